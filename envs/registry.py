@@ -1,0 +1,24 @@
+"""Tasks by name."""
+
+from .base import Env
+from .match_regions import MatchRegions
+
+__all__ = ["make", "names"]
+
+_TASKS = {"match_regions": MatchRegions}
+
+
+def names() -> tuple[str, ...]:
+    """The registered tasks."""
+    return tuple(_TASKS)
+
+
+def make(name: str, **options) -> Env:
+    """Build a task; `options` are its constructor's keyword arguments.
+
+    Raises:
+      ValueError: no task has that name, or an option is out of range.
+    """
+    if name not in _TASKS:
+        raise ValueError(f"task {name!r} is not one of {', '.join(_TASKS)}")
+    return _TASKS[name](**options)

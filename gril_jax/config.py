@@ -1,0 +1,316 @@
+"""The configuration of a run: its fields, their defaults, their help texts and their ranges.
+
+`RunConfig` nests one frozen dataclass for each concern. The string under a field is its help
+text on the command line. A `RunConfig` is checked when it is built, so one that exists is
+valid. This is the schema that users see; which numbers a compiled program treats as static and
+which as traced is decided by the algorithms' own types. Neither JAX nor MuJoCo is imported
+here.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from .errors import ConfigError
+
+__all__ = [
+    "BLOCK_COLOURS",
+    "BLOCK_SHAPES",
+    "DemosConfig",
+    "EncoderConfig",
+    "EnvConfig",
+    "LossConfig",
+    "MakeDemosConfig",
+    "PPOConfig",
+    "PoolConfig",
+    "PretrainConfig",
+    "RunConfig",
+    "RunSettings",
+    "Variant",
+    "check",
+]
+
+BLOCK_COLOURS = ("red", "green", "blue", "yellow")
+BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
+
+Variant = Literal["demo", "jitter", "layout"]
+
+
+def _rule(holds: Callable[[Any], bool], text: str) -> dict[str, Any]:
+    """Field metadata: what a value has to satisfy, and the same in words after "must be"."""
+    return {"holds": holds, "text": text}
+
+
+def _at_least(low: int | float) -> dict[str, Any]:
+    return _rule(lambda x: low <= x < float("inf"), f"finite and at least {low}")
+
+
+def _above(low: int | float) -> dict[str, Any]:
+    return _rule(lambda x: low < x < float("inf"), f"finite and above {low}")
+
+
+def _between(low: int | float, high: int | float) -> dict[str, Any]:
+    return _rule(lambda x: low <= x <= high, f"from {low} to {high}")
+
+
+def _is_block(name: str) -> bool:
+    words = name.split(" ")
+    return len(words) == 2 and words[0] in BLOCK_COLOURS and words[1] in BLOCK_SHAPES
+
+
+_BLOCKS = _rule(
+    lambda names: all(map(_is_block, names)),
+    "a list of blocks, each a colour and a shape such as 'green star', with a colour of "
+    f"{', '.join(BLOCK_COLOURS)} and a shape of {', '.join(BLOCK_SHAPES)}",
+)
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """The task in the simulator."""
+
+    name: Literal["match_regions"] = "match_regions"
+    """The task."""
+    robot: Literal["gripper", "short", "medium", "long"] = "gripper"
+    """The robot: a gripper with two fingers, or a stick of this length."""
+    targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
+    """Blocks that belong inside the region, each a colour and a shape."""
+    distractors: tuple[str, ...] = field(
+        default=("blue pentagon", "yellow circle", "yellow pentagon"), metadata=_BLOCKS
+    )
+    """Blocks that belong outside the region."""
+    variant: Variant = "demo"
+    """Where things start: always the same, moved a little (jitter), or anywhere (layout)."""
+    varied_starts: float = field(default=0.5, metadata=_between(0, 1))
+    """Share of the training episodes that start with the targets somewhere else."""
+    turn: Literal["original", "smooth"] = "original"
+    """How an action turns the robot: the original saturating law, or a proportional one."""
+    substeps: int = field(default=5, metadata=_between(1, 100))
+    """Physics steps for each control step."""
+    episode_length: int = field(default=120, metadata=_at_least(1))
+    """Control steps in an episode (8 a second)."""
+
+
+@dataclass(frozen=True)
+class DemosConfig:
+    """The demonstrations that the reward is learned from."""
+
+    path: str | None = None
+    """Folder of a demonstration set; None makes scripted ones."""
+    num: int = field(default=48, metadata=_at_least(2))
+    """Scripted demonstrations to learn from."""
+    num_validation: int = field(default=8, metadata=_at_least(1))
+    """Scripted demonstrations kept aside to measure the reward."""
+    num_failures: int = field(default=8, metadata=_at_least(0))
+    """Scripted failures, which only measure the reward and never train it."""
+    variant: Variant = "layout"
+    """Where things start in the scripted demonstrations."""
+    seed: int = field(default=0, metadata=_between(0, 2**31 - 1))
+    """Seed of the scripted demonstrations."""
+
+
+@dataclass(frozen=True)
+class EncoderConfig:
+    """The graph network."""
+
+    width: int = field(default=64, metadata=_at_least(1))
+    """Width of the hidden layers and of a node's embedding."""
+    rounds: int = field(default=2, metadata=_between(0, 16))
+    """Rounds of message passing."""
+    latent: int = field(default=32, metadata=_at_least(1))
+    """Width of the latent."""
+    pool_robot: bool = False
+    """Whether the robot's node counts in the pooled latent."""
+    robot_messages: bool = False
+    """Whether the robot's node sends and receives messages."""
+
+
+@dataclass(frozen=True)
+class PoolConfig:
+    """Weighted pooling: objects that have moved count more."""
+
+    alpha: float = field(default=5.0, metadata=_above(0))
+    """Weight of an object that has moved; one that has not weighs 1."""
+    tau: float = field(default=0.005, metadata=_at_least(0))
+    """Displacement within the window that counts as a move, in world units."""
+    window: int = field(default=40, metadata=_at_least(1))
+    """Frames over which displacement is measured."""
+
+
+@dataclass(frozen=True)
+class LossConfig:
+    """The loss that trains the encoder."""
+
+    lambda_: Annotated[float, tyro.conf.arg(name="lambda")] = field(
+        default=0.5, metadata=_at_least(0)
+    )
+    """Weight of reconstruction beside temporal cycle-consistency."""
+    temperature: float = field(default=0.1, metadata=_above(0))
+    """Temperature of the soft nearest neighbours in temporal cycle-consistency."""
+
+
+@dataclass(frozen=True)
+class PretrainConfig:
+    """Encoder training."""
+
+    steps: int = field(default=2000, metadata=_at_least(1))
+    """Gradient steps."""
+    learning_rate: float = field(default=1e-3, metadata=_above(0))
+    """Learning rate of Adam."""
+    num_videos: int = field(default=8, metadata=_at_least(2))
+    """Videos in a batch; each is aligned with each other one."""
+    num_frames: int = field(default=32, metadata=_at_least(2))
+    """Frames sampled from each video of a batch."""
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Policy training."""
+
+    num_timesteps: int = field(default=1_000_000, metadata=_at_least(1))
+    """Control steps in all, over all environments."""
+    num_envs: int = field(default=64, metadata=_at_least(1))
+    """Environments that are stepped together."""
+    unroll_length: int = field(default=20, metadata=_at_least(1))
+    """Control steps of each environment between two updates."""
+    num_minibatches: int = field(default=4, metadata=_at_least(1))
+    """Parts that an update's data are split into; they divide num_envs."""
+    num_epochs: int = field(default=4, metadata=_at_least(1))
+    """Passes over an update's data."""
+    learning_rate: float = field(default=3e-4, metadata=_above(0))
+    """Learning rate of Adam."""
+    discounting: float = field(default=0.99, metadata=_between(0, 1))
+    """Discount of a control step."""
+    gae_lambda: float = field(default=0.95, metadata=_between(0, 1))
+    """Lambda of generalised advantage estimation."""
+    entropy_cost: float = field(default=1e-2, metadata=_at_least(0))
+    """Weight of the policy's entropy."""
+    clipping_epsilon: float = field(default=0.2, metadata=_between(0.001, 1))
+    """Clipping range of the probability ratio."""
+    reward_scaling: float = field(default=1.0, metadata=_above(0))
+    """Factor on the reward before it reaches the value function."""
+    max_grad_norm: float = field(default=1.0, metadata=_above(0))
+    """Gradients whose global norm is larger are scaled down to it."""
+    hidden: tuple[int, ...] = field(
+        default=(64, 64),
+        metadata=_rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
+    )
+    """Widths of the hidden layers of policy and value function."""
+    observe_activity: bool = True
+    """Whether the policy sees which objects have moved, as the reward does."""
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """The run as a whole."""
+
+    seed: int = field(default=0, metadata=_between(0, 2**31 - 1))
+    """Seed of everything but the scripted demonstrations."""
+    reward: Literal["learned", "environmental"] = "learned"
+    """What the policy maximises: the learned reward, or the task's own."""
+    out: str | None = field(
+        default=None, metadata=_rule(lambda x: x is None or bool(x.strip()), "a folder or None")
+    )
+    """Folder to create for the results; None names one after the time, under runs/."""
+    eval_episodes: int = field(default=100, metadata=_at_least(1))
+    """Episodes of an evaluation."""
+    updates_per_chunk: int = field(default=10, metadata=_at_least(1))
+    """Updates that are compiled into one call, after which the host logs and saves."""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Everything that a run depends on.
+
+    Raises:
+      ConfigError: a field is out of its range, or two fields contradict each other.
+    """
+
+    env: EnvConfig = EnvConfig()
+    demos: DemosConfig = DemosConfig()
+    encoder: EncoderConfig = EncoderConfig()
+    pool: PoolConfig = PoolConfig()
+    loss: LossConfig = LossConfig()
+    pretrain: PretrainConfig = PretrainConfig()
+    ppo: PPOConfig = PPOConfig()
+    run: RunSettings = RunSettings()
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True)
+class MakeDemosConfig:
+    """The part of a configuration that scripted demonstrations depend on.
+
+    Raises:
+      ConfigError: a field is out of its range, or two fields contradict each other.
+    """
+
+    env: EnvConfig = EnvConfig()
+    demos: DemosConfig = DemosConfig()
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+def check(config: RunConfig | MakeDemosConfig) -> None:
+    """Raises ConfigError for the first field that is out of range, by its dotted path."""
+    for path, value, metadata in _leaves(config, ""):
+        if metadata and not metadata["holds"](value):
+            shown = list(value) if isinstance(value, tuple) else value
+            raise ConfigError(f"{path} is {shown!r}, but must be {metadata['text']}")
+    _check_blocks(config.env, config.demos)
+    if isinstance(config, RunConfig):
+        _check_sizes(config)
+
+
+def _leaves(config: Any, prefix: str) -> Iterator[tuple[str, Any, Any]]:
+    for entry in dataclasses.fields(config):
+        value, path = getattr(config, entry.name), f"{prefix}{entry.name}".rstrip("_")
+        if dataclasses.is_dataclass(value):
+            yield from _leaves(value, f"{path}.")
+        else:
+            yield path, value, entry.metadata
+
+
+def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
+    if not env.targets:
+        raise ConfigError("env.targets is empty, but must name at least one block")
+    blocks = (*env.targets, *env.distractors)
+    twice = next((b for b in blocks if blocks.count(b) > 1), None)
+    if twice is not None:
+        raise ConfigError(
+            f"{twice!r} is named more than once in env.targets and env.distractors, but each "
+            "block must have a colour and shape of its own"
+        )
+    placed = (*EnvConfig.targets, *EnvConfig.distractors)
+    stray = next((b for b in blocks if b not in placed), None)
+    for path, variant in (("env.variant", env.variant), ("demos.variant", demos.variant)):
+        if stray is not None and variant != "layout":
+            raise ConfigError(
+                f"{stray!r} has no place in the original scene, so {path} is {variant!r}, but "
+                "must be 'layout'"
+            )
+
+
+def _check_sizes(config: RunConfig) -> None:
+    ppo, demos, pretrain = config.ppo, config.demos, config.pretrain
+    if ppo.num_envs % ppo.num_minibatches:
+        raise ConfigError(
+            f"ppo.num_minibatches is {ppo.num_minibatches}, but must divide ppo.num_envs, "
+            f"which is {ppo.num_envs}"
+        )
+    if ppo.num_timesteps < ppo.num_envs * ppo.unroll_length:
+        raise ConfigError(
+            f"ppo.num_timesteps is {ppo.num_timesteps}, but must cover one update of "
+            f"ppo.num_envs x ppo.unroll_length = {ppo.num_envs * ppo.unroll_length} steps"
+        )
+    if demos.path is None and pretrain.num_videos > demos.num:
+        raise ConfigError(
+            f"pretrain.num_videos is {pretrain.num_videos}, but must be at most demos.num, "
+            f"which is {demos.num}"
+        )

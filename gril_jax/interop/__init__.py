@@ -1,0 +1,1 @@
+"""Adapters to foreign formats and libraries: one file each."""

@@ -1,0 +1,112 @@
+"""How good is a latent or a reward: Kendall's tau, and the separation ratio (Eq. 8).
+
+Everything here can be jitted. Shapes use B for recordings, T and S for frames (padded to a
+common length) and D for the latent; `length` counts a recording's frames before padding.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+__all__ = [
+    "alignment_tau",
+    "kendall_tau",
+    "mean_alignment_tau",
+    "reward_time_tau",
+    "separation_ratio",
+]
+
+
+def kendall_tau(
+    x: Float[Array, "T"] | Int[Array, "T"], length: Int[Array, ""] | int | None = None
+) -> Float[Array, ""]:
+    """Kendall's tau-b between a sequence and its own frame indices, in [-1, 1].
+
+    Where tau is undefined (a constant sequence, or fewer than two frames) the value is 0: a
+    collapsed latent orders nothing, and must not vanish from a mean as NaN would.
+
+    Args:
+      x: values in order of time; ties are allowed.
+      length: how many of them count; all if left out.
+    """
+    frame = jnp.arange(x.shape[0])
+    counted = frame[:, None] < frame
+    if length is not None:
+        counted &= frame < length
+    order = jnp.where(counted, jnp.sign(x[None, :] - x[:, None]), 0).astype(jnp.float32)
+    pairs, untied = jnp.sum(counted), jnp.sum(jnp.abs(order))
+    # Frame indices have no ties, so tau-b's denominator is sqrt(all pairs * untied pairs).
+    # Roots are taken one by one: their product stays exact enough where n^4 would not fit.
+    denominator = jnp.sqrt(pairs.astype(jnp.float32)) * jnp.sqrt(untied)
+    return jnp.sum(order) / jnp.where(untied > 0, denominator, 1.0)
+
+
+def alignment_tau(
+    query: Float[Array, "T D"],
+    key: Float[Array, "S D"],
+    query_length: Int[Array, ""] | int | None = None,
+    key_length: Int[Array, ""] | int | None = None,
+) -> Float[Array, ""]:
+    """Whether one video's nearest neighbours in another come in order of time (as in XIRL).
+
+    1 if they advance with every query frame, -1 if they run backwards.
+
+    Args:
+      query: latents of the video whose frames look for neighbours.
+      key: latents of the video they look in.
+      query_length: frames of `query` that count; all if left out.
+      key_length: the same for `key`.
+    """
+    distance = jnp.sum(jnp.square(key), axis=-1) - 2.0 * jnp.matmul(
+        query, key.T, precision="highest"
+    )
+    if key_length is not None:
+        distance = jnp.where(jnp.arange(key.shape[0]) < key_length, distance, jnp.inf)
+    return kendall_tau(jnp.argmin(distance, axis=-1), query_length)
+
+
+def mean_alignment_tau(
+    latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None
+) -> Float[Array, ""]:
+    """Mean of `alignment_tau` over all ordered pairs of different videos; 0 for one video."""
+    num_videos, num_frames, _ = latents.shape
+    if length is None:
+        length = jnp.full(num_videos, num_frames)
+
+    def from_query(query):  # one row of pairs at a time: memory grows with B T^2, not B^2 T^2
+        against_all = jax.vmap(alignment_tau, in_axes=(None, 0, None, 0))
+        return against_all(latents[query], latents, length[query], length)
+
+    taus = jax.lax.map(from_query, jnp.arange(num_videos))
+    others = ~jnp.eye(num_videos, dtype=bool)
+    return jnp.sum(jnp.where(others, taus, 0.0)) / max(num_videos * (num_videos - 1), 1)
+
+
+def reward_time_tau(
+    reward: Float[Array, "T"], length: Int[Array, ""] | int | None = None
+) -> Float[Array, ""]:
+    """Kendall's tau-b between a reward trace and time: 1 if it rises with every frame."""
+    return kendall_tau(reward, length)
+
+
+def separation_ratio(
+    reward: Float[Array, "B T"],
+    success: Bool[Array, "B"],
+    length: Int[Array, "B"] | None = None,
+) -> Float[Array, ""]:
+    """Mean |cumulative reward| of successes over that of failures (Eq. 8); lower is better.
+
+    Below 1 the reward tells them apart. NaN if either kind is missing, since the ratio then
+    says nothing.
+
+    Args:
+      reward: of each frame; at most 0 for a learned reward.
+      success: recordings that finish the task.
+      length: frames that count; all if left out.
+    """
+    if length is not None:
+        reward = jnp.where(jnp.arange(reward.shape[1]) < length[:, None], reward, 0.0)
+    cost = jnp.abs(jnp.sum(reward, axis=1))
+    positive = jnp.sum(jnp.where(success, cost, 0.0)) / jnp.sum(success)
+    negative = jnp.sum(jnp.where(success, 0.0, cost)) / jnp.sum(~success)
+    return positive / negative

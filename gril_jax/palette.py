@@ -1,0 +1,85 @@
+"""The MAGICAL and x-magical palette: which pixels of a frame are which colour.
+
+Both simulators draw flat colours, one fill and one slightly darker outline a colour. A pixel
+takes the nearest colour of the palette within a tolerance, so frames that went through a
+4:2:0 video codec, where edges mix and fills shift by a few levels, are read like exact ones.
+"""
+
+import functools
+
+import numpy as np
+from jaxtyping import UInt8
+
+__all__ = [
+    "BLOCK_COLOURS",
+    "BLOCK_SHAPES",
+    "GREY",
+    "PALETTE_CLASSES",
+    "RGB",
+    "block_code",
+    "classify",
+    "goal_code",
+]
+
+BLOCK_COLOURS = ("green", "blue", "yellow", "red")
+BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
+PALETTE_CLASSES = (
+    "goal",
+    "robot",
+    *(f"{colour} {shape}" for colour in BLOCK_COLOURS for shape in BLOCK_SHAPES),
+)
+"""Class names in label order; a label is an index into this tuple."""
+
+RGB = {  # (fill, outline)
+    "green": ((195, 208, 130), (183, 198, 105)),
+    "blue": ((135, 185, 211), (110, 170, 202)),
+    "yellow": ((254, 213, 123), (254, 201, 86)),
+    "red": ((245, 129, 165), (243, 94, 141)),
+    "grey": ((162, 163, 175), (144, 145, 159)),
+}
+_BACKGROUND = ((255, 255, 255), (231, 231, 234), (26, 26, 26))  # floor, outside, pupils
+
+GREY = 1
+_TOLERANCE = 45.0  # RGB distance; a codec moves fills by under 10, mixed edges by far more
+_BITS = 6  # per channel in the look-up table
+
+
+def block_code(colour: str) -> int:
+    """The code that `classify` gives to a block colour, fill and outline alike."""
+    return 2 + BLOCK_COLOURS.index(colour)
+
+
+def goal_code(colour: str) -> int:
+    """The code that `classify` gives to the pale fill of a goal region of that colour."""
+    return 6 + BLOCK_COLOURS.index(colour)
+
+
+def classify(frame: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "H W"]:
+    """The palette code of every pixel; 0 for background and for colours outside the palette."""
+    coarse = (frame >> (8 - _BITS)).astype(np.int32)
+    index = (coarse[..., 0] << 2 * _BITS) | (coarse[..., 1] << _BITS) | coarse[..., 2]
+    return _table()[index]
+
+
+@functools.cache
+def _table() -> UInt8[np.ndarray, "C"]:
+    anchors = [(0, rgb) for rgb in _BACKGROUND]
+    anchors += [(GREY, rgb) for rgb in RGB["grey"]]
+    for colour in BLOCK_COLOURS:
+        fill, outline = RGB[colour]
+        pale = tuple((255 + value) // 2 for value in fill)  # goals are drawn half as saturated
+        anchors += [(block_code(colour), fill), (block_code(colour), outline)]
+        anchors += [(goal_code(colour), pale)]
+    codes = np.array([0, *(code for code, _ in anchors)], np.uint8)
+
+    step = 1 << (8 - _BITS)
+    levels = np.arange(0, 256, step, dtype=np.float32) + (step - 1) / 2
+    cube = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
+    nearest = np.full(len(cube), _TOLERANCE**2, np.float32)
+    winner = np.zeros(len(cube), np.int64)
+    for i, (_, rgb) in enumerate(anchors, start=1):
+        distance = ((cube - np.array(rgb, np.float32)) ** 2).sum(-1)
+        closer = distance < nearest
+        nearest[closer] = distance[closer]
+        winner[closer] = i
+    return codes[winner]

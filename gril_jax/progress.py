@@ -1,0 +1,189 @@
+"""A progress line for the phases of a run: compiling, rate, time left, metrics.
+
+On a terminal one line is redrawn in place; elsewhere a plain line is printed now and then. All
+of it goes to stderr, so that stdout stays clean. Neither JAX nor MuJoCo is imported here.
+"""
+
+import io
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+__all__ = ["Phase", "Progress", "describe", "duration"]
+
+
+class Progress:
+    """Shows one phase after another.
+
+        with Progress() as progress:
+            phase = progress.phase("pretraining", total=2000, unit="steps")
+            phase.update(100, loss=0.31)
+
+    The seconds of compilation count on by themselves: the line redraws in a thread of its own.
+
+    Args:
+      stream: where the lines go; stderr where None.
+      interval_s: least time between two plain lines of a phase, where `stream` is no terminal.
+      clock: seconds from a fixed moment.
+    """
+
+    def __init__(
+        self,
+        *,
+        stream: io.TextIOBase | None = None,
+        interval_s: int | float = 10.0,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        self._stream = sys.stderr if stream is None else stream
+        self._interval_s, self._clock = interval_s, clock
+        self._phase: Phase | None = None
+        self._printed_s = clock()
+        self._live: Live | None = None
+        if self._stream.isatty():
+            console = Console(file=self._stream)
+            self._live = Live(get_renderable=self._line, console=console, refresh_per_second=4)
+
+    def __enter__(self) -> "Progress":
+        if self._live:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end_phase()
+        if self._live:
+            self._live.stop()
+
+    def phase(
+        self, name: str, *, total: int, unit: str = "steps", compiles: bool = True
+    ) -> "Phase":
+        """Ends the phase before and starts one.
+
+        Args:
+          name: what is done in it.
+          total: units in all; 0 where that is unknown.
+          unit: what is counted.
+          compiles: whether what comes before the first `update` is compilation.
+        """
+        self.end_phase()
+        self._phase = Phase(
+            name, total=total, unit=unit, clock=self._clock, report=self._report
+        )
+        if not compiles:
+            self._phase.begin()
+        self._print()
+        return self._phase
+
+    def end_phase(self) -> None:
+        """Leaves the phase's last line on the screen."""
+        if self._phase is None:
+            return
+        self._print()
+        if self._live:
+            self._live.console.print(self._line())
+        self._phase = None
+
+    def _report(self) -> None:
+        if self._clock() - self._printed_s >= self._interval_s:
+            self._print()
+
+    def _print(self) -> None:
+        if self._live is None and self._phase is not None:
+            self._printed_s = self._clock()
+            print(self._phase.line(), file=self._stream, flush=True)
+
+    def _line(self) -> Text:
+        line = "" if self._phase is None else self._phase.line()
+        return Text(line, overflow="ellipsis", no_wrap=True)
+
+
+class Phase:
+    """One phase: how much of it is done, how fast, and what its metrics are."""
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        total: int,
+        unit: str,
+        clock: Callable[[], float],
+        report: Callable[[], None],
+    ):
+        self.name, self.total, self.unit = name, total, unit
+        self._clock, self._report = clock, report
+        self._begin_s = clock()
+        self._first: tuple[float, int] | None = None  # when the first units were done: compiled
+        self._now: tuple[float, int] = (self._begin_s, 0)
+        self._metrics: Mapping[str, Any] = {}
+
+    def begin(self) -> None:
+        """Starts the count at zero: there is nothing to compile."""
+        self._first = self._now
+
+    def update(self, done: int, **metrics: Any) -> None:
+        """Tells how many units are done in all; metrics are shown until the next update."""
+        self._now = (self._clock(), done)
+        if self._first is None:
+            self._first = self._now
+        self._metrics = metrics
+        self._report()
+
+    @property
+    def rate(self) -> float | None:
+        """Units a second since the first update, so without compilation; None before two."""
+        if self._first is None or self._now[1] <= self._first[1]:
+            return None
+        return (self._now[1] - self._first[1]) / max(self._now[0] - self._first[0], 1e-9)
+
+    @property
+    def left_s(self) -> float | None:
+        """Seconds to go at this rate, or None while there is no rate."""
+        return None if self.rate is None else max(self.total - self._now[1], 0) / self.rate
+
+    def line(self) -> str:
+        """The phase in one line."""
+        if self._first is None:
+            return f"{self.name}: compiling ... {duration(self._clock() - self._begin_s)}"
+        return describe(
+            self.name,
+            self._now[1],
+            self.total,
+            self.unit,
+            self.rate,
+            self.left_s,
+            self._metrics,
+        )
+
+
+def describe(
+    name: str,
+    done: int,
+    total: int,
+    unit: str,
+    rate: float | None,
+    left_s: float | None,
+    metrics: Mapping[str, Any],
+) -> str:
+    """`name: 400/2,000 steps (20%), 80 steps/s, 0:20 left, loss 0.31`."""
+    count = (
+        f"{done:,}/{total:,} {unit} ({100 * done // total}%)" if total else f"{done:,} {unit}"
+    )
+    parts = [f"{name}: {count}"]
+    if rate is not None and left_s is not None:
+        speed = f"{rate:,.0f}" if rate >= 10 else f"{rate:.2g}"
+        parts.append(f"{speed} {unit}/s")
+        if done < total:
+            parts.append(f"{duration(left_s)} left")
+    parts += [f"{key} {float(value):.4g}" for key, value in metrics.items()]
+    return ", ".join(parts)
+
+
+def duration(seconds: int | float) -> str:
+    """`0:05`, `12:40` or `3:02:10`."""
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

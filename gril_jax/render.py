@@ -1,0 +1,67 @@
+"""Outlines to pictures: a task says what to paint, this paints it from above.
+
+Any object with the fields of `gril_jax.envs.base.Outline` will do: this module knows no task.
+"""
+
+from collections.abc import Iterable
+
+import cv2
+import numpy as np
+
+__all__ = ["paint"]
+
+_SHIFT = 6  # cv2 takes fixed-point coordinates: this many bits behind the point
+
+
+def _to_pixels(vertices: np.ndarray, half_extent: float, pixels: int) -> np.ndarray:
+    """World (x right, y up) to fixed-point pixels (x right, y down, centres at integers)."""
+    scale = pixels / (2 * half_extent)
+    xy = (np.asarray(vertices) * [1, -1] + half_extent) * scale - 0.5
+    return np.round(xy * 2**_SHIFT).astype(np.int32)
+
+
+def _dashes(vertices: np.ndarray, dash: float) -> list[np.ndarray]:
+    """The closed outline cut into dashes of one length with gaps of the same length."""
+    pieces = []
+    for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
+        length = float(np.linalg.norm(b - a))
+        for start in np.arange(0.0, length, 2 * dash):
+            end = min(start + dash, length)
+            pieces.append(np.stack([a + (b - a) * start / length, a + (b - a) * end / length]))
+    return pieces
+
+
+def paint(
+    outlines: Iterable,
+    *,
+    half_extent: float,
+    background: tuple[int, int, int],
+    pixels: int = 384,
+) -> np.ndarray:
+    """Paint outlines in order, with smooth edges.
+
+    Args:
+      outlines: what to paint; line widths and dashes are in pixels of a 384-pixel picture.
+      half_extent: half the width of the world that the square picture shows.
+      background: RGB of what no outline covers.
+      pixels: width and height of the picture.
+
+    Returns:
+      uint8 (pixels, pixels, 3), RGB.
+    """
+    image = np.full((pixels, pixels, 3), background, np.uint8)
+    zoom = pixels / 384
+    for item in outlines:
+        points = _to_pixels(item.vertices, half_extent, pixels)
+        cv2.fillPoly(image, [points], item.fill, cv2.LINE_AA, _SHIFT)
+        if item.rim is None:
+            continue
+        width = max(1, round(item.width * zoom))
+        if item.dash:
+            world_dash = item.dash * 2 * half_extent / 384
+            for piece in _dashes(np.asarray(item.vertices), world_dash):
+                line = _to_pixels(piece, half_extent, pixels)
+                cv2.polylines(image, [line], False, item.rim, width, cv2.LINE_AA, _SHIFT)
+        else:
+            cv2.polylines(image, [points], True, item.rim, width, cv2.LINE_AA, _SHIFT)
+    return image

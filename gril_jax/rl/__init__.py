@@ -1,0 +1,1 @@
+"""Reinforcement learning with any pure reward, in one compiled step."""

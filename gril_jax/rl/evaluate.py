@@ -1,0 +1,63 @@
+"""How good a policy is: whole episodes from the task's own starts."""
+
+import functools
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from . import env_loop
+from .ppo import PPO, Policy
+
+__all__ = ["Evaluation", "evaluate"]
+
+
+class Evaluation(NamedTuple):
+    """E episodes of T control steps; frame 0 of `states` is the reset."""
+
+    states: Any  # environment states, leaves (E, T + 1, ...)
+    reward: Float[Array, "E T"]  # what the policy was trained on
+    success: Float[Array, "E"]  # at the end of the episode
+    success_ever: Float[Array, "E"]  # at some moment of it
+    score: Float[Array, "E"]  # at the end
+
+
+@functools.partial(jax.jit, static_argnums=(0,), static_argnames=("episodes", "deterministic"))
+def evaluate(
+    ppo: PPO,
+    policy: Policy,
+    reward_params: Any,
+    key: PRNGKeyArray,
+    *,
+    tau: Float[Array, ""] | float,
+    episodes: int,
+    deterministic: bool = True,
+) -> Evaluation:
+    """Run the policy for `episodes` episodes, side by side. The key is consumed.
+
+    An episode whose simulation fails stays where it was before the failure.
+    """
+    key_begin, key_act = jax.random.split(key)
+    begin = functools.partial(env_loop.begin, ppo.env, window=ppo.static.window)
+    lanes = jax.vmap(begin)(jax.random.split(key_begin, episodes))
+
+    def one(lane, key):
+        action = ppo.act(policy, lane, key, deterministic=deterministic)
+        return env_loop.advance(ppo.env, ppo.reward_fn, reward_params, lane, action, tau=tau)
+
+    def move(lanes, key):
+        lanes, moment = jax.vmap(one)(lanes, jax.random.split(key, episodes))
+        return lanes, (lanes.state, moment)
+
+    steps = jax.random.split(key_act, ppo.env.episode_length)
+    _, (states, moments) = jax.lax.scan(move, lanes, steps)
+    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), lanes.state, states)
+    success = moments.metrics["success"]
+    return Evaluation(
+        states=jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), states),
+        reward=moments.reward.T,
+        success=success[-1],
+        success_ever=success.max(axis=0),
+        score=moments.metrics["score"][-1],
+    )

@@ -1,0 +1,260 @@
+"""Who may import whom, read from the sources; see the table of layers below."""
+
+import ast
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from gril_jax.config_files import load
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = {
+    "gril_jax": "gril_jax",
+    "envs": "gril_jax.envs",
+    "configs": "gril_jax.configs",
+    "experiments": "gril_jax.experiments",
+}
+
+PURE = {
+    "types", "graphs", "activity", "encoder", "pooling", "losses", "reward", "subtasks",
+    "metrics", "errors",
+}  # fmt: skip
+TRAINING = {"pretrain", "rl", "sweep"}
+
+# For each layer: the layers of ours that it may import, and the packages of others.
+ARRAYS = {"jax", "jaxtyping"}
+NETWORKS = ARRAYS | {"jraph", "flax.linen"}
+ALGORITHMS = NETWORKS | {"optax", "flax.struct", "brax.training"}
+LAYERS = {
+    "data": (set(), set()),
+    "tasks": ({"tasks"}, ARRAYS | {"numpy", "mujoco", "flax.struct"}),
+    "pure": ({"pure"}, NETWORKS),
+    "training": ({"pure", "training"}, ALGORITHMS),
+    "host": (
+        {"pure", "training", "host"},
+        ALGORITHMS
+        | {"numpy", "scipy", "tyro", "yaml", "rich", "orbax", "absl"}
+        | {"mujoco", "matplotlib", "av", "cv2"},
+    ),
+    "runs": ({"pure", "training", "host", "tasks", "runs"}, None),  # None: any package
+}
+
+# Files and clocks are for the host.
+NOT_PURE = {"io", "os", "pathlib", "shutil", "subprocess", "tempfile", "time", "random"}
+# An import inside a function is for cli.py, and for optional extras: (file, package).
+LATE_EXTRAS: set[tuple[str, str]] = set()
+# The only reader of pickles, with an unpickler that builds nothing but arrays.
+PICKLES = {"gril_jax/interop/magical.py"}
+
+
+class Import(NamedTuple):
+    """One imported name, as far as it is a module of ours or of others."""
+
+    module: str
+    inside_function: bool
+
+
+def _files():
+    return sorted(p for folder in FOLDERS for p in (ROOT / folder).rglob("*.py"))
+
+
+def _relative(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+def _module(path):
+    """gril_jax.envs.base for envs/base.py; a package's name for its __init__.py."""
+    folder, *parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join([FOLDERS[folder], *(part for part in parts if part != "__init__")])
+
+
+MODULES = {_module(path): path for path in _files()}
+
+
+def _imports(source, module, is_package):
+    """Every import of a source, absolute; `from package import module` gives the module."""
+    tree = ast.parse(source)
+    late = {
+        node
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        for node in ast.walk(function)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield Import(alias.name, node in late)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parts = module.split(".")
+                above = parts[: len(parts) - node.level + is_package]
+                base = ".".join([*above, *([base] if base else [])])
+            for alias in node.names:
+                name = f"{base}.{alias.name}"
+                ours = base.split(".")[0] == "gril_jax"
+                yield Import(name if name in MODULES or not ours else base, node in late)
+
+
+def _imports_of(path):
+    return list(_imports(path.read_text(), _module(path), path.name == "__init__.py"))
+
+
+def _layer(module):
+    parts = module.split(".")
+    first = parts[1] if len(parts) > 1 else ""
+    if first in ("configs", ""):
+        return "data"
+    if first == "envs":
+        return "tasks"
+    if first in ("experiments", "cli"):
+        return "runs"
+    return "pure" if first in PURE else "training" if first in TRAINING else "host"
+
+
+def _allowed(name, packages):
+    return any(name == p or name.startswith(f"{p}.") for p in packages)
+
+
+def _faults(path):
+    """What a file imports that its layer must not."""
+    module = _module(path)
+    layer = _layer(module)
+    layers, packages = LAYERS[layer]
+    for name, _ in _imports_of(path):
+        top = name.split(".")[0]
+        if top == "gril_jax":
+            # a package's __init__ lists its own modules, whatever layer they are
+            if _layer(name) not in layers and not name.startswith(f"{module}."):
+                yield f"{layer} layer imports {name} of the {_layer(name)} layer"
+        elif top in sys.stdlib_module_names:
+            if layer == "pure" and top in NOT_PURE:
+                yield f"pure layer imports {name}"
+        elif packages is not None and not _allowed(name, packages):
+            yield f"{layer} layer imports {name}"
+
+
+@pytest.mark.parametrize("path", _files(), ids=_relative)
+def test_a_module_imports_only_what_its_layer_may(path):
+    assert list(_faults(path)) == []
+
+
+@pytest.mark.parametrize("path", _files(), ids=_relative)
+def test_imports_stand_at_the_top_except_in_the_command_line(path):
+    late = {(_relative(path), i.module) for i in _imports_of(path) if i.inside_function}
+    if _relative(path) != "gril_jax/cli.py":
+        assert late <= LATE_EXTRAS
+
+
+def test_experiments_are_imported_by_the_command_line_alone_and_late():
+    for path in _files():
+        for name, inside_function in _imports_of(path):
+            if name.startswith("gril_jax.experiments") and _relative(path).startswith("gril"):
+                assert _relative(path) == "gril_jax/cli.py", f"{path} imports {name}"
+                assert inside_function, f"{path} imports {name} before it is needed"
+
+
+def test_there_are_no_import_cycles():
+    graph = {
+        module: {i.module for i in _imports_of(path) if i.module in MODULES} - {module}
+        for module, path in MODULES.items()
+    }
+    done: set[str] = set()
+
+    def visit(module, trail):
+        assert module not in trail, " -> ".join([*trail, module])
+        if module not in done:
+            for name in sorted(graph[module]):
+                visit(name, [*trail, module])
+            done.add(module)
+
+    for module in graph:
+        visit(module, [])
+
+
+def test_the_package_itself_imports_nothing():
+    assert _imports_of(ROOT / "gril_jax" / "__init__.py") == []
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=_relative)
+def test_every_configuration_file_loads(path):
+    load(str(path))
+
+
+# --- what no module does
+
+
+def _calls(tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            yield ast.unparse(node.func), node
+
+
+@pytest.mark.parametrize("path", _files(), ids=_relative)
+def test_no_module_runs_code_from_a_file_or_prints_to_stdout(path):
+    tree = ast.parse(path.read_text())
+    for name, node in _calls(tree):
+        assert name not in ("eval", "exec", "yaml.load", "yaml.unsafe_load"), ast.unparse(node)
+        keywords = {k.arg: ast.unparse(k.value) for k in node.keywords}
+        assert keywords.get("allow_pickle") != "True", ast.unparse(node)
+        if name == "print" and _relative(path) != "gril_jax/cli.py":
+            assert "file" in keywords, ast.unparse(node)
+    readers = {i.module.split(".")[0] for i in _imports_of(path)} & {"pickle", "dill", "joblib"}
+    assert not readers or _relative(path) in PICKLES
+
+
+@pytest.mark.parametrize("path", _files(), ids=_relative)
+def test_no_module_changes_the_process_when_it_is_imported(path):
+    for statement in ast.parse(path.read_text()).body:
+        if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+            continue
+        for node in ast.walk(statement):
+            if isinstance(node, ast.Assign | ast.AugAssign | ast.Call):
+                text = ast.unparse(node)
+                assert not text.startswith(("os.environ", "jax.config.")), text
+
+
+# --- the reader of imports is right
+
+
+@pytest.mark.parametrize(
+    ("source", "module", "is_package", "found"),
+    [
+        ("import jax.numpy as jnp", "gril_jax.reward", False, "jax.numpy"),
+        ("from flax import linen", "gril_jax.encoder", False, "flax.linen"),
+        ("from . import config", "gril_jax.cli", False, "gril_jax.config"),
+        ("from .errors import RunError", "gril_jax.run_dir", False, "gril_jax.errors"),
+        ("from ..errors import RunError", "gril_jax.rl.ppo", False, "gril_jax.errors"),
+        ("from .base import State", "gril_jax.envs", True, "gril_jax.envs.base"),
+        ("from gril_jax import envs", "gril_jax.demos", False, "gril_jax.envs"),
+        ("from gril_jax.envs import make", "gril_jax.demos", False, "gril_jax.envs"),
+    ],
+)
+def test_imports_are_resolved(source, module, is_package, found):
+    assert list(_imports(source, module, is_package)) == [Import(found, False)]
+    inside = f"def f():\n    {source}\n"
+    assert list(_imports(inside, module, is_package)) == [Import(found, True)]
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "fault"),
+    [
+        ("gril_jax/reward.py", "import numpy", "pure layer imports numpy"),
+        ("gril_jax/reward.py", "import os", "pure layer imports os"),
+        ("gril_jax/reward.py", "from . import run_dir", "of the host layer"),
+        ("gril_jax/demos.py", "from .envs import make", "of the tasks layer"),
+        ("gril_jax/rl/ppo.py", "import orbax.checkpoint", "training layer imports orbax"),
+        ("gril_jax/demos.py", "from . import cli", "of the runs layer"),
+        ("envs/base.py", "from gril_jax.types import Nodes", "of the pure layer"),
+        ("envs/base.py", "import optax", "tasks layer imports optax"),
+    ],
+)
+def test_a_fault_would_be_found(tmp_path, monkeypatch, name, line, fault):
+    path = tmp_path / name
+    path.parent.mkdir(parents=True)
+    path.write_text(line)
+    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+    (found,) = _faults(path)
+    assert fault in found

@@ -1,0 +1,347 @@
+"""`gril VERB`: exit codes, one sentence for each mistake, nothing heavy before the work."""
+
+import os
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import pytest
+
+from gril_jax import cli, run_dir
+from gril_jax.config import MakeDemosConfig, RunConfig
+from gril_jax.config_files import load
+from gril_jax.errors import DemoError, RunError
+
+# Runs a command line as `gril` does, then tells which of the slow packages it loaded.
+_RUNNER = """
+import sys
+from gril_jax.cli import main
+code = main(sys.argv[1:])
+heavy = [m for m in ("jax", "mujoco", "brax", "orbax", "numpy", "rich") if m in sys.modules]
+print("HEAVY", *heavy)
+sys.exit(code)
+"""
+
+
+def _gril(*args, cwd):
+    """Exit code, stdout and stderr of a process of its own, which must not load JAX."""
+    done = subprocess.run(
+        [sys.executable, "-c", _RUNNER, *args], capture_output=True, text=True, cwd=cwd
+    )
+    out, _, heavy = done.stdout.rpartition("HEAVY")
+    assert heavy.split() == []
+    assert "Traceback" not in done.stderr
+    return done.returncode, out, done.stderr
+
+
+@pytest.fixture
+def demo_set(tmp_path):
+    folder = tmp_path / "set"
+    folder.mkdir()
+    (folder / "demos.json").write_text("{}")
+    return folder
+
+
+@pytest.fixture
+def run(tmp_path):
+    path = tmp_path / "run"
+    run_dir.create(path, RunConfig(), device="cpu").close()
+    return path
+
+
+@pytest.fixture
+def experiment(monkeypatch):
+    """Puts a stand-in for an experiment in place and returns the calls to its `main`."""
+    calls = []
+
+    def stand_in(name, package="gril_jax.experiments", **functions):
+        module = types.ModuleType(f"{package}.{name}")
+        record = lambda *args, **kwargs: calls.append((args, kwargs))  # noqa: E731
+        for function, body in (functions or {"main": record}).items():
+            setattr(module, function, body)
+        monkeypatch.setitem(sys.modules, f"{package}.{name}", module)
+        monkeypatch.setattr(f"{package}.{name}", module, raising=False)
+        return calls
+
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
+    return stand_in
+
+
+# --- a process of its own
+
+
+@pytest.mark.parametrize(
+    ("args", "shows"),
+    [
+        ([], "usage: gril VERB"),
+        (["--help"], "usage: gril VERB"),
+        (["demos"], "import-magical"),
+        (["demos", "--help"], "import-magical"),
+        (["train", "--help"], "--ppo.num-envs"),
+        (["train", "match_regions", "-h"], "100000000"),
+        (["quickstart", "--help"], "(default: medium)"),
+        (["demos", "make", "--help"], "--demos.num"),
+        (["demos", "import-videos", "--help"], "--half-extent"),
+        (["eval", "--help"], "--episodes"),
+    ],
+)
+def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
+    code, out, err = _gril(*args, cwd=tmp_path)
+    assert (code, err) == (0, "")
+    assert shows in out
+
+
+@pytest.mark.parametrize(
+    ("args", "fault"),
+    [
+        (["trian"], "there is no verb 'trian' (did you mean train?)"),
+        (["demos", "mkae"], "there is no verb 'demos mkae' (did you mean demos make?)"),
+        (["train", "--ppo.num-evs", "3"], "did you mean --ppo.num-envs?"),
+        (["train", "quikstart"], "did you mean quickstart?"),
+        (["train", "mine.yaml"], "mine.yaml does not exist"),
+        (["quickstart", "match_regions"], "there is no use for 'match_regions'"),
+        (["quickstart", "--demos", "nowhere"], "nowhere does not exist, but must be a folder"),
+        (["pretrain", "--pool.alpha=0"], "pool.alpha is 0.0, but must be"),
+        (["demos", "make", "quickstart"], "needs --out"),
+        (["demos", "make", "--out"], "--out is given without a value"),
+        (["demos", "import-magical", "nowhere", "--out", "x"], "nowhere does not exist"),
+        (["demos", "import-magical", "."], "needs SOURCE, --out"),
+        (["eval"], "gril eval needs RUN"),
+        (["eval", "nowhere"], "nowhere does not exist, but must be the folder of a run"),
+        (["report", "."], "has no config.yaml"),
+        (["doctor", "--timeout-s", "x"], "--timeout-s is 'x', but must be a number"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_code_2_before_jax_is_imported(
+    args, fault, tmp_path
+):
+    code, out, err = _gril(*args, cwd=tmp_path)
+    assert (code, out) == (2, "")
+    assert err.startswith("gril: ")
+    assert err.endswith(".\n")
+    assert err.count("\n") == 1
+    assert fault in err
+
+
+def test_the_installed_command_runs(tmp_path):
+    gril = Path(sys.executable).with_name("gril")
+    if not gril.exists():
+        pytest.skip("the package is on the path without having been installed")
+    done = subprocess.run([gril, "--help"], capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, cli._HELP)
+
+
+def test_a_reader_that_has_had_enough_causes_no_traceback(tmp_path):
+    reader, writer = os.pipe()
+    os.close(reader)
+    code = [sys.executable, "-m", "gril_jax.cli", "train", "--help"]
+    done = subprocess.run(code, stdout=writer, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+# --- paths, in this process
+
+
+def _fault(capsys, *args):
+    assert cli.main(args) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    return err
+
+
+def test_a_folder_without_a_demo_set_is_refused(tmp_path, capsys):
+    err = _fault(capsys, "quickstart", "--demos", str(tmp_path))
+    assert "is not a demonstration set, because it has no demos.json" in err
+
+
+def test_an_output_folder_that_exists_is_refused(tmp_path, capsys):
+    assert "exists already" in _fault(capsys, "train", "--out", str(tmp_path))
+
+
+def test_an_output_folder_below_a_file_is_refused(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    err = _fault(capsys, "train", "--out", str(tmp_path / "file" / "run"))
+    assert "cannot be created, because" in err
+
+
+def test_demonstrations_do_not_replace_a_folder_of_other_files(tmp_path, capsys):
+    (tmp_path / "thesis.tex").touch()
+    err = _fault(capsys, "demos", "make", "--out", str(tmp_path))
+    assert "holds other files" in err
+
+
+@pytest.mark.parametrize("half_extent", ["0", "-1", "nan", "inf"])
+def test_a_frame_shows_some_of_the_world(tmp_path, capsys, half_extent):
+    args = ("--out", str(tmp_path / "out"), f"--half-extent={half_extent}")
+    err = _fault(capsys, "demos", "import-videos", str(tmp_path), *args)
+    assert "but must be finite and above 0" in err
+
+
+@pytest.mark.parametrize("option", ["--episodes=0", "--seed=-1", f"--seed={2**31}"])
+def test_numbers_of_an_evaluation_have_ranges(run, capsys, option):
+    assert f"{option.split('=')[0]} is " in _fault(capsys, "eval", str(run), option)
+
+
+# --- what a verb calls
+
+
+def test_quickstart_trains_its_own_configuration(experiment, demo_set):
+    calls = experiment("train")
+    assert cli.main(["quickstart", "--demos", str(demo_set), "--seed=3"]) == 0
+    overrides = ["--demos.path", str(demo_set), "--run.seed", "3"]
+    assert calls == [((load("quickstart", overrides),), {"echo": cli._echo})]
+
+
+def test_train_takes_a_configuration_by_name(experiment, tmp_path):
+    calls = experiment("train")
+    out = str(tmp_path / "new")
+    assert cli.main(["train", "match_regions", "--out", out]) == 0
+    assert calls[0][0] == (load("match_regions", ["--run.out", out]),)
+
+
+def test_train_without_a_configuration_takes_the_defaults(experiment):
+    calls = experiment("train")
+    assert cli.main(["train"]) == 0
+    assert calls[0][0] == (RunConfig(),)
+
+
+def test_pretrain_calls_its_experiment(experiment):
+    calls = experiment("pretrain")
+    assert cli.main(["pretrain", "quickstart"]) == 0
+    assert calls[0][0] == (load("quickstart"),)
+
+
+def test_demos_make_hands_on_the_folder(experiment, tmp_path):
+    calls = experiment("make_demos")
+    out = tmp_path / "set"
+    assert cli.main(["demos", "make", "quickstart", f"--out={out}", "--demos.num", "9"]) == 0
+    config = load("quickstart", ["--demos.num", "9"], schema=MakeDemosConfig)
+    assert calls == [((config, out), {"echo": cli._echo})]
+
+
+def test_a_demo_set_may_be_replaced(experiment, demo_set):
+    calls = experiment("make_demos")
+    assert cli.main(["demos", "make", "--out", str(demo_set)]) == 0
+    assert calls[0][0][1] == demo_set
+
+
+def test_eval_hands_on_its_options(experiment, run):
+    calls = experiment("evaluate")
+    assert cli.main(["eval", str(run), "--episodes=7", "--variant", "layout"]) == 0
+    wanted = {"episodes": 7, "seed": 0, "variant": "layout", "echo": cli._echo}
+    assert calls == [((run,), wanted)]
+
+
+def test_report_hands_on_the_run(experiment, run):
+    calls = experiment("report")
+    assert cli.main(["report", str(run)]) == 0
+    assert calls == [((run,), {"echo": cli._echo})]
+
+
+def test_imports_hand_on_their_folders_and_tell_their_progress(
+    experiment, tmp_path, capsys, demo_set
+):
+    calls = []
+
+    def importer(*args, progress, **kwargs):
+        progress(1, 2, None)
+        calls.append((args, kwargs))
+
+    both = {"import_magical": importer, "import_videos": importer}
+    experiment("import_demos", "gril_jax.interop", **both)
+    out = tmp_path / "out"
+    assert cli.main(["demos", "import-magical", str(tmp_path), "--out", str(out)]) == 0
+    args = ["demos", "import-videos", str(tmp_path), "--out", str(out), "--half-extent", "1.5"]
+    assert cli.main([*args, "--outcome", "success", "--boxes", "True"]) == 0
+    assert calls == [
+        ((tmp_path, out), {}),
+        ((tmp_path, out, 1.5, "match_regions", True), {"outcome": "success"}),
+    ]
+    stdout, stderr = capsys.readouterr()
+    assert stdout == f"wrote {out}\n" * 2
+    assert "reading: 1/2 demonstrations (50%)" in stderr
+
+
+def test_the_arguments_that_an_import_gets_are_those_that_it_takes():
+    from inspect import signature
+
+    from gril_jax.interop import import_demos
+
+    signature(import_demos.import_magical).bind("a", "b", progress=None)
+    bound = signature(import_demos.import_videos).bind(
+        "a", "b", 1.0, "match_regions", False, outcome="unknown", progress=None
+    )
+    assert list(bound.arguments)[:5] == [
+        "source_dir", "out_dir", "half_extent", "task", "boxes"
+    ]  # fmt: skip
+
+
+# --- failures at work
+
+
+@pytest.mark.parametrize("error", [RunError("the disk is gone"), DemoError("bad demo.")])
+def test_a_failure_at_work_is_one_sentence_and_exit_code_1(experiment, capsys, error):
+    def fail(*_, **__):
+        raise error
+
+    experiment("train", main=fail)
+    assert cli.main(["train"]) == 1
+    assert capsys.readouterr().err == f"gril: {str(error).rstrip('.')}.\n"
+
+
+def test_an_interrupt_is_exit_code_130(experiment, capsys):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    experiment("train", main=interrupt)
+    assert cli.main(["train"]) == 130
+    assert capsys.readouterr().err == "gril: interrupted.\n"
+
+
+def test_our_own_mistakes_keep_their_traceback(experiment):
+    def bug(*_, **__):
+        raise ZeroDivisionError
+
+    experiment("train", main=bug)
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["train"])
+
+
+def test_the_doctor_s_verdict_is_the_exit_code(monkeypatch, capsys):
+    row = cli.doctor.Check("jax", False, True, "missing")
+    monkeypatch.setattr(cli.doctor, "check_all", lambda timeout_s: [row])
+    assert cli.main(["doctor"]) == 1
+    assert capsys.readouterr().out == "jax  BROKEN    missing\n"
+
+
+# --- heavy imports
+
+
+def test_what_an_import_prints_does_not_reach_stdout(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")  # so that its absence is restored
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    with cli._heavy_imports():
+        print("an optional part is missing")
+    assert capsys.readouterr().out == ""
+    folder = tmp_path / "gril_jax" / "jax"
+    assert folder.is_dir()
+    assert os.environ["JAX_COMPILATION_CACHE_DIR"] == str(folder)
+
+
+def test_a_compilation_cache_that_the_user_chose_is_kept(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "mine")
+    with cli._heavy_imports():
+        assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "mine"
+
+
+def test_without_a_writable_cache_the_work_goes_on(monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")  # so that its absence is restored
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    with cli._heavy_imports():
+        assert "JAX_COMPILATION_CACHE_DIR" not in os.environ

@@ -1,0 +1,196 @@
+"""The encoder against a plain loop over edges, and what the latent may depend on."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gril_jax import encoder
+from gril_jax.encoder import EncoderConfig
+from gril_jax.errors import ConfigError
+from gril_jax.graphs import scene_graph
+
+CONFIG = EncoderConfig(num_classes=4, width=8, rounds=2, latent=5, length_unit=0.5)
+init, apply = jax.jit(encoder.init), jax.jit(encoder.apply)
+PARAMS = init(jax.random.key(0), CONFIG)
+ROBOT, ABSENT = 1, 4
+
+
+def _frame(seed=0, num_nodes=5):
+    rng = np.random.default_rng(seed)
+    return {
+        "center": jnp.asarray(rng.normal(size=(num_nodes, 2)), jnp.float32),
+        "size": jnp.asarray(rng.uniform(0.1, 1, (num_nodes, 2)), jnp.float32),
+        "label": jnp.asarray(rng.integers(0, 4, num_nodes), jnp.int32),
+        "is_robot": jnp.arange(num_nodes) == ROBOT,
+        "active": jnp.asarray(rng.random(num_nodes) < 0.5),
+        "present": jnp.arange(num_nodes) != ABSENT,
+    }
+
+
+def _latent(frame, config=CONFIG, alpha=5.0):
+    return apply(PARAMS, scene_graph(**frame), config, alpha=alpha)
+
+
+def relu(x):
+    return np.maximum(x, 0)
+
+
+def dense(part, name, x):
+    return x @ part[name]["kernel"] + part[name].get("bias", 0)
+
+
+def _oracle(frame, config, alpha):
+    """The equations one node and one edge at a time, in float64."""
+    p = jax.tree.map(lambda x: np.asarray(x, np.float64), PARAMS)
+    f = {k: np.asarray(v) for k, v in frame.items()}
+    num_nodes, unit = len(f["label"]), config.length_unit
+
+    one_hot = np.eye(config.num_classes)[f["label"]]
+    z = np.concatenate([one_hot, f["center"] / unit, f["size"] / unit], axis=1)
+    z = dense(p["messages"], "Dense_0", z)
+    for r in range(config.rounds):
+        names = [f"Dense_{1 + 5 * r + i}" for i in range(5)]
+        new = []
+        for i in range(num_nodes):
+            total = np.zeros(config.width)
+            for j in range(num_nodes):
+                muted = f["is_robot"][j] and not config.robot_messages
+                if j == i or muted or not f["present"][j]:
+                    continue
+                offset = (f["center"][j] - f["center"][i]).astype(np.float64) / unit
+                edge = np.append(offset, np.linalg.norm(offset))
+                total += relu(
+                    dense(p["messages"], names[0], z[j])
+                    + dense(p["messages"], names[1], z[i])
+                    + dense(p["messages"], names[2], edge)
+                )
+            hidden = relu(dense(p["messages"], names[3], np.concatenate([z[i], total])))
+            new.append(z[i] + dense(p["messages"], names[4], hidden))
+        z = np.array(new)
+    w = np.where(f["active"], alpha, 1.0) * f["present"]
+    if not config.pool_robot:
+        w = w * ~f["is_robot"]
+    pooled = (w[:, None] * z).sum(0) / w.sum()
+    return dense(p["head"], "Dense_1", relu(dense(p["head"], "Dense_0", pooled)))
+
+
+@pytest.mark.parametrize("pool_robot", [False, True])
+@pytest.mark.parametrize("robot_messages", [False, True])
+def test_latent_equals_the_loop(pool_robot, robot_messages):
+    config = dataclasses.replace(CONFIG, pool_robot=pool_robot, robot_messages=robot_messages)
+    latent = _latent(_frame(), config, alpha=3.0)
+    np.testing.assert_allclose(latent, _oracle(_frame(), config, 3.0), rtol=1e-4, atol=1e-5)
+
+
+def test_latent_ignores_node_order():
+    order = jnp.array([3, 0, 4, 2, 1])
+    shuffled = {k: v[order] for k, v in _frame().items()}
+    np.testing.assert_allclose(_latent(shuffled), _latent(_frame()), rtol=1e-4, atol=1e-6)
+
+
+def _changed(frame, node):
+    """The same frame with everything about one node changed but what kind of node it is."""
+    return frame | {
+        "center": frame["center"].at[node].set(jnp.array([9.0, -7.0])),
+        "size": frame["size"].at[node].set(3.0),
+        "label": frame["label"].at[node].add(1) % 4,
+        "active": frame["active"].at[node].set(~frame["active"][node]),
+    }
+
+
+@pytest.mark.parametrize("node", [ROBOT, ABSENT])
+def test_latent_does_not_depend_on_the_robot_nor_on_absent_nodes(node):
+    np.testing.assert_array_equal(_latent(_changed(_frame(), node)), _latent(_frame()))
+    gradient = jax.grad(lambda c: _latent(_frame() | {"center": c}).sum())(_frame()["center"])
+    assert (gradient[node] == 0).all()
+    assert (gradient[0] != 0).any()
+
+
+@pytest.mark.parametrize("switch", ["pool_robot", "robot_messages"])
+def test_latent_depends_on_the_robot_if_asked_to(switch):
+    config = dataclasses.replace(CONFIG, **{switch: True})
+    moved = _changed(_frame(), ROBOT)
+    assert not np.allclose(_latent(moved, config), _latent(_frame(), config), atol=1e-4)
+
+
+def test_latent_equals_that_of_the_graph_without_padding():
+    frame = _frame()
+    smaller = {k: v[:ABSENT] for k, v in frame.items()}
+    np.testing.assert_allclose(_latent(smaller), _latent(frame), rtol=1e-4, atol=1e-6)
+
+
+def test_relative_latent_ignores_where_the_scene_lies_and_the_absolute_does_not():
+    frame = _frame()
+    shifted = frame | {"center": frame["center"] + jnp.array([0.5, -0.25])}
+    assert not np.allclose(_latent(frame), _latent(shifted), atol=1e-4)
+    config = dataclasses.replace(CONFIG, absolute=False)
+    params = init(jax.random.key(1), config)
+    one, other = (apply(params, scene_graph(**f), config) for f in (frame, shifted))
+    np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
+
+
+def test_alpha_changes_the_latent_only_if_some_but_not_all_nodes_are_active():
+    for active in (False, True):
+        frame = _frame() | {"active": jnp.full(5, active)}
+        np.testing.assert_allclose(_latent(frame, alpha=9.0), _latent(frame), rtol=1e-4)
+    frame = _frame() | {"active": jnp.arange(5) == 0}
+    assert not np.allclose(_latent(frame, alpha=9.0), _latent(frame), atol=1e-4)
+
+
+@jax.jit
+@jax.value_and_grad
+def _summed(params, graph):
+    return encoder.apply(params, graph, CONFIG).sum()
+
+
+def test_a_lone_object_and_a_lone_robot_have_finite_latents_and_gradients():
+    for is_robot in (False, True):
+        frame = {k: v[:1] for k, v in _frame().items()}
+        frame["is_robot"] = jnp.array([is_robot])
+        value, gradient = _summed(PARAMS, scene_graph(**frame))
+        assert np.isfinite(value)
+        assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
+
+
+def test_gradient_equals_finite_differences():
+    frame, h = _frame(), 1e-3
+    direction = jnp.zeros((5, 2)).at[0].set(jnp.array([0.6, 0.8]))
+
+    def value(t):
+        return _latent(frame | {"center": frame["center"] + t * direction})[0]
+
+    numeric = (value(h) - value(-h)) / (2 * h)
+    np.testing.assert_allclose(jax.grad(value)(0.0), numeric, rtol=0.02, atol=1e-3)
+
+
+def test_vmap_equals_a_loop_over_graphs_and_over_parameters():
+    frames = [_frame(seed) for seed in range(3)]
+    graphs = jax.vmap(lambda f: scene_graph(**f))(
+        jax.tree.map(lambda *x: jnp.stack(x), *frames)
+    )
+    batched = jax.jit(jax.vmap(encoder.apply, (None, 0, None)))(PARAMS, graphs, CONFIG)
+    for frame, latent in zip(frames, batched, strict=True):
+        np.testing.assert_allclose(latent, _latent(frame), rtol=1e-4, atol=1e-5)
+
+    keys = jax.random.split(jax.random.key(2), 2)
+    params = jax.vmap(init, (0, None))(keys, CONFIG)
+    batched = jax.vmap(apply, (0, None, None))(params, scene_graph(**frames[0]), CONFIG)
+    alone = encoder.apply(init(keys[1], CONFIG), scene_graph(**frames[0]), CONFIG)
+    np.testing.assert_allclose(batched[1], alone, rtol=1e-4, atol=1e-5)
+
+
+def test_parameters_are_plain_dicts_of_float32_arrays():
+    assert type(PARAMS) is dict
+    assert all(x.dtype == jnp.float32 for x in jax.tree.leaves(PARAMS))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("num_classes", 0), ("width", 0), ("rounds", -1), ("latent", 0), ("length_unit", 0.0)],
+)
+def test_config_out_of_range_is_refused_by_name(field, value):
+    with pytest.raises(ConfigError, match=rf"encoder\.{field} is {value}"):
+        dataclasses.replace(CONFIG, **{field: value})

@@ -1,0 +1,90 @@
+"""Boundaries on made-up staircases whose stages are known."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gril_jax.subtasks import segments, transitions
+
+
+def _staircase(heights, *, flat=20, rise=12, noise=0.0, seed=0):
+    """Flat, rise, flat, rise, ... from -sum(heights) to 0; also the frames where rises end."""
+    level, trace, ends = -sum(heights), [], []
+    for height in heights:
+        trace += [level] * flat
+        trace += list(level + height * np.arange(1, rise + 1) / rise)
+        level += height
+        ends.append(len(trace) - 1)
+    trace += [level] * flat
+    trace = np.array(trace) + np.random.default_rng(seed).normal(0, noise, len(trace))
+    return jnp.asarray(trace, jnp.float32), ends
+
+
+def _frames(mask):
+    return np.flatnonzero(np.asarray(mask)).tolist()
+
+
+@pytest.mark.parametrize("heights", [[1.0], [0.5, 0.5], [0.2, 0.1, 0.7], [0.25] * 4])
+def test_boundaries_are_the_ends_of_the_rises(heights):
+    trace, ends = _staircase(heights)
+    found = _frames(transitions(trace, prominence=0.08))
+    assert len(found) == len(ends)
+    assert np.abs(np.subtract(found, ends)).max() <= 1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_boundaries_survive_noise(seed):
+    trace, ends = _staircase([0.4, 0.2, 0.4], noise=0.01, seed=seed)
+    found = _frames(transitions(trace))
+    assert len(found) == 3
+    assert np.abs(np.subtract(found, ends)).max() <= 3
+
+
+def test_a_jump_is_a_rise_too():
+    trace, ends = _staircase([0.5, 0.5], rise=1)
+    assert _frames(transitions(trace)) == ends
+
+
+def test_a_dip_before_a_rise_and_a_single_spike_make_no_boundary():
+    trace, ends = _staircase([0.5, 0.5])
+    dipped = trace.at[50:54].add(-0.05).at[10].add(0.4)
+    assert len(_frames(transitions(dipped))) == len(ends)
+
+
+def test_a_short_pause_does_not_split_a_rise_and_a_long_one_does():
+    for pause, count in ((4, 1), (15, 2)):
+        trace, _ = _staircase([0.5, 0.5], flat=pause)
+        padded = jnp.concatenate([jnp.full(20, -1.0), trace, jnp.zeros(20)])
+        assert len(_frames(transitions(padded, patience=8))) == count
+
+
+def test_a_rise_that_stands_at_the_end_needs_no_plateau():
+    trace, ends = _staircase([0.5, 0.5])
+    found = _frames(transitions(trace[: ends[-1] + 1]))
+    assert len(found) == 2
+    assert found[-1] >= ends[-1] - 2
+
+
+def test_flat_falling_and_single_frame_traces_have_no_boundary():
+    for trace in (jnp.zeros(50), jnp.linspace(0, -1, 50), jnp.zeros(1)):
+        assert not transitions(trace).any()
+
+
+def test_boundaries_scale_with_the_reward():
+    trace, _ = _staircase([0.4, 0.2, 0.4], noise=0.01)
+    scaled = transitions(8 * trace, prominence=0.8)
+    np.testing.assert_array_equal(scaled, transitions(trace, prominence=0.1))
+
+
+def test_vmap_of_jit_equals_a_loop():
+    traces = jnp.stack([_staircase([0.5, 0.5], noise=0.01, seed=s)[0] for s in range(3)])
+    batched = jax.vmap(jax.jit(transitions))(traces)
+    for trace, mask in zip(traces, batched, strict=True):
+        np.testing.assert_array_equal(mask, transitions(trace))
+
+
+def test_segments_count_the_boundaries_passed():
+    boundary = jnp.zeros(8, bool).at[jnp.array([2, 5])].set(True)
+    assert segments(boundary).tolist() == [0, 0, 0, 1, 1, 1, 2, 2]
+    assert segments(jnp.zeros(3, bool)).tolist() == [0, 0, 0]

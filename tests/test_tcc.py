@@ -1,0 +1,142 @@
+"""Cycle-consistency against a plain loop, with padding, and at aligned and shuffled videos."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gril_jax import losses
+from gril_jax.losses import mean_consistency
+
+# Compiled once: without it each test would compile every operation by itself.
+cycle_consistency = jax.jit(losses.cycle_consistency)
+time_agreement = jax.jit(losses.time_agreement)
+
+
+def _softmax(x):
+    e = np.exp(x - x.max())
+    return e / e.sum()
+
+
+def _oracle(query, other, times, temperature):
+    """One query frame at a time, in float64, with plain squared distances."""
+    query, other, times = (np.asarray(x, np.float64) for x in (query, other, times))
+    scale = query.shape[1] * temperature
+    values = []
+    for frame, time in zip(query, times, strict=True):
+        there = _softmax(np.array([-((frame - o) ** 2).sum() / scale for o in other]))
+        neighbour = sum(w * o for w, o in zip(there, other, strict=True))
+        back = _softmax(np.array([-((neighbour - q) ** 2).sum() / scale for q in query]))
+        values.append((sum(w * t for w, t in zip(back, times, strict=True)) - time) ** 2)
+    return np.array(values)
+
+
+def _video(seed, num_frames, width=6):
+    rng = np.random.default_rng(seed)
+    return jnp.asarray(rng.normal(size=(num_frames, width)), jnp.float32)
+
+
+TIMES = jnp.linspace(0.0, 0.9, 7)
+
+
+@pytest.mark.parametrize("temperature", [0.1, 1.0])
+def test_values_equal_the_loop(temperature):
+    query, other = _video(0, 7), _video(1, 5)
+    values = cycle_consistency(query, other, TIMES, temperature=temperature)
+    np.testing.assert_allclose(
+        values, _oracle(query, other, TIMES, temperature), rtol=1e-3, atol=1e-6
+    )
+
+
+def test_padding_changes_nothing_and_has_value_zero():
+    query, other = _video(0, 7), _video(1, 5)
+    expected = cycle_consistency(query[:4], other[:3], TIMES[:4])
+    query_valid, other_valid = jnp.arange(7) < 4, jnp.arange(5) < 3
+    values = cycle_consistency(query, other, TIMES, query_valid, other_valid)
+    np.testing.assert_allclose(values[:4], expected, rtol=1e-4, atol=1e-7)
+    assert values[4:].tolist() == [0.0] * 3
+
+
+def test_well_separated_equal_videos_return_to_the_frame_they_came_from():
+    video = 10 * jnp.eye(7)
+    assert cycle_consistency(video, video, TIMES).max() < 1e-6
+
+
+def test_a_constant_video_answers_with_no_time_at_all():
+    values = cycle_consistency(_video(0, 7), jnp.zeros((5, 6)), TIMES, temperature=1e6)
+    np.testing.assert_allclose(values, (TIMES.mean() - TIMES) ** 2, rtol=1e-3, atol=1e-5)
+
+
+def test_values_do_not_change_when_both_videos_move_together():
+    query, other = _video(0, 7), _video(1, 5)
+    shift = jnp.array([3.0, -2.0, 1.0, 0.0, 4.0, -4.0])
+    np.testing.assert_allclose(
+        cycle_consistency(query + shift, other + shift, TIMES),
+        cycle_consistency(query, other, TIMES),
+        rtol=1e-2,
+        atol=1e-5,
+    )
+
+
+def test_gradient_equals_finite_differences():
+    query, other, direction = _video(0, 7), _video(1, 5), _video(2, 7)
+
+    def value(t):
+        return cycle_consistency(query + t * direction, other, TIMES, temperature=1.0).sum()
+
+    numeric = (value(1e-2) - value(-1e-2)) / 2e-2
+    np.testing.assert_allclose(jax.grad(value)(0.0), numeric, rtol=1e-2, atol=1e-4)
+
+
+def test_time_agreement_equals_the_loop_and_ignores_padding():
+    query, other = _video(0, 7), _video(1, 5)
+    other_times = jnp.linspace(0.1, 1.0, 5)
+    expected = []
+    for frame, time in zip(np.asarray(query), TIMES, strict=True):
+        weights = _softmax(
+            np.array([-((frame - o) ** 2).sum() / 6 for o in np.asarray(other[:3])])
+        )
+        expected.append((weights @ np.asarray(other_times[:3]) - time) ** 2)
+    valid = jnp.arange(7) < 6, jnp.arange(5) < 3
+    values = time_agreement(query, other, TIMES, other_times, *valid)
+    np.testing.assert_allclose(values[:6], expected[:6], rtol=1e-3, atol=1e-6)
+    assert values[6] == 0
+
+
+def test_a_scrambled_order_that_both_videos_share_closes_cycles_but_disagrees_on_time():
+    video, scramble = 10 * jnp.eye(7), jnp.array([3, 5, 0, 6, 2, 4, 1])
+    assert cycle_consistency(video, video[scramble], TIMES).max() < 1e-6
+    assert time_agreement(video, video[scramble], TIMES, TIMES).mean() > 0.05
+    assert time_agreement(video, video, TIMES, TIMES).max() < 1e-6
+
+
+def test_means_over_pairs_equal_a_double_loop_over_videos_of_unequal_length():
+    lengths = [7, 4, 2]
+    latents = jnp.stack([_video(seed, 7) for seed in range(3)])
+    times = jnp.stack([jnp.arange(7) / n for n in lengths])
+    valid = jnp.arange(7) < jnp.array(lengths)[:, None]
+    pairs = [(i, j) for i in range(3) for j in range(3) if i != j]
+    cycles, agreements = [], []
+    for i, j in pairs:
+        query, other = latents[i, : lengths[i]], latents[j, : lengths[j]]
+        time, other_time = times[i, : lengths[i]], times[j, : lengths[j]]
+        cycles.extend(_oracle(query, other, time, 0.3))
+        agreements.extend(time_agreement(query, other, time, other_time, temperature=0.3))
+    cycle, agreement = jax.jit(mean_consistency)(latents, times, valid, temperature=0.3)
+    np.testing.assert_allclose(cycle, np.mean(cycles), rtol=1e-4)
+    np.testing.assert_allclose(agreement, np.mean(agreements), rtol=1e-4)
+
+
+def test_single_video_and_empty_padding_give_zero_with_finite_gradient():
+    latents, times = _video(0, 7)[None], TIMES[None]
+    assert mean_consistency(latents, times) == (0, 0)
+
+    @jax.jit
+    @jax.value_and_grad
+    def summed(latents, times, valid):
+        return sum(mean_consistency(latents, times, valid))
+
+    pair, times = jnp.concatenate([latents, latents]), jnp.tile(TIMES, (2, 1))
+    value, gradient = summed(pair, times, jnp.zeros((2, 7), bool))
+    assert value == 0
+    assert np.isfinite(gradient).all()

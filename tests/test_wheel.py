@@ -1,0 +1,106 @@
+"""The wheel holds what the repository tracks, under one name, and works on its own."""
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from email.parser import Parser
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = {
+    "gril_jax": "gril_jax",
+    "envs": "gril_jax/envs",
+    "configs": "gril_jax/configs",
+    "experiments": "gril_jax/experiments",
+}
+
+
+def _tracked():
+    """Tracked files, and new ones that git does not ignore, of the folders that are shipped."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", *FOLDERS]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip("the sources are not in a git checkout")
+    return sorted(line for line in done.stdout.splitlines() if (ROOT / line).exists())
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """A wheel built from a copy of the sources, without a network."""
+    pytest.importorskip("setuptools", minversion="77")
+    folder = tmp_path_factory.mktemp("wheel")
+    extra = [
+        name for name in ("pyproject.toml", "README.md", "LICENSE") if (ROOT / name).exists()
+    ]
+    for name in (*_tracked(), *extra):
+        target = folder / "source" / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, target)
+    build = "import setuptools.build_meta as b, sys; print(b.build_wheel(sys.argv[1]))"
+    done = subprocess.run(
+        [sys.executable, "-c", build, str(folder)],
+        cwd=folder / "source",
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder / done.stdout.splitlines()[-1]
+
+
+def test_the_wheel_holds_the_tracked_files_and_no_others(wheel):
+    wanted = set()
+    for name in _tracked():
+        folder, _, rest = name.partition("/")
+        wanted.add(f"{FOLDERS[folder]}/{rest}")
+    with zipfile.ZipFile(wheel) as archive:
+        found = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert found == wanted
+
+
+def test_the_wheel_adds_one_name_and_one_command(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        tops = {name.split("/")[0] for name in archive.namelist()}
+        info = next(top for top in tops if top.endswith(".dist-info"))
+        assert tops == {"gril_jax", info}
+        assert "gril = gril_jax.cli:main" in archive.read(f"{info}/entry_points.txt").decode()
+        metadata = Parser().parsestr(archive.read(f"{info}/METADATA").decode())
+    assert metadata["Name"] == "gril-jax"
+    assert metadata["Requires-Python"] == "<3.13,>=3.11"
+
+
+def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
+    site = tmp_path / "site"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    code = (
+        "import sys\n"
+        "sys.meta_path = [f for f in sys.meta_path if 'editable' not in str(f).lower()]\n"
+        "import gril_jax, gril_jax.envs, gril_jax.config_files as c\n"
+        "print(gril_jax.__file__, gril_jax.envs.__file__, c.load('quickstart').env.robot)\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(site), "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    package, envs, robot = done.stdout.splitlines()[-1].split()
+    assert Path(package).parent == site / "gril_jax"
+    assert Path(envs).parent == site / "gril_jax" / "envs"
+    assert robot == "medium"
+
+
+@pytest.mark.parametrize("name", ["envs", "configs", "experiments"])
+def test_a_folder_is_not_importable_under_a_second_name(name):
+    code = f"import {name}"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert f"ImportError: import this package as gril_jax.{name}, not {name}" in done.stderr
