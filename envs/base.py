@@ -5,7 +5,6 @@ Shapes use N for the objects of a scene (goal region and robot included) and A f
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-import flax.struct
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
@@ -22,8 +21,7 @@ class Outline(NamedTuple):
     dash: int = 0  # length of its dashes in such pixels; 0 for a whole line
 
 
-@flax.struct.dataclass
-class Objects:
+class Objects(NamedTuple):
     """What a detector would report of one frame, in world units."""
 
     center: Float[Array, "N 2"]  # centre of mass
@@ -32,8 +30,7 @@ class Objects:
     is_robot: Bool[Array, "N"]
 
 
-@flax.struct.dataclass
-class State:
+class State(NamedTuple):
     """One moment of an episode. `step` returns the same structure that `reset` made."""
 
     data: Any  # the simulator's state: a pytree that only the task reads

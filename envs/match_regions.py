@@ -21,10 +21,10 @@ region. Success: score 1. Reward: x-magical's dense reward as its authors last s
 0 when inside, and D_i that distance at reset.
 """
 
-import flax.struct
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from mujoco import mjx
@@ -49,8 +49,7 @@ _DRIVE_FORCE = 5.0
 _TORQUES = np.array([1.0] + [planar_model.FINGER_TORQUE] * 2, np.float32)  # turning, fingers
 
 
-@flax.struct.dataclass
-class PlanarData:
+class PlanarData(NamedTuple):
     """What the simulator must remember. Joint positions are the poses: see `planar_model`."""
 
     qpos: Float[Array, "Q"]  # robot x, y, yaw, left and right finger; then x, y, yaw a block
@@ -64,7 +63,9 @@ class PlanarData:
 
 def _rotate(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
     c, s = jnp.cos(angle), jnp.sin(angle)
-    return jnp.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1)
+    return jnp.stack(
+        [c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1
+    )
 
 
 def _padded(outlines: list[np.ndarray]) -> np.ndarray:
@@ -108,7 +109,9 @@ class MatchRegions:
         max_contacts: int = 16,
     ):
         if variant not in VARIANTS:
-            raise ValueError(f"variant is {variant!r}, but must be one of {', '.join(VARIANTS)}")
+            raise ValueError(
+                f"variant is {variant!r}, but must be one of {', '.join(VARIANTS)}"
+            )
         if turn not in ("original", "smooth"):
             raise ValueError(f"turn is {turn!r}, but must be 'original' or 'smooth'")
         for name in (*targets, *distractors):
@@ -118,7 +121,11 @@ class MatchRegions:
                 raise ValueError(f"block {name!r} has no place in the {variant} layout")
         self.blocks = (*targets, *distractors)
         self.num_targets = len(targets)
-        self.variant, self.varied_starts, self.episode_length = variant, varied_starts, episode_length
+        self.variant, self.varied_starts, self.episode_length = (
+            variant,
+            varied_starts,
+            episode_length,
+        )
         self.turn_gain = 40.0 if turn == "original" else _MAX_TURN
         self.substeps, self.dt = substeps, 1.0 / (self.control_hz * substeps)
         self.observation_size = 14 + 12 * len(self.blocks)
@@ -137,7 +144,9 @@ class MatchRegions:
         self._outlines = _padded([s.vertices for s in block_shapes])  # (B, V, 2)
         self._fingers = np.stack([shapes.finger(s).vertices for s in (-1, 1)])
         self._base = robot.base.vertices
-        self._radii = np.array([0.37, *(np.linalg.norm(o, axis=1).max() for o in self._outlines)])
+        opened = jnp.array([0.0, 0.0, 0.0, planar_model.FINGER_OPEN, -planar_model.FINGER_OPEN])
+        around = [np.asarray(self.robot_outline(opened)), *self._outlines]
+        self._radii = np.array([np.linalg.norm(o, axis=1).max() for o in around])
         names = ["goal", "robot", *self.blocks]
         self._label = np.array([CLASSES.index(n) for n in names], np.int32)
         fingers = [self.mj_model.body(f"{side}_finger") for side in ("left", "right")]
@@ -149,7 +158,10 @@ class MatchRegions:
     def reset(self, key: PRNGKeyArray) -> State:
         """A new episode; two thirds of the varied starts have one target in the region."""
         key_layout, key_vary, key_start = jax.random.split(key, 3)
-        demo = [layouts.DEMO_ROBOT, *(layouts.DEMO_BLOCKS.get(b, (0, 0, 0)) for b in self.blocks)]
+        demo = [
+            layouts.DEMO_ROBOT,
+            *(layouts.DEMO_BLOCKS.get(b, (0, 0, 0)) for b in self.blocks),
+        ]
         poses, goal = jnp.array(demo), jnp.array(layouts.DEMO_GOAL)
         if self.variant == "jitter":
             poses, goal = layouts.jitter(key_layout, poses, goal, arena=self.arena)
@@ -210,7 +222,7 @@ class MatchRegions:
         data = state.data
         carry = (data.qpos, data.qvel, data.warmstart)
         (qpos, qvel, warmstart), _ = jax.lax.scan(substep, carry, length=self.substeps)
-        return self._observe(data.replace(qpos=qpos, qvel=qvel, warmstart=warmstart))
+        return self._observe(data._replace(qpos=qpos, qvel=qvel, warmstart=warmstart))
 
     # ---------------------------------------------------------------- physics
 
@@ -241,7 +253,9 @@ class MatchRegions:
     def _robot_mass(self, qpos: Float[Array, "Q"]) -> Float[Array, "5 5"]:
         """Joint-space inertia of disc and fingers: x, y, yaw, left finger, right finger."""
         mass, inertia = planar_model.FINGER_MASS, self._finger_inertia
-        pivots = jnp.array([[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT])
+        pivots = jnp.array(
+            [[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT]
+        )
         from_pivot = _rotate(qpos[3:5], jnp.asarray(self._finger_com, jnp.float32))
         arm = _rotate(qpos[2], pivots + from_pivot)  # robot's centre to finger's centre of mass
         hand = _rotate(qpos[2], from_pivot)
@@ -282,14 +296,20 @@ class MatchRegions:
 
     def robot_outline(self, qpos: Float[Array, "Q"]) -> Float[Array, "V 2"]:
         """Corners of disc and fingers relative to the robot's centre, world axes."""
-        pivots = jnp.array([[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT])
+        pivots = jnp.array(
+            [[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT]
+        )
         fingers = _rotate(qpos[3:5, None], jnp.asarray(self._fingers, jnp.float32))
         fingers = (fingers + pivots[:, None]).reshape(-1, 2)
-        return _rotate(qpos[2], jnp.concatenate([jnp.asarray(self._base, jnp.float32), fingers]))
+        return _rotate(
+            qpos[2], jnp.concatenate([jnp.asarray(self._base, jnp.float32), fingers])
+        )
 
     # ---------------------------------------------------------------- what is seen
 
-    def _distances(self, blocks: Float[Array, "B 3"], goal: Float[Array, "4"]) -> Float[Array, "K"]:
+    def _distances(
+        self, blocks: Float[Array, "B 3"], goal: Float[Array, "4"]
+    ) -> Float[Array, "K"]:
         offset = blocks[: self.num_targets, :2] - goal[:2]
         return jnp.sqrt(jnp.sum(offset**2, axis=1) + 1e-12)
 
@@ -310,7 +330,8 @@ class MatchRegions:
             data=data,
             obs=self._observation(data, blocks, inside),
             objects=self._objects(data, blocks),
-            moved=jnp.arange(2 + len(self.blocks)) == jnp.where(data.placed < 0, -1, 2 + data.placed),
+            moved=jnp.arange(2 + len(self.blocks))
+            == jnp.where(data.placed < 0, -1, 2 + data.placed),
             reward=10.0 * jnp.tanh((progress - n_d - 0.1) / 2),
             done=jnp.zeros(()),
             metrics={
@@ -352,11 +373,14 @@ class MatchRegions:
             blocks[:, :2],
             blocks[:, :2] - data.goal[:2],
             speed[:, :2],
-            jnp.stack([jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1),
+            jnp.stack(
+                [jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1
+            ),
             inside.astype(jnp.float32)[:, None],
         ]
         return jnp.concatenate([*robot, jnp.concatenate(each, axis=1).reshape(-1)])
 
     def outlines(self, data: PlanarData) -> list[Outline]:
         """What to paint for one moment (host side)."""
-        return scene.outlines(self.blocks, self.arena, np.asarray(data.qpos), np.asarray(data.goal))
+        qpos, goal = np.asarray(data.qpos, np.float64), np.asarray(data.goal, np.float64)
+        return scene.outlines(self.blocks, self.arena, qpos, goal)

@@ -69,7 +69,7 @@ def plan(
     order = order.at[-1].set(jnp.where(wrong_block, other, order[-1]))
     cut = jax.random.randint(keys[4], (), 8, 40)
     steps = jnp.where(failure == FAILURES.index("stops_early"), cut, 10_000)
-    pauses = jax.random.randint(keys[5], (k,), 0, 4)
+    pauses = jax.random.randint(keys[5], (k,), 0, 3)
     return Plan(order, slots, pauses, steps, jnp.asarray(failure == 0))
 
 
@@ -151,7 +151,8 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
 
     aim = jnp.where(phase == CARRY, carry, go)
     turn = _bearing(robot, yaw, aim)
-    facing = jnp.clip(1.0 - jnp.abs(turn) / 0.6, 0.0, 1.0)
+    wide = jnp.where(phase == CARRY, 0.6, 1.0)  # turns while it drives, more boldly without a block
+    facing = jnp.clip(1.0 - jnp.abs(turn) / wide, 0.0, 1.0)
     short = jnp.linalg.norm(slot - robot) - _HOLD  # still to go with the block in hand
     # Turning on the spot would shake the block off; at a wall, creeping on would wedge it there.
     at_wall = jnp.abs(block).max() > env.arena - 0.25

@@ -52,7 +52,9 @@ def _star() -> Shape:
     tips, notches = _ring(5, outer), _ring(5, inner, math.pi / 2 + math.pi / 5)
     vertices = np.stack([tips, notches], axis=1).reshape(10, 2)
     radius = 0.04  # so that the notches between two spokes lie near the true ones
-    spokes = tuple(Capsule((0.0, 0.0), tuple(t * (outer - radius) / outer), radius) for t in tips)
+    spokes = tuple(
+        Capsule((0.0, 0.0), tuple(t * (outer - radius) / outer), radius) for t in tips
+    )
     return Shape(vertices, spokes, 9.365e-5)
 
 
@@ -90,7 +92,7 @@ def stadium(width: float, depth: float, inertia: float) -> Shape:
 FINGER_RADIUS = 0.025
 
 
-def finger(side: float) -> Shape:
+def finger(side: int) -> Shape:
     """One finger in its pivot's frame, closed; `side` is -1 for the left and +1 for the right.
 
     An upper arm along +y and a forearm bent inward by pi/8. `inertia` is about the pivot.
@@ -101,7 +103,10 @@ def finger(side: float) -> Shape:
     tip = elbow + 0.14 * along
     across = FINGER_RADIUS * np.array([along[1], -along[0]])
     r = FINGER_RADIUS
-    left, right = [[r, 0.0], elbow + [r, 0], tip + across], [tip - across, elbow - [r, 0], [-r, 0.0]]
+    left, right = (
+        [[r, 0.0], elbow + [r, 0], tip + across],
+        [tip - across, elbow - [r, 0], [-r, 0.0]],
+    )
     vertices = np.array([*left, *right])
     wrist = tuple(tip - FINGER_RADIUS * along)
     arms = (

@@ -135,7 +135,7 @@ class PoolConfig:
     alpha: float = field(default=5.0, metadata=_above(0))
     """Weight of an object that has moved; one that has not weighs 1."""
     tau: float = field(default=0.005, metadata=_at_least(0))
-    """Displacement within the window that counts as a move, in world units."""
+    """Displacement within the window that counts as a move, in diagonals of the object's box."""
     window: int = field(default=40, metadata=_at_least(1))
     """Frames over which displacement is measured."""
 
@@ -145,11 +145,13 @@ class LossConfig:
     """The loss that trains the encoder."""
 
     lambda_: Annotated[float, tyro.conf.arg(name="lambda")] = field(
-        default=0.5, metadata=_at_least(0)
+        default=1.0, metadata=_at_least(0)
     )
     """Weight of reconstruction beside temporal cycle-consistency."""
-    temperature: float = field(default=0.1, metadata=_above(0))
+    temperature: float = field(default=1.0, metadata=_above(0))
     """Temperature of the soft nearest neighbours in temporal cycle-consistency."""
+    warmup: int = field(default=300, metadata=_at_least(0))
+    """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +166,8 @@ class PretrainConfig:
     """Videos in a batch; each is aligned with each other one."""
     num_frames: int = field(default=32, metadata=_at_least(2))
     """Frames sampled from each video of a batch."""
+    turn_scenes: bool = True
+    """Whether each video of a batch is turned and mirrored at random: eightfold variety."""
 
 
 @dataclass(frozen=True)

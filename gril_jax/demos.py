@@ -14,7 +14,7 @@ import pathlib
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -38,6 +38,7 @@ __all__ = [
     "demo_batch",
     "load_demo_set",
     "save_demo_set",
+    "select_objects",
     "split_names",
     "trim_static_tail",
 ]
@@ -137,6 +138,48 @@ def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> 
     if [classes[label] for label in tracks.label] != entry.objects:
         raise DemoError(f"{path}: label does not agree with the objects that {HEADER} lists.")
     return tracks
+
+
+def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
+    """The same demonstrations with only the named objects, trimmed to when these have arrived.
+
+    A task with fewer blocks than a video shows can so learn from it.
+
+    Args:
+      demo_set: a loaded set; its files stay as they are.
+      objects: class names, each of which every demonstration must hold.
+
+    Raises:
+      DemoError: a demonstration lacks one of the objects.
+    """
+    entries, tracks = [], []
+    for entry, track in zip(demo_set.entries, demo_set.tracks, strict=True):
+        missing = [name for name in objects if name not in entry.objects]
+        if missing:
+            raise DemoError(
+                f"{demo_set.folder}: {entry.name!r} shows {', '.join(entry.objects)}, but the "
+                f"task also has {missing[0]}."
+            )
+        keep = [i for i, name in enumerate(entry.objects) if name in objects]
+        track = Tracks(
+            track.center[:, keep], track.size[:, keep], track.label[keep], track.seen[:, keep]
+        )
+        frames = entry.frames
+        if len(keep) < len(entry.objects):
+            frames = trim_static_tail(track, demo_set.classes)
+            track = Tracks(
+                track.center[:frames], track.size[:frames], track.label, track.seen[:frames]
+            )
+        tracks.append(track)
+        entries.append(
+            replace(
+                entry,
+                frames=frames,
+                trimmed=entry.trimmed + entry.frames - frames,
+                objects=[entry.objects[i] for i in keep],
+            )
+        )
+    return replace(demo_set, entries=tuple(entries), tracks=tuple(tracks))
 
 
 def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBatch:

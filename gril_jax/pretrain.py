@@ -55,6 +55,11 @@ class PretrainConfig:
     """Frames drawn from each video of a batch."""
     window: int = 40
     """Activity window in frames (Eq. 4)."""
+    turn_scenes: bool = False
+    """Turn and mirror each video of a batch at random, as one of the square's eight symmetries.
+
+    For scenes seen from above whose origin is the middle of a square arena.
+    """
 
     def __post_init__(self):
         least = {"updates": 1, "num_videos": 2, "num_frames": 2, "window": 1}
@@ -130,9 +135,11 @@ def step(
     active = _activity(demos, hyper, config)
 
     def update(state, _):
-        key, batch_key = jax.random.split(state.key)
+        key, batch_key, turn_key = jax.random.split(state.key, 3)
         frames, valid, videos = _draw(batch_key, demos.length, demos.center.shape[1], config)
         batch = jax.tree.map(lambda x: x[videos], (demos, active))
+        if config.turn_scenes:
+            batch = (_turned(turn_key, batch[0]), batch[1])
 
         # Eq. 6 alone, after the first updates: see `gril_jax.losses.time_agreement`.
         fading = jnp.clip(1.0 - state.num_updates / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
@@ -236,6 +243,16 @@ def _draw(
     _, frames = jax.lax.top_k(noise, min(config.num_frames, num_frames))
     frames = jnp.sort(frames, axis=-1)
     return frames, frames < limit, videos
+
+
+def _turned(key: PRNGKeyArray, demos: DemoBatch) -> DemoBatch:
+    """Each video under a random symmetry of the square; activity bits do not change."""
+    sign_key, swap_key = jax.random.split(key)
+    num = demos.length.shape[0]
+    sign = jax.random.rademacher(sign_key, (num, 1, 1, 2), dtype=jnp.float32)
+    swap = jax.random.bernoulli(swap_key, shape=(num, 1, 1, 1))
+    center, size = (jnp.where(swap, x[..., ::-1], x) for x in (demos.center, demos.size))
+    return demos._replace(center=center * sign, size=size)
 
 
 def _latents(params, demo, active, frames, hyper, config):

@@ -5,7 +5,7 @@ One demonstration is in memory at a time (a MAGICAL file unpacks to about 107 MB
 
 import os
 import pathlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from gril_jax.demos import Demo, save_demo_set, trim_static_tail
@@ -95,8 +95,9 @@ def import_videos(
     *,
     classes: Sequence[str] = PALETTE_CLASSES,
     objects: Sequence[str] | None = None,
-    outcome: str = "unknown",
+    outcome: str | Mapping[str, str] = "unknown",
     margin: int = 5,
+    source: str | None = None,
     progress: Progress | None = None,
 ) -> list[Imported]:
     """Turns a folder of videos into a demo set.
@@ -110,8 +111,9 @@ def import_videos(
         detecting by colour.
       classes: the task's class names.
       objects: the objects that every video holds; None takes what is found.
-      outcome: of all the videos: "success", "failure" or "unknown".
+      outcome: "success", "failure" or "unknown": of all the videos, or of each by its stem.
       margin: frames kept after the last block has arrived.
+      source: where the videos came from, in words; None names the folder.
       progress: see `Progress`.
 
     Raises:
@@ -144,7 +146,8 @@ def import_videos(
                 )
             frames = read_video(path)
             tracks = detector(path).detect(frames, name=str(path))
-            yield _trimmed(path.stem, frames, tracks, classes, outcome, margin, report)
+            ending = outcome if isinstance(outcome, str) else outcome[path.stem]
+            yield _trimmed(path.stem, frames, tracks, classes, ending, margin, report)
             _tell(progress, len(paths), report)
 
     save_demo_set(
@@ -154,7 +157,7 @@ def import_videos(
         classes=classes,
         half_extent=half_extent,
         fps=fps,
-        source=f"{len(paths)} videos of {folder.name}",
+        source=f"{len(paths)} videos of {folder.name}" if source is None else source,
     )
     return report
 

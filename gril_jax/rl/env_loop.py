@@ -29,7 +29,7 @@ class Moment(NamedTuple):
 
     reward: Float[Array, ""]
     terminated: Float[Array, ""]  # the task ended: nothing more to gain
-    truncated: Float[Array, ""]  # the time limit ended the episode: its value goes on
+    truncated: Float[Array, ""]  # time limit or failure ended the episode: its value goes on
     nonfinite: Float[Array, ""]  # the simulator failed, and the step was taken back
     metrics: dict[str, Float[Array, ""]]  # the task's, at this moment
 
@@ -55,22 +55,28 @@ def advance(
 ) -> tuple[Lane, Moment]:
     """One control step; the lane it returns is the last of its episode if a flag says so.
 
-    A step that yields anything not finite is taken back and ends the episode with reward 0, so that
-    one broken simulation does not reach the weights of all.
+    A step that yields anything not finite is taken back and cuts the episode off, so that one broken
+    simulation does not reach the weights of all. It is no end of the task: a policy whose reward is
+    never positive would learn to break the simulator if nothing were to come after it.
     """
     state = env.step(lane.state, action)
-    memory, active = activity.step(lane.memory, state.objects.center, state.objects.size, tau=tau)
+    memory, active = activity.step(
+        lane.memory, state.objects.center, state.objects.size, tau=tau
+    )
     reward = reward_fn(reward_params, state, active)
-    floats = [x for x in jax.tree.leaves((state, reward)) if jnp.issubdtype(x.dtype, jnp.floating)]
+    floats = [
+        x for x in jax.tree.leaves((state, reward)) if jnp.issubdtype(x.dtype, jnp.floating)
+    ]
     finite = jnp.stack([jnp.isfinite(x).all() for x in floats]).all()
     moved = Lane(state, memory, lane.time + 1)
     moved = jax.tree.map(lambda new, old: jnp.where(finite, new, old), moved, lane)
-    terminated = jnp.where(finite, state.done, 1.0)
+    terminated = jnp.where(finite, state.done, 0.0)
     limit = (lane.time + 1 >= env.episode_length).astype(jnp.float32)
+    over = jnp.where(finite, limit, 1.0)
     moment = Moment(
         reward=jnp.where(finite, reward, 0.0),
         terminated=terminated,
-        truncated=limit * (1 - terminated),
+        truncated=over * (1 - terminated),
         nonfinite=1.0 - finite.astype(jnp.float32),
         metrics=moved.state.metrics,
     )

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from . import env_loop
 from .ppo import PPO, Policy
@@ -23,7 +23,7 @@ class Evaluation(NamedTuple):
     score: Float[Array, "E"]  # at the end
 
 
-@functools.partial(jax.jit, static_argnums=(0,), static_argnames=("episodes", "deterministic"))
+@functools.partial(jax.jit, static_argnums=(0,), static_argnames=("episodes",))
 def evaluate(
     ppo: PPO,
     policy: Policy,
@@ -32,10 +32,12 @@ def evaluate(
     *,
     tau: Float[Array, ""] | float,
     episodes: int,
-    deterministic: bool = True,
+    deterministic: Bool[Array, ""] | bool = True,
 ) -> Evaluation:
     """Run the policy for `episodes` episodes, side by side. The key is consumed.
 
+    `deterministic` may be traced: one program plays the trained policy's mean actions and, to
+    compare, the samples of an untrained one.
     An episode whose simulation fails stays where it was before the failure.
     """
     key_begin, key_act = jax.random.split(key)
@@ -43,7 +45,9 @@ def evaluate(
     lanes = jax.vmap(begin)(jax.random.split(key_begin, episodes))
 
     def one(lane, key):
-        action = ppo.act(policy, lane, key, deterministic=deterministic)
+        mean = ppo.act(policy, lane, key, deterministic=True)
+        sample = ppo.act(policy, lane, key, deterministic=False)
+        action = jnp.where(deterministic, mean, sample)
         return env_loop.advance(ppo.env, ppo.reward_fn, reward_params, lane, action, tau=tau)
 
     def move(lanes, key):

@@ -24,6 +24,10 @@ from .rewards import RewardFn
 
 __all__ = ["PPO", "Hyper", "Policy", "Static", "TrainState"]
 
+# In standard deviations. One that was constant so far, such as the speed of a block that nobody has
+# touched, has a deviation of 1e-6: without a limit its first change enters the networks as a million.
+_MAX_OBSERVATION = 10.0
+
 
 @dataclasses.dataclass(frozen=True)
 class Static:
@@ -93,7 +97,9 @@ class PPO:
         self.networks = networks.make_ppo_networks(
             self.observation_size,
             env.action_size,
-            preprocess_observations_fn=running_statistics.normalize,
+            preprocess_observations_fn=functools.partial(
+                running_statistics.normalize, max_abs_value=_MAX_OBSERVATION
+            ),
             policy_hidden_layer_sizes=static.hidden,
             value_hidden_layer_sizes=static.hidden,
         )

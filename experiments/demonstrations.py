@@ -1,0 +1,63 @@
+"""The demonstrations of a run: made or found, reduced to the task's objects, split."""
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+from gril_jax.config import RunConfig
+from gril_jax.demos import DemoSet, demo_batch, load_demo_set, select_objects
+from gril_jax.errors import DemoError
+from gril_jax.progress import Progress
+from gril_jax.types import DemoBatch
+
+from . import make_demos
+
+__all__ = ["Demonstrations", "gather"]
+
+
+class Demonstrations(NamedTuple):
+    """What a run learns from and is measured on."""
+
+    demo_set: DemoSet
+    names: dict[str, list[str]]  # "train", "validation" and "failure" to demonstrations
+    trimmed: int  # frames cut from the static tails, in all
+
+    def batch(self, split: str) -> DemoBatch:
+        """The demonstrations of one split, which must not be empty."""
+        return demo_batch(self.demo_set, self.names[split])
+
+
+def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstrations:
+    """Load `config.demos.path`, or make scripted demonstrations in `folder` and load those.
+
+    Objects that the task does not have are left out, so that a task with fewer blocks can learn
+    from videos with more. Failures never train the encoder.
+
+    Raises:
+      DemoError: the set cannot be used for this task.
+    """
+    if config.demos.path is None:
+        make_demos.make(config, folder, progress)
+    source = Path(config.demos.path or folder)
+    demo_set = load_demo_set(source)
+    if tuple(demo_set.classes) != tuple(env.classes):
+        raise DemoError(
+            f"{source}: its class names are not those of {config.env.name}; import the videos "
+            "again for this task"
+        )
+    demo_set = select_objects(demo_set, ("goal", "robot", *env.blocks))
+    good = [e.name for e in demo_set.entries if e.outcome != "failure"]
+    if len(good) < 3:
+        raise DemoError(f"{source}: holds {len(good)} demonstrations, but at least 3 are needed")
+    held = min(config.demos.num_validation, math.ceil(len(good) / 4))
+    if len(good) - held < config.pretrain.num_videos:
+        raise DemoError(
+            f"{source}: {len(good) - held} demonstrations are left to train on, but "
+            f"pretrain.num_videos is {config.pretrain.num_videos} and must be at most that"
+        )
+    names = {
+        "train": good[: len(good) - held],
+        "validation": good[len(good) - held :],
+        "failure": [e.name for e in demo_set.entries if e.outcome == "failure"],
+    }
+    return Demonstrations(demo_set, names, sum(e.trimmed for e in demo_set.entries))

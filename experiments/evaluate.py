@@ -1,0 +1,119 @@
+"""Play a trained policy from the task's own starts.
+
+    gril eval RUN --episodes 100       under a minute on two CPU cores
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gril_jax import checkpoint, run_dir, video
+from gril_jax.config import RunConfig
+from gril_jax.errors import RunError
+from gril_jax.progress import Progress
+from gril_jax.reward import RewardParams
+from gril_jax.rl.evaluate import Evaluation, evaluate
+from gril_jax.rl.ppo import PPO, Policy
+
+from . import setup
+from .make_demos import film
+
+__all__ = ["main", "play"]
+
+
+def main(
+    folder: Path,
+    *,
+    episodes: int = 100,
+    seed: int = 0,
+    variant: str | None = None,
+    echo: Callable[[str], None] = print,
+) -> dict[str, float]:
+    """Evaluate the policy of a finished run; the folder is only read.
+
+    Raises:
+      RunError: the folder holds no trained policy.
+    """
+    config = run_dir.read_config(folder)
+    env = setup.make_env(config.env, training=False, variant=variant)
+    algorithm = setup.make_ppo(config, env)
+    state = jax.jit(algorithm.init)(jax.random.key(0), setup.ppo_hyper(config))
+    state = checkpoint.restore(_latest(folder, "policy"), state)
+    blank = setup.blank_reward(config, len(env.classes))
+    reward_params = checkpoint.restore(_latest(folder, "reward"), blank)
+    found = evaluate(
+        algorithm,
+        Policy(state.normalizer, state.params.policy),
+        reward_params,
+        jax.random.key(seed),
+        tau=config.pool.tau,
+        episodes=episodes,
+    )
+    numbers = {
+        "success": float(found.success.mean()),
+        "success_ever": float(found.success_ever.mean()),
+        "score": float(found.score.mean()),
+        "reward": float(found.reward.mean()),
+    }
+    echo("  ".join(f"{name} {value:.4f}" for name, value in numbers.items()))
+    return numbers
+
+
+def play(
+    config: RunConfig,
+    env,
+    policy: Policy,
+    reward_params: RewardParams,
+    folder: Path,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Evaluate at the end of training beside an untrained policy, and film one episode."""
+    algorithm = setup.make_ppo(config, env)
+    episodes = config.run.eval_episodes
+    phase = progress.phase("evaluating", total=2 * episodes, unit="episodes")
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(config.run.seed), 2), 3)
+
+    def run(policy: Policy, key, deterministic: bool) -> Evaluation:
+        return evaluate(
+            algorithm,
+            policy,
+            reward_params,
+            key,
+            tau=config.pool.tau,
+            episodes=episodes,
+            deterministic=jnp.asarray(deterministic),
+        )
+
+    trained = jax.block_until_ready(run(policy, keys[0], True))
+    phase.update(episodes)
+    fresh = jax.jit(algorithm.init)(keys[1], setup.ppo_hyper(config))
+    random = run(Policy(fresh.normalizer, fresh.params.policy), keys[2], False)
+    shown = int(np.argmax(np.asarray(trained.success)))  # the first success, if there is one
+    data = jax.tree.map(lambda x: x[shown], trained.states.data)
+    video.write_video(folder / "rollout.mp4", film(env, data), env.control_hz)
+    np.savez(
+        folder / "rollouts.npz",
+        reward=np.asarray(trained.reward),
+        success=np.asarray(trained.success),
+        score=np.asarray(trained.score),
+        shown=shown,
+    )
+    phase.update(2 * episodes)
+    return {
+        "success": float(trained.success.mean()),
+        "success_ever": float(trained.success_ever.mean()),
+        "score": float(trained.score.mean()),
+        "success_random": float(random.success.mean()),
+        "eval_episodes": episodes,
+    }
+
+
+def _latest(folder: Path, part: str) -> Path:
+    found = checkpoint.latest(folder / part)
+    if found is None:
+        raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
+    return found

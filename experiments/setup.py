@@ -1,0 +1,137 @@
+"""From a configuration to the objects that the experiments compose."""
+
+import contextlib
+import io
+
+import jax
+import jax.numpy as jnp
+
+from gril_jax import encoder, envs, pretrain
+from gril_jax.config import RunConfig
+from gril_jax.config import EnvConfig
+from gril_jax.encoder import EncoderConfig
+from gril_jax.errors import ConfigError
+from gril_jax.reward import RewardParams
+from gril_jax.rl import ppo, rewards
+
+__all__ = [
+    "blank_reward",
+    "device_in_words",
+    "encoder_config",
+    "make_env",
+    "make_ppo",
+    "ppo_hyper",
+    "pretrain_config",
+    "pretrain_hyper",
+]
+
+
+def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -> envs.Env:
+    """The task; varied starts belong to training alone.
+
+    Raises:
+      ConfigError: the task does not offer what the configuration asks for.
+    """
+    if config.robot != "gripper":
+        raise ConfigError(f"env.robot is {config.robot!r}, but {config.name} offers 'gripper'")
+    with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
+        return envs.make(
+            config.name,
+            targets=config.targets,
+            distractors=config.distractors,
+            variant=variant or config.variant,
+            varied_starts=config.varied_starts if training else 0.0,
+            turn=config.turn,
+            episode_length=config.episode_length,
+            substeps=config.substeps,
+        )
+
+
+def encoder_config(config: RunConfig, num_classes: int) -> EncoderConfig:
+    """The graph network's sizes and options."""
+    chosen = config.encoder
+    return EncoderConfig(
+        num_classes=num_classes,
+        width=chosen.width,
+        rounds=chosen.rounds,
+        latent=chosen.latent,
+        pool_robot=chosen.pool_robot,
+        robot_messages=chosen.robot_messages,
+    )
+
+
+def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainConfig:
+    """The static half of encoder training; `updates` is one call's share of all steps."""
+    chosen = config.pretrain
+    updates = next(n for n in (100, 50, 20, 10, 5, 2, 1) if chosen.steps % n == 0)
+    return pretrain.PretrainConfig(
+        encoder=encoder_config(config, num_classes),
+        updates=updates,
+        num_videos=chosen.num_videos,
+        num_frames=chosen.num_frames,
+        window=config.pool.window,
+        turn_scenes=chosen.turn_scenes,
+    )
+
+
+def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
+    """The traced half of encoder training."""
+    return pretrain.Hyper(
+        learning_rate=config.pretrain.learning_rate,
+        lambda_=config.loss.lambda_,
+        temperature=config.loss.temperature,
+        warmup=float(config.loss.warmup),
+        alpha=config.pool.alpha,
+        tau=config.pool.tau,
+    )
+
+
+def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
+    """Reward parameters of the right shapes, to restore a checkpoint into."""
+    chosen = encoder_config(config, num_classes)
+    zero = jnp.zeros((), jnp.float32)
+    return RewardParams(
+        encoder.init(jax.random.key(0), chosen), jnp.zeros(chosen.latent), zero, zero
+    )
+
+
+def make_ppo(config: RunConfig, env: envs.Env) -> ppo.PPO:
+    """The algorithm on the configuration's reward."""
+    chosen = config.ppo
+    static = ppo.Static(
+        num_envs=chosen.num_envs,
+        unroll_length=chosen.unroll_length,
+        num_minibatches=chosen.num_minibatches,
+        num_epochs=chosen.num_epochs,
+        hidden=chosen.hidden,
+        observe_activity=chosen.observe_activity,
+        window=config.pool.window,
+    )
+    reward = (
+        rewards.learned(encoder_config(config, len(env.classes)))
+        if config.run.reward == "learned"
+        else rewards.environmental
+    )
+    return ppo.PPO(env, reward, static)
+
+
+def ppo_hyper(config: RunConfig) -> ppo.Hyper:
+    """The traced half of policy training, as arrays: another value does not recompile."""
+    chosen = config.ppo
+    hyper = ppo.Hyper(
+        learning_rate=chosen.learning_rate,
+        discounting=chosen.discounting,
+        gae_lambda=chosen.gae_lambda,
+        entropy_cost=chosen.entropy_cost,
+        clipping_epsilon=chosen.clipping_epsilon,
+        reward_scaling=chosen.reward_scaling,
+        max_grad_norm=chosen.max_grad_norm,
+        tau=config.pool.tau,
+    )
+    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), hyper)
+
+
+def device_in_words() -> str:
+    """What JAX computes on, such as "2 x cpu"."""
+    devices = jax.devices()
+    return f"{len(devices)} x {devices[0].device_kind}"

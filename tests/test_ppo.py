@@ -1,0 +1,278 @@
+"""PPO on probes with a known answer, and what its step must not depend on."""
+
+import functools
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from probes import Probe
+
+from gril_jax.rl.ppo import PPO, Hyper, Policy, Static
+
+STATIC = Static(
+    num_envs=16, unroll_length=8, num_minibatches=2, num_epochs=4, hidden=(16,), window=4
+)
+GAMMA = 0.8
+HYPER = Hyper(*map(jnp.float32, Hyper(learning_rate=5e-3, discounting=GAMMA)))
+CONSTANT, SEEN, DONE = np.eye(3, dtype=np.float32)  # what is rewarded
+
+
+def weighted(weights, state, active):
+    """A reward with parameters: a constant, the sign that was seen, action times sign."""
+    del active
+    return weights @ jnp.stack([jnp.ones(()), state.data.before, state.reward])
+
+
+def _ppo(static=STATIC, **options):
+    return PPO(Probe(**options), weighted, static)
+
+
+def _train(ppo, key, weights, updates, hyper=HYPER):
+    def update(state, _):
+        return ppo.step(state, hyper, weights)
+
+    return jax.lax.scan(update, ppo.init(key, hyper), length=updates)
+
+
+def _observation(ppo, sign):
+    """Sign, the constant zero, and three idle activity bits if the policy sees them."""
+    return jnp.zeros(ppo.observation_size).at[0].set(sign)
+
+
+def _value(ppo, state, sign):
+    value = ppo.networks.value_network.apply
+    return float(value(state.normalizer, state.params.value, _observation(ppo, sign)))
+
+
+def _mean_action(ppo, state, sign):
+    logits = ppo.networks.policy_network.apply(
+        state.normalizer, state.params.policy, _observation(ppo, sign)
+    )
+    return float(ppo.networks.parametric_action_distribution.mode(logits)[0])
+
+
+@pytest.fixture(scope="module")
+def ppo():
+    return _ppo(Static(**{**STATIC.__dict__, "observe_activity": False}))
+
+
+@pytest.fixture(scope="module")
+def trained(ppo):
+    """One program for three rewards: the policies that each of them makes."""
+    run = jax.jit(jax.vmap(lambda w: _train(ppo, jax.random.key(0), w, 120)[0]))
+    states = run(jnp.stack([CONSTANT, SEEN, DONE]))
+    chex.assert_tree_all_finite(states.params)
+    return [jax.tree.map(lambda x, i=i: x[i], states) for i in range(3)]
+
+
+# ---------------------------------------------------------------- probes
+
+
+def test_critic_learns_a_constant_and_bootstraps_at_the_time_limit(ppo, trained):
+    """Episodes of 8 steps are cut, not ended: 1 / (1 - 0.8) = 5. As ends they would give 2.9."""
+    for sign in (-1, 1):
+        assert _value(ppo, trained[0], sign) == pytest.approx(5.0, abs=0.35)
+
+
+def test_critic_reads_the_observation(ppo, trained):
+    for sign in (-1, 1):
+        assert _value(ppo, trained[1], sign) == pytest.approx(sign, abs=0.3)
+
+
+def test_actor_learns_the_action_that_the_observation_asks_for(ppo, trained):
+    for sign in (-1, 1):
+        assert sign * _mean_action(ppo, trained[2], sign) > 0.8
+
+
+@pytest.fixture(scope="module")
+def single():
+    """The same program for other options of the probe."""
+
+    def run(updates, weights, **options):
+        ppo = _ppo(Static(**{**STATIC.__dict__, "observe_activity": False}), **options)
+        go = jax.jit(lambda w: _train(ppo, jax.random.key(0), w, updates))
+        return ppo, *go(jnp.asarray(weights))
+
+    return run
+
+
+def test_critic_does_not_bootstrap_where_the_task_ends(single):
+    ppo, state, metrics = single(100, CONSTANT, ends=1)
+    for sign in (-1, 1):
+        assert _value(ppo, state, sign) == pytest.approx(1.0, abs=0.1)
+    assert metrics["episodes"][-1] == STATIC.num_envs * STATIC.unroll_length
+
+
+def test_breaking_the_simulation_is_no_way_out_of_a_negative_reward(single):
+    """Actions above 0.5 break it; a reward of -1 a step must not teach the policy to do so."""
+    _, state, metrics = single(60, -CONSTANT, burns=True)
+    broken = np.asarray(metrics["nonfinite"])
+    assert broken[0] > 5  # it happens, by chance
+    assert broken[-10:].mean() <= 1.2 * broken[:5].mean()
+    chex.assert_tree_all_finite(state.params)
+
+
+def test_broken_lanes_leave_all_weights_finite(single):
+    _, state, metrics = single(4, DONE, breaks=2, fragile=0.5)
+    assert metrics["nonfinite"].min() > 0
+    chex.assert_tree_all_finite((state.params, state.optimiser, state.normalizer))
+
+
+def test_an_observation_that_was_constant_so_far_does_not_blow_up_the_networks(single):
+    """Its standard deviation is tiny until it first changes."""
+    ppo, state, _ = single(1, DONE)
+    assert state.normalizer.std.min() < 1e-3
+    for network, params in (
+        (ppo.networks.value_network, state.params.value),
+        (ppo.networks.policy_network, state.params.policy),
+    ):
+        out = network.apply(state.normalizer, params, jnp.ones(ppo.observation_size))
+        assert np.abs(out).max() < 100
+
+
+# ---------------------------------------------------------------- what step must not depend on
+
+
+@pytest.fixture(scope="module")
+def seeing():
+    """With activity bits: the default."""
+    return _ppo()
+
+
+@pytest.fixture(scope="module")
+def step(seeing):
+    def once(state, hyper, weights):
+        return seeing.step(state, hyper, weights)
+
+    return jax.jit(chex.assert_max_traces(once, n=1))
+
+
+@pytest.fixture(scope="module")
+def init(seeing):
+    return jax.jit(seeing.init)
+
+
+def _numbers(tree):
+    def plain(leaf):
+        key = jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+        return np.asarray(jax.random.key_data(leaf) if key else leaf)
+
+    return jax.tree.map(plain, tree)
+
+
+def test_step_compiles_once_and_counts_its_updates(init, step):
+    state = init(jax.random.key(0), HYPER)
+    for _ in range(3):
+        state, _ = step(state, HYPER, jnp.asarray(DONE))
+    assert int(state.updates) == 3
+
+
+def test_same_key_same_training_and_another_key_another(init, step):
+    def run(seed):
+        state = init(jax.random.key(seed), HYPER)
+        for _ in range(2):
+            state, metrics = step(state, HYPER, jnp.asarray(DONE))
+        return _numbers((state, metrics))
+
+    chex.assert_trees_all_equal(run(0), run(0))
+    a, b = jax.tree.leaves(run(0)[0].params)[0], jax.tree.leaves(run(1)[0].params)[0]
+    assert not np.allclose(a, b)
+
+
+def test_where_a_run_is_cut_into_chunks_changes_no_bit(seeing, init):
+    @functools.partial(jax.jit, static_argnames="updates")
+    def chunk(state, updates):
+        def update(state, _):
+            return seeing.step(state, HYPER, jnp.asarray(DONE))
+
+        return jax.lax.scan(update, state, length=updates)[0]
+
+    start = init(jax.random.key(0), HYPER)
+    whole, parts = chunk(start, 2), chunk(chunk(start, 1), 1)
+    chex.assert_trees_all_equal(_numbers(whole), _numbers(parts))
+
+
+def test_seeds_side_by_side_equal_seeds_one_by_one(seeing, init, step):
+    keys = jax.random.split(jax.random.key(3), 2)
+    both = jax.vmap(seeing.init, in_axes=(0, None))(keys, HYPER)
+    both, _ = jax.jit(jax.vmap(seeing.step, in_axes=(0, None, None)))(both, HYPER, DONE)
+    for i, key in enumerate(keys):
+        alone, _ = step(init(key, HYPER), HYPER, jnp.asarray(DONE))
+        beside = jax.tree.map(lambda x, i=i: x[i], both)
+        chex.assert_trees_all_close(_numbers(beside), _numbers(alone), atol=1e-4, rtol=1e-4)
+
+
+def test_parameters_of_the_reward_are_an_argument(init, step):
+    """No second trace, other rewards: `step` fails when it is traced twice."""
+    state = init(jax.random.key(0), HYPER)
+    for weights, expected in ((CONSTANT, 1.0), (-3 * CONSTANT, -3.0)):
+        _, metrics = step(state, HYPER, jnp.asarray(weights))
+        assert float(metrics["reward"]) == pytest.approx(expected)
+
+
+def test_hyper_parameters_are_an_argument(init, step):
+    state = init(jax.random.key(0), HYPER)
+    frozen, _ = step(state, HYPER._replace(learning_rate=jnp.float32(0)), jnp.asarray(DONE))
+    chex.assert_trees_all_equal(_numbers(frozen.params), _numbers(state.params))
+    moved, _ = step(state, HYPER, jnp.asarray(DONE))
+    assert not np.allclose(*(jax.tree.leaves(s.params)[-1] for s in (moved, state)))
+
+
+# ---------------------------------------------------------------- lanes, metrics, acting
+
+
+def test_lanes_begin_at_scattered_times(init):
+    time = np.asarray(init(jax.random.key(0), HYPER).lanes.time)
+    assert time.min() >= 0
+    assert time.max() < 8
+    assert len(set(time)) > 4
+
+
+def test_every_lane_ends_once_in_an_unroll_as_long_as_an_episode(init, step):
+    """And begins anew: bits and time of an old episode would show."""
+    before = init(jax.random.key(0), HYPER)
+    after, metrics = step(before, HYPER, jnp.asarray(DONE))
+    assert float(metrics["episodes"]) == STATIC.num_envs
+    np.testing.assert_array_equal(after.lanes.time, before.lanes.time)  # 8 more, modulo 8
+    begun = np.asarray(after.lanes.time) == 0
+    assert begun.any()
+    assert not np.asarray(after.lanes.memory.active)[begun].any()
+    assert np.asarray(after.lanes.memory.active)[~begun, 2].any()
+    assert not np.asarray(after.lanes.state.data.where)[begun].any()
+
+
+def test_metrics_hold_losses_episodes_and_the_tasks_own(init, step):
+    _, metrics = step(init(jax.random.key(0), HYPER), HYPER, jnp.asarray(DONE))
+    assert {"reward", "episodes", "nonfinite", "score", "success"} <= set(metrics)
+    assert any(name.startswith("loss/") for name in metrics)
+    assert float(metrics["score"]) == pytest.approx(0.1 * _mean_length(init), abs=1e-5)
+    chex.assert_tree_all_finite(metrics)
+
+
+def _mean_length(init):
+    """First episodes begin at scattered times, so they are 8 minus that long."""
+    return float(np.mean(8 - np.asarray(init(jax.random.key(0), HYPER).lanes.time)))
+
+
+def test_policy_sees_activity_bits_unless_told_not_to(ppo, seeing):
+    assert ppo.observation_size == 2
+    assert seeing.observation_size == 2 + 3
+
+
+def test_actions_are_in_the_box_and_random_only_if_asked(seeing, init):
+    state = init(jax.random.key(0), HYPER)
+    policy = Policy(state.normalizer, state.params.policy)
+    lane = jax.tree.map(lambda x: x[0], state.lanes)
+
+    def act(key, deterministic):
+        return seeing.act(policy, lane, key, deterministic=deterministic)
+
+    keys = jax.random.split(jax.random.key(1), 50)
+    drawn = jax.vmap(lambda key: act(key, False))(keys)
+    assert drawn.shape == (50, 1)
+    assert np.abs(drawn).max() <= 1
+    assert len(np.unique(drawn)) == 50
+    mean = jax.vmap(lambda key: act(key, True))(keys)
+    assert len(np.unique(mean)) == 1

@@ -1,0 +1,192 @@
+"""The hand-written expert: it solves the task, its failures fail, and its path goes round things."""
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.envs import scripted
+
+from gril_jax import envs
+
+NUM = 32  # successes; each way to fail gets half as many
+
+
+@pytest.fixture(scope="module")
+def env():
+    return envs.make("match_regions", episode_length=160)
+
+
+@pytest.fixture(scope="module")
+def played(env):
+    """All episodes of this file, in one compiled program: states and stages."""
+    keys = jax.random.split(jax.random.key(0), NUM)
+    failures = jnp.repeat(jnp.arange(1, 4), NUM // 2)
+    keys = jnp.concatenate([keys, keys[:1], jnp.tile(keys[: NUM // 2], 3)])
+    failures = jnp.concatenate([jnp.zeros(NUM + 1, jnp.int32), failures])
+    rollout = jax.jit(jax.vmap(lambda key, failure: scripted.rollout(env, key, failure)))
+    return rollout(keys, failures)
+
+
+def _success(played):
+    return np.asarray(played[0].metrics["success"])
+
+
+def _failing(array, failure):
+    start = NUM + 1 + NUM // 2 * (scripted.FAILURES.index(failure) - 1)
+    return array[start : start + NUM // 2]
+
+
+def test_expert_solves_the_demo_layout(played):
+    assert _success(played)[:NUM, -1].mean() >= 0.9
+
+
+def test_what_the_expert_has_solved_stays_solved(played):
+    success = _success(played)[:NUM]
+    first = success.argmax(axis=1)
+    assert 60 < np.median(first) < 120
+    for episode, when in zip(success, first, strict=True):
+        if episode[-1]:
+            assert episode[when:].mean() > 0.9
+
+
+@pytest.mark.parametrize("failure", scripted.FAILURES[1:])
+def test_a_failure_fails(played, failure):
+    assert _failing(_success(played), failure)[:, -1].mean() < 0.2
+
+
+def test_stopping_early_leaves_the_scene_at_rest(played):
+    qpos = _failing(np.asarray(played[0].data.qpos), "stops_early")
+    assert np.ptp(qpos[:, 45:], axis=1).max() < 1e-2
+    assert np.abs(qpos[:, 40, :3] - qpos[:, 0, :3]).max(axis=1).min() > 0.05  # it did begin
+
+
+def test_wrong_block_brings_a_distractor_into_the_region(played):
+    inside = _failing(np.asarray(played[0].obs), "wrong_block")[:, -1, 14 + 11 :: 12]
+    assert (inside[:, 2:].sum(axis=1) >= 1).mean() > 0.5
+
+
+def test_wrong_place_moves_a_target_but_not_into_the_region(played):
+    states = played[0]
+    blocks = _failing(np.asarray(states.data.qpos), "wrong_place")[..., 5:].reshape(
+        -1, 161, 5, 3
+    )
+    moved = np.linalg.norm(blocks[:, -1, :2, :2] - blocks[:, 0, :2, :2], axis=-1)
+    assert (moved > 0.3).all(axis=1).mean() > 0.5
+    inside = _failing(np.asarray(states.obs), "wrong_place")[:, -1, [14 + 11, 14 + 23]]
+    assert (inside.sum(axis=1) <= 1).all()
+
+
+def test_both_orders_of_the_targets_occur(played):
+    inside = np.asarray(played[0].obs)[:NUM, :, [14 + 11, 14 + 23]]
+    star_first = [row[:, 0].argmax() < row[:, 1].argmax() for row in inside if row[-1].all()]
+    assert 0.2 < np.mean(star_first) < 0.8
+
+
+def test_stages_begin_at_zero_and_are_passed_one_by_one(played):
+    stages = np.asarray(played[1])
+    assert (stages[:, 0] == 0).all()
+    assert stages.shape == (NUM + 1 + 3 * (NUM // 2), 161)
+    failing = stages[NUM + 1 :]  # these fetch nothing again
+    assert set(np.diff(failing, axis=1).ravel()) <= {0, 1}
+    solved = stages[:NUM][_success(played)[:NUM, -1] == 1]
+    assert (solved[:, -1] == 2).all()  # both targets brought
+
+
+def test_the_first_frame_is_the_reset(env, played):
+    state = jax.jit(env.reset)(jax.random.key(7))
+    frame = jax.tree.map(lambda x: x[0, 0], played[0])
+    chex.assert_trees_all_close(frame, state)
+
+
+def test_an_episode_is_its_keys(played):
+    """Lane NUM has the key of lane 0; the others differ, although all start alike."""
+    first, again = (jax.tree.map(lambda x, i=i: x[i], played) for i in (0, NUM))
+    chex.assert_trees_all_equal(first, again)
+    ends = np.asarray(played[0].data.qpos)[:NUM, -1]
+    assert len(np.unique(ends.round(3), axis=0)) == NUM
+
+
+# ---------------------------------------------------------------- plans and paths
+
+
+def test_a_plan_names_each_target_once_with_places_in_the_region(env):
+    state = jax.jit(env.reset)(jax.random.key(0))
+    draw = jax.jit(jax.vmap(lambda key: scripted.plan(env, key, state)))
+    plan = draw(jax.random.split(jax.random.key(1), 100))
+    assert (np.sort(plan.blocks, axis=1) == [0, 1]).all()
+    assert 0.3 < (plan.blocks[:, 0] == 0).mean() < 0.7
+    away = np.abs(np.asarray(plan.slots) - np.asarray(state.data.goal[:2]))
+    assert (away <= np.asarray(state.data.goal[2:]) / 2 - 0.1 + 1e-6).all()
+    assert plan.pauses.min() >= 0
+    assert plan.retry.all()
+
+
+@pytest.mark.parametrize("failure", [1, 2, 3])
+def test_a_failing_plan_differs_in_what_its_name_says(env, failure):
+    state = jax.jit(env.reset)(jax.random.key(0))
+    draw = jax.jit(jax.vmap(lambda key: scripted.plan(env, key, state, failure)))
+    plan = draw(jax.random.split(jax.random.key(1), 100))
+    away = np.abs(np.asarray(plan.slots[:, -1]) - np.asarray(state.data.goal[:2]))
+    outside = (away > np.asarray(state.data.goal[2:]) / 2).any(axis=1)
+    wrong = np.asarray(plan.blocks[:, -1]) >= env.num_targets
+    early = np.asarray(plan.steps) < env.episode_length
+    assert not plan.retry.any()
+    assert (early.all(), wrong.all(), outside.all()) == (
+        failure == 1,
+        failure == 2,
+        failure == 3,
+    )
+    assert (early.any(), wrong.any(), outside.any()) == (
+        failure == 1,
+        failure == 2,
+        failure == 3,
+    )
+
+
+def _detour(end, obstacles, counts=None, start=(-0.8, 0.0), clearance=0.42):
+    obstacles = jnp.asarray(obstacles, jnp.float32).reshape(-1, 2)
+    counts = jnp.ones(len(obstacles), bool) if counts is None else jnp.asarray(counts)
+    yaw = jnp.asarray(-np.pi / 2)  # faces +x
+    way = scripted.detour(
+        jnp.asarray(start),
+        yaw,
+        jnp.asarray(end),
+        obstacles,
+        counts,
+        clearance=clearance,
+        limit=0.85,
+    )
+    return np.asarray(way)
+
+
+def _clearance(path, obstacle):
+    """Smallest distance of a broken line to a point, by dense sampling."""
+    legs = [
+        a + (b - a) * np.linspace(0, 1, 400)[:, None]
+        for a, b in zip(path, path[1:], strict=False)
+    ]
+    return np.linalg.norm(np.concatenate(legs) - obstacle, axis=1).min()
+
+
+def test_a_free_way_is_straight():
+    for obstacles in ([[0.0, 0.8]], [[-0.8, -0.8], [0.8, 0.8]]):
+        np.testing.assert_allclose(_detour((0.8, 0.0), obstacles), [0.8, 0.0])
+
+
+def test_an_obstacle_on_the_way_is_passed_at_a_distance():
+    start, end, obstacle = np.array([-0.8, 0.0]), np.array([0.8, 0.0]), np.array([0.0, 0.05])
+    way = _detour(end, obstacle)
+    assert not np.allclose(way, end)
+    assert way[1] < 0  # on the side where the obstacle is not
+    assert _clearance([start, way, end], obstacle) > 0.38
+    assert np.abs(way).max() <= 0.85
+
+
+def test_an_obstacle_that_does_not_count_is_driven_through():
+    np.testing.assert_allclose(_detour((0.8, 0.0), [[0.0, 0.0]], counts=[False]), [0.8, 0.0])
+
+
+def test_more_clearance_makes_a_wider_bow():
+    near, far = (abs(_detour((0.8, 0.0), [[0.0, 0.05]], clearance=c)[1]) for c in (0.2, 0.6))
+    assert far > near > 0
