@@ -121,8 +121,8 @@ class Phase:
         self._metrics: Mapping[str, Any] = {}
 
     def begin(self) -> None:
-        """Starts the count at zero: there is nothing to compile."""
-        self._first = self._now
+        """Starts the count at zero: there is nothing to compile, or it has been compiled."""
+        self._first = self._now = (self._clock(), 0)
 
     def update(self, done: int, **metrics: Any) -> None:
         """Tells how many units are done in all; metrics are shown until the next update."""

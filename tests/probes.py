@@ -22,7 +22,8 @@ class Data(NamedTuple):
 class Probe:
     """One block that the action moves; the observation is a random sign and a constant.
 
-    The reward is action times sign, success a step whose action has that sign. Options plant what a test wants to see handled.
+    The reward is action times sign, success a step whose action has that sign.
+    Options plant what a test wants to see handled.
 
     Args:
       ends: control steps after which the task itself ends, or None.

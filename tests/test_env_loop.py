@@ -1,4 +1,4 @@
-"""Episodes: what is forgotten at a reset, how they end, and what a broken simulation may touch."""
+"""Episodes: what is forgotten at a reset, how they end, what a broken simulation may touch."""
 
 import chex
 import jax
@@ -116,7 +116,7 @@ def test_the_tasks_own_end_terminates_and_does_not_truncate():
 
 @pytest.fixture(scope="module")
 def broken():
-    """Eight lanes, some of which break at their third step: lanes before, after and the moment."""
+    """Eight lanes, some of which break at their third step: lanes before and after, moments."""
     env = Probe(breaks=3, fragile=0.5, episode_length=10)
 
     @jax.jit

@@ -1,7 +1,7 @@
 """MatchRegions against its specification: poses, rewards, objects, observation and motion.
 
-Reference numbers are those of the original simulator. One compiled step of 16 lanes serves the whole
-file, because compiling it takes most of a test's time.
+Reference numbers are those of the original simulator. One compiled step of 16 lanes serves the
+whole file, because compiling it takes most of a test's time.
 """
 
 import math
@@ -49,7 +49,7 @@ def demo(env):
 
 @pytest.fixture(scope="module")
 def observe(env, demo):
-    """States of 16 lanes from joint positions, and perhaps velocities; distances as at reset."""
+    """States of 16 lanes from joint positions, perhaps velocities; distances as at reset."""
     function = jax.jit(jax.vmap(env._observe))
 
     def states(qpos, qvel=None):
@@ -184,7 +184,8 @@ def test_score_has_every_value_of_the_table(at_demo):
 
 def test_inside_is_judged_by_the_centre_and_the_border_belongs_to_the_region(at_demo):
     changes = [
-        {STAR: (0.101, 0.35)}, {STAR: (0.099, 0.35)}, {STAR: (0.4, 0.699)}, {STAR: (0.4, 0.701)},
+        {STAR: (0.101, 0.35)}, {STAR: (0.099, 0.35)},
+        {STAR: (0.4, 0.699)}, {STAR: (0.4, 0.701)},
         {STAR: (0.699, 0.001)}, {STAR: (0.699, -0.001)}, {STAR: (0.701, 0.35)},
     ]  # fmt: skip
     score = at_demo(changes).metrics["score"][: len(changes)]
@@ -293,8 +294,8 @@ def driving(in_the_clear, play):
     return play(in_the_clear(scene), actions)[0]
 
 
-# MuJoCo sets velocities first and moves then, Chipmunk the other way round: where the speed changes,
-# our displacements run half a substep (0.01 units, 0.03 rad) or a little more ahead of the reference.
+# MuJoCo sets velocities first and moves then, Chipmunk the other way round: where the speed
+# changes, our displacements run half a substep (0.01 units, 0.03 rad) ahead of the reference.
 AHEAD, TURNS_AHEAD = 0.012, 0.032
 
 
@@ -508,7 +509,7 @@ def scattered():
 
 
 def _clearances(env, state):
-    """Gaps between the bounding circles of robot and blocks: (starts, 6, 6), inf on the diagonal."""
+    """Gaps between bounding circles of robot and blocks (starts, 6, 6); inf on the diagonal."""
     qpos = np.asarray(state.data.qpos)
     centres = np.concatenate([qpos[:, None, :2], _blocks(qpos)[..., :2]], axis=1)
     outlines = [np.asarray(env.robot_outline(jnp.zeros(5).at[3].set(OPEN).at[4].set(-OPEN)))]
@@ -608,7 +609,7 @@ def test_varied_starts_put_the_robot_anywhere_but_on_no_block(varied):
 def test_reward_of_a_varied_start_is_that_of_the_same_scene_reached_from_the_demo_start(
     varied, demo, observe
 ):
-    """It measures progress from the task's own start: having a target in place is worth as much."""
+    """It measures progress from the task's own start, so a target in place is worth as much."""
     _, _, state = varied
     first = np.asarray(state.data.qpos)[:LANES]
     np.testing.assert_allclose(observe(first).reward, state.reward[:LANES], rtol=1e-5)

@@ -65,7 +65,7 @@ def test_frame_is_a_square_of_rgb_bytes(frame):
 
 
 def test_region_is_where_the_reference_has_it(env):
-    """Its pale fill alone: dashes are drawn over its border and stand out by half their width."""
+    """Its pale fill alone: the dashes on its border stand out by half their width."""
     region = env.outlines(jax.jit(env.reset)(jax.random.key(0)).data)[1]._replace(rim=None)
     image = render.paint([region], half_extent=env.half_extent, background=WHITE)
     left, top, width, height = _box(_mask(image, [PALE], 1))
@@ -133,7 +133,7 @@ def test_eyes_look_ahead(env, data):
 
 
 def test_region_border_is_dashed(frame):
-    """A dash every twenty pixels along the left side, in the blocks' green, with gaps between."""
+    """A dash every twenty pixels along the left side, in the blocks' green, with gaps."""
     column = _pixel(0.1, 0.35)[1]
     side = _mask(frame, [(195, 208, 130)], 25)[76:188, column]
     begins = np.flatnonzero(np.diff(side.astype(int)) == 1)

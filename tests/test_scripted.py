@@ -1,4 +1,6 @@
-"""The hand-written expert: it solves the task, its failures fail, and its path goes round things."""
+"""The hand-written expert: it solves the task, its failures fail, it drives round things."""
+
+import itertools
 
 import chex
 import jax
@@ -162,10 +164,7 @@ def _detour(end, obstacles, counts=None, start=(-0.8, 0.0), clearance=0.42):
 
 def _clearance(path, obstacle):
     """Smallest distance of a broken line to a point, by dense sampling."""
-    legs = [
-        a + (b - a) * np.linspace(0, 1, 400)[:, None]
-        for a, b in zip(path, path[1:], strict=False)
-    ]
+    legs = [a + (b - a) * np.linspace(0, 1, 400)[:, None] for a, b in itertools.pairwise(path)]
     return np.linalg.norm(np.concatenate(legs) - obstacle, axis=1).min()
 
 

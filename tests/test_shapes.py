@@ -121,8 +121,8 @@ def test_inertia_is_the_references(name):
     assert shapes.block(name).inertia == expected[name]
 
 
-# How far a contact shape may stand out of what is painted: a star's spoke is rounder than its tip,
-# and the 32 corners of the painted circle leave slivers.
+# How far a contact shape may stand out of what is painted: a star's spoke is rounder than its
+# tip, and the 32 corners of the painted circle leave slivers.
 _OUTSIDE = {"star": 0.026, "square": 1e-9, "pentagon": 1e-9, "circle": 6e-4}
 
 

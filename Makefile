@@ -1,0 +1,38 @@
+# make quickstart   install, then videos in, trained policy out, report in runs/quickstart
+# make test         install, then check
+# make lint         ruff
+# make lock         resolve requirements.lock again (needs uv)
+
+SHELL := /bin/bash
+# The first Python on the path that the project supports.
+PYTHON ?= $(shell for p in python3.11 python3.12 python3; do \
+	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null \
+	&& echo $$p && break; done)
+BIN := .venv/bin
+
+.PHONY: quickstart test slow lint lock
+
+quickstart: .venv/installed
+	$(BIN)/gril quickstart $(ARGS)
+
+test: .venv/installed
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+slow: .venv/installed
+	$(BIN)/python -m pytest -m slow
+
+lint: .venv/installed
+	$(BIN)/pip install -q "ruff>=0.9"
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+lock:
+	uv pip compile -q --universal --python-version 3.11 --extra test --no-annotate --no-header \
+		--no-emit-index-url --upgrade pyproject.toml -o requirements.lock
+
+.venv/installed: requirements.lock pyproject.toml
+	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 on the path: install one, or make PYTHON=..." >&2; exit 2; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install -q --disable-pip-version-check -r requirements.lock
+	$(BIN)/pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
