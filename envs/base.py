@@ -17,7 +17,7 @@ class Outline(NamedTuple):
     vertices: np.ndarray  # (V, 2) world units
     fill: tuple[int, int, int]  # RGB, 0 to 255
     rim: tuple[int, int, int] | None  # RGB of the line around it
-    width: int = 2  # of that line, in pixels of a 384-pixel picture
+    width: int = 1  # of that line, in pixels of a 384-pixel picture
     dash: int = 0  # length of its dashes in such pixels; 0 for a whole line
 
 

@@ -1,7 +1,7 @@
 """MatchRegions: put the green blocks, and only them, into the green region (MAGICAL's task in MJX).
 
-A square arena |x|, |y| <= 1.1 seen from above; a disc robot with two fingers drives, turns and grips;
-blocks slide on the table and stop at once when nothing pushes them. 8 control steps a second.
+A square arena |x|, |y| <= 1.1 seen from above; a disc robot with two fingers drives, turns and
+grips; blocks slide on the table and stop at once when nothing pushes them. Control runs at 8 Hz.
 
 Action (3,), each in [-1, 1]:
   0  forward speed, clipped to +-0.8 units/s
@@ -12,8 +12,9 @@ Observation (14 + 12 B,) for B blocks, lengths in arena units, "robot frame" tur
   4-6    forward and sideways speed (units/s), turn rate / 2.5 rad/s
   7      finger opening, 0 closed to 1 open
   8-13   region centre in the robot frame, region centre, width and height
-  then for each block, targets first: centre in the robot frame (2), centre (2), offset to the region's
-  centre (2), velocity (2), cos and sin of the angle, turn rate / 10, 1 if inside the region
+  then for each block, targets first: centre in the robot frame (2), centre (2), offset to the
+  region's centre (2), velocity (2), cos and sin of the angle, turn rate / 10,
+  1 if inside the region
 Objects: region, robot, targets, distractors, in that order.
 Score: (n_t / T)(1 - n_d / (n_t + n_d)) with n_t targets and n_d distractors whose centre is in the
 region. Success: score 1. Reward: x-magical's dense reward as its authors last selected it ("S4"),
@@ -37,8 +38,10 @@ from .base import Objects, Outline, State
 __all__ = ["CLASSES", "MatchRegions", "PlanarData"]
 
 COLOURS = ("green", "blue", "yellow", "red")
-CLASSES = ("goal", "robot") + tuple(
-    f"{c} {s}" for c in COLOURS for s in ("star", "square", "pentagon", "circle")
+CLASSES = (
+    "goal",
+    "robot",
+    *tuple(f"{c} {s}" for c in COLOURS for s in ("star", "square", "pentagon", "circle")),
 )
 TARGETS = ("green star", "green square")
 DISTRACTORS = ("blue pentagon", "yellow circle", "yellow pentagon")
@@ -63,9 +66,7 @@ class PlanarData(NamedTuple):
 
 def _rotate(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
     c, s = jnp.cos(angle), jnp.sin(angle)
-    return jnp.stack(
-        [c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1
-    )
+    return jnp.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1)
 
 
 def _padded(outlines: list[np.ndarray]) -> np.ndarray:
@@ -109,9 +110,7 @@ class MatchRegions:
         max_contacts: int = 16,
     ):
         if variant not in VARIANTS:
-            raise ValueError(
-                f"variant is {variant!r}, but must be one of {', '.join(VARIANTS)}"
-            )
+            raise ValueError(f"variant is {variant!r}, but must be one of {', '.join(VARIANTS)}")
         if turn not in ("original", "smooth"):
             raise ValueError(f"turn is {turn!r}, but must be 'original' or 'smooth'")
         for name in (*targets, *distractors):
@@ -253,9 +252,7 @@ class MatchRegions:
     def _robot_mass(self, qpos: Float[Array, "Q"]) -> Float[Array, "5 5"]:
         """Joint-space inertia of disc and fingers: x, y, yaw, left finger, right finger."""
         mass, inertia = planar_model.FINGER_MASS, self._finger_inertia
-        pivots = jnp.array(
-            [[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT]
-        )
+        pivots = jnp.array([[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT])
         from_pivot = _rotate(qpos[3:5], jnp.asarray(self._finger_com, jnp.float32))
         arm = _rotate(qpos[2], pivots + from_pivot)  # robot's centre to finger's centre of mass
         hand = _rotate(qpos[2], from_pivot)
@@ -284,9 +281,7 @@ class MatchRegions:
         fingers = planar_model.FINGER_OPEN * jnp.array([[0.0, 1.0], [-1.0, 0.0]])
         return jnp.concatenate([limits[0], fingers, limits[1:].reshape(-1, 2)])
 
-    def _extents(
-        self, qpos: Float[Array, "Q"]
-    ) -> tuple[Float[Array, "E 2"], Float[Array, "E 2"]]:
+    def _extents(self, qpos: Float[Array, "Q"]) -> tuple[Float[Array, "E 2"], Float[Array, "E 2"]]:
         """Lowest and highest corner of robot and blocks, relative to their centres."""
         angles = qpos[5:].reshape(-1, 3)[:, 2]
         turned = _rotate(angles[:, None], jnp.asarray(self._outlines, jnp.float32))
@@ -296,20 +291,14 @@ class MatchRegions:
 
     def robot_outline(self, qpos: Float[Array, "Q"]) -> Float[Array, "V 2"]:
         """Corners of disc and fingers relative to the robot's centre, world axes."""
-        pivots = jnp.array(
-            [[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT]
-        )
+        pivots = jnp.array([[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT])
         fingers = _rotate(qpos[3:5, None], jnp.asarray(self._fingers, jnp.float32))
         fingers = (fingers + pivots[:, None]).reshape(-1, 2)
-        return _rotate(
-            qpos[2], jnp.concatenate([jnp.asarray(self._base, jnp.float32), fingers])
-        )
+        return _rotate(qpos[2], jnp.concatenate([jnp.asarray(self._base, jnp.float32), fingers]))
 
     # ---------------------------------------------------------------- what is seen
 
-    def _distances(
-        self, blocks: Float[Array, "B 3"], goal: Float[Array, "4"]
-    ) -> Float[Array, "K"]:
+    def _distances(self, blocks: Float[Array, "B 3"], goal: Float[Array, "4"]) -> Float[Array, "K"]:
         offset = blocks[: self.num_targets, :2] - goal[:2]
         return jnp.sqrt(jnp.sum(offset**2, axis=1) + 1e-12)
 
@@ -322,9 +311,7 @@ class MatchRegions:
         n_t = jnp.sum(inside[: self.num_targets]).astype(jnp.float32)
         n_d = jnp.sum(inside[self.num_targets :]).astype(jnp.float32)
         score = n_t / self.num_targets * (1 - n_d / jnp.maximum(n_t + n_d, 1.0))
-        distance = jnp.where(
-            inside[: self.num_targets], 0.0, self._distances(blocks, data.goal)
-        )
+        distance = jnp.where(inside[: self.num_targets], 0.0, self._distances(blocks, data.goal))
         progress = jnp.sum(data.start_distance - distance)
         return State(
             data=data,
@@ -373,9 +360,7 @@ class MatchRegions:
             blocks[:, :2],
             blocks[:, :2] - data.goal[:2],
             speed[:, :2],
-            jnp.stack(
-                [jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1
-            ),
+            jnp.stack([jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1),
             inside.astype(jnp.float32)[:, None],
         ]
         return jnp.concatenate([*robot, jnp.concatenate(each, axis=1).reshape(-1)])

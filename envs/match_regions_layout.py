@@ -1,9 +1,9 @@
 """Where things stand at the start of a MatchRegions episode, drawn inside jit.
 
 A layout is an array of poses (x, y, angle): robot first, then the blocks. Overlap is judged by
-bounding circles, a little stricter than MAGICAL's exact test. Entities are placed one after another;
-each takes the first of `_CANDIDATES` uniform poses that is free, or, if none is, the freest one, so
-that a reset always ends.
+bounding circles, a little stricter than MAGICAL's exact test. Entities are placed one after
+another; each takes the first of `_CANDIDATES` uniform poses that is free, or, if none is, the
+freest one, so that a reset always ends.
 """
 
 import jax

@@ -47,12 +47,12 @@ def outlines(blocks: tuple[str, ...], arena: float, qpos: np.ndarray, goal: np.n
     region = _box(goal[:2], goal[2:])
     colour = blocks[0].split()[0]
     painted = [
-        Outline(floor, _FLOOR, _GREY),
+        Outline(floor, _FLOOR, _GREY, width=2),
         Outline(region, _GOAL_FILL, _FILL[colour], width=4, dash=10),
     ]
     for name, (x, y, angle) in zip(blocks, qpos[5:].reshape(-1, 3), strict=True):
         colour, kind = name.split()
-        vertices = _turn(shapes.block(kind).vertices, angle) + [x, y]
+        vertices = _turn(shapes.block(kind).vertices, angle) + np.array([x, y])
         painted.append(Outline(vertices, _FILL[colour], _RIM[colour]))
     return painted + _robot(qpos[:2], qpos[2], qpos[3:5])
 

@@ -2,9 +2,10 @@
 
 Every free body has two slide joints (x, y) and a hinge (yaw) at its centre of mass, so a joint's
 position *is* the pose and no forward kinematics is needed to read the scene. The table is friction
-loss on those joints, the walls are joint limits (set each substep by the caller, because they depend
-on the body's angle), and contacts are an explicit list of pairs with the friction coefficient that
-Chipmunk would use: the product of both surfaces'. MuJoCo alone would take the larger of the two.
+loss on those joints, the walls are joint limits (set each substep by the caller, because they
+depend on the body's angle), and contacts are an explicit list of pairs with the friction
+coefficient that Chipmunk would use: the product of both surfaces'. MuJoCo alone would take the
+larger of the two.
 
 The text is generated, not shipped as a file, because robots and block lists combine freely.
 """
@@ -36,8 +37,8 @@ BLOCK_MASS, FINGER_MASS = 0.01, 0.125
 DISC_MASS, DISC_INERTIA = 1.0, 0.020
 TABLE_FORCE, TABLE_TORQUE = 1.5, 0.1  # most that the table resists a block with
 FINGER_TORQUE, FINGER_RATE = 4.0, 1.0  # largest, of the finger motors
-# MuJoCo's contacts are springs whose stiffness scales with the lighter body's mass, so a gripped block
-# of 0.01 would be pierced. At this impedance it yields by 0.005 at the largest grip.
+# MuJoCo's contacts are springs whose stiffness scales with the lighter body's mass, so a gripped
+# block of 0.01 would be pierced. At this impedance it yields by 0.005 at the largest grip.
 _HARD = "0.999 0.999 0.01"
 PIVOT = (0.09, 0.02)  # of the right finger, in the robot's frame
 FINGER_OPEN = math.pi / 8  # rad from closed (parallel) to fully open
@@ -81,14 +82,18 @@ def _geoms(body: str, shape: Shape) -> tuple[list[str], str]:
     return names, "".join(_geom(n, c) for n, c in zip(names, shape.capsules, strict=True))
 
 
-def _free_planar(name: str, shape: Shape, mass: float, loss: tuple[float, float], inner: str) -> str:
+def _free_planar(
+    name: str, shape: Shape, mass: float, loss: tuple[float, float], inner: str
+) -> str:
     """A body that slides and turns; `loss` is the table's largest force and torque."""
     i = shape.inertia
     slide = f'type="slide" limited="true" range="-1 1" frictionloss="{loss[0]}"'
     return (
         f'<body name="{name}"><inertial pos="0 0 0" mass="{mass}" diaginertia="{i} {i} {i}"/>'
-        f'<joint name="{name}_x" axis="1 0 0" {slide}/><joint name="{name}_y" axis="0 1 0" {slide}/>'
-        f'<joint name="{name}_yaw" axis="0 0 1" type="hinge" frictionloss="{loss[1]}"/>{inner}</body>'
+        f'<joint name="{name}_x" axis="1 0 0" {slide}/>'
+        f'<joint name="{name}_y" axis="0 1 0" {slide}/>'
+        f'<joint name="{name}_yaw" axis="0 0 1" type="hinge" frictionloss="{loss[1]}"/>'
+        f"{inner}</body>"
     )
 
 
@@ -99,11 +104,12 @@ def _finger(side: int, timestep: float) -> tuple[list[str], str]:
     x = (0.22 * 0.0 + 0.14 * (elbow[0] + wrist[0]) / 2) / 0.36
     y = (0.22 * elbow[1] / 2 + 0.14 * (elbow[1] + wrist[1]) / 2) / 0.36
     inertia = shape.inertia - FINGER_MASS * (x * x + y * y)
+    i = inertia
     low, high = (0.0, FINGER_OPEN) if side < 0 else (-FINGER_OPEN, 0.0)
     names, geoms = _geoms(name, shape)
     return names, (
         f'<body name="{name}" pos="{side * PIVOT[0]} {PIVOT[1]} 0">'
-        f'<inertial pos="{x} {y} 0" mass="{FINGER_MASS}" diaginertia="{inertia} {inertia} {inertia}"/>'
+        f'<inertial pos="{x} {y} 0" mass="{FINGER_MASS}" diaginertia="{i} {i} {i}"/>'
         f'<joint name="{name}" type="hinge" axis="0 0 1" limited="true" range="{low} {high}"'
         f' armature="{finger_armature(timestep)}"/>{geoms}</body>'
     )
@@ -143,9 +149,7 @@ def build(
     for i, shape in enumerate(blocks):
         names, geoms = _geoms(f"block_{i}", shape)
         surfaces.append((names, BLOCK_FRICTION))
-        bodies += _free_planar(
-            f"block_{i}", shape, BLOCK_MASS, (TABLE_FORCE, TABLE_TORQUE), geoms
-        )
+        bodies += _free_planar(f"block_{i}", shape, BLOCK_MASS, (TABLE_FORCE, TABLE_TORQUE), geoms)
     return mujoco.MjModel.from_xml_string(f"""
 <mujoco model="planar">
   <compiler angle="radian"/>

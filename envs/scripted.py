@@ -1,8 +1,9 @@
 """A hand-written expert for MatchRegions: the source of demonstrations, and of failed attempts.
 
-It sees the simulator's state and is a pure function, so that hundreds of demonstrations run under one
-vmap. For each block of its plan it drives up (around what is in the way), closes the fingers, carries
-the block to its place in the region, opens, and backs off; a block that slips away is fetched again.
+It sees the simulator's state and is a pure function, so that hundreds of demonstrations run under
+one vmap. For each block of its plan it drives up (around what is in the way), closes the fingers,
+carries the block to its place in the region, opens, and backs off; a block that slips away is
+fetched again.
 """
 
 from typing import NamedTuple
@@ -144,7 +145,9 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
     others = jnp.arange(len(env.blocks)) != which
     limit = env.arena - 0.25
     near = distance < 0.6
-    go = jnp.where(near, block, detour(robot, yaw, block, blocks, others, clearance=0.42, limit=limit))
+    go = jnp.where(
+        near, block, detour(robot, yaw, block, blocks, others, clearance=0.42, limit=limit)
+    )
     distractors = others & (jnp.arange(len(env.blocks)) >= env.num_targets)
     carry = detour(robot, yaw, slot, blocks, distractors, clearance=0.5, limit=limit)
     carry = jnp.where(jnp.linalg.norm(slot - robot) < 0.6, slot, carry)
@@ -177,15 +180,18 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
 
     arrived = (jnp.linalg.norm(block - slot) < 0.08) | ((short < 0.04) & (jnp.abs(turn) < 0.2))
     lost = (distance > 0.52) | (jnp.abs(ahead) > 0.7)
-    leave = jnp.stack(
-        [
-            (distance < _REACH) & (jnp.abs(ahead) < 0.25),
-            memory.timer >= 4,
-            arrived | lost,
-            memory.timer >= 4,
-            (distance > 0.6) | (memory.timer >= 8),
-        ]
-    )[phase] & ~idle
+    leave = (
+        jnp.stack(
+            [
+                (distance < _REACH) & (jnp.abs(ahead) < 0.25),
+                memory.timer >= 4,
+                arrived | lost,
+                memory.timer >= 4,
+                (distance > 0.6) | (memory.timer >= 8),
+            ]
+        )[phase]
+        & ~idle
+    )
     onward = (phase + 1) % 5
     ended = leave & (phase == BACK)
     inside = (jnp.abs(blocks - state.data.goal[:2]) <= state.data.goal[2:] / 2 - 0.02).all(axis=1)

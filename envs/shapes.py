@@ -1,8 +1,8 @@
 """Outlines and contact shapes of the blocks and robots of the planar tasks.
 
 An object's frame has its centre of mass at the origin and its first vertex, or its front, on +y.
-Lengths are in arena units. Sizes follow MAGICAL's MatchRegions; contacts use a few capsules a block
-because MJX collides those in closed form, where convex meshes would cost ten times the compile time.
+Lengths are in arena units. Sizes follow MAGICAL's MatchRegions; contacts use a few capsules a
+block because MJX collides those in closed form.
 """
 
 import math
@@ -52,9 +52,7 @@ def _star() -> Shape:
     tips, notches = _ring(5, outer), _ring(5, inner, math.pi / 2 + math.pi / 5)
     vertices = np.stack([tips, notches], axis=1).reshape(10, 2)
     radius = 0.04  # so that the notches between two spokes lie near the true ones
-    spokes = tuple(
-        Capsule((0.0, 0.0), tuple(t * (outer - radius) / outer), radius) for t in tips
-    )
+    spokes = tuple(Capsule((0.0, 0.0), tuple(t * (outer - radius) / outer), radius) for t in tips)
     return Shape(vertices, spokes, 9.365e-5)
 
 
@@ -103,11 +101,10 @@ def finger(side: int) -> Shape:
     tip = elbow + 0.14 * along
     across = FINGER_RADIUS * np.array([along[1], -along[0]])
     r = FINGER_RADIUS
-    left, right = (
-        [[r, 0.0], elbow + [r, 0], tip + across],
-        [tip - across, elbow - [r, 0], [-r, 0.0]],
-    )
-    vertices = np.array([*left, *right])
+    side_step = np.array([r, 0.0])
+    right = [side_step, elbow + side_step, tip + across]
+    left = [tip - across, elbow - side_step, -side_step]
+    vertices = np.array(right + left)
     wrist = tuple(tip - FINGER_RADIUS * along)
     arms = (
         Capsule((0.0, 0.0), tuple(elbow), FINGER_RADIUS),

@@ -1,6 +1,6 @@
 """Play a trained policy from the task's own starts.
 
-    gril eval RUN --episodes 100       under a minute on two CPU cores
+gril eval RUN --episodes 100       under a minute on two CPU cores
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from gril_jax.errors import RunError
 from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
 from gril_jax.rl.evaluate import Evaluation, evaluate
-from gril_jax.rl.ppo import PPO, Policy
+from gril_jax.rl.ppo import Policy
 
 from . import setup
 from .make_demos import film

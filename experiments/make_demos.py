@@ -12,10 +12,10 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.envs import scripted
 
 from gril_jax import render, video
 from gril_jax.config import MakeDemosConfig, RunConfig
-from gril_jax.envs import scripted
 from gril_jax.errors import DemoError
 from gril_jax.interop.import_demos import Imported, import_videos
 from gril_jax.progress import Progress

@@ -1,6 +1,6 @@
 """Draw a run's figures and its page again.
 
-    gril report RUN                    seconds
+gril report RUN                    seconds
 """
 
 from collections.abc import Callable

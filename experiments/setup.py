@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from gril_jax import encoder, envs, pretrain
-from gril_jax.config import RunConfig
-from gril_jax.config import EnvConfig
+from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.encoder import EncoderConfig
 from gril_jax.errors import ConfigError
 from gril_jax.reward import RewardParams

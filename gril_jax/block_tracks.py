@@ -142,14 +142,10 @@ class BlockTracker:
     def _pairs(self, components: list[_Component]) -> list[tuple[int, _Component]]:
         if not components:
             return []
-        cost = np.array(
-            [[self._cost(i, c) for c in components] for i in range(len(self.shapes))]
-        )
+        cost = np.array([[self._cost(i, c) for c in components] for i in range(len(self.shapes))])
         rows, columns = linear_sum_assignment(cost)
         return [
-            (int(i), components[j])
-            for i, j in zip(rows, columns, strict=True)
-            if cost[i, j] < _FAR
+            (int(i), components[j]) for i, j in zip(rows, columns, strict=True) if cost[i, j] < _FAR
         ]
 
     def _cost(self, i: int, component: _Component) -> float:

@@ -125,17 +125,14 @@ def manifest(path: Path) -> dict[str, Any]:
         content = json.loads(file.read_text(encoding="utf-8"))
         digest = content.pop("sha256")
     except FileNotFoundError:
-        raise RunError(
-            f"{path} is not a complete checkpoint: it has no manifest.json"
-        ) from None
+        raise RunError(f"{path} is not a complete checkpoint: it has no manifest.json") from None
     except (OSError, ValueError, KeyError, AttributeError, TypeError):
         raise RunError(f"checkpoint {path} is damaged: its manifest cannot be read") from None
     if digest != hashlib.sha256(_canonical(content)).hexdigest():
         raise RunError(f"checkpoint {path} is damaged: its manifest has changed")
     if content["format"] != _FORMAT:
         raise RunError(
-            f"checkpoint {path} has format {content['format']}, but this version reads "
-            f"{_FORMAT}"
+            f"checkpoint {path} has format {content['format']}, but this version reads {_FORMAT}"
         )
     return content
 
@@ -165,9 +162,7 @@ def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> No
     stored = {entry["path"] for entry in entries}
     for name, _ in wanted:
         if name not in stored:
-            raise RunError(
-                f"checkpoint {path} lacks the leaf {name} of the state it is to fill"
-            )
+            raise RunError(f"checkpoint {path} lacks the leaf {name} of the state it is to fill")
     for name in (entry["path"] for entry in entries):
         if name not in {name for name, _ in wanted}:
             raise RunError(f"checkpoint {path} has a leaf {name} that the state to fill lacks")
@@ -186,8 +181,7 @@ def _files(path: Path) -> dict[str, str]:
     """The digest of every file below a folder, by its path from there."""
     files = sorted(p for p in path.rglob("*") if p.is_file())
     return {
-        p.relative_to(path).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest()
-        for p in files
+        p.relative_to(path).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files
     }
 
 

@@ -205,9 +205,7 @@ def _import_videos(args: list[str]) -> Work:
     about = "Make a demonstration set from a folder of videos."
     given = parse(_ImportVideos, args, prog="gril demos import-videos", description=about)
     if not 0 < given.half_extent < float("inf"):
-        raise ConfigError(
-            f"--half-extent is {given.half_extent}, but must be finite and above 0"
-        )
+        raise ConfigError(f"--half-extent is {given.half_extent}, but must be finite and above 0")
     source, out = _folder(given.source), _demo_set_to_write(given.out)
 
     def work() -> None:
@@ -298,9 +296,7 @@ def _run_config(name: str | None, args: list[str], prog: str, about: str) -> Run
     if config.demos.path is not None:
         folder = _folder(config.demos.path)
         if not (folder / "demos.json").is_file():
-            raise DemoError(
-                f"{folder} is not a demonstration set, because it has no demos.json"
-            )
+            raise DemoError(f"{folder} is not a demonstration set, because it has no demos.json")
     if config.run.out is not None:
         run_dir.require_new(Path(config.run.out))
     return config
@@ -338,9 +334,7 @@ def _demo_set_to_write(name: str) -> Path:
     path = Path(name)
     if path.is_dir():
         if any(path.iterdir()) and not (path / "demos.json").is_file():
-            raise DemoError(
-                f"{path} holds other files, but --out must be new, empty or a demo set"
-            )
+            raise DemoError(f"{path} holds other files, but --out must be new, empty or a demo set")
     else:
         run_dir.require_new(path)
     return path
@@ -351,16 +345,16 @@ def _demo_set_to_write(name: str) -> Path:
 
 @contextlib.contextmanager
 def _heavy_imports() -> Iterator[None]:
-    """Around imports of JAX and MuJoCo: sets the compilation cache, keeps stdout clean.
+    """Around imports of JAX and MuJoCo: sets the compilation cache and threads, keeps stdout clean.
 
     MJX reports on stdout, while it is imported, that optional parts are missing.
     """
-    folder = (
-        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
-    )
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
     with contextlib.suppress(OSError):  # without a writable cache everything works, only slower
         folder.mkdir(parents=True, exist_ok=True)
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+    # OpenCV's threads cost more than they bring on pictures this small.
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     with contextlib.redirect_stdout(io.StringIO()):
         yield
 

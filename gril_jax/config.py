@@ -150,7 +150,7 @@ class LossConfig:
     """Weight of reconstruction beside temporal cycle-consistency."""
     temperature: float = field(default=1.0, metadata=_above(0))
     """Temperature of the soft nearest neighbours in temporal cycle-consistency."""
-    warmup: int = field(default=300, metadata=_at_least(0))
+    warmup: int = field(default=1500, metadata=_at_least(0))
     """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
 
 

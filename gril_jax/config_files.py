@@ -26,9 +26,7 @@ Schema = TypeVar("Schema")
 def names() -> tuple[str, ...]:
     """The configurations that are shipped with the package."""
     files = resources.files("gril_jax.configs").iterdir()
-    return tuple(
-        sorted(f.name.removesuffix(".yaml") for f in files if f.name.endswith(".yaml"))
-    )
+    return tuple(sorted(f.name.removesuffix(".yaml") for f in files if f.name.endswith(".yaml")))
 
 
 def find(name: str) -> Traversable:
@@ -142,9 +140,7 @@ def _check(tree: Mapping[Any, Any]) -> None:
             hint = nearest(str(section), [*sections]) or f" beside {', '.join(sections)}"
             raise ConfigError(f"there is no section {section!r}{hint}")
         if not isinstance(fields, dict):
-            raise ConfigError(
-                f"section {section!r} must hold fields, each on a line of its own"
-            )
+            raise ConfigError(f"section {section!r} must hold fields, each on a line of its own")
         defaults = _tree(sections[section])
         for key, value in fields.items():
             path = f"{section}.{key}"

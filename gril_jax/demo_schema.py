@@ -72,9 +72,7 @@ def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
     entries = []
     for i, entry in enumerate(header["demos"]):
         _check_fields(entry, DemoEntry.__annotations__, f"{where}, demos[{i}]")
-        entries.append(
-            DemoEntry(**{field: entry[field] for field in DemoEntry.__annotations__})
-        )
+        entries.append(DemoEntry(**{field: entry[field] for field in DemoEntry.__annotations__}))
         _check_entry(entries[-1], header["classes"], f"{where}, demos[{i}]")
     names = [entry.name for entry in entries]
     if len(set(names)) < len(names):
@@ -105,9 +103,7 @@ def _check_entry(entry: DemoEntry, classes: list[str], where: str) -> None:
     if entry.trimmed < 0:
         raise DemoError(f"{where}: trimmed must be at least 0, not {entry.trimmed}.")
     if entry.frames < 2:
-        raise DemoError(
-            f"{where}: a demonstration needs at least 2 frames, not {entry.frames}."
-        )
+        raise DemoError(f"{where}: a demonstration needs at least 2 frames, not {entry.frames}.")
     for name in entry.objects:
         if name not in classes:
             raise DemoError(f"{where}: the object {name!r} is not one of the set's classes.")

@@ -93,9 +93,7 @@ def save_demo_set(
         _move_into_place(part, folder)
     except OSError as error:
         reason = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
-        raise DemoError(
-            f"{folder}: the demo set could not be written because {reason}."
-        ) from error
+        raise DemoError(f"{folder}: the demo set could not be written because {reason}.") from error
     finally:
         if part is not None:
             shutil.rmtree(part, ignore_errors=True)
@@ -125,9 +123,7 @@ def _write(
 ) -> DemoEntry:
     where = f"{folder}, demonstration {demo.name!r}"
     if demo.outcome not in OUTCOMES:
-        raise DemoError(
-            f"{where}: outcome {demo.outcome!r} is not one of {', '.join(OUTCOMES)}."
-        )
+        raise DemoError(f"{where}: outcome {demo.outcome!r} is not one of {', '.join(OUTCOMES)}.")
     check_tracks(demo.tracks, len(demo.frames), len(demo.tracks.label), classes, where)
     video, tracks = f"{number:03d}.mp4", f"{number:03d}.npz"
     write_video(part / video, demo.frames, fps)

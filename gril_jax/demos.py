@@ -207,9 +207,7 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
     tracks = [_canonical(by_name[name]) for name in names]
     for name, track in zip(names, tracks, strict=True):
         if not np.array_equal(track.label, tracks[0].label):
-            objects = [
-                ", ".join(demo_set.classes[i] for i in t.label) for t in (tracks[0], track)
-            ]
+            objects = [", ".join(demo_set.classes[i] for i in t.label) for t in (tracks[0], track)]
             raise DemoError(
                 f"{demo_set.folder}: all demonstrations of a batch must hold the same objects, "
                 f"but {names[0]!r} has {objects[0]} and {name!r} has {objects[1]}."

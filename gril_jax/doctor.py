@@ -91,9 +91,7 @@ def check_all(*, timeout_s: int | float = 120.0) -> list[Check]:
 def gl_checks(*, timeout_s: int | float) -> list[Check]:
     """One row for each way to render; a run that draws nothing needs none of them."""
     return [
-        probe(
-            f"MUJOCO_GL={backend}", _GL, needed=False, timeout_s=timeout_s, gl_backend=backend
-        )
+        probe(f"MUJOCO_GL={backend}", _GL, needed=False, timeout_s=timeout_s, gl_backend=backend)
         for backend in _GL_BACKENDS
     ]
 
@@ -133,9 +131,7 @@ def probe(
 def table(checks: Sequence[Check]) -> str:
     """The rows in aligned columns."""
     width = max(len(check.name) for check in checks)
-    return "\n".join(
-        f"{c.name:<{width}}  {_verdict(c):<8}  {c.detail}".rstrip() for c in checks
-    )
+    return "\n".join(f"{c.name:<{width}}  {_verdict(c):<8}  {c.detail}".rstrip() for c in checks)
 
 
 def exit_code(checks: Sequence[Check]) -> int:

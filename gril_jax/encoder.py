@@ -55,18 +55,14 @@ class EncoderConfig:
                     f"encoder.{field} is {getattr(self, field)}; it must be at least {least}."
                 )
         if not self.length_unit > 0:
-            raise ConfigError(
-                f"encoder.length_unit is {self.length_unit}; it must be positive."
-            )
+            raise ConfigError(f"encoder.length_unit is {self.length_unit}; it must be positive.")
 
 
 def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
     """Fresh parameters: a dict with the parts `messages` and `head`. The key is consumed."""
     keys = jax.random.split(key)
     flags = jnp.zeros(2, bool)
-    graph = scene_graph(
-        jnp.zeros((2, 2)), jnp.zeros((2, 2)), jnp.zeros(2, jnp.int32), flags, flags
-    )
+    graph = scene_graph(jnp.zeros((2, 2)), jnp.zeros((2, 2)), jnp.zeros(2, jnp.int32), flags, flags)
     return {
         "messages": _Messages(config).init(keys[0], graph)["params"],
         "head": _Head(config).init(keys[1], jnp.zeros(config.width))["params"],

@@ -53,7 +53,7 @@ def contact_sheet(films: Sequence[Film], classes: Sequence[str], half_extent: fl
     height = len(films) * (cell + _ROW) + 0.3 + 0.24 * rows
     figure = Figure(figsize=(WIDTH, height))
     for row, film in enumerate(films):
-        picks = np.linspace(0, len(film.frames) - 1, _COLUMNS).round().astype(int)
+        picks = np.linspace(0, len(film.frames) - 1, _COLUMNS).round().astype(int).tolist()
         bottom = height - (row + 1) * (cell + _ROW)
         top = 1 - (row * (cell + _ROW) + 0.16) / height
         figure.text(0.004, top, shortened(film.name), va="top", weight="bold")
@@ -138,9 +138,7 @@ def _boxed(
     return image
 
 
-def _tag(
-    image: np.ndarray, text: str, corner: np.ndarray, rgb: list[int], filled: bool
-) -> None:
+def _tag(image: np.ndarray, text: str, corner: np.ndarray, rgb: list[int], filled: bool) -> None:
     """A label above a box's upper left corner, or inside it at the picture's upper edge."""
     zoom = image.shape[0] / 384
     width, height = round((8 + 10 * len(text)) * zoom), round(19 * zoom)
@@ -152,9 +150,7 @@ def _tag(
     ink = (255,) * 3 if filled else rgb
     place = (left + round(4 * zoom), top + height - round(4 * zoom))
     thick = max(1, round(1.6 * zoom))
-    cv2.putText(
-        image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.52 * zoom, ink, thick, cv2.LINE_AA
-    )
+    cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.52 * zoom, ink, thick, cv2.LINE_AA)
 
 
 def beside_reward(
@@ -186,9 +182,7 @@ def beside_reward(
     return _beside(frames, reward, first, title)
 
 
-def _beside(
-    frames: np.ndarray, reward: np.ndarray, first: int, title: str
-) -> Iterator[np.ndarray]:
+def _beside(frames: np.ndarray, reward: np.ndarray, first: int, title: str) -> Iterator[np.ndarray]:
     height, width = (_even(length) for length in frames.shape[1:3])
     panel, points = _empty_axes(reward, first, height, title)
     blue, red = ([round(255 * part) for part in to_rgb(c)] for c in COLOURS[:2])
@@ -215,7 +209,7 @@ def _empty_axes(
     low, high = (finite.min(), finite.max()) if len(finite) else (-1.0, 0.0)
     room = 0.08 * (high - low) or 0.1
     steps = np.arange(len(reward)) + first
-    figure = _figure(_even(1.25 * height), height)
+    figure = _figure(_even(5 * height // 4), height)
     axes = figure.add_axes((0.16, 0.14, 0.8, 0.76))
     axes.set(
         title=title, xlabel="frame", xlim=(0, max(1, steps[-1]) * 1.02),
@@ -231,9 +225,9 @@ def _figure(width: int, height: int) -> Figure:
     return Figure(figsize=((width + 0.5) / 100, (height + 0.5) / 100), dpi=100)
 
 
-def _even(length: float) -> int:
+def _even(length: int) -> int:
     """Video codecs halve the resolution of colours: sides must be even."""
-    return 2 * -(-int(length) // 2)
+    return 2 * -(-length // 2)
 
 
 def _padded(frame: np.ndarray, height: int, width: int | None = None) -> np.ndarray:

@@ -108,13 +108,13 @@ def stage_times(results: Mapping[str, Any]) -> list[tuple[str, float]]:
     return [(name, time) for name, time in times if time is not None]
 
 
-def in_words(seconds: float) -> str:
+def in_words(seconds: int | float) -> str:
     """A duration as a person would say it.
 
     >>> in_words(4.26), in_words(251), in_words(7500)
     ('4.3 s', '4 min 11 s', '2 h 5 min')
     """
-    if seconds < 60:
+    if seconds < 59.5:
         return f"{seconds:.1f} s" if seconds < 9.95 else f"{seconds:.0f} s"
     whole = round(seconds)
     if whole < 3600:

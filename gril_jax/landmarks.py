@@ -138,9 +138,7 @@ def _opened(mask: UInt8[np.ndarray, "H W"], radius: float) -> UInt8[np.ndarray, 
     core = cv2.distanceTransform(bordered, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) > radius
     if not core.any():
         return np.zeros_like(mask)
-    outside = cv2.distanceTransform(
-        (~core).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-    )
+    outside = cv2.distanceTransform((~core).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return (outside < radius)[1:-1, 1:-1].astype(np.uint8) & mask
 
 

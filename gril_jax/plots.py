@@ -40,8 +40,8 @@ def reward_profile(
     Args:
       reward: of each frame.
       boundary: frames at which a stage ends (`gril_jax.subtasks.transitions`).
-      frames: the video, of V = T frames; its first frame, those at the boundaries and the last are shown above
-        the curve, `_MOST` at the most. None shows the curve alone.
+      frames: the video, of V = T frames; its first frame, those at the boundaries and the last
+        are shown above the curve, seven at the most. None shows the curve alone.
       name: of the demonstration, for the title.
       fps: frames per second, for the axis.
 
@@ -173,11 +173,11 @@ def learning_curve(
     left, right = figure.subplots(1, 2)
     most = max((row["env_steps"] for row in rows), default=0)
     unit, word = next(
-        ((u, w) for u, w in ((1e6, "million "), (1e3, "thousand ")) if most >= 2 * u), (1, "")
+        ((u, w) for u, w in ((1e6, "million "), (1e3, "thousand ")) if most >= 2 * u), (1.0, "")
     )
     for axes, field, colour, factor in (
-        (left, "success", _BLUE, 100),
-        (right, "reward", _GREEN, 1),
+        (left, "success", _BLUE, 100.0),
+        (right, "reward", _GREEN, 1.0),
     ):
         curves = _by_seed(rows, field)
         if curves:

@@ -66,8 +66,7 @@ class PretrainConfig:
         for field, minimum in least.items():
             if getattr(self, field) < minimum:
                 raise ConfigError(
-                    f"pretrain.{field} is {getattr(self, field)}; "
-                    f"it must be at least {minimum}."
+                    f"pretrain.{field} is {getattr(self, field)}; it must be at least {minimum}."
                 )
 
 
@@ -79,7 +78,7 @@ class Hyper(NamedTuple):
     temperature: Float[Array, ""] | float = 1.0  # of the cycle's soft nearest neighbours
     alpha: Float[Array, ""] | float = 5.0  # weight of an active node in the pooling (Eq. 3)
     tau: Float[Array, ""] | float = 0.005  # activity threshold in box diagonals (Eq. 4)
-    warmup: Float[Array, ""] | float = 300.0  # updates over which the time agreement fades out
+    warmup: Float[Array, ""] | float = 1500.0  # updates over which the time agreement fades out
 
 
 class TrainParams(NamedTuple):
@@ -271,9 +270,7 @@ def _losses(params, demos, active, frames, valid, hyper, config):
     """Cycle-consistency, time agreement and reconstruction of a batch of videos."""
 
     def video(demo, active, frames):
-        latents, embeddings, nodes = _latents(
-            params.encoder, demo, active, frames, hyper, config
-        )
+        latents, embeddings, nodes = _latents(params.encoder, demo, active, frames, hyper, config)
 
         def rebuild(embedding, nodes):
             box, logits = decode(params.decoder, embedding, config.encoder)

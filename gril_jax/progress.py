@@ -70,9 +70,7 @@ class Progress:
           compiles: whether what comes before the first `update` is compilation.
         """
         self.end_phase()
-        self._phase = Phase(
-            name, total=total, unit=unit, clock=self._clock, report=self._report
-        )
+        self._phase = Phase(name, total=total, unit=unit, clock=self._clock, report=self._report)
         if not compiles:
             self._phase.begin()
         self._print()
@@ -169,9 +167,7 @@ def describe(
     metrics: Mapping[str, Any],
 ) -> str:
     """`name: 400/2,000 steps (20%), 80 steps/s, 0:20 left, loss 0.31`."""
-    count = (
-        f"{done:,}/{total:,} {unit} ({100 * done // total}%)" if total else f"{done:,} {unit}"
-    )
+    count = f"{done:,}/{total:,} {unit} ({100 * done // total}%)" if total else f"{done:,} {unit}"
     parts = [f"{name}: {count}"]
     if rate is not None and left_s is not None:
         speed = f"{rate:,.0f}" if rate >= 10 else f"{rate:.2g}"

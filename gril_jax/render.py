@@ -20,14 +20,18 @@ def _to_pixels(vertices: np.ndarray, half_extent: float, pixels: int) -> np.ndar
     return np.round(xy * 2**_SHIFT).astype(np.int32)
 
 
-def _dashes(vertices: np.ndarray, dash: float) -> list[np.ndarray]:
-    """The closed outline cut into dashes of one length with gaps of the same length."""
+def _dashes(vertices: np.ndarray, dash: float, width: float) -> list[np.ndarray]:
+    """The closed outline cut into dashes of one length with gaps of the same length.
+
+    Each piece is shorter by the line's width, because cv2 rounds the ends of thick lines.
+    """
     pieces = []
     for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
         length = float(np.linalg.norm(b - a))
         for start in np.arange(0.0, length, 2 * dash):
-            end = min(start + dash, length)
-            pieces.append(np.stack([a + (b - a) * start / length, a + (b - a) * end / length]))
+            first, last = start + width / 2, min(start + dash, length) - width / 2
+            if first < last:
+                pieces.append(np.stack([a + (b - a) * first / length, a + (b - a) * last / length]))
     return pieces
 
 
@@ -54,12 +58,12 @@ def paint(
     for item in outlines:
         points = _to_pixels(item.vertices, half_extent, pixels)
         cv2.fillPoly(image, [points], item.fill, cv2.LINE_AA, _SHIFT)
-        if item.rim is None:
+        width = round(item.width * zoom)
+        if item.rim is None or width == 0:  # too thin to see: it would only fatten the shape
             continue
-        width = max(1, round(item.width * zoom))
         if item.dash:
-            world_dash = item.dash * 2 * half_extent / 384
-            for piece in _dashes(np.asarray(item.vertices), world_dash):
+            unit = 2 * half_extent / 384  # one pixel of the 384-pixel picture
+            for piece in _dashes(np.asarray(item.vertices), item.dash * unit, item.width * unit):
                 line = _to_pixels(piece, half_extent, pixels)
                 cv2.polylines(image, [line], False, item.rim, width, cv2.LINE_AA, _SHIFT)
         else:

@@ -61,9 +61,7 @@ def _demonstrations(run: Inputs, films: Sequence[Film]) -> list[Part]:
     if run.demos is None:
         gone = "This run's folder holds no demonstrations, so none are shown."
         if run.config.demos.path:
-            gone = (
-                f"The demonstrations were in {run.config.demos.path}, where they are no more."
-            )
+            gone = f"The demonstrations were in {run.config.demos.path}, where they are no more."
         return [Part(gone)]
     demos = run.demos
     sheet = run.save("demos.png", png(contact_sheet(films, demos.classes, demos.half_extent)))
@@ -124,9 +122,7 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
         fps=None if film is None else run.demos.fps,
     )
     kept_aside = ", on which it was not trained" * (run.profiles.split[index] == "validation")
-    frames = " The frames above belong to the points that they are tied to." * (
-        film is not None
-    )
+    frames = " The frames above belong to the points that they are tied to." * (film is not None)
     return Part(
         f"The reward along {run.shown}{kept_aside}: a staircase that climbs while a block is "
         "brought to its place and is flat while the empty hand travels. Numbered dots are "
@@ -179,9 +175,7 @@ def _rollout(run: Inputs) -> Part:
             f"which need {len(reward) + 1} frames"
         )
     learned = run.config.run.reward == "learned"
-    video = beside_reward(
-        frames, reward, title="Learned reward" if learned else "Task's reward"
-    )
+    video = beside_reward(frames, reward, title="Learned reward" if learned else "Task's reward")
     outcome = "succeeded" if rollouts.success[rollouts.shown] else "failed"
     return Part(
         f"An evaluation episode of the trained policy, which {outcome}, beside its reward. "
@@ -199,9 +193,7 @@ def _summary(run: Inputs) -> str:
         f"{len(chosen.env.distractors)} to keep out, {chosen.run.reward} reward, "
         f"seed {chosen.run.seed}."
     )
-    return (
-        text if run.results else f"{text} The run has not finished, so it has no results yet."
-    )
+    return text if run.results else f"{text} The run has not finished, so it has no results yet."
 
 
 def _what_was_run(run: Inputs) -> dict[str, Any]:

@@ -140,8 +140,6 @@ def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
         return rows
     for line, row in enumerate(read_metrics(folder), 1):
         where = f"{folder / 'metrics.jsonl'}: line {line}"
-        if not isinstance(row, dict):
-            raise RunError(f"{where} must be an object with fields")
         phase = row.get("phase")
         if not isinstance(phase, str) or phase not in _STEP:
             continue
@@ -160,10 +158,7 @@ def read_finished(folder: Path) -> dict[str, Any] | None:
     """
     if not (folder / "results.json").exists():
         return None
-    results = read_results(folder)
-    if not isinstance(results, dict):
-        raise RunError(f"{folder / 'results.json'} must be an object with fields")
-    return results
+    return read_results(folder)
 
 
 def read_versions(folder: Path) -> dict[str, Any]:

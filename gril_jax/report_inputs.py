@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from gril_jax import activity
@@ -109,5 +110,6 @@ def _film(run: Inputs, name: str) -> Film:
             f"{demos.folder / entry.video} has {len(frames)} frames, but {HEADER} says "
             f"{entry.frames}"
         )
-    bits = activity.trajectory(tracks.center, tracks.size, tau=pool.tau, window=pool.window)
+    center, size = jnp.asarray(tracks.center), jnp.asarray(tracks.size)
+    bits = activity.trajectory(center, size, tau=pool.tau, window=pool.window)
     return Film(name, frames[: entry.frames], tracks, np.asarray(bits))

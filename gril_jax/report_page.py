@@ -99,8 +99,7 @@ def _part(part: Part) -> str:
 
 def _table(rows: Mapping[str, str], kind: str) -> str:
     cells = "\n".join(
-        f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>"
-        for name, value in rows.items()
+        f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items()
     )
     return f'<table class="{kind}">\n{cells}\n</table>' if rows else ""
 

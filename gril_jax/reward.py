@@ -75,9 +75,7 @@ def from_demos(
         active = activity.trajectory(center, size, tau=tau, window=window)
 
         def latent(frame):
-            graph = scene_graph(
-                center[frame], size[frame], label, is_robot, active[frame], present
-            )
+            graph = scene_graph(center[frame], size[frame], label, is_robot, active[frame], present)
             return encoder.apply(encoder_params, graph, config, alpha=alpha)
 
         return latent(jnp.zeros_like(length)), latent(length - 1)

@@ -193,6 +193,8 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
             rows.append(json.loads(line))
         except ValueError:
             raise RunError(f"{path / 'metrics.jsonl'}: line {number} is not JSON") from None
+        if not isinstance(rows[-1], dict):
+            raise RunError(f"{path / 'metrics.jsonl'}: line {number} must be an object")
     return rows
 
 
@@ -204,9 +206,12 @@ def read_results(path: Path) -> dict[str, Any]:
     """
     text = _read_text(path, "results.json", "has not finished")
     try:
-        return json.loads(text)
+        results = json.loads(text)
     except ValueError:
         raise RunError(f"{path / 'results.json'} is not JSON") from None
+    if not isinstance(results, dict):
+        raise RunError(f"{path / 'results.json'} must be an object with fields")
+    return results
 
 
 def package_versions() -> dict[str, str]:

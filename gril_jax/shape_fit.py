@@ -76,12 +76,8 @@ def roundness_of(mask: UInt8[np.ndarray, "H W"]) -> float:
     rim = max(rims, key=len)[:, 0].astype(np.float64)
     moments = cv2.moments(mask, binaryImage=True)
     offset = rim - [moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]]
-    sector = ((np.arctan2(offset[:, 1], offset[:, 0]) + np.pi) / (2 * np.pi) * 4.999).astype(
-        int
-    )
-    radius = (
-        np.linalg.norm(offset, axis=-1) + 0.5
-    )  # rim pixels are centres, the edge is outside
+    sector = ((np.arctan2(offset[:, 1], offset[:, 0]) + np.pi) / (2 * np.pi) * 4.999).astype(int)
+    radius = np.linalg.norm(offset, axis=-1) + 0.5  # rim pixels are centres, the edge is outside
     farthest = [radius[sector == k].max() for k in range(5) if (sector == k).any()]
     return float(np.mean(sorted(farthest)[-4:]) / math.sqrt(moments["m00"] / math.pi))
 
@@ -129,16 +125,12 @@ def fit_blob(
     poses = [pose if pose is not None and pose.match > _GOOD else None for pose in poses]
     while None in poses:  # the clearest of the shapes still to be found goes first
         placed = [(s, p) for s, p in zip(shapes, poses, strict=True) if p is not None]
-        found = {
-            i: field.search(shapes[i], placed) for i, pose in enumerate(poses) if pose is None
-        }
+        found = {i: field.search(shapes[i], placed) for i, pose in enumerate(poses) if pose is None}
         best = max(found, key=lambda i: found[i].match)
         poses[best] = found[best]
     for _ in range(2):
         for i, shape in enumerate(shapes):
-            others = [
-                (s, p) for j, (s, p) in enumerate(zip(shapes, poses, strict=True)) if j != i
-            ]
+            others = [(s, p) for j, (s, p) in enumerate(zip(shapes, poses, strict=True)) if j != i]
             poses[i] = field.refine(shape, poses[i], others)
     return poses
 
@@ -170,9 +162,7 @@ class _Field:
             stencil = self._coverage(shape, float(half), float(half), angle, 2 * half + 1)
             response = cv2.matchTemplate(value, stencil, cv2.TM_CCORR)
             _, peak, _, (x, y) = cv2.minMaxLoc(response)
-            best = max(
-                best, (peak, float(x + half - self.pad), float(y + half - self.pad), angle)
-            )
+            best = max(best, (peak, float(x + half - self.pad), float(y + half - self.pad), angle))
         return self.refine(shape, Pose(best[1], best[2], best[3], 0.0), others)
 
     def refine(self, shape: str, pose: Pose, others: list[tuple[str, Pose]]) -> Pose:
@@ -262,7 +252,5 @@ def _distance_field(shape: str, scale: float) -> tuple[Float32[np.ndarray, "S S"
     field = np.empty((side, side), np.float32)
     for row in range(side):
         for column in range(side):
-            field[row, column] = cv2.pointPolygonTest(
-                contour, (float(column), float(row)), True
-            )
+            field[row, column] = cv2.pointPolygonTest(contour, (float(column), float(row)), True)
     return field, float(half)

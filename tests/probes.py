@@ -81,9 +81,7 @@ class Probe:
         return jnp.where(jax.random.bernoulli(key), jnp.float32(1), jnp.float32(-1))
 
     def _state(self, data, reward, fits):
-        done = (
-            jnp.zeros(()) if self.ends is None else (data.time >= self.ends).astype(jnp.float32)
-        )
+        done = jnp.zeros(()) if self.ends is None else (data.time >= self.ends).astype(jnp.float32)
         center = jnp.stack([jnp.array([0.5, 0.5]), jnp.array([-0.5, 0.0]), data.where])
         return State(
             data=data,

@@ -89,9 +89,7 @@ def save_rollouts(folder, frames=FRAMES, **changes):
     np.savez(folder / "rollouts.npz", **{**arrays, **changes})
 
 
-def save_run(
-    path, *, config=None, demos_path=None, results=RESULTS, pretrain=5, ppo=5, **names
-):
+def save_run(path, *, config=None, demos_path=None, results=RESULTS, pretrain=5, ppo=5, **names):
     """A whole run's folder; `pretrain` and `ppo` are numbers of metric rows."""
     config = config or RunConfig()
     if demos_path is not None:

@@ -75,9 +75,7 @@ def scene(
     """One (side, side, 3) frame; `smooth` blends edges as OpenGL does."""
     zoom = 4 if smooth else 1
     canvas = _Canvas(side * zoom, half_extent, zoom * side / 384)
-    canvas.box(
-        -half_extent * 0.98, -half_extent * 0.98, *[2 * 0.98 * half_extent] * 2, (255,) * 3
-    )
+    canvas.box(-half_extent * 0.98, -half_extent * 0.98, *[2 * 0.98 * half_extent] * 2, (255,) * 3)
     canvas.frame(half_extent * 0.98, _GREY, 2)
     if goal is not None:
         canvas.goal(goal, goal_colour)
@@ -98,10 +96,7 @@ class _Canvas:
 
     def pixels(self, points):
         points = np.asarray(points, float)
-        at = (
-            np.stack([points[:, 0] + self.half, self.half - points[:, 1]], -1) * self.scale
-            - 0.5
-        )
+        at = np.stack([points[:, 0] + self.half, self.half - points[:, 1]], -1) * self.scale - 0.5
         return np.round(at * (1 << _SHIFT)).astype(np.int32)
 
     def polygon(self, points, fill, outline=None):

@@ -26,9 +26,7 @@ def test_it_is_a_detector(tmp_path):
 def test_pixels_become_world_units_with_y_up_and_origin_in_the_middle(tmp_path):
     tracks = detect(tmp_path, HEADER + GOAL + "0,cup,150,0,200,50\n0,robot,90,45,110,55\n")
     assert tracks.label.tolist() == [0, 1, 2]
-    np.testing.assert_allclose(
-        tracks.center[0], [[-1.9, 0.9], [0.0, 0.0], [1.5, 0.5]], atol=1e-6
-    )
+    np.testing.assert_allclose(tracks.center[0], [[-1.9, 0.9], [0.0, 0.0], [1.5, 0.5]], atol=1e-6)
     np.testing.assert_allclose(tracks.size[0], [[0.2, 0.2], [0.4, 0.2], [1.0, 1.0]], atol=1e-6)
     assert tracks.center.dtype == tracks.size.dtype == np.float32
     assert tracks.label.dtype == np.int32

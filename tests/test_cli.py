@@ -113,9 +113,7 @@ def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
         (["doctor", "--timeout-s", "x"], "--timeout-s is 'x', but must be a number"),
     ],
 )
-def test_a_mistake_is_one_sentence_and_exit_code_2_before_jax_is_imported(
-    args, fault, tmp_path
-):
+def test_a_mistake_is_one_sentence_and_exit_code_2_before_jax_is_imported(args, fault, tmp_path):
     code, out, err = _gril(*args, cwd=tmp_path)
     assert (code, out) == (2, "")
     assert err.startswith("gril: ")

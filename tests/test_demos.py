@@ -267,9 +267,7 @@ def still(frames, moving_until, kind=2):
         (1, 0, 5, 1),
     ],
 )
-def test_tail_is_cut_a_margin_after_the_last_block_has_arrived(
-    frames, moving_until, margin, kept
-):
+def test_tail_is_cut_a_margin_after_the_last_block_has_arrived(frames, moving_until, margin, kept):
     assert trim_static_tail(still(frames, moving_until), CLASSES, margin=margin) == kept
 
 

@@ -189,9 +189,7 @@ def test_robot_at_the_wall_is_not_pulled_by_the_grey_outline():
 # ---- the goal's dashes, and blocks that touch
 
 
-@pytest.mark.parametrize(
-    "place", [(0.1, 0.35), (0.7, 0.1), (0.1, 0.7), (0.25, -0.02), (0.8, 0.4)]
-)
+@pytest.mark.parametrize("place", [(0.1, 0.35), (0.7, 0.1), (0.1, 0.7), (0.25, -0.02), (0.8, 0.4)])
 @pytest.mark.parametrize("name", ["green star", "green square"])
 def test_dashes_shift_a_block_by_less_than_a_pixel(place, name):
     away = scene({name: (-0.5, -0.5, 0.7)}, smooth=True)
@@ -291,9 +289,7 @@ def test_what_rests_is_constant_and_what_moves_is_followed_within_a_third_of_a_p
     for t in range(12):
         x = -0.05 + 0.03 * min(t, 6)
         frame = scene({**BLOCKS, "blue pentagon": (x, -0.2, 0.0)}, smooth=True).astype(int)
-        frames.append(
-            np.clip(frame + rng.integers(-3, 4, frame.shape), 0, 255).astype(np.uint8)
-        )
+        frames.append(np.clip(frame + rng.integers(-3, 4, frame.shape), 0, 255).astype(np.uint8))
         truth.append(x)
     tracks = detect(*frames)
     assert (tracks.center[:, column(tracks, "green star")] == tracks.center[0, 2]).all()
@@ -304,9 +300,7 @@ def test_what_rests_is_constant_and_what_moves_is_followed_within_a_third_of_a_p
 def test_an_object_asked_for_but_never_there_is_an_error_that_names_it():
     objects = ["goal", "robot", "red star"]
     with pytest.raises(DemoError, match=r"^clip\.mp4: the object 'red star' is not to be seen"):
-        ColourDetector(half_extent=1.122, objects=objects).detect(
-            scene()[None], name="clip.mp4"
-        )
+        ColourDetector(half_extent=1.122, objects=objects).detect(scene()[None], name="clip.mp4")
 
 
 def test_a_video_without_robot_is_an_error():

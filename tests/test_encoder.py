@@ -168,9 +168,7 @@ def test_gradient_equals_finite_differences():
 
 def test_vmap_equals_a_loop_over_graphs_and_over_parameters():
     frames = [_frame(seed) for seed in range(3)]
-    graphs = jax.vmap(lambda f: scene_graph(**f))(
-        jax.tree.map(lambda *x: jnp.stack(x), *frames)
-    )
+    graphs = jax.vmap(lambda f: scene_graph(**f))(jax.tree.map(lambda *x: jnp.stack(x), *frames))
     batched = jax.jit(jax.vmap(encoder.apply, (None, 0, None)))(PARAMS, graphs, CONFIG)
     for frame, latent in zip(frames, batched, strict=True):
         np.testing.assert_allclose(latent, _latent(frame), rtol=1e-4, atol=1e-5)

@@ -97,9 +97,7 @@ def test_without_an_end_nothing_is_reset():
 
 def _data(leaf):
     """Typed keys as numbers."""
-    return (
-        jax.random.key_data(leaf) if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) else leaf
-    )
+    return jax.random.key_data(leaf) if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) else leaf
 
 
 def test_the_time_limit_truncates_and_does_not_terminate():

@@ -39,9 +39,7 @@ def result(made):
 
 def test_shapes_are_episodes_by_steps_and_states_begin_with_the_reset(result):
     assert result.reward.shape == (EPISODES, LENGTH)
-    assert (
-        result.success.shape == result.success_ever.shape == result.score.shape == (EPISODES,)
-    )
+    assert result.success.shape == result.success_ever.shape == result.score.shape == (EPISODES,)
     assert result.states.obs.shape == (EPISODES, LENGTH + 1, 2)
     np.testing.assert_array_equal(
         result.states.data.time, np.tile(np.arange(LENGTH + 1), (EPISODES, 1))

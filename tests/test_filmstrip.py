@@ -86,7 +86,7 @@ def test_frames_of_any_size_come_out_with_even_sides(side):
 
 def test_a_contact_sheet_has_four_frames_a_demonstration_and_names_its_classes():
     figure = contact_sheet([film(), film(name="two")], PALETTE_CLASSES, HALF_EXTENT)
-    titles = [axes.get_title() for axes in figure.axes]
+    titles = [axes.get_title("left") for axes in figure.axes]
     assert titles == ["frame 0", "frame 2", "frame 5", "frame 7"] * 2
     assert [text.get_text() for text in figure.texts] == ["one", "two"]
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -95,9 +95,7 @@ def test_a_contact_sheet_has_four_frames_a_demonstration_and_names_its_classes()
 
 
 def test_a_contact_sheet_is_as_wide_as_the_page_and_grows_with_its_demonstrations():
-    one, two = (
-        pixels(contact_sheet([film()] * n, PALETTE_CLASSES, HALF_EXTENT)) for n in (1, 2)
-    )
+    one, two = (pixels(contact_sheet([film()] * n, PALETTE_CLASSES, HALF_EXTENT)) for n in (1, 2))
     assert one.shape[1] == two.shape[1] == 1440
     assert two.shape[0] > one.shape[0] + 300
     assert (one != 255).mean() > 0.05

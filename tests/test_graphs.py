@@ -44,9 +44,7 @@ def test_edge_features_are_offset_from_receiver_to_sender_and_its_length():
 def test_nodes_carry_the_frame_and_all_are_present_by_default():
     frame = _frame(3)
     nodes = scene_graph(*frame).nodes
-    for field, value in zip(
-        ("center", "size", "label", "is_robot", "active"), frame, strict=True
-    ):
+    for field, value in zip(("center", "size", "label", "is_robot", "active"), frame, strict=True):
         np.testing.assert_array_equal(getattr(nodes, field), value)
     assert nodes.present.tolist() == [True] * 3
     present = jnp.array([True, False, True])

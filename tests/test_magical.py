@@ -53,9 +53,7 @@ def write(path, data):
 
 
 @pytest.mark.parametrize("protocol", [3, 4, 5])
-def test_frames_score_and_task_are_read_from_any_binary_protocol(
-    tmp_path, trajectory, protocol
-):
+def test_frames_score_and_task_are_read_from_any_binary_protocol(tmp_path, trajectory, protocol):
     path = write(tmp_path / "a.pkl.gz", pickle.dumps(content(trajectory), protocol))
     demo = read_magical(path)
     np.testing.assert_array_equal(demo.frames, FRAMES)
@@ -71,9 +69,7 @@ def test_numpys_old_and_new_module_names_mean_the_same(tmp_path, trajectory, pac
     np.testing.assert_array_equal(read_magical(path).frames, FRAMES)
 
 
-def test_reading_imports_none_of_the_modules_that_a_file_names(
-    tmp_path, trajectory, monkeypatch
-):
+def test_reading_imports_none_of_the_modules_that_a_file_names(tmp_path, trajectory, monkeypatch):
     path = write(tmp_path / "a.pkl.gz", pickle.dumps(content(trajectory), 4))
     for name in list(sys.modules):
         if name.startswith("milbench"):
@@ -110,9 +106,7 @@ def test_a_pickle_that_calls_something_is_refused_and_calls_nothing(
         argument = f"__import__('os').mkdir({str(target)!r})"
     data = pickle.dumps({"trajectory": _Call(function, argument)}, protocol)
     path = write(tmp_path / "bad.pkl.gz", data)
-    with pytest.raises(
-        DemoError, match=r"bad\.pkl\.gz: the pickle asks for .*not loaded"
-    ) as info:
+    with pytest.raises(DemoError, match=r"bad\.pkl\.gz: the pickle asks for .*not loaded") as info:
         read_magical(path)
     assert name in str(info.value)
     assert not target.exists()

@@ -153,9 +153,7 @@ S4 = [  # what is moved where, reward, score
 def test_dense_reward_has_the_references_values(at_demo):
     state = at_demo([moves for moves, *_ in S4])
     np.testing.assert_allclose(state.reward[: len(S4)], [r for _, r, _ in S4], atol=1e-3)
-    np.testing.assert_allclose(
-        state.metrics["score"][: len(S4)], [s for *_, s in S4], rtol=1e-6
-    )
+    np.testing.assert_allclose(state.metrics["score"][: len(S4)], [s for *_, s in S4], rtol=1e-6)
 
 
 def test_robot_alone_changes_no_reward(demo, observe):
@@ -172,8 +170,7 @@ def test_score_has_every_value_of_the_table(at_demo):
     }  # fmt: skip
     spots = [(0.2, 0.1), (0.6, 0.1), (0.2, 0.6), (0.6, 0.6), (0.4, 0.35)]
     changes = [
-        {block: spots[block] for block in (*range(n_t), *range(2, 2 + n_d))}
-        for n_t, n_d in table
+        {block: spots[block] for block in (*range(n_t), *range(2, 2 + n_d))} for n_t, n_d in table
     ]
     state = at_demo(changes)
     np.testing.assert_allclose(state.metrics["score"][:12], list(table.values()), rtol=1e-6)
@@ -318,9 +315,7 @@ def test_start_and_stop_together_cover_the_references_distance(driving):
 
 
 def test_reverse_mirrors_forward(driving):
-    np.testing.assert_allclose(
-        np.diff(driving[10, :, 1]), -np.diff(driving[0, :, 1]), atol=1e-4
-    )
+    np.testing.assert_allclose(np.diff(driving[10, :, 1]), -np.diff(driving[0, :, 1]), atol=1e-4)
 
 
 def test_speed_is_proportional_below_the_limit_and_robot_drives_straight(driving):
@@ -347,9 +342,7 @@ def test_turning_is_linear_up_to_one_sixteenth_and_then_saturates(driving, lane,
 
 def test_driving_while_turning_makes_the_references_circle(driving):
     x, y = driving[8, 6:, :2].T
-    (a, b, c), *_ = np.linalg.lstsq(
-        np.stack([2 * x, 2 * y, 1 + 0 * x], 1), x**2 + y**2, rcond=None
-    )
+    (a, b, c), *_ = np.linalg.lstsq(np.stack([2 * x, 2 * y, 1 + 0 * x], 1), x**2 + y**2, rcond=None)
     assert math.sqrt(c + a * a + b * b) == pytest.approx(0.318, abs=0.006)  # 0.8 / 2.5 = 0.32
 
 

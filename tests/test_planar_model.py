@@ -33,9 +33,7 @@ def _pairs(model):
     """(body, body, friction) of every contact pair."""
     return [
         (_body(model, a), _body(model, b), mu[0])
-        for a, b, mu in zip(
-            model.pair_geom1, model.pair_geom2, model.pair_friction, strict=True
-        )
+        for a, b, mu in zip(model.pair_geom1, model.pair_geom2, model.pair_friction, strict=True)
     ]
 
 
@@ -108,9 +106,7 @@ def test_masses_and_table_friction_are_the_references(model):
         **{f"block_{i}": 0.01 for i in range(5)},
     }
     np.testing.assert_array_equal(model.dof_frictionloss[:5], 0.0)
-    np.testing.assert_array_equal(
-        model.dof_frictionloss[5:].reshape(5, 3), [[1.5, 1.5, 0.1]] * 5
-    )
+    np.testing.assert_array_equal(model.dof_frictionloss[5:].reshape(5, 3), [[1.5, 1.5, 0.1]] * 5)
     inertia = [model.body(f"block_{i}").inertia[2] for i in range(5)]
     np.testing.assert_allclose(inertia, [9.365e-5, 7.54e-5, 7.322e-5, 7.2e-5, 7.322e-5])
 

@@ -71,9 +71,7 @@ def test_a_stage_that_ends_with_the_video_is_shown_once():
 
 
 def test_many_stages_are_thinned_out_to_a_strip_of_seven():
-    figure = reward_profile(
-        np.zeros(40, np.float32), np.ones(40, bool), frames=FRAMES[[0] * 40]
-    )
+    figure = reward_profile(np.zeros(40, np.float32), np.ones(40, bool), frames=FRAMES[[0] * 40])
     numbers = [int(axes.get_title().split()[-1]) for axes in figure.axes[1:]]
     assert len(numbers) == 7
     assert (numbers[0], numbers[-1]) == (0, 39)
@@ -105,7 +103,7 @@ def test_successes_and_failures_share_their_axes():
     left, right = success_failure([REWARD, REWARD], [REWARD * 2 - 1]).axes
     assert left.get_ylim() == right.get_ylim()
     assert left.get_xlim() == right.get_xlim()
-    assert (left.get_title(), right.get_title()) == ("2 successes", "1 failure")
+    assert (left.get_title("left"), right.get_title("left")) == ("2 successes", "1 failure")
 
 
 def test_the_mean_holds_the_last_value_of_a_trace_that_has_ended():

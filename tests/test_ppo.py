@@ -108,8 +108,8 @@ def test_critic_does_not_bootstrap_where_the_task_ends(single):
 def test_breaking_the_simulation_is_not_learned_as_a_way_out_of_a_negative_reward(single):
     """Actions above 0.5 break it. Were that an end with nothing to come, all steps would.
 
-    They become more at first, while the critic still lags behind: a cut step has advantage 0, and
-    normalising lifts it above the negative ones. That passes, and then nothing pulls either way.
+    They become more at first, while the critic lags behind: a cut step has advantage 0, and
+    normalising lifts it above the negative ones. That passes; then nothing pulls either way.
     """
     _, state, metrics = single(60, -CONSTANT, burns=True)
     share = np.asarray(metrics["nonfinite"]) / (STATIC.num_envs * STATIC.unroll_length)

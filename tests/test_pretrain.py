@@ -149,9 +149,7 @@ def test_where_a_run_is_cut_into_chunks_changes_no_bit(state, stepped, demos):
     single = dataclasses.replace(SMALL, updates=1)
     for _ in range(3):
         state, _ = pretrain.step(state, demos, Hyper(), single)
-    for a, b in zip(
-        jax.tree.leaves(state.params), jax.tree.leaves(stepped[0].params), strict=True
-    ):
+    for a, b in zip(jax.tree.leaves(state.params), jax.tree.leaves(stepped[0].params), strict=True):
         np.testing.assert_array_equal(a, b)
 
 

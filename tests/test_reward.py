@@ -67,8 +67,7 @@ def test_reward_is_minus_the_scaled_distance_and_about_minus_one_at_reset():
     params = reward.from_demos(PARAMS, demos, CONFIG)
     values = [value_of(params, _graph(demos, i, 0), CONFIG) for i in range(3)]
     expected = [
-        -float(params.scale) * np.linalg.norm(_latent(demos, i, 0) - params.goal)
-        for i in range(3)
+        -float(params.scale) * np.linalg.norm(_latent(demos, i, 0) - params.goal) for i in range(3)
     ]
     np.testing.assert_allclose(values, expected, rtol=1e-4)
     np.testing.assert_allclose(np.mean(values), -1.0, rtol=1e-4)
@@ -79,9 +78,7 @@ def test_reward_and_its_gradient_are_zero_at_the_goal():
     # The last layer gives its bias whatever it sees, so that rounding cannot miss the goal.
     last = PARAMS["head"]["Dense_1"]
     head = PARAMS["head"] | {"Dense_1": last | {"kernel": jnp.zeros_like(last["kernel"])}}
-    params = reward.RewardParams(
-        PARAMS | {"head": head}, last["bias"], jnp.ones(()), jnp.ones(())
-    )
+    params = reward.RewardParams(PARAMS | {"head": head}, last["bias"], jnp.ones(()), jnp.ones(()))
     graph = _graph(_demos(1), 0, 5)
     value, gradient = jax.value_and_grad(value_of)(params, graph, CONFIG)
     assert value == 0

@@ -70,9 +70,7 @@ def test_wrong_block_brings_a_distractor_into_the_region(played):
 
 def test_wrong_place_moves_a_target_but_not_into_the_region(played):
     states = played[0]
-    blocks = _failing(np.asarray(states.data.qpos), "wrong_place")[..., 5:].reshape(
-        -1, 161, 5, 3
-    )
+    blocks = _failing(np.asarray(states.data.qpos), "wrong_place")[..., 5:].reshape(-1, 161, 5, 3)
     moved = np.linalg.norm(blocks[:, -1, :2, :2] - blocks[:, 0, :2, :2], axis=-1)
     assert (moved > 0.3).all(axis=1).mean() > 0.5
     inside = _failing(np.asarray(states.obs), "wrong_place")[:, -1, [14 + 11, 14 + 23]]

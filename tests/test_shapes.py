@@ -55,9 +55,7 @@ def _rim(capsule, count=64):
     along = (end - start) / np.linalg.norm(end - start)
     ends = [start + ring[ring @ along <= 0], end + ring[ring @ along >= 0]]
     across = radius * np.array([-along[1], along[0]])
-    sides = [
-        start + (end - start) * t + s * across for t in np.linspace(0, 1, 9) for s in (-1, 1)
-    ]
+    sides = [start + (end - start) * t + s * across for t in np.linspace(0, 1, 9) for s in (-1, 1)]
     return np.concatenate([*ends, np.array(sides)])
 
 
@@ -135,9 +133,7 @@ def test_capsules_stay_within_the_outline(name):
     assert worst <= _OUTSIDE[name]
 
 
-@pytest.mark.parametrize(
-    ("name", "gap"), [("star", 0.012), ("square", 0.02), ("pentagon", 0.012)]
-)
+@pytest.mark.parametrize(("name", "gap"), [("star", 0.012), ("square", 0.02), ("pentagon", 0.012)])
 def test_capsules_reach_the_outline(name, gap):
     """Only the corners are rounded off, by no more than `gap`; edges' middles are flush."""
     shape = shapes.block(name)

@@ -93,9 +93,7 @@ def test_time_agreement_equals_the_loop_and_ignores_padding():
     other_times = jnp.linspace(0.1, 1.0, 5)
     expected = []
     for frame, time in zip(np.asarray(query), TIMES, strict=True):
-        weights = _softmax(
-            np.array([-((frame - o) ** 2).sum() / 6 for o in np.asarray(other[:3])])
-        )
+        weights = _softmax(np.array([-((frame - o) ** 2).sum() / 6 for o in np.asarray(other[:3])]))
         expected.append((weights @ np.asarray(other_times[:3]) - time) ** 2)
     valid = jnp.arange(7) < 6, jnp.arange(5) < 3
     values = time_agreement(query, other, TIMES, other_times, *valid)

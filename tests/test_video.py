@@ -14,9 +14,7 @@ from gril_jax.video import read_fps, read_video, write_video
 @pytest.fixture
 def frames():
     x, y, angle = BLOCKS["green square"]
-    return np.stack(
-        [scene({"green square": (x + 0.05 * t, y, angle)}, side=128) for t in range(6)]
-    )
+    return np.stack([scene({"green square": (x + 0.05 * t, y, angle)}, side=128) for t in range(6)])
 
 
 def test_round_trip_keeps_shape_rate_order_and_nearly_every_level(tmp_path, frames):

@@ -33,9 +33,7 @@ def wheel(tmp_path_factory):
     """A wheel built from a copy of the sources, without a network."""
     pytest.importorskip("setuptools", minversion="77")
     folder = tmp_path_factory.mktemp("wheel")
-    extra = [
-        name for name in ("pyproject.toml", "README.md", "LICENSE") if (ROOT / name).exists()
-    ]
+    extra = [name for name in ("pyproject.toml", "README.md", "LICENSE") if (ROOT / name).exists()]
     for name in (*_tracked(), *extra):
         target = folder / "source" / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -100,7 +98,5 @@ def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
 @pytest.mark.parametrize("name", ["envs", "configs", "experiments"])
 def test_a_folder_is_not_importable_under_a_second_name(name):
     code = f"import {name}"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert f"ImportError: import this package as gril_jax.{name}, not {name}" in done.stderr

@@ -53,9 +53,7 @@ class BoxesFileDetector:
         boxes = self._read(len(frames))
         names = sorted({class_name for _, class_name in boxes}, key=self.classes.index)
         if not names:
-            raise DemoError(
-                f"{self.path}: the boxes file of {name} has no rows below its header."
-            )
+            raise DemoError(f"{self.path}: the boxes file of {name} has no rows below its header.")
         if "goal" in self.classes and "goal" not in names:
             raise DemoError(
                 f"{self.path}: the boxes file of {name} has no row of class 'goal'; "

@@ -71,9 +71,7 @@ def read_magical(path: str | os.PathLike) -> MagicalDemo:
     except OSError as error:
         raise DemoError(f"{path}: the file cannot be read ({error.strerror}).") from error
     if len(data) > _MAX_BYTES:
-        raise DemoError(
-            f"{path}: unpacks to more than 1 GiB, a demonstration has about 107 MB."
-        )
+        raise DemoError(f"{path}: unpacks to more than 1 GiB, a demonstration has about 107 MB.")
     try:
         content = _Unpickler(data, path).load()
     except _MALFORMED as error:
@@ -93,8 +91,7 @@ def _checked(content: object, path: pathlib.Path) -> MagicalDemo:
         ) from error
     if frames.dtype != np.uint8 or frames.ndim != 4 or frames.shape[-1] != 3:
         raise DemoError(
-            f"{path}: frames are {frames.dtype} {frames.shape}, "
-            "they should be uint8 (T, H, W, 3)."
+            f"{path}: frames are {frames.dtype} {frames.shape}, they should be uint8 (T, H, W, 3)."
         )
     if not isinstance(env_name, str):
         raise DemoError(f"{path}: 'env_name' should be text, not {type(env_name).__name__}.")
@@ -124,9 +121,7 @@ class _Array:
 
     def __setstate__(self, state: tuple) -> None:
         _, shape, dtype, fortran, data = state
-        self.array = np.frombuffer(data, dtype.dtype).reshape(
-            shape, order="F" if fortran else "C"
-        )
+        self.array = np.frombuffer(data, dtype.dtype).reshape(shape, order="F" if fortran else "C")
 
 
 def _reconstruct(*_: object) -> _Array:

@@ -55,18 +55,14 @@ def advance(
 ) -> tuple[Lane, Moment]:
     """One control step; the lane it returns is the last of its episode if a flag says so.
 
-    A step that yields anything not finite is taken back and cuts the episode off, so that one broken
-    simulation does not reach the weights of all. It is no end of the task: a policy whose reward is
-    never positive would learn to break the simulator if nothing were to come after it.
+    A step that yields anything not finite is taken back and cuts the episode off, so that one
+    broken simulation does not reach the weights of all. It is no end of the task: a policy whose
+    reward is never positive would learn to break the simulator if nothing were to come after it.
     """
     state = env.step(lane.state, action)
-    memory, active = activity.step(
-        lane.memory, state.objects.center, state.objects.size, tau=tau
-    )
+    memory, active = activity.step(lane.memory, state.objects.center, state.objects.size, tau=tau)
     reward = reward_fn(reward_params, state, active)
-    floats = [
-        x for x in jax.tree.leaves((state, reward)) if jnp.issubdtype(x.dtype, jnp.floating)
-    ]
+    floats = [x for x in jax.tree.leaves((state, reward)) if jnp.issubdtype(x.dtype, jnp.floating)]
     finite = jnp.stack([jnp.isfinite(x).all() for x in floats]).all()
     moved = Lane(state, memory, lane.time + 1)
     moved = jax.tree.map(lambda new, old: jnp.where(finite, new, old), moved, lane)

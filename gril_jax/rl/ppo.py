@@ -1,8 +1,8 @@
 """Proximal policy optimisation with rollout, reward, advantage and update in one pure function.
 
-Networks, loss, advantages, action distribution and observation statistics are brax's; the step that
-joins them is ours, because brax's trainer can be neither jitted nor vmapped. Everything that the next
-step depends on is in `TrainState`, so that saving it is enough to go on.
+Networks, loss, advantages, action distribution and observation statistics are brax's; the step
+that joins them is ours, because brax's trainer can be neither jitted nor vmapped. Everything that
+the next step depends on is in `TrainState`, so that saving it is enough to go on.
 
 Shapes use B for environments and T for the control steps of one unroll.
 """
@@ -24,8 +24,9 @@ from .rewards import RewardFn
 
 __all__ = ["PPO", "Hyper", "Policy", "Static", "TrainState"]
 
-# In standard deviations. One that was constant so far, such as the speed of a block that nobody has
-# touched, has a deviation of 1e-6: without a limit its first change enters the networks as a million.
+# In standard deviations. An input that was constant so far, such as the speed of a block that
+# nobody has touched, has one of 1e-6: without a limit its first change enters the networks as a
+# million.
 _MAX_OBSERVATION = 10.0
 
 
