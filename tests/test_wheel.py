@@ -78,7 +78,7 @@ def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
         "import sys\n"
         "sys.meta_path = [f for f in sys.meta_path if 'editable' not in str(f).lower()]\n"
         "import gril_jax, gril_jax.envs, gril_jax.config_files as c\n"
-        "print(gril_jax.__file__, gril_jax.envs.__file__, c.load('quickstart').env.robot)\n"
+        "print(gril_jax.__file__, gril_jax.envs.__file__, c.load('quickstart').ppo.num_timesteps)\n"
     )
     environment = os.environ | {"PYTHONPATH": str(site), "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(
@@ -89,10 +89,10 @@ def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    package, envs, robot = done.stdout.splitlines()[-1].split()
+    package, envs, steps = done.stdout.splitlines()[-1].split()
     assert Path(package).parent == site / "gril_jax"
     assert Path(envs).parent == site / "gril_jax" / "envs"
-    assert robot == "medium"
+    assert steps == "600000"
 
 
 @pytest.mark.parametrize("name", ["envs", "configs", "experiments"])
