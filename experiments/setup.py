@@ -70,6 +70,7 @@ def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainCon
         num_frames=chosen.num_frames,
         window=config.pool.window,
         turn_scenes=chosen.turn_scenes,
+        touched=chosen.touched,
     )
 
 

@@ -168,6 +168,8 @@ class PretrainConfig:
     """Frames sampled from each video of a batch."""
     turn_scenes: bool = True
     """Whether each video of a batch is turned and mirrored at random: eightfold variety."""
+    touched: float = field(default=0.1, metadata=_between(0, 1))
+    """Probability that an object of a video counts as moved throughout: no reward for a touch."""
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,13 @@ class PretrainConfig:
     For scenes seen from above whose origin is the middle of a square arena.
     """
 
+    touched: float = 0.0
+    """Probability that an object of a video counts as moved throughout, whatever it does.
+
+    Else a bit that no demonstration sets is a state that the encoder has never seen, and a policy
+    can earn by setting it: by a mere touch.
+    """
+
     def __post_init__(self):
         least = {"updates": 1, "num_videos": 2, "num_frames": 2, "window": 1}
         for field, minimum in least.items():
@@ -134,11 +141,14 @@ def step(
     active = _activity(demos, hyper, config)
 
     def update(state, _):
-        key, batch_key, turn_key = jax.random.split(state.key, 3)
+        key, batch_key, turn_key, touch_key = jax.random.split(state.key, 4)
         frames, valid, videos = _draw(batch_key, demos.length, demos.center.shape[1], config)
         batch = jax.tree.map(lambda x: x[videos], (demos, active))
         if config.turn_scenes:
             batch = (_turned(turn_key, batch[0]), batch[1])
+        if config.touched > 0:
+            some = jax.random.bernoulli(touch_key, config.touched, batch[0].label.shape)
+            batch = (batch[0], batch[1] | some[:, None, :])
 
         # Eq. 6 alone, after the first updates: see `gril_jax.losses.time_agreement`.
         fading = jnp.clip(1.0 - state.num_updates / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)

@@ -240,3 +240,34 @@ def test_more_videos_in_a_batch_than_demonstrations_is_refused(demos):
 def test_config_out_of_range_is_refused_by_name(field, value):
     with pytest.raises(ConfigError, match=rf"pretrain\.{field} is {value}"):
         dataclasses.replace(SMALL, **{field: value})
+
+
+def test_turned_scenes_keep_all_distances_and_swap_boxes_with_axes(demos):
+    turned = pretrain._turned(jax.random.key(3), demos)
+    for before, after in ((demos, turned),):
+        apart = [
+            jnp.linalg.norm(d.center[:, :, :, None] - d.center[:, :, None], axis=-1)
+            for d in (before, after)
+        ]
+        np.testing.assert_allclose(apart[0], apart[1], atol=1e-5)
+    from_middle = [jnp.linalg.norm(d.center, axis=-1) for d in (demos, turned)]
+    np.testing.assert_allclose(*from_middle, atol=1e-5)
+    np.testing.assert_allclose(
+        jnp.sort(demos.size, axis=-1), jnp.sort(turned.size, axis=-1), atol=1e-6
+    )
+    swapped = (turned.size != demos.size).any(axis=(1, 2, 3))
+    wide = jnp.abs(jnp.abs(turned.center) - jnp.abs(demos.center)).max(axis=(1, 2, 3)) > 1e-4
+    assert 0 < int(wide.sum()) < len(wide)  # some videos have their axes swapped, some not
+    assert not bool((swapped & ~wide).any())
+
+
+def test_turning_and_touching_change_the_batches_and_nothing_is_nan(state, demos):
+    plain = PretrainConfig(encoder=EncoderConfig(num_classes=4), updates=3, num_frames=24)
+    losses = {}
+    for name, change in {"plain": {}, "turn": {"turn_scenes": True}, "touch": {"touched": 0.5}}.items():
+        fresh = pretrain.init(jax.random.key(0), demos, plain)
+        _, metrics = pretrain.step(fresh, demos, Hyper(), dataclasses.replace(plain, **change))
+        losses[name] = np.asarray(metrics.loss)
+        assert np.isfinite(losses[name]).all()
+    assert not np.allclose(losses["plain"], losses["turn"])
+    assert not np.allclose(losses["plain"], losses["touch"])

@@ -1,0 +1,113 @@
+"""The whole of it, small: videos in, trained policy, evaluation and report out."""
+
+import json
+import pathlib
+import shutil
+
+import numpy as np
+import pytest
+
+from gril_jax import checkpoint, cli, run_dir
+from gril_jax.config import RunConfig
+from gril_jax.config_files import load
+from gril_jax.demos import load_demo_set, select_objects
+from gril_jax.errors import DemoError, RunError
+from gril_jax.experiments import demonstrations, evaluate, setup
+from gril_jax.progress import Progress
+
+SMALL = (
+    *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
+    *("--pretrain.steps", "20", "--pretrain.num-videos", "4", "--pretrain.num-frames", "8"),
+    *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
+    *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "160"),
+    *("--ppo.hidden", "16", "--run.updates-per-chunk", "1", "--run.eval-episodes", "4"),
+)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> pathlib.Path:
+    out = tmp_path_factory.mktemp("pipeline") / "run"
+    assert cli.main(["quickstart", "--out", str(out), *SMALL]) == 0
+    return out
+
+
+def test_a_run_leaves_everything_a_reader_looks_for(run):
+    names = {path.name for path in run.iterdir()}
+    assert {
+        *("config.yaml", "versions.json", "metrics.jsonl", "results.json", "report.html"),
+        *("demos", "reward", "policy", "profiles.npz", "rollouts.npz", "rollout.mp4", "policy.mp4"),
+    } <= names
+
+
+def test_the_policy_has_stepped_and_the_reward_is_scaled(run):
+    rows = run_dir.read_metrics(run)
+    assert [r["env_steps"] for r in rows if r["phase"] == "ppo"] == [80, 160]
+    with np.load(run / "profiles.npz") as profiles:
+        train = profiles["split"] == "train"
+        assert profiles["reward"].max() <= 0
+        assert profiles["reward"][train, 0].mean() == pytest.approx(-1, abs=0.05)
+        assert set(profiles["split"]) == {"train", "validation", "failure"}
+
+
+def test_failures_are_kept_from_the_encoder(run):
+    config = run_dir.read_config(run)
+    env = setup.make_env(config.env, training=False)
+    config = load(None, ["--demos.path", str(run / "demos"), *SMALL[6:]], prog="test", description="")
+    with Progress() as progress, pytest.raises(DemoError, match="yellow|green|blue"):
+        demonstrations.gather(  # the default task has more blocks than these videos show
+            config, setup.make_env(config.env, training=False), run, progress
+        )
+    found = demonstrations.gather(
+        load("quickstart", ["--demos.path", str(run / "demos"), *SMALL], prog="", description=""),
+        env,
+        run,
+        Progress(),
+    )
+    assert len(found.names["failure"]) == 2
+    assert not set(found.names["failure"]) & {*found.names["train"], *found.names["validation"]}
+
+
+def test_evaluation_and_report_work_from_a_copy_of_the_folder_alone(run, tmp_path):
+    copy = tmp_path / "elsewhere"
+    shutil.copytree(run, copy)
+    (copy / "report.html").unlink()
+    said = []
+    numbers = evaluate.main(copy, episodes=2, seed=3, echo=said.append)
+    assert 0 <= numbers["success"] <= numbers["success_ever"] <= 1
+    assert len(said) == 1
+    assert cli.main(["report", str(copy)]) == 0
+    assert (copy / "report.html").stat().st_size > 100_000
+
+
+def test_a_run_without_policy_is_refused_in_one_sentence(run, tmp_path):
+    copy = tmp_path / "half"
+    shutil.copytree(run, copy)
+    shutil.rmtree(copy / "policy")
+    with pytest.raises(RunError, match="has no policy"):
+        evaluate.main(copy, episodes=2)
+
+
+def test_the_reward_can_be_taken_home_from_the_folder(run):
+    config = run_dir.read_config(run)
+    blank = setup.blank_reward(config, 18)
+    params = checkpoint.restore(checkpoint.latest(run / "reward"), blank)
+    assert float(params.scale) > 0
+    assert params.goal.shape == (8,)
+
+
+def test_selecting_objects_drops_the_others_and_says_what_is_missing(run):
+    demo_set = load_demo_set(run / "demos")
+    fewer = select_objects(demo_set, ("goal", "robot", "green square"))
+    assert all(entry.objects == ["goal", "robot", "green square"] for entry in fewer.entries)
+    assert all(t.center.shape[1] == 3 for t in fewer.tracks)
+    assert all(len(t.center) == e.frames for t, e in zip(fewer.tracks, fewer.entries, strict=True))
+    with pytest.raises(DemoError, match="red star"):
+        select_objects(demo_set, ("goal", "red star"))
+
+
+def test_results_are_plain_numbers(run):
+    results = json.loads((run / "results.json").read_text())
+    assert results["demonstrations"] == {"train": 6, "validation": 2, "failure": 2}
+    assert 0 <= results["success"] <= 1
+    assert results["success_random"] == 0
+    assert isinstance(run_dir.read_config(run), RunConfig)
