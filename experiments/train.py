@@ -1,7 +1,7 @@
 """Videos in, trained policy out: demonstrations, reward, policy, evaluation, report.
 
 gril quickstart                    one block, about 4 minutes on two CPU cores
-gril train match_regions           five blocks, sized for a GPU
+gril train match_regions           five blocks, sized for a GPU: see README for both results
 """
 
 import time
