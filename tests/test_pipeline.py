@@ -52,7 +52,9 @@ def test_the_policy_has_stepped_and_the_reward_is_scaled(run):
 def test_failures_are_kept_from_the_encoder(run):
     config = run_dir.read_config(run)
     env = setup.make_env(config.env, training=False)
-    config = load(None, ["--demos.path", str(run / "demos"), *SMALL[6:]], prog="test", description="")
+    config = load(
+        None, ["--demos.path", str(run / "demos"), *SMALL[6:]], prog="test", description=""
+    )
     with Progress() as progress, pytest.raises(DemoError, match="yellow|green|blue"):
         demonstrations.gather(  # the default task has more blocks than these videos show
             config, setup.make_env(config.env, training=False), run, progress

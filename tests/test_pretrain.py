@@ -244,12 +244,11 @@ def test_config_out_of_range_is_refused_by_name(field, value):
 
 def test_turned_scenes_keep_all_distances_and_swap_boxes_with_axes(demos):
     turned = pretrain._turned(jax.random.key(3), demos)
-    for before, after in ((demos, turned),):
-        apart = [
-            jnp.linalg.norm(d.center[:, :, :, None] - d.center[:, :, None], axis=-1)
-            for d in (before, after)
-        ]
-        np.testing.assert_allclose(apart[0], apart[1], atol=1e-5)
+    apart = [
+        jnp.linalg.norm(d.center[:, :, :, None] - d.center[:, :, None], axis=-1)
+        for d in (demos, turned)
+    ]
+    np.testing.assert_allclose(*apart, atol=1e-5)
     from_middle = [jnp.linalg.norm(d.center, axis=-1) for d in (demos, turned)]
     np.testing.assert_allclose(*from_middle, atol=1e-5)
     np.testing.assert_allclose(
@@ -261,10 +260,13 @@ def test_turned_scenes_keep_all_distances_and_swap_boxes_with_axes(demos):
     assert not bool((swapped & ~wide).any())
 
 
-def test_turning_and_touching_change_the_batches_and_nothing_is_nan(state, demos):
-    plain = PretrainConfig(encoder=EncoderConfig(num_classes=4), updates=3, num_frames=24)
+def test_turning_and_touching_change_the_batches_and_nothing_is_nan(demos):
+    plain = PretrainConfig(
+        encoder=EncoderConfig(num_classes=4), updates=3, num_videos=4, num_frames=24
+    )
     losses = {}
-    for name, change in {"plain": {}, "turn": {"turn_scenes": True}, "touch": {"touched": 0.5}}.items():
+    changes = {"plain": {}, "turn": {"turn_scenes": True}, "touch": {"touched": 0.5}}
+    for name, change in changes.items():
         fresh = pretrain.init(jax.random.key(0), demos, plain)
         _, metrics = pretrain.step(fresh, demos, Hyper(), dataclasses.replace(plain, **change))
         losses[name] = np.asarray(metrics.loss)
