@@ -261,14 +261,11 @@ def test_turned_scenes_keep_all_distances_and_swap_boxes_with_axes(demos):
 
 
 def test_turning_and_touching_change_the_batches_and_nothing_is_nan(demos):
-    plain = PretrainConfig(
-        encoder=EncoderConfig(num_classes=4), updates=3, num_videos=4, num_frames=24
-    )
     losses = {}
     changes = {"plain": {}, "turn": {"turn_scenes": True}, "touch": {"touched": 0.5}}
     for name, change in changes.items():
-        fresh = pretrain.init(jax.random.key(0), demos, plain)
-        _, metrics = pretrain.step(fresh, demos, Hyper(), dataclasses.replace(plain, **change))
+        fresh = pretrain.init(jax.random.key(0), demos, SMALL)
+        _, metrics = pretrain.step(fresh, demos, Hyper(), dataclasses.replace(SMALL, **change))
         losses[name] = np.asarray(metrics.loss)
         assert np.isfinite(losses[name]).all()
     assert not np.allclose(losses["plain"], losses["turn"])
