@@ -11,20 +11,29 @@ from .base import Outline
 __all__ = ["BACKGROUND", "outlines"]
 
 BACKGROUND = (231, 231, 234)  # outside the arena
-_FLOOR, _GREY, _GREY_RIM = (255, 255, 255), (162, 163, 175), (144, 145, 159)
-_FILL = {
+FLOOR, GREY, GREY_RIM = (255, 255, 255), (162, 163, 175), (144, 145, 159)
+FILL = {
     "green": (195, 208, 130),
     "blue": (135, 185, 211),
     "yellow": (254, 213, 123),
     "red": (245, 129, 165),
 }
-_RIM = {
+RIM = {
     "green": (183, 198, 105),
     "blue": (110, 170, 202),
     "yellow": (254, 201, 86),
     "red": (243, 94, 141),
 }
-_GOAL_FILL = (224, 231, 191)
+GOAL_FILL = {  # half as saturated as the blocks
+    "green": (224, 231, 191),
+    "blue": (195, 220, 233),
+    "yellow": (254, 234, 189),
+    "red": (250, 192, 210),
+}
+FLOOR_WIDTH, GOAL_WIDTH, GOAL_DASH, BODY_WIDTH = 2, 4, 10, 1  # pixels of a 384-pixel picture
+ROBOT_RADIUS = 0.2
+EYE, EYE_RADIUS, PUPIL_RADIUS = (0.08, 0.06), 0.04, 0.024  # the right eye, in the robot's frame
+EYE_FILL, PUPIL_FILL = (255, 255, 255), (26, 26, 26)
 
 
 def _turn(vertices: np.ndarray, angle: float) -> np.ndarray:
@@ -47,13 +56,13 @@ def outlines(blocks: tuple[str, ...], arena: float, qpos: np.ndarray, goal: np.n
     region = _box(goal[:2], goal[2:])
     colour = blocks[0].split()[0]
     painted = [
-        Outline(floor, _FLOOR, _GREY, width=2),
-        Outline(region, _GOAL_FILL, _FILL[colour], width=4, dash=10),
+        Outline(floor, FLOOR, GREY, width=FLOOR_WIDTH),
+        Outline(region, GOAL_FILL[colour], FILL[colour], width=GOAL_WIDTH, dash=GOAL_DASH),
     ]
     for name, (x, y, angle) in zip(blocks, qpos[5:].reshape(-1, 3), strict=True):
         colour, kind = name.split()
         vertices = _turn(shapes.block(kind).vertices, angle) + np.array([x, y])
-        painted.append(Outline(vertices, _FILL[colour], _RIM[colour]))
+        painted.append(Outline(vertices, FILL[colour], RIM[colour], width=BODY_WIDTH))
     return painted + _robot(qpos[:2], qpos[2], qpos[3:5])
 
 
@@ -62,10 +71,10 @@ def _robot(center: np.ndarray, yaw: float, fingers: np.ndarray) -> list[Outline]
     for side, angle in zip((-1, 1), fingers, strict=True):
         pivot = np.array([side * planar_model.PIVOT[0], planar_model.PIVOT[1]])
         vertices = _turn(shapes.finger(side).vertices, angle) + pivot
-        parts.append(Outline(_turn(vertices, yaw) + center, BACKGROUND, _GREY))
-    parts.append(Outline(_disc(center, 0.2), _GREY, _GREY_RIM))
+        parts.append(Outline(_turn(vertices, yaw) + center, BACKGROUND, GREY, BODY_WIDTH))
+    parts.append(Outline(_disc(center, ROBOT_RADIUS), GREY, GREY_RIM, BODY_WIDTH))
     for side in (-1, 1):
-        eye = _turn(np.array([side * 0.08, 0.06]), yaw) + center
-        parts.append(Outline(_disc(eye, 0.04), (255, 255, 255), None))
-        parts.append(Outline(_disc(eye, 0.024), (26, 26, 26), None))
+        eye = _turn(np.array([side * EYE[0], EYE[1]]), yaw) + center
+        parts.append(Outline(_disc(eye, EYE_RADIUS), EYE_FILL, None))
+        parts.append(Outline(_disc(eye, PUPIL_RADIUS), PUPIL_FILL, None))
     return parts

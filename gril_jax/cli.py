@@ -20,7 +20,7 @@ import tyro
 from . import doctor, run_dir
 from .config import MakeDemosConfig, RunConfig
 from .config_files import load
-from .errors import ConfigError, DemoError, GrilError
+from .errors import ConfigError, DemoError, GrilError, RunError
 from .options import nearest, parse
 
 __all__ = ["main"]
@@ -40,6 +40,7 @@ Learn a reward from demonstration videos without actions, and a policy from the 
   demos import-videos DIR     a demonstration set from a folder of videos
   eval RUN                    success rate and return of a run's policy
   report RUN                  figures and tables of a run
+  export-policy RUN           a run's policy as plain NumPy arrays
   doctor                      what is installed and what works on this machine
 
 CONFIG is the name of a shipped configuration or the path of a YAML file; RUN is the folder
@@ -89,6 +90,14 @@ class _Eval:
 class _Report:
     run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """The folder that a run made."""
+
+
+@dataclass(frozen=True)
+class _ExportPolicy:
+    run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """The folder that a run made."""
+    out: str
+    """File to create, such as policy.npz."""
 
 
 @dataclass(frozen=True)
@@ -258,6 +267,25 @@ def _report(args: list[str]) -> Work:
     return work
 
 
+def _export_policy(args: list[str]) -> Work:
+    about = "Write a run's policy as an npz file that needs NumPy alone."
+    given = parse(_ExportPolicy, args, prog="gril export-policy", description=about)
+    folder, out = Path(given.run), Path(given.out)
+    config = run_dir.read_config(folder)
+    if not any(folder.glob("policy/[0-9]*/manifest.json")):
+        raise RunError(f"{folder} has no policy, so its run has not got that far yet")
+    _require_new_file(out)
+
+    def work() -> None:
+        with _heavy_imports():
+            from . import export_policy
+            from .experiments import setup
+        algorithm = setup.make_ppo(config, setup.make_env(config.env, training=False))
+        export_policy.main(folder, out, config, algorithm, setup.ppo_hyper(config), echo=_echo)
+
+    return work
+
+
 def _doctor(args: list[str]) -> Work:
     about = "Check what is installed and what works on this machine."
     given = parse(_Doctor, args, prog="gril doctor", description=about)
@@ -279,6 +307,7 @@ _VERBS: dict[str, Callable[[list[str]], Work]] = {
     "demos import-videos": _import_videos,
     "eval": _eval,
     "report": _report,
+    "export-policy": _export_policy,
     "doctor": _doctor,
 }
 
@@ -327,6 +356,15 @@ def _folder(name: str) -> Path:
         fault = "is a file" if path.exists() else "does not exist"
         raise DemoError(f"{path} {fault}, but must be a folder")
     return path
+
+
+def _require_new_file(path: Path) -> None:
+    with run_dir.writing(path.parent):  # a name may be too long, or a folder closed to us
+        if path.exists() or path.is_symlink():
+            raise RunError(f"{path} exists already, but --out must be a new file")
+        if not path.parent.is_dir():
+            fault = "is a file" if path.parent.exists() else "does not exist"
+            raise RunError(f"{path.parent} {fault}, but --out must be in a folder that exists")
 
 
 def _demo_set_to_write(name: str) -> Path:

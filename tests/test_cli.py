@@ -51,6 +51,14 @@ def run(tmp_path):
 
 
 @pytest.fixture
+def trained(run):
+    """A run with what a policy's checkpoint is known by."""
+    (run / "policy" / "000000000640").mkdir(parents=True)
+    (run / "policy" / "000000000640" / "manifest.json").write_text("{}")
+    return run
+
+
+@pytest.fixture
 def experiment(monkeypatch):
     """Puts a stand-in for an experiment in place and returns the calls to its `main`."""
     calls = []
@@ -84,6 +92,7 @@ def experiment(monkeypatch):
         (["demos", "make", "--help"], "--demos.num"),
         (["demos", "import-videos", "--help"], "--half-extent"),
         (["eval", "--help"], "--episodes"),
+        (["export-policy", "--help"], "policy.npz"),
     ],
 )
 def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
@@ -110,6 +119,9 @@ def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
         (["eval"], "gril eval needs RUN"),
         (["eval", "nowhere"], "nowhere does not exist, but must be the folder of a run"),
         (["report", "."], "has no config.yaml"),
+        (["export-policy", "."], "gril export-policy needs RUN, --out"),
+        (["export-policy", "nowhere", "--out", "x"], "must be the folder of a run"),
+        (["export-policy", ".", "--out", "x"], "has no config.yaml"),
         (["doctor", "--timeout-s", "x"], "--timeout-s is 'x', but must be a number"),
     ],
 )
@@ -182,6 +194,35 @@ def test_numbers_of_an_evaluation_have_ranges(run, capsys, option):
     assert f"{option.split('=')[0]} is " in _fault(capsys, "eval", str(run), option)
 
 
+@pytest.mark.parametrize("leftover", [None, "000000000640", ".000000000640.part"])
+def test_a_run_without_a_whole_policy_has_none_to_export(run, tmp_path, capsys, leftover):
+    if leftover is not None:
+        (run / "policy" / leftover).mkdir(parents=True)
+    if leftover == ".000000000640.part":
+        (run / "policy" / leftover / "manifest.json").touch()
+    err = _fault(capsys, "export-policy", str(run), "--out", str(tmp_path / "policy.npz"))
+    assert "has no policy, so its run has not got that far yet" in err
+
+
+@pytest.mark.parametrize(
+    ("out", "fault"),
+    [
+        ("taken.npz", "taken.npz exists already, but --out must be a new file"),
+        ("dangling", "dangling exists already, but --out must be a new file"),
+        ("run", "run exists already, but --out must be a new file"),
+        ("gone/policy.npz", "gone does not exist, but --out must be in a folder that exists"),
+        ("taken.npz/x.npz", "taken.npz is a file, but --out must be in a folder that exists"),
+        ("x" * 300, "cannot be written to (File name too long)"),
+    ],
+)
+def test_a_policy_is_exported_to_a_new_file_of_a_folder(trained, tmp_path, capsys, out, fault):
+    (tmp_path / "taken.npz").write_text("precious")
+    (tmp_path / "dangling").symlink_to(tmp_path / "nothing")
+    err = _fault(capsys, "export-policy", str(trained), "--out", str(tmp_path / out))
+    assert fault in err
+    assert (tmp_path / "taken.npz").read_text() == "precious"
+
+
 # --- what a verb calls
 
 
@@ -236,6 +277,22 @@ def test_report_hands_on_the_run(experiment, run):
     calls = experiment("report")
     assert cli.main(["report", str(run)]) == 0
     assert calls == [((run,), {"echo": cli._echo})]
+
+
+def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
+    experiment(
+        "setup",
+        make_env=lambda config, training: ("env", config, training),
+        make_ppo=lambda config, env: ("ppo", config, env),
+        ppo_hyper=lambda config: ("hyper", config),
+    )
+    calls = experiment("export_policy", "gril_jax")
+    out = tmp_path / "policy.npz"
+    assert cli.main(["export-policy", str(trained), f"--out={out}"]) == 0
+    config = RunConfig()
+    algorithm = ("ppo", config, ("env", config.env, False))
+    wanted = (trained, out, config, algorithm, ("hyper", config))
+    assert calls == [(wanted, {"echo": cli._echo})]
 
 
 def test_imports_hand_on_their_folders_and_tell_their_progress(

@@ -1,0 +1,144 @@
+"""The blocks' shapes as data: one compiled program serves any mix of them.
+
+All four shapes have a symmetry that folds the plane around them into a single wedge: choose the
+direction (a face's normal for a polygon, a tip for the star) that lies nearest to the point, and the
+shape's rim in that wedge is one segment, given by its distance `along` the direction and its
+distance `across` it. A circle is a point with a radius. So a distance costs five scalar products
+and no branch, whichever shape it is.
+"""
+
+import math
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .plane import Vec, where
+
+__all__ = ["SHAPES", "BlockShape", "blocks", "outline", "signed_distance"]
+
+SHAPES = ("star", "square", "pentagon", "circle")
+SIZE = 0.12  # every block's area is about pi SIZE^2
+
+
+class BlockShape(NamedTuple):
+    """Shapes of B blocks. Vectors are in the block's frame; the rim's are (along, across)."""
+
+    directions: Vec  # (5, B) unit vectors; repeated where there are fewer
+    rim_start: Vec  # (B,) the rim's segment
+    rim_end: Vec  # (B,)
+    rim_out: Vec  # (B,) its outward unit normal
+    corners: Vec  # (5, B); repeated where there are fewer
+    radius: Float[Array, "B"]  # by which rim and corners are rounded
+    inverse_inertia: Float[Array, "B"]  # for a mass of 0.01
+
+
+class _Kind(NamedTuple):
+    """One shape's row of the table."""
+
+    directions: np.ndarray  # (5, 2)
+    rim: np.ndarray  # (2, 2)
+    out: np.ndarray  # (2,)
+    corners: np.ndarray  # (5, 2)
+    radius: float
+    inverse_inertia: float
+
+
+def _ring(count: int, radius: float, first: float = math.pi / 2) -> np.ndarray:
+    angles = first + 2 * math.pi * np.arange(count) / count
+    return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def _five(points: np.ndarray) -> np.ndarray:
+    return points[np.minimum(np.arange(5), len(points) - 1)]
+
+
+def _polygon(count: int, circumradius: float, first: float, radius: float, inertia: float):
+    """A regular polygon; `radius` rounds its corners outwards."""
+    apothem = circumradius * math.cos(math.pi / count)
+    half = circumradius * math.sin(math.pi / count)
+    normals = _ring(count, 1.0, first + math.pi / count)
+    rim = np.array([[apothem, 0.0], [apothem, half]])
+    corners = _ring(count, circumradius, first)
+    return _Kind(
+        _five(normals), rim, np.array([1.0, 0.0]), _five(corners), radius, 1.0 / inertia
+    )
+
+
+def _star(inertia: float) -> _Kind:
+    tip, notch, half = 1.3 * SIZE, 0.65 * SIZE, math.pi / 5
+    rim = np.array([[tip, 0.0], [notch * math.cos(half), notch * math.sin(half)]])
+    (ax, ay), (bx, by) = rim
+    out = np.array([by - ay, ax - bx])
+    tips = _ring(5, 1.0)
+    return _Kind(tips, rim, out / np.linalg.norm(out), tip * tips, 0.0, 1.0 / inertia)
+
+
+_HALF_SQUARE = math.sqrt(math.pi) * SIZE / 2
+_TABLE = {  # inertias for a mass of 0.01, as the original computes them
+    "star": _star(9.365e-5),
+    "square": _polygon(4, _HALF_SQUARE * math.sqrt(2), math.pi / 4, 0.0021, 7.540e-5),
+    "pentagon": _polygon(5, 0.1379, math.pi / 2, 0.0, 7.322e-5),
+    "circle": _Kind(
+        _ring(5, 1.0), np.zeros((2, 2)), np.array([1.0, 0.0]), np.zeros((5, 2)), SIZE, 1 / 7.2e-5
+    ),
+}
+_STACKED = _Kind(
+    *(np.stack(f).astype(np.float32) for f in zip(*(_TABLE[s] for s in SHAPES), strict=True))
+)
+
+
+def blocks(shape: Int[Array, "B"]) -> BlockShape:
+    """The shapes of blocks given by their index in `SHAPES`."""
+    kind = _Kind(*(jnp.asarray(field)[shape] for field in _STACKED))
+    several = lambda f: Vec(f[..., 0].T, f[..., 1].T)  # noqa: E731  (B, 5, 2) to (5, B) twice
+    return BlockShape(
+        several(kind.directions),
+        several(kind.rim[:, 0]),
+        several(kind.rim[:, 1]),
+        several(kind.out),
+        several(kind.corners),
+        kind.radius,
+        kind.inverse_inertia,
+    )
+
+
+def outline(name: str) -> np.ndarray:
+    """The corners (V, 2) of a block, counter-clockwise, for painting and for its box."""
+    if name == "circle":
+        return _ring(32, SIZE)
+    shape = _TABLE[name]
+    if name == "star":
+        notches = _ring(5, 0.65 * SIZE, math.pi / 2 + math.pi / 5)
+        return np.stack([shape.corners, notches], axis=1).reshape(10, 2)
+    return shape.corners[: 4 if name == "square" else 5]
+
+
+def signed_distance(shape: BlockShape, point: Vec) -> tuple[Array, Vec]:
+    """Distance of points to the blocks' rims, negative inside, and the unit normal out of the block.
+
+    Args:
+      shape: of B blocks.
+      point: (..., B) in the blocks' own frames.
+    """
+    along = jnp.full_like(point.x, -jnp.inf)
+    nearest = Vec(jnp.zeros_like(along), jnp.zeros_like(along))
+    for k in range(5):
+        direction = shape.directions[k]
+        dot = direction.dot(point)
+        nearest = where(dot > along, direction, nearest)
+        along = jnp.maximum(dot, along)
+    across = nearest.cross(point)
+    side = jnp.where(across < 0, -1.0, 1.0)
+
+    rim = shape.rim_end - shape.rim_start
+    folded = Vec(along, jnp.abs(across)) - shape.rim_start
+    line = shape.rim_out.dot(folded)  # beyond the segment's line
+    share = jnp.clip(folded.dot(rim) / jnp.maximum(rim.dot(rim), 1e-12), 0.0, 1.0)
+    gap = folded - rim * share
+    far = jnp.sqrt(gap.dot(gap) + 1e-14)
+    outside = line > 1e-6
+    normal = where(outside, gap * (1.0 / far), shape.rim_out)
+    normal = Vec(normal.x, normal.y * side).out_of(nearest)
+    return jnp.where(outside, far, line) - shape.radius, normal

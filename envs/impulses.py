@@ -1,0 +1,126 @@
+"""Contacts solved by sequential impulses, as the original's engine, Chipmunk, does.
+
+A sweep takes the layers of contacts in turn and gives each contact the impulse that would satisfy
+it, clamped as a sum: contacts only push, friction stays within its cone. The contacts of one layer
+are taken at once.
+
+Beside the velocities runs a second system of pseudo-velocities that undo overlaps and are then
+forgotten, so that pushing bodies apart does not set them in motion. It has no friction.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .contacts import Contacts
+from .plane import Vec
+
+__all__ = ["Bodies", "Impulse", "Motion", "Rows", "kick", "prepare", "solve"]
+
+SLOP = 0.01  # overlap that is not pushed apart
+_LEFT = 0.9**60  # share of an overlap that is left after a second
+_REACH = 0.05  # contacts that are nearer than this may close within a substep
+
+
+class Bodies(NamedTuple):
+    """What N bodies weigh; zeros for what cannot be moved."""
+
+    inverse_mass: Float[Array, "*N"]
+    inverse_inertia: Float[Array, "*N"]
+
+
+class Motion(NamedTuple):
+    """Velocities of N bodies, and the pseudo-velocities beside them."""
+
+    push: Vec
+    spin: Float[Array, "*N"]
+    shift: Vec
+    twist: Float[Array, "*N"]
+
+
+class Impulse(NamedTuple):
+    """Summed impulses of N contacts."""
+
+    normal: Float[Array, "*N"]
+    tangent: Float[Array, "*N"]
+    shift: Float[Array, "*N"]  # along the normal, of the second system
+
+
+class Rows(NamedTuple):
+    """A layer of contacts made ready to be solved; a zero mass switches one off."""
+
+    normal: Vec  # from the first body to the second
+    leverage: Vec  # of (normal, tangent) on the second body
+    recoil: Vec  # ... on the first
+    mass: Vec  # effective mass along (normal, tangent)
+    approach: Float[Array, "*N"]  # speed along the normal that closes the gap
+    bias: Float[Array, "*N"]  # speed at which an overlap is undone
+    friction: Float[Array, "*N"] | float
+    first: Bodies | None  # None is a wall
+    second: Bodies
+
+
+def prepare(
+    contacts: Contacts, friction, first: Bodies | None, offset: Vec | None, second: Bodies, *, dt
+) -> Rows:
+    """Leverages, effective masses and aims of a layer.
+
+    Args:
+      offset: from the first bodies' centres to the second's; None with a wall.
+      dt: the substep, s.
+    """
+    n = contacts.normal
+    t = n.turned()
+    leverage = Vec(contacts.second.cross(n), contacts.second.cross(t))
+    inverse = [
+        second.inverse_mass + second.inverse_inertia * arm**2 for arm in (leverage.x, leverage.y)
+    ]
+    recoil = leverage
+    if first is not None:
+        arm = offset + contacts.second - n * contacts.gap
+        recoil = Vec(arm.cross(n), arm.cross(t))
+        both = zip(inverse, (recoil.x, recoil.y), strict=True)
+        inverse = [i + first.inverse_mass + first.inverse_inertia * arm**2 for i, arm in both]
+    near = contacts.gap < _REACH
+    mass = Vec(*(jnp.where(near, 1.0 / i, 0.0) for i in inverse))
+    approach = -jnp.maximum(contacts.gap, 0.0) / dt
+    bias = (1.0 - _LEFT**dt) / dt * jnp.maximum(-contacts.gap - SLOP, 0.0)
+    return Rows(n, leverage, recoil, mass, approach, bias, friction, first, second)
+
+
+def kick(rows: Rows, j: Impulse) -> tuple[Motion | None, Motion]:
+    """What impulses change in the motions of the first and the second bodies."""
+    push = rows.normal * j.normal + rows.normal.turned() * j.tangent
+    shift = rows.normal * j.shift
+
+    def change(body: Bodies, arm: Vec, sign: float) -> Motion:
+        m, i = sign * body.inverse_mass, sign * body.inverse_inertia
+        spin = i * (arm.x * j.normal + arm.y * j.tangent)
+        return Motion(push * m, spin, shift * m, i * (arm.x * j.shift))
+
+    back = None if rows.first is None else change(rows.first, rows.recoil, -1.0)
+    return back, change(rows.second, rows.leverage, 1.0)
+
+
+def solve(rows: Rows, j: Impulse, first: Motion | None, second: Motion) -> Impulse:
+    """The layer's summed impulses after one pass."""
+    n = rows.normal
+
+    def along(body: Motion, arm: Vec):
+        tangent = n.cross(body.push) + body.spin * arm.y
+        return (
+            n.dot(body.push) + body.spin * arm.x,
+            tangent,
+            n.dot(body.shift) + body.twist * arm.x,
+        )
+
+    vn, vt, vs = along(second, rows.leverage)
+    if first is not None:
+        un, ut, us = along(first, rows.recoil)
+        vn, vt, vs = vn - un, vt - ut, vs - us
+    normal = jnp.maximum(j.normal + (rows.approach - vn) * rows.mass.x, 0.0)
+    most = rows.friction * normal
+    tangent = jnp.clip(j.tangent - vt * rows.mass.y, -most, most)
+    shift = jnp.maximum(j.shift + (rows.bias - vs) * rows.mass.x, 0.0)
+    return Impulse(normal, tangent, shift)

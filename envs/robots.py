@@ -1,0 +1,106 @@
+"""The robots: their parts, and the shape of each part.
+
+Forward is +y of the robot's own frame. A part's centre of mass is the origin of its frame; a
+finger's is its pivot, as in the original simulator. Lengths in arena units, masses and inertias in
+the original's units.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["FINGER_OPEN", "PIVOTS", "ROBOTS", "Box", "Part", "Robot", "robot"]
+
+FINGER_OPEN = math.pi / 8  # rad from closed (parallel) to fully open
+PIVOTS = np.array([[-0.09, 0.02], [0.09, 0.02]])  # of the fingers, left first, on the base
+_ARM, _FOREARM, _THICKNESS = 0.22, 0.14, 0.05
+
+
+class Box(NamedTuple):
+    """A rectangle in its part's frame."""
+
+    center: tuple[float, float]
+    half: tuple[float, float]  # half width along its own x, half length along its own y
+    angle: float
+
+
+class Part(NamedTuple):
+    """One rigid body of a robot: a disc if `radius` is positive, else boxes."""
+
+    mass: float
+    inertia: float  # about the origin of its frame
+    friction: float  # Chipmunk's coefficient of this surface
+    radius: float
+    boxes: tuple[Box, ...]
+    corners: np.ndarray  # (C, 2) corners that can touch something
+    outline: np.ndarray  # (V, 2) polygon to paint and to measure
+
+
+class Robot(NamedTuple):
+    """A base, and two fingers if it is a gripper."""
+
+    name: str
+    parts: tuple[Part, ...]
+
+    @property
+    def has_fingers(self) -> bool:
+        """Whether there are fingers to open and close."""
+        return len(self.parts) > 1
+
+
+def _corners(box: Box) -> np.ndarray:
+    c, s = math.cos(box.angle), math.sin(box.angle)
+    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    return signs * np.array(box.half) @ np.array([[c, s], [-s, c]]) + np.array(box.center)
+
+
+def _finger(side: int) -> Part:
+    """A finger in its pivot's frame, closed; `side` is -1 for the left and +1 for the right.
+
+    The forearm is the continuation of the upper arm, bent inward about the outer elbow corner.
+    """
+    bend = side * math.pi / 8  # counter-clockwise bends the right finger's forearm inward
+    along = np.array([-math.sin(bend), math.cos(bend)])
+    inward = -side * np.array([math.cos(bend), math.sin(bend)])
+    elbow = np.array([side * _THICKNESS / 2, _ARM])
+    middle = elbow + along * _FOREARM / 2 + inward * _THICKNESS / 2
+    upper = Box((0.0, _ARM / 2), (_THICKNESS / 2, _ARM / 2), 0.0)
+    fore = Box((float(middle[0]), float(middle[1])), (_THICKNESS / 2, _FOREARM / 2), bend)
+    tips = [elbow + along * _FOREARM, elbow + along * _FOREARM + inward * _THICKNESS]
+    inner_elbow = np.array([-side * _THICKNESS / 2, _ARM])
+    # Where the inner sides of both arms meet: the forearm's inner side dips into the upper arm.
+    start = elbow + inward * _THICKNESS
+    share = (inner_elbow[0] - start[0]) / along[0]
+    crook = start + share * along
+    root = _THICKNESS / 2 * np.array([[-side, 0.0], [side, 0.0]])
+    outline = np.array([root[1], elbow, tips[0], tips[1], crook, root[0]])
+    corners = np.array([elbow, tips[0], tips[1]])
+    return Part(0.125, 0.005, 5.0, 0.0, (upper, fore), corners, outline)
+
+
+def _gripper() -> Robot:
+    angles = np.arange(32) * math.pi / 16
+    ring = 0.2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    base = Part(1.0, 0.020, 0.5, 0.2, (), np.zeros((1, 2)), ring)
+    return Robot("gripper", (base, _finger(-1), _finger(1)))
+
+
+def _stick(name: str, width: float, inertia: float) -> Robot:
+    box = Box((0.0, 0.0), (width / 2, 0.05), 0.0)
+    corners = _corners(box)
+    return Robot(name, (Part(1.0, inertia, 0.5, 0.0, (box,), corners, corners),))
+
+
+_ROBOTS = {
+    "gripper": _gripper,
+    "short": lambda: _stick("short", 0.30, 0.00833),
+    "medium": lambda: _stick("medium", 0.60, 0.03083),
+    "long": lambda: _stick("long", 1.60, 0.21417),
+}
+ROBOTS = tuple(_ROBOTS)
+
+
+def robot(name: str) -> Robot:
+    """A robot by name, one of `ROBOTS`."""
+    return _ROBOTS[name]()
