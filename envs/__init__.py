@@ -1,4 +1,4 @@
-"""MJX manipulation tasks. `make(name)` builds one; `names()` lists them."""
+"""Manipulation tasks in JAX. `make(name)` builds one; `names()` lists them."""
 
 if __name__ != "gril_jax.envs":  # a second copy would have a second registry
     raise ImportError(f"import this package as gril_jax.envs, not {__name__}")

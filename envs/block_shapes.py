@@ -1,8 +1,8 @@
 """The blocks' shapes as data: one compiled program serves any mix of them.
 
 All four shapes have a symmetry that folds the plane around them into a single wedge: choose the
-direction (a face's normal for a polygon, a tip for the star) that lies nearest to the point, and the
-shape's rim in that wedge is one segment, given by its distance `along` the direction and its
+direction (a face's normal for a polygon, a tip for the star) that lies nearest to the point, and
+the shape's rim in that wedge is one segment, given by its distance `along` the direction and its
 distance `across` it. A circle is a point with a radius. So a distance costs five scalar products
 and no branch, whichever shape it is.
 """
@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .plane import Vec, where
+from .plane import Vec, heading, where
 
-__all__ = ["SHAPES", "BlockShape", "blocks", "outline", "signed_distance"]
+__all__ = ["SHAPES", "BlockShape", "blocks", "extents", "outline", "signed_distance"]
 
 SHAPES = ("star", "square", "pentagon", "circle")
 SIZE = 0.12  # every block's area is about pi SIZE^2
@@ -61,9 +61,7 @@ def _polygon(count: int, circumradius: float, first: float, radius: float, inert
     normals = _ring(count, 1.0, first + math.pi / count)
     rim = np.array([[apothem, 0.0], [apothem, half]])
     corners = _ring(count, circumradius, first)
-    return _Kind(
-        _five(normals), rim, np.array([1.0, 0.0]), _five(corners), radius, 1.0 / inertia
-    )
+    return _Kind(_five(normals), rim, np.array([1.0, 0.0]), _five(corners), radius, 1.0 / inertia)
 
 
 def _star(inertia: float) -> _Kind:
@@ -116,7 +114,7 @@ def outline(name: str) -> np.ndarray:
 
 
 def signed_distance(shape: BlockShape, point: Vec) -> tuple[Array, Vec]:
-    """Distance of points to the blocks' rims, negative inside, and the unit normal out of the block.
+    """Distance of points to the blocks' rims, negative inside, and the unit normal outwards.
 
     Args:
       shape: of B blocks.
@@ -142,3 +140,13 @@ def signed_distance(shape: BlockShape, point: Vec) -> tuple[Array, Vec]:
     normal = where(outside, gap * (1.0 / far), shape.rim_out)
     normal = Vec(normal.x, normal.y * side).out_of(nearest)
     return jnp.where(outside, far, line) - shape.radius, normal
+
+
+def extents(
+    shape: BlockShape, angle: Float[Array, "B"]
+) -> tuple[Float[Array, "B 2"], Float[Array, "B 2"]]:
+    """Lowest and highest point of blocks turned by `angle`, relative to their centres."""
+    corners = shape.corners.out_of(heading(angle))
+    stack = lambda x, y: jnp.stack([x, y], axis=-1)  # noqa: E731
+    low = stack(corners.x.min(axis=0), corners.y.min(axis=0)) - shape.radius[:, None]
+    return low, stack(corners.x.max(axis=0), corners.y.max(axis=0)) + shape.radius[:, None]

@@ -139,7 +139,9 @@ def between_blocks(shapes: BlockShape, blocks: Frames) -> list[Contacts]:
     return layers
 
 
-def walls(corners: Vec, radius: Float[Array, "N"], bodies: Frames, *, arena: float):
+def walls(
+    corners: Vec, radius: Float[Array | np.ndarray, "N"], bodies: Frames, *, arena: float
+) -> list[Contacts]:
     """Four layers of bodies (second) with the walls |x| = arena and |y| = arena (first).
 
     For each axis the nearer wall, and for each wall the deepest corner on either side of the body's

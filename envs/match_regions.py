@@ -1,371 +1,405 @@
-"""MatchRegions: put the green blocks, and only them, into the green region (MAGICAL's task in MJX).
+"""MatchRegions: put the green blocks, and only them, into the green region (MAGICAL's task).
 
-A square arena |x|, |y| <= 1.1 seen from above; a disc robot with two fingers drives, turns and
-grips; blocks slide on the table and stop at once when nothing pushes them. Control runs at 8 Hz.
+A square arena |x|, |y| <= 1.1 seen from above; a robot drives, turns and, if it has fingers, grips;
+blocks slide on the table and stop at once when nothing pushes them. Control runs at 8 Hz.
 
-Action (3,), each in [-1, 1]:
+Action (3,), or (2,) for a stick, each in [-1, 1]:
   0  forward speed, clipped to +-0.8 units/s
   1  turn. "original": x-magical's law, bang-bang beyond 0.0625; "smooth": linear to +-2.5 rad/s
   2  grip: the fingers aim at clip(pi/8 - a, 0, pi/8) rad; 0 or less opens them, 0.393 closes them
-Observation (14 + 12 B,) for B blocks, lengths in arena units, "robot frame" turned with the robot:
-  0-3    robot x, y, cos and sin of its heading angle
-  4-6    forward and sideways speed (units/s), turn rate / 2.5 rad/s
-  7      finger opening, 0 closed to 1 open
-  8-13   region centre in the robot frame, region centre, width and height
-  then for each block, targets first: centre in the robot frame (2), centre (2), offset to the
-  region's centre (2), velocity (2), cos and sin of the angle, turn rate / 10,
-  1 if inside the region
+Observation: see `match_regions_observation`; `observation_names` says what each number is.
 Objects: region, robot, targets, distractors, in that order.
-Score: (n_t / T)(1 - n_d / (n_t + n_d)) with n_t targets and n_d distractors whose centre is in the
-region. Success: score 1. Reward: x-magical's dense reward as its authors last selected it ("S4"),
-10 tanh((-n_d + sum_i (D_i - d_i) - 0.1) / 2), d_i the distance of target i to the region's centre,
-0 when inside, and D_i that distance at reset.
+Score, success (score 1) and the dense rewards: see `match_regions_reward`.
+
+Physics presets:
+  "xmagical"  arena 1.1, block mass 0.01, drive force 5: blocks stop within a hundredth of a second
+  "magical"   the original MAGICAL's: arena 1.0, block mass 0.5, drive force 3, so blocks coast; the
+              action is rounded to its 18: forward 0.8, stop, or reverse 0.6; left, none or right;
+              open or closed
+
+Engines: "impulse", our own solver (`planar_physics`), which follows the original closely and serves
+every option; or "mjx", MuJoCo's (`planar_mjx`), which serves the gripper, fixed shapes and
+"xmagical" physics.
 """
 
+import difflib
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
-from mujoco import mjx
 
+from . import block_shapes, raster, robots
 from . import match_regions_layout as layouts
+from . import match_regions_observation as observations
+from . import match_regions_reward as rewards
 from . import match_regions_scene as scene
-from . import planar_model, shapes
 from .base import Objects, Outline, State
+from .joints import TURN_RATE, Command, Strengths
+from .planar_mjx import MjxPhysics
+from .planar_physics import Physics
 
-__all__ = ["CLASSES", "MatchRegions", "PlanarData"]
+__all__ = ["CLASSES", "PRESETS", "MatchRegions", "PlanarData"]
 
-COLOURS = ("green", "blue", "yellow", "red")
-CLASSES = (
-    "goal",
-    "robot",
-    *tuple(f"{c} {s}" for c in COLOURS for s in ("star", "square", "pentagon", "circle")),
-)
+COLOURS, SHAPES = layouts.COLOURS, block_shapes.SHAPES
+CLASSES = ("goal", "robot", *tuple(f"{c} {s}" for c in COLOURS for s in SHAPES))
 TARGETS = ("green star", "green square")
 DISTRACTORS = ("blue pentagon", "yellow circle", "yellow pentagon")
-VARIANTS = ("demo", "jitter", "layout")
 
-_MAX_SPEED, _MAX_TURN = 0.8, 2.5  # units/s, rad/s
-_DRIVE_FORCE = 5.0
-_TORQUES = np.array([1.0] + [planar_model.FINGER_TORQUE] * 2, np.float32)  # turning, fingers
+
+class _Preset(NamedTuple):
+    arena: float
+    block_mass: float
+    strengths: Strengths
+    reverse: float  # fastest backwards, units/s
+
+
+PRESETS = {
+    "xmagical": _Preset(1.1, 0.01, Strengths(5.0, 1.0, 4.0, 1.5, 0.1), 0.8),
+    "magical": _Preset(1.0, 0.5, Strengths(3.0, 1.0, 4.0, 1.5, 0.1), 0.6),
+}
+_MAX_SPEED = 0.8  # units/s
+_SOLVING = {"impulse": (10, 6), "mjx": (5, 2)}  # substeps and iterations of each engine
 
 
 class PlanarData(NamedTuple):
-    """What the simulator must remember. Joint positions are the poses: see `planar_model`."""
+    """What the simulator must remember; E bodies are the robot's parts, then B blocks."""
 
-    qpos: Float[Array, "Q"]  # robot x, y, yaw, left and right finger; then x, y, yaw a block
-    qvel: Float[Array, "Q"]
-    warmstart: Float[Array, "Q"]  # the solver's last acceleration
+    pose: Float[Array, "E 3"]  # x, y (arena units), angle (rad); a finger's place is its pivot
+    velocity: Float[Array, "E 3"]  # per second
+    memory: Float[Array, "I"]  # what the engine's solver begins with
+    shape: Int[Array, "B"]  # of each block, an index into `block_shapes.SHAPES`
+    colour: Int[Array, "B"]  # an index into COLOURS; the region has the first target's
+    strengths: Float[Array, "5"]  # the fields of `joints.Strengths`
     goal: Float[Array, "4"]  # centre x, y; width, height
     start_distance: Float[Array, "K"]  # of each target to the region's centre at reset
+    nearest: Float[Array, "K"]  # of each target to the robot since reset
+    unplaced: Bool[Array, ""]  # the layout found no free place for something
     varied: Float[Array, ""]  # 1 in an episode that began with a varied start
     placed: Int[Array, ""]  # the block that such a start put into the region, or -1
-
-
-def _rotate(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    return jnp.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1)
-
-
-def _padded(outlines: list[np.ndarray]) -> np.ndarray:
-    """Outlines as one array: a repeated vertex changes neither a box nor a polygon."""
-    most = max(len(v) for v in outlines)
-    return np.stack([np.concatenate([v, np.repeat(v[:1], most - len(v), 0)]) for v in outlines])
 
 
 class MatchRegions:
     """The task; see the module's text for actions, observations and rewards.
 
     Args:
+      robot: "gripper", or a stick: "short", "medium" or "long".
+      physics: the preset, "xmagical" or "magical"; see above.
+      engine: "impulse" or "mjx"; see above.
       targets, distractors: block names, "<colour> <shape>", from `CLASSES`.
-      variant: start poses: "demo" (fixed), "jitter" (+-0.0275, +-9 degrees) or "layout" (anywhere).
+      variant: what is drawn at reset: nothing ("demo"), a little of everything ("jitter",
+        +-0.0275 and +-9 degrees), places ("layout"), colours ("color"), shapes ("shape"), forces
+        ("dynamics"), or the last four together ("all").
       varied_starts: share of episodes that begin with the robot anywhere, and of those two in three
         with one target already in the region. For training; 0 is the task itself.
       turn: "original" or "smooth"; see above.
-      substeps: physics steps a control step; the original's is 10.
-      iterations: of the contact solver, each substep.
-      max_contacts: most contacts that one substep resolves; the deepest count.
+      observation: "rich" or "xmagical".
+      reward: the task's own reward: "S4", "V5", "S3" or "sparse".
+      substeps: physics steps a control step; the original's is 10. None is the engine's own
+        choice: 10, or 5 with "mjx".
+      iterations: sweeps of the solver a substep; the original's is 10. None: 6, or 2 with "mjx".
     """
 
     classes = CLASSES
-    arena = 1.1
-    half_extent = 1.122
     background = scene.BACKGROUND
     control_hz = 8.0
-    action_size = 3
 
     def __init__(
         self,
         *,
+        robot: str = "gripper",
+        physics: str = "xmagical",
+        engine: str = "impulse",
         targets: tuple[str, ...] = TARGETS,
         distractors: tuple[str, ...] = DISTRACTORS,
         variant: str = "demo",
         varied_starts: float = 0.0,
         turn: str = "original",
+        observation: str = "rich",
+        reward: str = "S4",
         episode_length: int = 120,
-        substeps: int = 5,
-        iterations: int = 2,
-        max_contacts: int = 16,
+        substeps: int | None = None,
+        iterations: int | None = None,
     ):
-        if variant not in VARIANTS:
-            raise ValueError(f"variant is {variant!r}, but must be one of {', '.join(VARIANTS)}")
-        if turn not in ("original", "smooth"):
-            raise ValueError(f"turn is {turn!r}, but must be 'original' or 'smooth'")
+        _check("robot", robot, robots.ROBOTS)
+        _check("physics", physics, tuple(PRESETS))
+        _check("engine", engine, tuple(_SOLVING))
+        _check("variant", variant, layouts.VARIANTS)
+        _check("turn", turn, ("original", "smooth"))
+        _check("observation", observation, observations.OBSERVATIONS)
+        _check("reward", reward, rewards.REWARDS)
+        if not targets:
+            raise ValueError("targets is empty, but needs at least one block")
+        if not 0 <= varied_starts <= 1:
+            raise ValueError(f"varied_starts is {varied_starts}, but must be between 0 and 1")
+        if engine == "mjx":
+            _check_mjx(robot, physics, variant)
+        substeps = _SOLVING[engine][0] if substeps is None else substeps
+        iterations = _SOLVING[engine][1] if iterations is None else iterations
+        for count, what in ((episode_length, "episode_length"), (substeps, "substeps"),
+                            (iterations, "iterations")):  # fmt: skip
+            if count < 1:
+                raise ValueError(f"{what} is {count}, but must be at least 1")
+        scattered = variant in ("layout", "all")
         for name in (*targets, *distractors):
-            if name not in layouts.DEMO_BLOCKS and name not in CLASSES[2:]:
-                raise ValueError(f"block {name!r} is not one of {', '.join(CLASSES[2:])}")
-            if variant != "layout" and name not in layouts.DEMO_BLOCKS:
+            _check("block", name, CLASSES[2:])
+            if not scattered and name not in layouts.DEMO_BLOCKS:
                 raise ValueError(f"block {name!r} has no place in the {variant} layout")
         self.blocks = (*targets, *distractors)
-        self.num_targets = len(targets)
-        self.variant, self.varied_starts, self.episode_length = (
-            variant,
-            varied_starts,
-            episode_length,
+        self.num_targets, self.variant = len(targets), variant
+        self.varied_starts, self.episode_length = varied_starts, episode_length
+        self.turn_gain = 40.0 if turn == "original" else TURN_RATE
+        self.robot, self.physics = robots.robot(robot), physics
+        self.action_size = 3 if self.robot.has_fingers else 2
+        self._preset = PRESETS[physics]
+        self.arena = self._preset.arena
+        self.half_extent = 1.02 * self.arena
+        self._reward, self._kind = reward, observation
+        self._parts = len(self.robot.parts)
+        self.observation_names = observations.names(
+            observation, self.blocks, fingers=self.robot.has_fingers, targets=len(targets)
         )
-        self.turn_gain = 40.0 if turn == "original" else _MAX_TURN
-        self.substeps, self.dt = substeps, 1.0 / (self.control_hz * substeps)
-        self.observation_size = 14 + 12 * len(self.blocks)
+        self.observation_size = len(self.observation_names)
+        self.action_names = ("forward speed", "turn", "grip")[: self.action_size]
+        split = [name.split() for name in self.blocks]
+        self._colour = np.array([COLOURS.index(c) for c, _ in split], np.int32)
+        self._shape = np.array([SHAPES.index(s) for _, s in split], np.int32)
+        self._engine = self._make_engine(engine, substeps, iterations)
+        self._rest = np.asarray(self._engine.rest())
 
-        robot = planar_model.gripper()
-        block_shapes = [shapes.block(name.split()[1]) for name in self.blocks]
-        self.mj_model = planar_model.build(
-            robot,
-            block_shapes,
-            timestep=self.dt,
-            iterations=iterations,
-            max_contacts=max_contacts,
+    def _make_engine(self, engine: str, substeps: int, iterations: int):
+        common = dict(
+            arena=self.arena, control_hz=self.control_hz, substeps=substeps, iterations=iterations
         )
-        self._model = mjx.put_model(self.mj_model)
-        self._blank = mjx.make_data(self._model)
-        self._outlines = _padded([s.vertices for s in block_shapes])  # (B, V, 2)
-        self._fingers = np.stack([shapes.finger(s).vertices for s in (-1, 1)])
-        self._base = robot.base.vertices
-        opened = jnp.array([0.0, 0.0, 0.0, planar_model.FINGER_OPEN, -planar_model.FINGER_OPEN])
-        around = [np.asarray(self.robot_outline(opened)), *self._outlines]
-        self._radii = np.array([np.linalg.norm(o, axis=1).max() for o in around])
-        names = ["goal", "robot", *self.blocks]
-        self._label = np.array([CLASSES.index(n) for n in names], np.int32)
-        fingers = [self.mj_model.body(f"{side}_finger") for side in ("left", "right")]
-        self._finger_com = np.stack([f.ipos[:2] for f in fingers])
-        self._finger_inertia = float(fingers[0].inertia[0])
+        if engine == "impulse":
+            count, mass = len(self.blocks), self._preset.block_mass
+            return Physics(self.robot, count, block_mass=mass, **common)
+        return MjxPhysics(tuple(SHAPES[s] for s in self._shape), **common)
 
     # ---------------------------------------------------------------- episode
 
     def reset(self, key: PRNGKeyArray) -> State:
-        """A new episode; two thirds of the varied starts have one target in the region."""
-        key_layout, key_vary, key_start = jax.random.split(key, 3)
-        demo = [
-            layouts.DEMO_ROBOT,
-            *(layouts.DEMO_BLOCKS.get(b, (0, 0, 0)) for b in self.blocks),
-        ]
-        poses, goal = jnp.array(demo), jnp.array(layouts.DEMO_GOAL)
-        if self.variant == "jitter":
-            poses, goal = layouts.jitter(key_layout, poses, goal, arena=self.arena)
-        if self.variant == "layout":
-            radii = jnp.asarray(self._radii, jnp.float32)
-            poses, goal = layouts.scatter(key_layout, radii, arena=self.arena)
-        start = self._distances(poses[1:], goal)
-        vary, placed = jnp.zeros((), bool), jnp.full((), -1, jnp.int32)
-        if self.varied_starts > 0:
-            vary = jax.random.uniform(key_vary) < self.varied_starts
-            varied, which = self._vary(key_start, poses, goal)
-            poses = jnp.where(vary, varied, poses)
-            placed = jnp.where(vary, which, placed)
-        fingers = planar_model.FINGER_OPEN * jnp.array([1.0, -1.0])
-        qpos = jnp.concatenate([poses[0], fingers, poses[1:].reshape(-1)])
-        still = jnp.zeros_like(qpos)
-        vary = vary.astype(jnp.float32)
-        return self._observe(PlanarData(qpos, still, still, goal, start, vary, placed))
+        """A new episode of the task's variant."""
+        keys = jax.random.split(key, 6)
+        shape, colour = jnp.asarray(self._shape), jnp.asarray(self._colour)
+        strengths = Strengths(*(jnp.float32(s) for s in self._preset.strengths))
+        if self.variant in ("shape", "all"):
+            shape = layouts.shapes(keys[0], len(self.blocks))
+        if self.variant in ("color", "all"):
+            colour = layouts.colours(keys[1], colour, self.num_targets)
+        if self.variant in ("dynamics", "all"):
+            strengths = layouts.dynamics(keys[2])
+        layout = self._layout(keys[3], jnp.asarray(layouts.RADII)[shape])
+        start = _distances(layout.blocks[: self.num_targets], layout.goal[:2])
+        layout, vary, placed = self._vary(keys[4:], layout, jnp.asarray(layouts.RADII)[shape])
+        pose = jnp.concatenate([self._robot_pose(layout.robot), layout.blocks])
+        nearest = _distances(layout.blocks[: self.num_targets], layout.robot[:2])
+        data = PlanarData(
+            pose, jnp.zeros_like(pose), jnp.asarray(self._rest), shape, colour,
+            jnp.stack(strengths), layout.goal, start, nearest, layout.unplaced,
+            vary.astype(jnp.float32), placed,
+        )  # fmt: skip
+        return self._observe(data)
 
-    def _vary(
-        self, key: PRNGKeyArray, poses: Float[Array, "E 3"], goal: Float[Array, "4"]
-    ) -> tuple[Float[Array, "E 3"], Int[Array, ""]]:
-        """Robot anywhere; with probability 2/3 one target (which is returned) in the region."""
-        key_robot, key_some, key_which, key_where = jax.random.split(key, 4)
-        which = jax.random.randint(key_which, (), 0, self.num_targets)
-        some = jax.random.uniform(key_some) < 2 / 3
-        unit = jax.random.uniform(key_where, (3,), minval=-1.0)
-        inside = jnp.concatenate([goal[:2] + 0.35 * goal[2:] * unit[:2], jnp.pi * unit[2:]])
-        poses = jnp.where(some, poses.at[1 + which].set(inside), poses)
-        radii = jnp.asarray(self._radii, jnp.float32)
-        robot = layouts.place(
-            key_robot,
-            radii[0],
-            poses,
-            radii.at[0].set(0.0),
-            goal,
-            arena=self.arena,
-            clear_of_goal=False,
-        )
-        return poses.at[0].set(robot), jnp.where(some, which, -1).astype(jnp.int32)
+    def reset_to(
+        self,
+        pose: Float[Array, "E 3"],
+        velocity: Float[Array, "E 3"],
+        *,
+        goal: Float[Array, "4"] | None = None,
+        start: Float[Array, "K 2"] | None = None,
+        action: Float[Array, "A"] | None = None,
+    ) -> State:
+        """The state with given poses and velocities of the robot, its fingers and the blocks.
 
-    def step(self, state: State, action: Float[Array, "3"]) -> State:
-        """One control step: 1/8 s under a held action."""
-        action = jnp.clip(action, -1.0, 1.0)
-
-        def substep(carry, _):
-            qpos, qvel, warmstart = carry
-            data = self._blank.replace(
-                qpos=qpos,
-                qvel=qvel,
-                qacc_warmstart=warmstart,
-                qfrc_applied=self._drive(qpos, qvel, action),
-            )
-            model = self._model.replace(jnt_range=self._joint_range(qpos))
-            data = mjx.step(model, data)
-            return (data.qpos, data.qvel, data.qacc), None
-
-        data = state.data
-        carry = (data.qpos, data.qvel, data.warmstart)
-        (qpos, qvel, warmstart), _ = jax.lax.scan(substep, carry, length=self.substeps)
-        return self._observe(data._replace(qpos=qpos, qvel=qvel, warmstart=warmstart))
-
-    # ---------------------------------------------------------------- physics
-
-    def _drive(
-        self, qpos: Float[Array, "Q"], qvel: Float[Array, "Q"], action: Float[Array, "3"]
-    ) -> Float[Array, "Q"]:
-        """Forces of the drive: servos towards a velocity, each within its largest force.
-
-        Chipmunk couples the robot to a kinematic body by force-limited joints. The force that
-        reaches the target velocity in one substep, clipped, is the same law. It takes the whole
-        inertia matrix: servos on each joint alone would shake the light fingers.
+        Args:
+          pose: x, y, angle of each body, in the order of `PlanarData`.
+          velocity: their rates.
+          goal: centre x, y, width, height of the region; None is the Demo layout's.
+          start: where the targets were at reset, which S4 counts from; None is where they are.
+          action: what brought the scene here. The solver then starts with the impulses that it
+            would have given; None starts with none, as after a reset.
         """
-        forward = jnp.clip(action[0], -_MAX_SPEED, _MAX_SPEED)
-        yaw = qpos[2] + self.dt * qvel[2]  # Chipmunk turns the robot before it pushes
-        heading = jnp.stack([-jnp.sin(yaw), jnp.cos(yaw)])
-        turn = jnp.clip(self.turn_gain * action[1], -_MAX_TURN, _MAX_TURN)
-        opening = jnp.clip(planar_model.FINGER_OPEN - action[2], 0.0, planar_model.FINGER_OPEN)
-        rate = 10.0 * (opening * jnp.array([1.0, -1.0]) - qpos[3:5])
-        rate = jnp.clip(rate, -planar_model.FINGER_RATE, planar_model.FINGER_RATE)
-        target = jnp.concatenate([forward * heading, turn[None], rate])
+        goal = jnp.array(layouts.DEMO_GOAL) if goal is None else goal
+        targets = pose[self._parts : self._parts + self.num_targets]
+        strengths = Strengths(*(jnp.float32(s) for s in self._preset.strengths))
+        memory = jnp.asarray(self._rest)
+        if action is not None:
+            shapes = block_shapes.blocks(jnp.asarray(self._shape))
+            command = self._command(jnp.clip(action, -1.0, 1.0))
+            memory = self._engine.settle(pose, velocity, shapes, strengths, command)
+        data = PlanarData(
+            pose, velocity, memory, jnp.asarray(self._shape), jnp.asarray(self._colour),
+            jnp.stack(strengths), goal, _distances(targets if start is None else start, goal[:2]),
+            _distances(targets, pose[0, :2]), jnp.zeros((), bool), jnp.zeros(()),
+            jnp.full((), -1, jnp.int32),
+        )  # fmt: skip
+        return self._observe(data)
 
-        force = self._robot_mass(qpos) @ (target - qvel[:5]) / self.dt
-        size = jnp.sqrt(jnp.sum(force[:2] ** 2) + 1e-12)
-        push = force[:2] * jnp.minimum(1.0, _DRIVE_FORCE / size)
-        torque = jnp.clip(force[2:], -_TORQUES, _TORQUES)
-        return jnp.zeros_like(qpos).at[:5].set(jnp.concatenate([push, torque]))
+    def clearance(self, pose: Float[Array, "E 3"]) -> Float[Array, ""]:
+        """Gap between the robot and the nearest block or wall, for the task's own shapes."""
+        return self._engine.clearance(pose, block_shapes.blocks(jnp.asarray(self._shape)))
 
-    def _robot_mass(self, qpos: Float[Array, "Q"]) -> Float[Array, "5 5"]:
-        """Joint-space inertia of disc and fingers: x, y, yaw, left finger, right finger."""
-        mass, inertia = planar_model.FINGER_MASS, self._finger_inertia
-        pivots = jnp.array([[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT])
-        from_pivot = _rotate(qpos[3:5], jnp.asarray(self._finger_com, jnp.float32))
-        arm = _rotate(qpos[2], pivots + from_pivot)  # robot's centre to finger's centre of mass
-        hand = _rotate(qpos[2], from_pivot)
-        across = mass * jnp.stack([-arm[:, 1], arm[:, 0]])  # (2 axes, 2 fingers)
-        swing = mass * jnp.stack([-hand[:, 1], hand[:, 0]])
-        yaw = jnp.sum(inertia + mass * jnp.sum(arm**2, axis=1)) + planar_model.DISC_INERTIA
-        coupling = inertia + mass * jnp.sum(arm * hand, axis=1)
-        armature = planar_model.finger_armature(self.dt)
-        finger = jnp.diag(inertia + mass * jnp.sum(hand**2, axis=1) + armature)
-        whole = (planar_model.DISC_MASS + 2 * mass) * jnp.eye(2)
-        across_yaw = across.sum(axis=1, keepdims=True)
-        return jnp.block(
-            [
-                [whole, across_yaw, swing],
-                [across_yaw.T, yaw[None, None], coupling[None]],
-                [swing.T, coupling[:, None], finger],
-            ]
+    def step(self, state: State, action: Float[Array, "A"]) -> State:
+        """One control step: 1/8 s under a held action."""
+        data = state.data
+        # Shapes that never change are constants of the compiled program.
+        shape = data.shape if self.variant in ("shape", "all") else jnp.asarray(self._shape)
+        pose, velocity, memory = self._engine.step(
+            data.pose,
+            data.velocity,
+            data.memory,
+            block_shapes.blocks(shape),
+            Strengths(*data.strengths),
+            self._command(jnp.clip(action, -1.0, 1.0)),
+        )
+        targets = pose[self._parts : self._parts + self.num_targets]
+        nearest = jnp.minimum(data.nearest, _distances(targets, pose[0, :2]))
+        return self._observe(
+            data._replace(pose=pose, velocity=velocity, memory=memory, nearest=nearest)
         )
 
-    def _joint_range(self, qpos: Float[Array, "Q"]) -> Float[Array, "Q 2"]:
-        """Walls: how far each body's centre may go at its present angle."""
-        low, high = self._extents(qpos)
-        limits = jnp.stack([-self.arena - low, self.arena - high], axis=-1)  # (1 + B, 2, 2)
-        free = jnp.broadcast_to(jnp.array([-1e3, 1e3]), (limits.shape[0], 1, 2))
-        limits = jnp.concatenate([limits, free], axis=1)
-        fingers = planar_model.FINGER_OPEN * jnp.array([[0.0, 1.0], [-1.0, 0.0]])
-        return jnp.concatenate([limits[0], fingers, limits[1:].reshape(-1, 2)])
+    def _command(self, action: Float[Array, "A"]) -> Command:
+        grip = action[2] if self.robot.has_fingers else jnp.zeros(())
+        if self.physics == "magical":
+            speed = jnp.where(action[0] > 0.5, _MAX_SPEED, 0.0)
+            speed = jnp.where(action[0] < -0.5, -self._preset.reverse, speed)
+            turn = jnp.where(jnp.abs(action[1]) > 0.5, 1.5 * jnp.sign(action[1]), 0.0)
+            return Command(speed, turn, jnp.where(grip > 0, 0.0, robots.FINGER_OPEN))
+        speed = jnp.clip(action[0], -self._preset.reverse, _MAX_SPEED)
+        opening = jnp.clip(robots.FINGER_OPEN - grip, 0.0, robots.FINGER_OPEN)
+        # A heading offset of a turns at a / (2 dt), because half of it is done when the servo acts.
+        return Command(speed, 2 * self._engine.dt * self.turn_gain * action[1], opening)
 
-    def _extents(self, qpos: Float[Array, "Q"]) -> tuple[Float[Array, "E 2"], Float[Array, "E 2"]]:
-        """Lowest and highest corner of robot and blocks, relative to their centres."""
-        angles = qpos[5:].reshape(-1, 3)[:, 2]
-        turned = _rotate(angles[:, None], jnp.asarray(self._outlines, jnp.float32))
-        robot = self.robot_outline(qpos)
-        low = jnp.concatenate([robot.min(axis=0)[None], turned.min(axis=1)])
-        return low, jnp.concatenate([robot.max(axis=0)[None], turned.max(axis=1)])
+    # ---------------------------------------------------------------- start
 
-    def robot_outline(self, qpos: Float[Array, "Q"]) -> Float[Array, "V 2"]:
-        """Corners of disc and fingers relative to the robot's centre, world axes."""
-        pivots = jnp.array([[-planar_model.PIVOT[0], planar_model.PIVOT[1]], planar_model.PIVOT])
-        fingers = _rotate(qpos[3:5, None], jnp.asarray(self._fingers, jnp.float32))
-        fingers = (fingers + pivots[:, None]).reshape(-1, 2)
-        return _rotate(qpos[2], jnp.concatenate([jnp.asarray(self._base, jnp.float32), fingers]))
+    def _layout(self, key: PRNGKeyArray, radii: Float[Array, "B"]) -> layouts.Layout:
+        if self.variant in ("layout", "all"):
+            return layouts.scatter(key, self.robot, radii, arena=self.arena)
+        blocks = jnp.array([layouts.DEMO_BLOCKS[b] for b in self.blocks])
+        robot, goal = jnp.array(layouts.DEMO_ROBOT), jnp.array(layouts.DEMO_GOAL)
+        layout = layouts.Layout(robot, blocks, goal, jnp.zeros((), bool))
+        if self.variant == "jitter":
+            layout = layouts.jitter(key, layout, arena=self.arena)
+        return layout
+
+    def _vary(self, keys, layout: layouts.Layout, radii: Float[Array, "B"]):
+        """Perhaps the robot anywhere and, two times in three, one target in the region."""
+        none = jnp.full((), -1, jnp.int32)
+        if not self.varied_starts:
+            return layout, jnp.zeros((), bool), none
+        vary = jax.random.uniform(keys[0]) < self.varied_starts
+        key_robot, key_some, key_which, key_where = jax.random.split(keys[1], 4)
+        which = jax.random.randint(key_which, (), 0, self.num_targets, jnp.int32)
+        some = vary & (jax.random.uniform(key_some) < 2 / 3)
+        unit = jax.random.uniform(key_where, (3,), minval=-1.0)
+        goal = layout.goal
+        inside = jnp.concatenate([goal[:2] + 0.35 * goal[2:] * unit[:2], jnp.pi * unit[2:]])
+        blocks = jnp.where(some, layout.blocks.at[which].set(inside), layout.blocks)
+        pose, unplaced = layouts.place_robot(
+            key_robot, self.robot, blocks, radii, None, arena=self.arena
+        )
+        layout = layout._replace(
+            robot=jnp.where(vary, pose, layout.robot),
+            blocks=blocks,
+            unplaced=layout.unplaced | (vary & unplaced),
+        )
+        return layout, vary, jnp.where(some, which, none)
+
+    def _robot_pose(self, base: Float[Array, "3"]) -> Float[Array, "P 3"]:
+        """The robot's parts with open fingers."""
+        if not self.robot.has_fingers:
+            return base[None]
+        c, s = jnp.cos(base[2]), jnp.sin(base[2])
+        pivots = jnp.asarray(robots.PIVOTS, jnp.float32) @ jnp.array([[c, s], [-s, c]])
+        angle = base[2] + robots.FINGER_OPEN * jnp.array([1.0, -1.0])
+        fingers = jnp.concatenate([base[:2] + pivots, angle[:, None]], axis=1)
+        return jnp.concatenate([base[None], fingers])
 
     # ---------------------------------------------------------------- what is seen
 
-    def _distances(self, blocks: Float[Array, "B 3"], goal: Float[Array, "4"]) -> Float[Array, "K"]:
-        offset = blocks[: self.num_targets, :2] - goal[:2]
-        return jnp.sqrt(jnp.sum(offset**2, axis=1) + 1e-12)
-
-    def _inside(self, blocks: Float[Array, "B 3"], goal: Float[Array, "4"]) -> Bool[Array, "B"]:
-        return (jnp.abs(blocks[:, :2] - goal[:2]) <= goal[2:] / 2).all(axis=1)
-
     def _observe(self, data: PlanarData) -> State:
-        blocks = data.qpos[5:].reshape(-1, 3)
-        inside = self._inside(blocks, data.goal)
-        n_t = jnp.sum(inside[: self.num_targets]).astype(jnp.float32)
-        n_d = jnp.sum(inside[self.num_targets :]).astype(jnp.float32)
-        score = n_t / self.num_targets * (1 - n_d / jnp.maximum(n_t + n_d, 1.0))
-        distance = jnp.where(inside[: self.num_targets], 0.0, self._distances(blocks, data.goal))
-        progress = jnp.sum(data.start_distance - distance)
+        blocks = data.pose[self._parts :]
+        inside = (jnp.abs(blocks[:, :2] - data.goal[:2]) <= data.goal[2:] / 2).all(axis=1)
+        targets = blocks[: self.num_targets]
+        progress = rewards.Progress(
+            inside=inside,
+            distance=_distances(targets, data.goal[:2]),
+            start=data.start_distance,
+            reach=_distances(targets, data.pose[0, :2]),
+            nearest=data.nearest,
+        )
+        score = rewards.score(progress)
+        seen = observations.Scene(data.pose, data.velocity, data.goal, inside)
+        block = jnp.arange(2 + len(self.blocks))
         return State(
             data=data,
-            obs=self._observation(data, blocks, inside),
-            objects=self._objects(data, blocks),
-            moved=jnp.arange(2 + len(self.blocks))
-            == jnp.where(data.placed < 0, -1, 2 + data.placed),
-            reward=10.0 * jnp.tanh((progress - n_d - 0.1) / 2),
+            obs=observations.observe(self._kind, seen, parts=self._parts, targets=self.num_targets),
+            objects=self._objects(data),
+            moved=block == jnp.where(data.placed < 0, -1, 2 + data.placed),
+            reward=rewards.reward(self._reward, progress),
             done=jnp.zeros(()),
             metrics={
                 "score": score,
                 "success": (score > 0.999).astype(jnp.float32),
                 "varied": data.varied,
+                "unplaced": data.unplaced.astype(jnp.float32),
             },
         )
 
-    def _objects(self, data: PlanarData, blocks: Float[Array, "B 3"]) -> Objects:
-        angles = blocks[:, 2:3]
-        turned = _rotate(angles, jnp.asarray(self._outlines, jnp.float32))
-        size = turned.max(axis=1) - turned.min(axis=1)
-        # The robot's box is its disc: what a detector sees once the fingers are filtered away.
+    def _objects(self, data: PlanarData) -> Objects:
+        blocks, robot = data.pose[self._parts :], data.pose[0]
+        shapes = block_shapes.blocks(data.shape)
+        low, high = block_shapes.extents(shapes, blocks[:, 2])
+        # A disc's fingers are thin: a detector's box is that of the disc.
+        part = self.robot.parts[0]
+        size = jnp.full(2, 2 * part.radius)
+        if not part.radius:
+            c, s = jnp.abs(jnp.cos(robot[2])), jnp.abs(jnp.sin(robot[2]))
+            half = part.boxes[0].half
+            size = 2 * jnp.stack([c * half[0] + s * half[1], s * half[0] + c * half[1]])
         return Objects(
-            center=jnp.concatenate([data.goal[None, :2], data.qpos[None, :2], blocks[:, :2]]),
-            size=jnp.concatenate([data.goal[None, 2:], jnp.full((1, 2), 0.4), size]),
-            label=jnp.asarray(self._label),
-            is_robot=jnp.arange(len(self._label)) == 1,
+            center=jnp.concatenate([data.goal[None, :2], robot[None, :2], blocks[:, :2]]),
+            size=jnp.concatenate([data.goal[None, 2:], size[None], high - low]),
+            label=jnp.concatenate(
+                [jnp.arange(2), 2 + len(SHAPES) * data.colour + data.shape]
+            ).astype(jnp.int32),
+            is_robot=jnp.arange(2 + len(self.blocks)) == 1,
         )
 
-    def _observation(
-        self, data: PlanarData, blocks: Float[Array, "B 3"], inside: Bool[Array, "B"]
-    ) -> Float[Array, "O"]:
-        x_y, yaw, velocity = data.qpos[:2], data.qpos[2], data.qvel[:3]
-        opening = (data.qpos[3] - data.qpos[4]) / (2 * planar_model.FINGER_OPEN)
-        robot = [
-            x_y,
-            jnp.stack([jnp.cos(yaw), jnp.sin(yaw)]),
-            _rotate(-yaw, velocity[:2])[::-1],
-            velocity[2:] / _MAX_TURN,
-            opening[None],
-            _rotate(-yaw, data.goal[:2] - x_y),
-            data.goal,
-        ]
-        speed = data.qvel[5:].reshape(-1, 3)
-        each = [
-            _rotate(-yaw, blocks[:, :2] - x_y),
-            blocks[:, :2],
-            blocks[:, :2] - data.goal[:2],
-            speed[:, :2],
-            jnp.stack([jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1),
-            inside.astype(jnp.float32)[:, None],
-        ]
-        return jnp.concatenate([*robot, jnp.concatenate(each, axis=1).reshape(-1)])
+    def render(self, data: PlanarData, *, size: int = 384, antialias: bool = False) -> Array:
+        """The scene as an image (size, size, 3) of uint8, inside jit; see `raster`."""
+        drawn = raster.Scene(data.pose, data.shape, data.colour, data.goal, data.colour[0])
+        return raster.render(
+            drawn, size=size, half_extent=self.half_extent, antialias=antialias,
+            robot=self.robot.name, arena=self.arena,
+        )  # fmt: skip
 
     def outlines(self, data: PlanarData) -> list[Outline]:
         """What to paint for one moment (host side)."""
-        qpos, goal = np.asarray(data.qpos, np.float64), np.asarray(data.goal, np.float64)
-        return scene.outlines(self.blocks, self.arena, qpos, goal)
+        data = jax.tree.map(np.asarray, data)
+        names = [(COLOURS[c], SHAPES[s]) for c, s in zip(data.colour, data.shape, strict=True)]
+        pose = data.pose.astype(np.float64)
+        return scene.outlines(self.robot, names, self.arena, pose, data.goal.astype(np.float64))
+
+
+def _distances(points: Float[Array, "K C"], center: Float[Array, "2"]) -> Float[Array, "K"]:
+    return jnp.sqrt(jnp.sum((points[:, :2] - center) ** 2, axis=1) + 1e-12)
+
+
+def _check(what: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        close = difflib.get_close_matches(str(value), known, n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise ValueError(f"{what} is {value!r}, but must be one of {', '.join(known)}{hint}")
+
+
+def _check_mjx(robot: str, physics: str, variant: str) -> None:
+    """Refuse what the engine "mjx" does not serve."""
+    if robot != "gripper":
+        raise ValueError(f"engine 'mjx' serves the robot 'gripper' only, not {robot!r}")
+    if physics != "xmagical":
+        raise ValueError(f"engine 'mjx' serves the physics 'xmagical' only, not {physics!r}")
+    if variant in ("shape", "all"):
+        raise ValueError(f"engine 'mjx' has fixed shapes and cannot serve the variant {variant!r}")

@@ -5,8 +5,9 @@ Colours are those of MAGICAL and x-magical, so that their videos and ours pass t
 
 import numpy as np
 
-from . import planar_model, shapes
+from . import block_shapes
 from .base import Outline
+from .robots import Robot
 
 __all__ = ["BACKGROUND", "outlines"]
 
@@ -50,31 +51,38 @@ def _disc(center: np.ndarray, radius: float) -> np.ndarray:
     return center + radius * np.stack([np.cos(a), np.sin(a)], axis=1)
 
 
-def outlines(blocks: tuple[str, ...], arena: float, qpos: np.ndarray, goal: np.ndarray):
-    """One moment as a list of `Outline`, from joint positions (Q,) and the region (4,)."""
+def outlines(
+    robot: Robot,
+    blocks: list[tuple[str, str]],
+    arena: float,
+    pose: np.ndarray,
+    goal: np.ndarray,
+) -> list[Outline]:
+    """One moment, from the blocks' (colour, shape), all poses (E, 3) and the region (4,)."""
     floor = _box(np.zeros(2), np.full(2, 2 * arena))
-    region = _box(goal[:2], goal[2:])
-    colour = blocks[0].split()[0]
+    region, colour = _box(goal[:2], goal[2:]), blocks[0][0]
     painted = [
         Outline(floor, FLOOR, GREY, width=FLOOR_WIDTH),
         Outline(region, GOAL_FILL[colour], FILL[colour], width=GOAL_WIDTH, dash=GOAL_DASH),
     ]
-    for name, (x, y, angle) in zip(blocks, qpos[5:].reshape(-1, 3), strict=True):
-        colour, kind = name.split()
-        vertices = _turn(shapes.block(kind).vertices, angle) + np.array([x, y])
+    parts = len(robot.parts)
+    for (colour, shape), (x, y, angle) in zip(blocks, pose[parts:], strict=True):
+        vertices = _turn(block_shapes.outline(shape), angle) + np.array([x, y])
         painted.append(Outline(vertices, FILL[colour], RIM[colour], width=BODY_WIDTH))
-    return painted + _robot(qpos[:2], qpos[2], qpos[3:5])
+    return painted + _robot(robot, pose[:parts])
 
 
-def _robot(center: np.ndarray, yaw: float, fingers: np.ndarray) -> list[Outline]:
-    parts = []
-    for side, angle in zip((-1, 1), fingers, strict=True):
-        pivot = np.array([side * planar_model.PIVOT[0], planar_model.PIVOT[1]])
-        vertices = _turn(shapes.finger(side).vertices, angle) + pivot
-        parts.append(Outline(_turn(vertices, yaw) + center, BACKGROUND, GREY, BODY_WIDTH))
-    parts.append(Outline(_disc(center, ROBOT_RADIUS), GREY, GREY_RIM, BODY_WIDTH))
-    for side in (-1, 1):
-        eye = _turn(np.array([side * EYE[0], EYE[1]]), yaw) + center
-        parts.append(Outline(_disc(eye, EYE_RADIUS), EYE_FILL, None))
-        parts.append(Outline(_disc(eye, PUPIL_RADIUS), PUPIL_FILL, None))
-    return parts
+def _robot(robot: Robot, pose: np.ndarray) -> list[Outline]:
+    painted = []
+    for part, (x, y, angle) in zip(robot.parts[1:], pose[1:], strict=True):
+        vertices = _turn(part.outline, angle) + np.array([x, y])
+        painted.append(Outline(vertices, BACKGROUND, GREY, width=BODY_WIDTH))
+    base, center, yaw = robot.parts[0], pose[0, :2], pose[0, 2]
+    body = _disc(center, base.radius) if base.radius else _turn(base.outline, yaw) + center
+    painted.append(Outline(body, GREY, GREY_RIM, width=BODY_WIDTH))
+    if base.radius:
+        for side in (-1, 1):
+            eye = _turn(np.array([side * EYE[0], EYE[1]]), yaw) + center
+            painted.append(Outline(_disc(eye, EYE_RADIUS), EYE_FILL, None))
+            painted.append(Outline(_disc(eye, PUPIL_RADIUS), PUPIL_FILL, None))
+    return painted

@@ -1,63 +1,31 @@
-"""MJCF of a planar scene: a robot and blocks that slide on a table, seen from above.
+"""MJCF of a planar scene for the MJX engine: the gripper and blocks on a table, from above.
 
 Every free body has two slide joints (x, y) and a hinge (yaw) at its centre of mass, so a joint's
-position *is* the pose and no forward kinematics is needed to read the scene. The table is friction
-loss on those joints, the walls are joint limits (set each substep by the caller, because they
-depend on the body's angle), and contacts are an explicit list of pairs with the friction
-coefficient that Chipmunk would use: the product of both surfaces'. MuJoCo alone would take the
-larger of the two.
+position *is* the pose. A finger hangs on one hinge at its pivot, which is its centre of mass, as in
+the original simulator. The table is friction loss on the blocks' joints, the walls are joint limits
+(the caller sets both each substep: they depend on how a body moves and is turned), and contacts are
+an explicit list of pairs with the friction coefficient that Chipmunk would use: the product of both
+surfaces'. MuJoCo alone would take the larger of the two.
 
-The text is generated, not shipped as a file, because robots and block lists combine freely.
+The text is generated, not shipped as a file, because block lists combine freely.
 """
 
-import math
-from typing import NamedTuple
-
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from .shapes import Capsule, Shape, finger
+from . import block_shapes, planar_capsules, robots
+from .joints import FINGER_RATE
+from .planar_capsules import Capsule
+from .planar_physics import BLOCK_FRICTION, BLOCK_MASS
 
-__all__ = [
-    "DISC_INERTIA",
-    "DISC_MASS",
-    "FINGER_MASS",
-    "FINGER_OPEN",
-    "FINGER_RATE",
-    "FINGER_TORQUE",
-    "PIVOT",
-    "RobotShape",
-    "build",
-    "finger_armature",
-    "gripper",
-]
+__all__ = ["FINGER_TORQUE", "build", "finger_armature"]
 
-BLOCK_FRICTION, BODY_FRICTION, FINGER_FRICTION = 0.5, 0.5, 5.0  # Chipmunk's, per surface
-BLOCK_MASS, FINGER_MASS = 0.01, 0.125
-DISC_MASS, DISC_INERTIA = 1.0, 0.020
-TABLE_FORCE, TABLE_TORQUE = 1.5, 0.1  # most that the table resists a block with
-FINGER_TORQUE, FINGER_RATE = 4.0, 1.0  # largest, of the finger motors
+FINGER_TORQUE = 4.0  # largest, of the original's finger motors
+TABLE_FORCE, TABLE_TORQUE = 1.5, 0.1  # most that the original's table resists a block with
 # MuJoCo's contacts are springs whose stiffness scales with the lighter body's mass, so a gripped
 # block of 0.01 would be pierced. At this impedance it yields by 0.005 at the largest grip.
 _HARD = "0.999 0.999 0.01"
-PIVOT = (0.09, 0.02)  # of the right finger, in the robot's frame
-FINGER_OPEN = math.pi / 8  # rad from closed (parallel) to fully open
-
-
-class RobotShape(NamedTuple):
-    """A robot's base and whether it has fingers."""
-
-    base: Shape
-    mass: float
-    fingers: bool
-
-
-def gripper() -> RobotShape:
-    """A disc of radius 0.2 with two fingers; forward is +y."""
-    angles = np.arange(32) * math.pi / 16
-    ring = 0.2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    base = Shape(ring, (Capsule((0.0, 0.0), (0.0, 0.0), 0.2),), DISC_INERTIA)
-    return RobotShape(base, DISC_MASS, True)
 
 
 def finger_armature(timestep: float) -> float:
@@ -77,19 +45,20 @@ def _geom(name: str, capsule: Capsule) -> str:
     return f'<geom name="{name}" type="capsule" size="{r}" fromto="{ax} {ay} 0 {bx} {by} 0"/>'
 
 
-def _geoms(body: str, shape: Shape) -> tuple[list[str], str]:
-    names = [f"{body}_{i}" for i in range(len(shape.capsules))]
-    return names, "".join(_geom(n, c) for n, c in zip(names, shape.capsules, strict=True))
+def _geoms(body: str, capsules: tuple[Capsule, ...]) -> tuple[list[str], str]:
+    names = [f"{body}_{i}" for i in range(len(capsules))]
+    return names, "".join(_geom(n, c) for n, c in zip(names, capsules, strict=True))
 
 
-def _free_planar(
-    name: str, shape: Shape, mass: float, loss: tuple[float, float], inner: str
-) -> str:
+def _inertial(mass: float, inertia: float) -> str:
+    return f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>'
+
+
+def _free_planar(name: str, inertial: str, loss: tuple[float, float], inner: str) -> str:
     """A body that slides and turns; `loss` is the table's largest force and torque."""
-    i = shape.inertia
     slide = f'type="slide" limited="true" range="-1 1" frictionloss="{loss[0]}"'
     return (
-        f'<body name="{name}"><inertial pos="0 0 0" mass="{mass}" diaginertia="{i} {i} {i}"/>'
+        f'<body name="{name}">{inertial}'
         f'<joint name="{name}_x" axis="1 0 0" {slide}/>'
         f'<joint name="{name}_y" axis="0 1 0" {slide}/>'
         f'<joint name="{name}_yaw" axis="0 0 1" type="hinge" frictionloss="{loss[1]}"/>'
@@ -97,19 +66,11 @@ def _free_planar(
     )
 
 
-def _finger(side: int, timestep: float) -> tuple[list[str], str]:
-    name, shape = ("left", "right")[side > 0] + "_finger", finger(side)
-    # Centre of mass of the two arms, weighted by length; the inertia moves there from the pivot.
-    (_, elbow, _), (_, wrist, _) = shape.capsules
-    x = (0.22 * 0.0 + 0.14 * (elbow[0] + wrist[0]) / 2) / 0.36
-    y = (0.22 * elbow[1] / 2 + 0.14 * (elbow[1] + wrist[1]) / 2) / 0.36
-    inertia = shape.inertia - FINGER_MASS * (x * x + y * y)
-    i = inertia
-    low, high = (0.0, FINGER_OPEN) if side < 0 else (-FINGER_OPEN, 0.0)
-    names, geoms = _geoms(name, shape)
-    return names, (
-        f'<body name="{name}" pos="{side * PIVOT[0]} {PIVOT[1]} 0">'
-        f'<inertial pos="{x} {y} 0" mass="{FINGER_MASS}" diaginertia="{i} {i} {i}"/>'
+def _finger(name: str, side: int, part: robots.Part, geoms: str, timestep: float) -> str:
+    x, y = robots.PIVOTS[side]
+    low, high = ((0.0, robots.FINGER_OPEN), (-robots.FINGER_OPEN, 0.0))[side]
+    return (
+        f'<body name="{name}" pos="{x} {y} 0">{_inertial(part.mass, part.inertia)}'
         f'<joint name="{name}" type="hinge" axis="0 0 1" limited="true" range="{low} {high}"'
         f' armature="{finger_armature(timestep)}"/>{geoms}</body>'
     )
@@ -130,26 +91,36 @@ def _pairs(surfaces: list[tuple[list[str], float]], robot_parts: int) -> str:
 
 
 def build(
-    robot: RobotShape,
-    blocks: list[Shape],
-    *,
-    timestep: float,
-    iterations: int,
-    max_contacts: int,
+    blocks: tuple[str, ...], *, timestep: float, iterations: int, max_contacts: int
 ) -> mujoco.MjModel:
-    """Compile the scene. Body names: robot, left_finger, right_finger, block_0, block_1, ..."""
-    base_names, base_geoms = _geoms("robot", robot.base)
-    surfaces, inner = [(base_names, BODY_FRICTION)], base_geoms
-    for side in (-1, 1) if robot.fingers else ():
-        names, text = _finger(side, timestep)
-        surfaces.append((names, FINGER_FRICTION))
-        inner += text
-    robot_parts = len(surfaces)
-    bodies = _free_planar("robot", robot.base, robot.mass, (0.0, 0.0), inner)
-    for i, shape in enumerate(blocks):
-        names, geoms = _geoms(f"block_{i}", shape)
+    """Compile the scene of the gripper and blocks.
+
+    Joint positions are the gripper's x, y (arena units), yaw, left and right finger (rad, relative
+    to the base), then x, y, yaw of each block. Bodies: robot, left_finger, right_finger, block_0,
+    block_1, ...
+
+    Args:
+      blocks: the blocks' shapes, each one of `block_shapes.SHAPES`.
+      timestep: length of a substep (s).
+      iterations: of the contact solver.
+      max_contacts: most contacts that a substep resolves; the deepest count.
+    """
+    base, *fingers = robots.robot("gripper").parts
+    names, inner = _geoms("robot", planar_capsules.disc(base.radius))
+    surfaces = [(names, base.friction)]
+    for side, part in enumerate(fingers):
+        name = ("left_finger", "right_finger")[side]
+        names, geoms = _geoms(name, planar_capsules.finger(part))
+        surfaces.append((names, part.friction))
+        inner += _finger(name, side, part, geoms, timestep)
+    bodies = _free_planar("robot", _inertial(base.mass, base.inertia), (0.0, 0.0), inner)
+    index = jnp.array([block_shapes.SHAPES.index(shape) for shape in blocks], jnp.int32)
+    inertias = 1.0 / np.asarray(block_shapes.blocks(index).inverse_inertia, np.float64)
+    for i, (shape, inertia) in enumerate(zip(blocks, inertias, strict=True)):
+        names, geoms = _geoms(f"block_{i}", planar_capsules.block(shape))
         surfaces.append((names, BLOCK_FRICTION))
-        bodies += _free_planar(f"block_{i}", shape, BLOCK_MASS, (TABLE_FORCE, TABLE_TORQUE), geoms)
+        inertial = _inertial(BLOCK_MASS, inertia)
+        bodies += _free_planar(f"block_{i}", inertial, (TABLE_FORCE, TABLE_TORQUE), geoms)
     return mujoco.MjModel.from_xml_string(f"""
 <mujoco model="planar">
   <compiler angle="radian"/>
@@ -165,5 +136,5 @@ def build(
     <pair solref="{2 * timestep} 1" solimp="{_HARD}"/>
   </default>
   <worldbody>{bodies}</worldbody>
-  <contact>{_pairs(surfaces, robot_parts)}</contact>
+  <contact>{_pairs(surfaces, 1 + len(fingers))}</contact>
 </mujoco>""")

@@ -120,6 +120,17 @@ class Physics:
         carry, _ = jax.lax.scan(substep, carry, length=self.substeps)
         return carry[0], carry[1], self._pack(carry[3])
 
+    def clearance(self, pose: Float[Array, "E 3"], shapes: BlockShape) -> Float[Array, ""]:
+        """Gap between the robot and the nearest block or wall; negative where they overlap."""
+        count = len(self.robot.parts)
+        place = Frames(Vec(pose[:, 0], pose[:, 1]), heading(pose[:, 2]))
+        parts, blocks = (Frames(*(f[s] for f in place)) for s in (slice(count), slice(count, None)))
+        found = touching.walls(self._corners, self._radius, parts, arena=self.arena)
+        for p, part in enumerate(self.robot.parts):
+            at = Frames(*(f[p] for f in parts))
+            found += touching.with_part(part, at, shapes, blocks)
+        return jnp.stack([layer.gap.min() for layer in found]).min()
+
     def settle(
         self,
         pose: Float[Array, "E 3"],
@@ -128,7 +139,7 @@ class Physics:
         strengths: Strengths,
         command: Command,
         *,
-        iterations: int = 30,
+        iterations: int = 100,
     ) -> Float[Array, "I"]:
         """The memory of a scene that `command` has just brought to these poses and velocities."""
         layers, aim = self._problem(
@@ -328,5 +339,7 @@ def _at(which: int, count: int) -> np.ndarray:
 
 def _stacked(*motions: tuple[Vec, Array]) -> Float[Array, "E 3"]:
     """Velocities of parts and blocks as one array."""
-    x, y, spin = (jnp.concatenate(f) for f in zip(*((v.x, v.y, w) for v, w in motions)))
+    x, y, spin = (
+        jnp.concatenate(f) for f in zip(*((v.x, v.y, w) for v, w in motions), strict=True)
+    )
     return jnp.stack([x, y, spin], axis=-1)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 __all__ = ["Vec", "fence", "heading", "joined", "where"]
@@ -18,8 +19,8 @@ __all__ = ["Vec", "fence", "heading", "joined", "where"]
 class Vec:
     """Vectors (x, y), or rotations (cosine, sine); leading axes broadcast."""
 
-    x: Array
-    y: Array
+    x: ArrayLike
+    y: ArrayLike
 
     def __add__(self, other: "Vec") -> "Vec":
         return Vec(self.x + other.x, self.y + other.y)

@@ -20,8 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, UInt8
 
+from . import block_shapes, robots
 from . import match_regions_scene as look
-from . import shapes
 
 __all__ = ["COLOURS", "ROBOTS", "Scene", "render"]
 
@@ -38,7 +38,7 @@ class Scene(NamedTuple):
     """What is to be seen. Lengths are in arena units, angles in radians, counter-clockwise."""
 
     pose: Float[Array, "N 3"]  # x, y, angle; a finger's x, y is its pivot; closed: robot's angle
-    shape: Int[Array, "B"]  # index into `shapes.BLOCK_SHAPES`: star, square, pentagon, circle
+    shape: Int[Array, "B"]  # index into `block_shapes.SHAPES`: star, square, pentagon, circle
     colour: Int[Array, "B"]  # index into `COLOURS`: green, blue, yellow, red
     goal: Float[Array, "4"]  # the region's centre x, y; width, height
     goal_colour: Int[Array, ""]  # index into `COLOURS`
@@ -222,7 +222,7 @@ def _wedge(name: str) -> np.ndarray:
     tip and a notch), so a point that is mirrored into one wedge has one edge to look at. A circle
     has no edge: it is `_disc`.
     """
-    vertices = shapes.block(name).vertices
+    vertices = block_shapes.outline(name)
     if name == "circle":
         radius = np.linalg.norm(vertices[0])
         return np.array([0, 0, 0, 0, 0, 0, 1 / (2 * radius), radius / 2])
@@ -243,9 +243,9 @@ def _half_planes(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return normals, np.sum(normals * vertices, axis=1)
 
 
-_WEDGES = np.stack([_wedge(name) for name in shapes.BLOCK_SHAPES]).astype(np.float32)
+_WEDGES = np.stack([_wedge(name) for name in block_shapes.SHAPES]).astype(np.float32)
 # Edges of a finger: outer side of the arm, of the forearm, tip, the inner sides, root.
-_FINGER = shapes.finger(1).vertices
+_FINGER = robots.robot("gripper").parts[2].outline
 _SIDES = _half_planes(_FINGER)
 _ELBOW = _half_planes(_FINGER[[1, 4]])  # between arm and forearm
 

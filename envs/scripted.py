@@ -50,7 +50,7 @@ def plan(
     keys = jax.random.split(key, 6)
     k, goal = env.num_targets, state.data.goal
     order = jax.random.permutation(keys[0], k)
-    blocks = state.data.qpos[5:].reshape(-1, 3)[:, :2]
+    blocks = state.data.pose[3:, :2]
     away = goal[:2] - blocks[order]
     along = away / jnp.maximum(jnp.linalg.norm(away, axis=1, keepdims=True), 1e-6)
     # The first block goes deep into the region, so that the next finds room behind it.
@@ -135,9 +135,9 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
     last = len(drawn.blocks)
     at = jnp.minimum(stage, last - 1)
     which, slot = drawn.blocks[at], drawn.slots[at]
-    qpos = state.data.qpos
-    robot, yaw = qpos[:2], qpos[2]
-    blocks = qpos[5:].reshape(-1, 3)[:, :2]
+    pose = state.data.pose
+    robot, yaw = pose[0, :2], pose[0, 2]
+    blocks = pose[3:, :2]
     block = blocks[which]
     ahead = _bearing(robot, yaw, block)
     distance = jnp.linalg.norm(block - robot)
@@ -169,7 +169,13 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
             -0.8,
         ]
     )
-    turns = jnp.where((phase == GO) | (phase == CARRY), turn, 0.0)
+    # While letting go, face the block: the bent finger on its other side would drag it along.
+    turns = jnp.where((phase == GO) | (phase == CARRY), turn, jnp.where(phase >= OPEN, ahead, 0.0))
+    # A block that comes along when the robot backs off is wedged between the fingers: shake it.
+    stuck = (phase == BACK) & (distance < 0.45) & (memory.timer >= 2)
+    beat = memory.timer % 4
+    turns = jnp.where(stuck, jnp.where(beat < 2, 1.0, -1.0), turns)
+    speeds = speeds.at[BACK].set(jnp.where(stuck & (beat == 3), 0.3, -0.8))
     grip = jnp.where(((phase == CLOSE) & (memory.timer >= 2)) | (phase == CARRY), 1.0, -1.0)
     fastest = jnp.where(phase == CARRY, 2.2, 2.5)
     rate = jnp.clip(6.0 * turns, -fastest, fastest)
@@ -187,7 +193,7 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
                 memory.timer >= 4,
                 arrived | lost,
                 memory.timer >= 4,
-                (distance > 0.6) | (memory.timer >= 8),
+                (distance > 0.6) | (memory.timer >= 12),
             ]
         )[phase]
         & ~idle

@@ -1,6 +1,7 @@
 """From a configuration to the objects that the experiments compose."""
 
 import contextlib
+import dataclasses
 import io
 
 import jax
@@ -31,19 +32,15 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
     Raises:
       ConfigError: the task does not offer what the configuration asks for.
     """
-    if config.robot != "gripper":
-        raise ConfigError(f"env.robot is {config.robot!r}, but {config.name} offers 'gripper'")
-    with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
-        return envs.make(
-            config.name,
-            targets=config.targets,
-            distractors=config.distractors,
-            variant=variant or config.variant,
-            varied_starts=config.varied_starts if training else 0.0,
-            turn=config.turn,
-            episode_length=config.episode_length,
-            substeps=config.substeps,
-        )
+    options = dataclasses.asdict(config) | {
+        "variant": variant or config.variant,
+        "varied_starts": config.varied_starts if training else 0.0,
+    }
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
+            return envs.make(options.pop("name"), **options)
+    except ValueError as error:
+        raise ConfigError(f"env: {error}") from error
 
 
 def encoder_config(config: RunConfig, num_classes: int) -> EncoderConfig:

@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 import tyro
 
 from . import doctor, run_dir
-from .config import MakeDemosConfig, RunConfig
+from .config import MakeDemosConfig, RunConfig, Variant
 from .config_files import load
 from .errors import ConfigError, DemoError, GrilError, RunError
 from .options import nearest, parse
@@ -41,6 +41,7 @@ Learn a reward from demonstration videos without actions, and a policy from the 
   eval RUN                    success rate and return of a run's policy
   report RUN                  figures and tables of a run
   export-policy RUN           a run's policy as plain NumPy arrays
+  bench env                   how many control steps a second the task makes here, as JSON
   doctor                      what is installed and what works on this machine
 
 CONFIG is the name of a shipped configuration or the path of a YAML file; RUN is the folder
@@ -82,8 +83,8 @@ class _Eval:
     """Episodes to play."""
     seed: int = 0
     """Seed of the episodes."""
-    variant: Literal["demo", "jitter", "layout"] | None = None
-    """Where things start; None keeps the run's own variant."""
+    variant: Variant | None = None
+    """What is drawn at the start; None keeps the run's own variant."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,18 @@ class _ExportPolicy:
     """The folder that a run made."""
     out: str
     """File to create, such as policy.npz."""
+
+
+@dataclass(frozen=True)
+class _BenchEnv:
+    lanes: int | None = None
+    """Episodes in parallel; None is 256 on a CPU and 32,768 elsewhere."""
+    steps: int = 20
+    """Control steps of each timed run."""
+    repeats: int = 5
+    """Timed runs, of which the best counts."""
+    levers: bool = False
+    """Measure every setting of the solver, and the MJX engine, instead of the default alone."""
 
 
 @dataclass(frozen=True)
@@ -135,11 +148,11 @@ def _plan(args: list[str]) -> Work:
         print(_HELP, end="")
         return lambda: 0
     verb, rest = args[0], args[1:]
-    if verb == "demos":
+    if verb in ("demos", "bench"):
         if not rest or rest[0] in ("-h", "--help"):
             print(_HELP, end="")
             return lambda: 0
-        verb, rest = f"demos {rest[0]}", rest[1:]
+        verb, rest = f"{verb} {rest[0]}", rest[1:]
     if verb not in _VERBS:
         hint = nearest(verb, [*_VERBS])
         raise ConfigError(f"there is no verb {verb!r}{hint}: see gril --help")
@@ -298,6 +311,18 @@ def _doctor(args: list[str]) -> Work:
     return work
 
 
+def _bench_env(args: list[str]) -> Work:
+    about = "Control steps per second of the task on this machine, as JSON."
+    given = parse(_BenchEnv, args, prog="gril bench env", description=about)
+
+    def work() -> None:
+        with _heavy_imports():
+            from .experiments import bench_env
+        bench_env.main(given.lanes, given.steps, given.repeats, levers=given.levers, echo=_echo)
+
+    return work
+
+
 _VERBS: dict[str, Callable[[list[str]], Work]] = {
     "quickstart": _quickstart,
     "train": _train,
@@ -308,6 +333,7 @@ _VERBS: dict[str, Callable[[list[str]], Work]] = {
     "eval": _eval,
     "report": _report,
     "export-policy": _export_policy,
+    "bench env": _bench_env,
     "doctor": _doctor,
 }
 

@@ -36,7 +36,8 @@ __all__ = [
 BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 
-Variant = Literal["demo", "jitter", "layout"]
+Variant = Literal["demo", "jitter", "layout", "color", "shape", "dynamics", "all"]
+Places = Literal["demo", "jitter", "layout"]
 
 
 def _rule(holds: Callable[[Any], bool], text: str) -> dict[str, Any]:
@@ -83,13 +84,24 @@ class EnvConfig:
     )
     """Blocks that belong outside the region."""
     variant: Variant = "demo"
-    """Where things start: always the same, moved a little (jitter), or anywhere (layout)."""
+    """What is drawn at the start: nothing, places (a little: jitter; anywhere: layout), colours,
+    shapes, forces, or the last four (all)."""
     varied_starts: float = field(default=0.5, metadata=_between(0, 1))
     """Share of the training episodes that start with the targets somewhere else."""
+    physics: Literal["xmagical", "magical"] = "xmagical"
+    """Whose physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
+    engine: Literal["impulse", "mjx"] = "impulse"
+    """What solves it: our impulses, or MuJoCo MJX (only the gripper, "xmagical", fixed shapes)."""
     turn: Literal["original", "smooth"] = "original"
     """How an action turns the robot: the original saturating law, or a proportional one."""
-    substeps: int = field(default=5, metadata=_between(1, 100))
-    """Physics steps for each control step."""
+    observation: Literal["rich", "xmagical"] = "rich"
+    """What the policy sees: all that matters, or x-magical's state vector in its exact order."""
+    reward: Literal["S4", "V5", "S3", "sparse"] = "S4"
+    """The task's own reward, which only `ppo.reward environmental` learns from."""
+    substeps: int = field(default=10, metadata=_between(1, 100))
+    """Physics steps for each control step; the original's is 10."""
+    iterations: int = field(default=6, metadata=_between(1, 100))
+    """Sweeps of the contact solver for each physics step; the original's is 10."""
     episode_length: int = field(default=120, metadata=_at_least(1))
     """Control steps in an episode (8 a second)."""
 
@@ -106,7 +118,7 @@ class DemosConfig:
     """Scripted demonstrations kept aside to measure the reward."""
     num_failures: int = field(default=8, metadata=_at_least(0))
     """Scripted failures, which only measure the reward and never train it."""
-    variant: Variant = "layout"
+    variant: Places = "layout"
     """Where things start in the scripted demonstrations."""
     seed: int = field(default=0, metadata=_between(0, 2**31 - 1))
     """Seed of the scripted demonstrations."""

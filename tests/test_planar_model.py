@@ -1,28 +1,21 @@
-"""The compiled scene: masses, friction, pairs, and the inertia that the drive counts on."""
+"""The compiled scene of the MJX engine: masses, friction, pairs, limits, coordinates."""
 
 import math
 from collections import Counter
 
-import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from gril_jax.envs import planar_model, shapes
+from gril_jax.envs import planar_model
 
-from gril_jax import envs
-
+SHAPES = ("star", "square", "pentagon", "circle", "pentagon")
 SURFACE = {"robot": 0.5, "left_finger": 5.0, "right_finger": 5.0}  # blocks: 0.5
+OPEN = math.pi / 8
 
 
 @pytest.fixture(scope="module")
-def env():
-    return envs.make("match_regions")
-
-
-@pytest.fixture(scope="module")
-def model(env):
-    return env.mj_model
+def model():
+    return planar_model.build(SHAPES, timestep=0.025, iterations=2, max_contacts=16)
 
 
 def _body(model, geom):
@@ -37,15 +30,6 @@ def _pairs(model):
     ]
 
 
-def _poses(model, count, seed=0):
-    rng = np.random.default_rng(seed)
-    qpos = rng.uniform(-1, 1, (count, model.nq))
-    qpos[:, 2] *= math.pi
-    qpos[:, 3] = rng.uniform(0, planar_model.FINGER_OPEN, count)
-    qpos[:, 4] = rng.uniform(-planar_model.FINGER_OPEN, 0, count)
-    return qpos
-
-
 def test_size_of_the_model_is_pinned(model):
     """Speed depends on these: whoever changes one should measure the other."""
     assert (model.nq, model.nv, model.nu) == (20, 20, 0)
@@ -53,8 +37,8 @@ def test_size_of_the_model_is_pinned(model):
 
 
 def test_joint_positions_are_the_poses(model):
-    data = mujoco.MjData(model)
-    data.qpos[:] = _poses(model, 1)[0]
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    data.qpos[:] = rng.uniform(-1, 1, model.nq)
     mujoco.mj_forward(model, data)
     names = ["robot", *(f"block_{i}" for i in range(5))]
     starts = [0, *range(5, 20, 3)]
@@ -90,11 +74,19 @@ def test_every_two_bodies_touch_in_all_their_parts_but_the_robots_own_never(mode
 
 def test_closed_fingers_through_the_disc_make_no_contact(model):
     data = mujoco.MjData(model)
-    data.qpos[5:] = np.linspace(-1, 1, 15)
     data.qpos[[5, 8, 11, 14, 17]] = [-0.9, 0.9, -0.9, 0.9, 0.9]
     data.qpos[[6, 9, 12, 15, 18]] = [-0.9, 0.9, 0.9, -0.9, 0.0]
     mujoco.mj_forward(model, data)
     assert data.ncon == 0
+
+
+def test_a_block_in_the_fingers_way_makes_contact(model):
+    data = mujoco.MjData(model)
+    data.qpos[[5, 8, 11, 14, 17]] = [-0.9, 0.9, -0.9, 0.9, 0.09]
+    data.qpos[[6, 9, 12, 15, 18]] = [-0.9, 0.9, 0.9, -0.9, 0.34]
+    mujoco.mj_forward(model, data)
+    touched = {_body(model, g) for pair in data.contact.geom[: data.ncon] for g in pair}
+    assert {"right_finger", "block_4"} <= touched
 
 
 def test_masses_and_table_friction_are_the_references(model):
@@ -108,63 +100,48 @@ def test_masses_and_table_friction_are_the_references(model):
     np.testing.assert_array_equal(model.dof_frictionloss[:5], 0.0)
     np.testing.assert_array_equal(model.dof_frictionloss[5:].reshape(5, 3), [[1.5, 1.5, 0.1]] * 5)
     inertia = [model.body(f"block_{i}").inertia[2] for i in range(5)]
-    np.testing.assert_allclose(inertia, [9.365e-5, 7.54e-5, 7.322e-5, 7.2e-5, 7.322e-5])
+    expected = [9.365e-5, 7.54e-5, 7.322e-5, 7.2e-5, 7.322e-5]
+    np.testing.assert_allclose(inertia, expected, rtol=1e-6)
+    assert model.body("robot").inertia[2] == pytest.approx(0.020)
 
 
-def test_inertia_of_a_finger_about_its_pivot_is_the_references(model):
-    for side in ("left", "right"):
-        body = model.body(f"{side}_finger")
-        about_pivot = body.inertia[2] + body.mass[0] * (body.ipos[:2] @ body.ipos[:2])
-        assert about_pivot == pytest.approx(0.005)
+def test_a_fingers_centre_of_mass_is_its_pivot(model):
+    for side, name in ((-1, "left_finger"), (1, "right_finger")):
+        body = model.body(name)
+        np.testing.assert_array_equal(body.ipos, 0.0)
+        np.testing.assert_allclose(body.pos, [side * 0.09, 0.02, 0.0])
+        assert body.inertia[2] == pytest.approx(0.005)
 
 
 def test_fingers_are_limited_from_closed_to_open(model):
-    low, high = model.joint("left_finger").range
-    assert (low, high) == pytest.approx((0.0, math.pi / 8))
-    assert tuple(model.joint("right_finger").range) == pytest.approx((-math.pi / 8, 0.0))
+    assert tuple(model.joint("left_finger").range) == pytest.approx((0.0, OPEN))
+    assert tuple(model.joint("right_finger").range) == pytest.approx((-OPEN, 0.0))
 
 
-@pytest.mark.parametrize(("angle", "gap"), [(0.0, 0.03), (math.pi / 8, 0.29)])
-def test_tips_are_as_far_apart_as_in_the_reference(angle, gap):
-    """Inner corner to inner corner: closed 0.03, open 0.29."""
-    inner = []
-    for side, turn in ((-1, angle), (1, -angle)):
-        far = shapes.finger(side).vertices[2:4]  # both corners of the tip
-        x, y = far[np.argmax(-side * far[:, 0])]
-        inner.append(side * planar_model.PIVOT[0] + x * math.cos(turn) - y * math.sin(turn))
-    assert inner[1] - inner[0] == pytest.approx(gap, abs=0.012)
-
-
-@pytest.mark.parametrize("substeps", [5, 10])
-def test_inertia_of_the_drive_is_mujocos(substeps):
-    env = envs.make("match_regions", substeps=substeps)
-    model = env.mj_model
-    data, column = mujoco.MjData(model), np.zeros(model.nv)
-    poses = _poses(model, 20)
-    ours = np.asarray(jax.vmap(env._robot_mass)(jnp.asarray(poses, jnp.float32)))
-    for qpos, mass in zip(poses, ours, strict=True):
-        data.qpos[:] = qpos
-        mujoco.mj_forward(model, data)
-        for joint, expected in enumerate(mass.T):
-            mujoco.mj_mulM(model, data, column, np.eye(model.nv)[joint])
-            np.testing.assert_allclose(column[:5], expected, atol=2e-6)
-            np.testing.assert_array_equal(column[5:], 0.0)  # blocks are no part of the robot
-    rotor = planar_model.finger_armature(env.dt)
-    assert ours[0, 3, 3] == pytest.approx(0.005 + rotor, rel=1e-5)  # 0.005: about the pivot
+@pytest.mark.parametrize(("angle", "gap"), [(0.0, 0.03), (OPEN, 0.29)])
+def test_tips_are_as_far_apart_as_in_the_reference(model, angle, gap):
+    """Forearm to forearm at the wrists' capsules: closed about 0.03, open about 0.29."""
+    data = mujoco.MjData(model)
+    data.qpos[3:5] = angle, -angle
+    mujoco.mj_forward(model, data)
+    ends = []
+    for name in ("left_finger_1", "right_finger_1"):
+        geom = data.geom(name)
+        along, half = geom.xmat.reshape(3, 3)[:2, 2], model.geom(name).size[1]
+        tips = geom.xpos[:2] + half * np.array([[1], [-1]]) * along
+        ends.append(tips[np.argmax(tips[:, 1])])
+    assert np.linalg.norm(ends[1] - ends[0]) - 0.05 == pytest.approx(gap, abs=0.025)
 
 
 def test_a_blocked_finger_motor_grips_with_its_full_torque():
     """Rate 1 rad/s, reached in one substep from rest, must take 4."""
     for timestep in (0.025, 0.0125):
-        armature = planar_model.finger_armature(timestep)
-        assert armature * planar_model.FINGER_RATE / timestep == planar_model.FINGER_TORQUE
+        assert planar_model.finger_armature(timestep) * 1.0 / timestep == pytest.approx(4.0)
 
 
-def test_a_robot_without_fingers_has_three_joints():
-    stick = planar_model.RobotShape(shapes.stadium(0.6, 0.1, 0.03083), 1.0, False)
-    blocks = [shapes.block("circle"), shapes.block("star")]
-    model = planar_model.build(stick, blocks, timestep=0.01, iterations=1, max_contacts=4)
-    assert model.nv == 3 + 6
-    assert model.npair == 1 * (1 + 5) + 5
-    assert model.opt.timestep == 0.01
-    assert model.body("robot").mass[0] == 1.0
+def test_the_model_takes_the_options_it_is_given():
+    model = planar_model.build(("circle", "star"), timestep=0.01, iterations=3, max_contacts=4)
+    assert model.nv == 5 + 6
+    assert model.npair == 5 * (1 + 5) + 5
+    assert (model.opt.timestep, model.opt.iterations) == (0.01, 3)
+    assert model.numeric("max_contact_points").data[0] == 4

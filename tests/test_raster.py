@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import scenes
 from gril_jax.envs import match_regions_scene as look
-from gril_jax.envs import planar_model, raster, shapes
-from gril_jax.envs.base import Outline
+from gril_jax.envs import raster, robots
+from gril_jax.envs.block_shapes import SHAPES, outline
 
 from gril_jax import render as host
 
 HALF = 1.122
 OPEN = math.pi / 8
-NAMES = tuple(f"{c} {s}" for c in raster.COLOURS for s in shapes.BLOCK_SHAPES)
+NAMES = tuple(f"{c} {s}" for c in raster.COLOURS for s in SHAPES)
 DEMO = ("green star", "green square", "blue pentagon", "yellow circle", "yellow pentagon")
 GOAL = (0.40, 0.35, 0.60, 0.70)
 STICKS = {"short": 0.3, "medium": 0.6, "long": 1.6}
@@ -30,7 +30,7 @@ NOWHERE = np.full(3, np.nan)
 def _pivot(robot, side):
     x, y, angle = robot
     c, s = math.cos(angle), math.sin(angle)
-    px, py = side * planar_model.PIVOT[0], planar_model.PIVOT[1]
+    px, py = robots.PIVOTS[0 if side < 0 else 1]
     return x + c * px - s * py, y + s * px + c * py
 
 
@@ -43,7 +43,7 @@ def _scene(names, blocks, robot=scenes.ROBOT, fingers=(OPEN, -OPEN), goal=GOAL, 
     split = [name.split() for name in names]
     return raster.Scene(
         pose=jnp.array([*poses, *blocks], jnp.float32).reshape(-1, 3),
-        shape=jnp.array([shapes.BLOCK_SHAPES.index(s) for _, s in split], jnp.int32),
+        shape=jnp.array([SHAPES.index(s) for _, s in split], jnp.int32),
         colour=jnp.array([raster.COLOURS.index(c) for c, _ in split], jnp.int32),
         goal=jnp.array(goal, jnp.float32),
         goal_colour=jnp.array(raster.COLOURS.index(colour)),
@@ -146,7 +146,7 @@ def _exact(names, blocks, robot, fingers, goal, colour, *, stick=None, size=384)
         if kind == "circle":
             canvas.disc(*pose[:2], 0.12, fill, rim, 1)
         else:
-            vertices = shapes.block(kind).vertices
+            vertices = outline(kind)
             np.testing.assert_allclose(vertices, scenes.corners(kind), atol=1e-4)
             canvas.polygon(scenes.placed(vertices, *pose), fill, rim, 1)
     if stick:
@@ -154,7 +154,7 @@ def _exact(names, blocks, robot, fingers, goal, colour, *, stick=None, size=384)
         canvas.polygon(scenes.placed(signs * half, *robot), *_RGB["body"], 1)
         return canvas
     for side, angle in zip((-1, 1), fingers, strict=True):
-        vertices = shapes.finger(side).vertices
+        vertices = robots.robot("gripper").parts[1 if side < 0 else 2].outline
         placed = scenes.placed(vertices, *_pivot(robot, side), robot[2] + angle)
         canvas.polygon(placed, *_RGB["finger"], 1)
     canvas.disc(*robot[:2], 0.2, *_RGB["body"], 1)
@@ -195,13 +195,10 @@ def test_every_pixel_of_a_stick_is_that_of_the_exact_shape(stick):
 
 def _paint(names, blocks, robot, fingers, goal, colour, *, stick=None, pixels=384):
     """As the task paints on the host; the first block's colour is the region's."""
-    turned = (0.0, 0.0) if fingers is None else fingers
-    qpos = np.concatenate([robot, turned, np.ravel(blocks)])
-    outlines = look.outlines(tuple(names), 1.1, qpos, np.array(goal))
-    if stick:
-        outlines = outlines[: 2 + len(names)]
-        vertices = scenes.placed(shapes.stadium(STICKS[stick], 0.1, 1.0).vertices, *robot)
-        outlines.append(Outline(vertices, *_RGB["body"]))
+    scene = _scene(names, blocks, robot, fingers, goal, colour)
+    made = robots.robot(stick or "gripper")
+    pose = np.asarray(scene.pose, np.float64)
+    outlines = look.outlines(made, [tuple(n.split()) for n in names], 1.1, pose, np.array(goal))
     return host.paint(outlines, half_extent=HALF, background=look.BACKGROUND, pixels=pixels)
 
 

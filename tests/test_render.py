@@ -126,7 +126,7 @@ def test_robot_is_a_disc_of_the_references_radius(frame):
 def test_eyes_look_ahead(env, data):
     """At (+-0.08, 0.06) in the robot's frame, pupils in their middle."""
     image = _paint(env, data)
-    x, y, yaw = np.asarray(data.qpos[:3])
+    x, y, yaw = np.asarray(data.pose[0])
     for side in (-0.08, 0.08):
         c, s = np.cos(yaw), np.sin(yaw)
         eye = (x + c * side - s * 0.06, y + s * side + c * 0.06)
@@ -146,12 +146,12 @@ def test_region_border_is_dashed(frame):
 
 def test_later_outlines_hide_earlier_ones(env, data):
     """Blocks over the region, robot over blocks."""
-    qpos = np.array(data.qpos)
-    qpos[5:8] = 0.4, 0.35, 0.0
-    image = _paint(env, data._replace(qpos=jnp.asarray(qpos)))
+    pose = np.array(data.pose)
+    pose[3] = 0.4, 0.35, 0.0
+    image = _paint(env, data._replace(pose=jnp.asarray(pose)))
     assert tuple(image[_pixel(0.4, 0.35)]) == (195, 208, 130)
-    qpos[:2] = 0.4, 0.35
-    image = _paint(env, data._replace(qpos=jnp.asarray(qpos)))
+    pose[0, :2] = 0.4, 0.35
+    image = _paint(env, data._replace(pose=jnp.asarray(pose)))
     assert tuple(image[_pixel(0.4, 0.35)]) == (162, 163, 175)
 
 
