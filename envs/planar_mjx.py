@@ -7,11 +7,13 @@ that follows the direction of travel. Motion without contacts agrees with the ot
 are softer and corners rounder. As there, positions advance before velocities.
 """
 
+import contextlib
+import io
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from mujoco import mjx
 
 from . import block_shapes, planar_model, robots
 from . import joints as jointing
@@ -20,6 +22,9 @@ from .contacts import Frames
 from .joints import Command, Strengths
 from .planar_physics import Physics
 from .plane import Vec, heading
+
+with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
+    from mujoco import mjx
 
 __all__ = ["MjxPhysics"]
 

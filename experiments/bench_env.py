@@ -3,7 +3,7 @@
     gril bench env                      the default setting
     gril bench env --levers True        what each setting of the solver gives, and the MJX engine
 
-Throughput is the best of `repeats` runs of a compiled scan; compile time is that of the scan. On two
+Throughput is the best of `repeats` runs of a compiled scan; compile time is that of the scan. On 2
 CPU cores a case takes about 15 s, on one H200 about 20 s.
 """
 
