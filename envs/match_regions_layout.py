@@ -3,8 +3,8 @@
 MAGICAL's variants: where things start, which colours and shapes they have, how strong the robot and
 the table are. Entities are placed one after another (region, robot, blocks), each at the first of
 `_CANDIDATES` uniform poses that touches nothing placed before, the region included. If none is free
-the first is taken and the episode says so (`unplaced`). Blocks count as their bounding circles, which is a little
-stricter than MAGICAL's exact test.
+the first is taken and the episode says so (`unplaced`). Blocks count as their bounding circles,
+which is a little stricter than MAGICAL's exact test.
 """
 
 from typing import NamedTuple
