@@ -113,12 +113,17 @@ def outline(name: str) -> np.ndarray:
     return shape.corners[: 4 if name == "square" else 5]
 
 
-def signed_distance(shape: BlockShape, point: Vec) -> tuple[Array, Vec]:
+def signed_distance(
+    shape: BlockShape, point: Vec, middle: Vec | None = None
+) -> tuple[Array, Vec]:
     """Distance of points to the blocks' rims, negative inside, and the unit normal outwards.
 
     Args:
       shape: of B blocks.
       point: (..., B) in the blocks' own frames.
+      middle: (B,) of the body that the points belong to. Its points inside a block then leave
+        through the face that this middle is beyond, rather than through the nearest, which near a
+        corner may be another one.
     """
     along = jnp.full_like(point.x, -jnp.inf)
     nearest = Vec(jnp.zeros_like(along), jnp.zeros_like(along))
@@ -129,9 +134,12 @@ def signed_distance(shape: BlockShape, point: Vec) -> tuple[Array, Vec]:
         along = jnp.maximum(dot, along)
     across = nearest.cross(point)
     side = jnp.where(across < 0, -1.0, 1.0)
+    if middle is not None:
+        nearest, along, side = _towards(shape, point, middle, nearest, along, side)
+        across = nearest.cross(point)
 
     rim = shape.rim_end - shape.rim_start
-    folded = Vec(along, jnp.abs(across)) - shape.rim_start
+    folded = Vec(along, across * side) - shape.rim_start
     line = shape.rim_out.dot(folded)  # beyond the segment's line
     share = jnp.clip(folded.dot(rim) / jnp.maximum(rim.dot(rim), 1e-12), 0.0, 1.0)
     gap = folded - rim * share
@@ -140,6 +148,28 @@ def signed_distance(shape: BlockShape, point: Vec) -> tuple[Array, Vec]:
     normal = where(outside, gap * (1.0 / far), shape.rim_out)
     normal = Vec(normal.x, normal.y * side).out_of(nearest)
     return jnp.where(outside, far, line) - shape.radius, normal
+
+
+def _towards(shape: BlockShape, point: Vec, middle: Vec, nearest: Vec, along: Array, side: Array):
+    """The sector in which a point inside a block is folded, given the middle of its body.
+
+    A polygon's sectors are its faces. A star's are its arms, which are right as they are, but an
+    arm has two sides.
+    """
+    polygon = (shape.rim_out.y == 0.0) & (shape.rim_end.y > 0.0)
+    best, face = jnp.full_like(along, -jnp.inf), nearest
+    for k in range(5):
+        direction = shape.directions[k]
+        both = jnp.minimum(direction.dot(point), direction.dot(middle))
+        face = where(both > best, direction, face)
+        best = jnp.maximum(both, best)
+    inside = polygon & (along < shape.rim_start.x)
+    nearest = where(inside, face, nearest)
+    along = jnp.where(inside, face.dot(point), along)
+    folded = Vec(along, jnp.abs(nearest.cross(point))) - shape.rim_start
+    within = ~polygon & (shape.rim_out.dot(folded) < 0.0)
+    side = jnp.where(nearest.cross(point) < 0, -1.0, 1.0)
+    return nearest, along, jnp.where(within, jnp.where(nearest.cross(middle) < 0, -1.0, 1.0), side)
 
 
 def extents(

@@ -68,7 +68,7 @@ def with_part(part: Part, at: Frames, shapes: BlockShape, blocks: Frames) -> lis
         touch = -(offset + out * distance)
         return [fence(Contacts(distance - part.radius, -out, touch))]
     found = [*_corners_in_boxes(part.boxes, at, offset, shapes, blocks)]
-    found.append(_part_in_blocks(part.corners, at, offset, shapes, blocks))
+    found.append(_part_in_blocks(part, at, offset, shapes, blocks))
     candidates = fence(
         Contacts(
             jnp.concatenate([f.gap for f in found]),
@@ -87,35 +87,57 @@ def _corners_in_boxes(
 ):
     """Each corner of each block against each box, (5, B) each."""
     corners = shapes.corners.out_of(blocks.heading)
-    local = (corners + offset).into(at.heading)
+    local, middle = (corners + offset).into(at.heading), offset.into(at.heading)
     for box in boxes:
-        distance, out = _box_distance(box, local)
+        distance, out = _box_distance(box, local, middle)
         out = out.out_of(at.heading)
         yield Contacts(distance - shapes.radius, out, corners - out * shapes.radius)
 
 
 def _part_in_blocks(
-    corners: np.ndarray, at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames
+    part: Part, at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames
 ) -> Contacts:
     """Each of the part's corners against each block, (C, B)."""
-    corners = corners.astype(np.float32)
+    corners = part.corners.astype(np.float32)
     point = Vec(corners[:, :1], corners[:, 1:]).out_of(at.heading) - offset
-    gap, out = signed_distance(shapes, point.into(blocks.heading))
+    tip = np.float32(part.boxes[-1].center)  # a finger's forearm has all its corners
+    middle = Vec(tip[0], tip[1]).out_of(at.heading) - offset
+    gap, out = signed_distance(
+        shapes, point.into(blocks.heading), middle.into(blocks.heading)
+    )
     out = out.out_of(blocks.heading)
     return Contacts(gap, -out, point - out * gap)
 
 
-def _box_distance(box: Box, point: Vec) -> tuple[Array, Vec]:
-    """Signed distance to a rectangle and the normal out of it."""
+def _box_distance(box: Box, point: Vec, middle: Vec) -> tuple[Array, Vec]:
+    """Signed distance of a block's corners to a rectangle, and the normal out of it.
+
+    A corner inside leaves through the face that it came in by: the one beyond which most of the
+    way from the corner to the block's middle lies. The nearest face may be another one, above all
+    at the ends of a thin box, and would let the block through.
+    """
     tilt = Vec(np.float32(np.cos(box.angle)), np.float32(np.sin(box.angle)))
-    local = (point - Vec(np.float32(box.center[0]), np.float32(box.center[1]))).into(tilt)
+    centre = Vec(np.float32(box.center[0]), np.float32(box.center[1]))
+    local, middle = (point - centre).into(tilt), (middle - centre).into(tilt)
+    side = Vec(_sign(middle.x), _sign(middle.y))
     dx, dy = jnp.abs(local.x) - box.half[0], jnp.abs(local.y) - box.half[1]
     corner = Vec(jnp.maximum(dx, 0.0), jnp.maximum(dy, 0.0))
     far = jnp.sqrt(corner.dot(corner) + 1e-14)
-    outside, wide = far > 1e-6, jnp.where(dx > dy, 1.0, 0.0)
-    out = where(outside, corner * (1.0 / far), Vec(wide, 1.0 - wide))
-    out = Vec(jnp.where(local.x < 0, -out.x, out.x), jnp.where(local.y < 0, -out.y, out.y))
-    return jnp.where(outside, far, jnp.maximum(dx, dy)), out.out_of(tilt)
+    outside = far > 1e-6
+    in_x, in_y = local.x * side.x - box.half[0], local.y * side.y - box.half[1]
+    reach_x = jnp.minimum(in_x, jnp.abs(middle.x) - box.half[0])
+    reach_y = jnp.minimum(in_y, jnp.abs(middle.y) - box.half[1])
+    wide = reach_x > reach_y
+    out = where(
+        outside,
+        Vec(corner.x * _sign(local.x), corner.y * _sign(local.y)) * (1.0 / far),
+        Vec(jnp.where(wide, side.x, 0.0), jnp.where(wide, 0.0, side.y)),
+    )
+    return jnp.where(outside, far, jnp.where(wide, in_x, in_y)), out.out_of(tilt)
+
+
+def _sign(x: Array) -> Array:
+    return jnp.where(x < 0, -1.0, 1.0)
 
 
 # ---------------------------------------------------------------- blocks and walls
