@@ -113,9 +113,7 @@ def outline(name: str) -> np.ndarray:
     return shape.corners[: 4 if name == "square" else 5]
 
 
-def signed_distance(
-    shape: BlockShape, point: Vec, middle: Vec | None = None
-) -> tuple[Array, Vec]:
+def signed_distance(shape: BlockShape, point: Vec, middle: Vec | None = None) -> tuple[Array, Vec]:
     """Distance of points to the blocks' rims, negative inside, and the unit normal outwards.
 
     Args:

@@ -102,9 +102,7 @@ def _part_in_blocks(
     point = Vec(corners[:, :1], corners[:, 1:]).out_of(at.heading) - offset
     tip = np.float32(part.boxes[-1].center)  # a finger's forearm has all its corners
     middle = Vec(tip[0], tip[1]).out_of(at.heading) - offset
-    gap, out = signed_distance(
-        shapes, point.into(blocks.heading), middle.into(blocks.heading)
-    )
+    gap, out = signed_distance(shapes, point.into(blocks.heading), middle.into(blocks.heading))
     out = out.out_of(blocks.heading)
     return Contacts(gap, -out, point - out * gap)
 

@@ -81,6 +81,7 @@ def waypoint(
     *,
     extent: float,
     reach: float = 0.4,
+    near: float = 0.12,
 ) -> Float[Array, "2"]:
     """Where to head from `start`: the best grid point about `reach` ahead, or the target itself.
 
@@ -91,6 +92,7 @@ def waypoint(
       obstacles: the same.
       extent: the same.
       reach: how far the point is, at most; half of it at least.
+      near: a target nearer than this is headed for whatever is in between.
     """
     grid = _grid(extent)
     length = jnp.sqrt(jnp.sum((grid - start) ** 2, axis=-1))
@@ -100,5 +102,5 @@ def waypoint(
     best = grid.reshape(-1, 2)[jnp.argmin(total)]
     straight = jnp.sqrt(jnp.sum((target - start) ** 2) + 1e-12)
     direct = straight * _price((target + start) / 2, obstacles)
-    near = (straight < reach) | (direct < total.min() + 0.05) & (straight < 2 * reach)
-    return jnp.where(near, target, best)
+    close = (straight < near) | (direct < total.min() + 0.05) & (straight < 2 * reach)
+    return jnp.where(close, target, best)

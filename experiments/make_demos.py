@@ -92,7 +92,7 @@ def _play(env, wanted: int, failures: int, seed: int, progress: Progress) -> lis
     batch = played + failures + wanted // 3
     kinds = jnp.zeros(batch, jnp.int32)
     if failures:
-        kinds = kinds.at[-failures:].set(1 + jnp.arange(failures) % 3)
+        kinds = kinds.at[-failures:].set(1 + jnp.arange(failures) % (len(scripted.FAILURES) - 1))
     rollout = jax.jit(jax.vmap(lambda key, kind: scripted.rollout(env, key, kind)[0]))
     phase = progress.phase("playing the expert", total=wanted + failures, unit="episodes")
     good, bad = [], []

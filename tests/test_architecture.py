@@ -19,7 +19,8 @@ FOLDERS = {
 
 PURE = {
     "types", "graphs", "activity", "encoder", "pooling", "losses", "reward", "subtasks",
-    "metrics", "errors",
+    "metrics", "errors", "message_passing", "dense_messages", "box_features", "box_mlp",
+    "interaction_network", "pixel_encoder", "cycle_metrics", "interquartile", "subtask_matching",
 }  # fmt: skip
 TRAINING = {"pretrain", "rl", "sweep"}
 
@@ -44,7 +45,7 @@ LAYERS = {
 # Files and clocks are for the host.
 NOT_PURE = {"io", "os", "pathlib", "shutil", "subprocess", "tempfile", "time", "random"}
 # An import inside a function is for cli.py, and for optional extras: (file, package).
-LATE_EXTRAS: set[tuple[str, str]] = set()
+LATE_EXTRAS = {("gril_jax/losses/soft_dtw.py", "gril_jax.losses.soft_dtw_pallas")}
 # The only reader of pickles, with an unpickler that builds nothing but arrays.
 PICKLES = {"gril_jax/interop/magical.py"}
 

@@ -92,6 +92,28 @@ def test_a_stick_end_that_digs_into_a_block_is_found_though_no_block_corner_is_i
             assert float(f.normal.x[0]) == pytest.approx(1.0, abs=1e-5)
 
 
+@pytest.mark.parametrize("x", [-0.066, 0.066])
+def test_a_corner_that_sinks_in_at_a_sticks_end_is_pushed_out_in_front(x):
+    """Its nearest face is the stick's end, which would let the whole block through."""
+    found = _with("short", [SQUARE], [(x, 0.129, 0.24)])
+    pressed = [f for f in found if float(f.gap[0]) < 0]
+    assert pressed
+    for f in pressed:
+        assert float(f.normal.y[0]) > 0.9, f
+
+
+@pytest.mark.parametrize("depth", [0.01, 0.03, 0.045])
+def test_a_star_tip_leaves_a_finger_on_the_side_of_the_stars_middle(depth):
+    """However deep: a finger is thin, and beyond its middle the other side is nearer."""
+    part = robots.robot("gripper").parts[2]
+    box = part.boxes[0]
+    x = box.center[0] + box.half[0] - depth + 0.156  # one tip points at the finger, from the right
+    found = _with("gripper", [STAR], [(x, box.center[1], np.pi / 2)], part=2)
+    deepest = min(found, key=lambda f: float(f.gap[0]))
+    assert float(deepest.gap[0]) == pytest.approx(-depth, abs=1e-4)
+    assert float(deepest.normal.x[0]) == pytest.approx(1.0, abs=1e-3)
+
+
 @pytest.mark.parametrize("side", [0, 1])
 def test_fingers_hold_a_circle_from_both_sides(side):
     """Beside the upper arm of a closed finger, whose half thickness is 0.025, on its outside."""

@@ -1,4 +1,5 @@
-"""The encoder against a plain loop over edges, and what the latent may depend on."""
+"""The paper's encoder against a plain loop over edges, what the latent may depend on, and what
+all graph encoders share."""
 
 import dataclasses
 
@@ -6,9 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from graph_frames import awkward_frames
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gril_jax import encoder
-from gril_jax.encoder import EncoderConfig
+from gril_jax.encoder import EncoderConfig, InteractionConfig, MLPConfig
 from gril_jax.errors import ConfigError
 from gril_jax.graphs import scene_graph
 
@@ -83,6 +87,16 @@ def test_latent_equals_the_loop(pool_robot, robot_messages):
     config = dataclasses.replace(CONFIG, pool_robot=pool_robot, robot_messages=robot_messages)
     latent = _latent(_frame(), config, alpha=3.0)
     np.testing.assert_allclose(latent, _oracle(_frame(), config, 3.0), rtol=1e-4, atol=1e-5)
+
+
+def test_latent_equals_the_loop_to_twelve_digits_in_float64():
+    with jax.enable_x64(True):
+        params, frame = jax.tree.map(
+            lambda x: jnp.asarray(x, jnp.float64 if x.dtype == np.float32 else x.dtype),
+            jax.tree.map(np.asarray, (PARAMS, _frame())),
+        )
+        latent = encoder.apply(params, scene_graph(**frame), CONFIG, alpha=3.0)
+        np.testing.assert_allclose(latent, _oracle(frame, CONFIG, 3.0), rtol=1e-12, atol=1e-12)
 
 
 def test_latent_ignores_node_order():
@@ -192,3 +206,67 @@ def test_parameters_are_plain_dicts_of_float32_arrays():
 def test_config_out_of_range_is_refused_by_name(field, value):
     with pytest.raises(ConfigError, match=rf"encoder\.{field} is {value}"):
         dataclasses.replace(CONFIG, **{field: value})
+
+
+# --- all graph encoders
+
+AWKWARD = [
+    dataclasses.replace(CONFIG, absolute=False, robot_messages=True),
+    InteractionConfig(4, width=6, self_blocks="class", distances=True, robot_messages=False),
+    InteractionConfig(4, width=6, history=1),
+    MLPConfig(4, width=6, distances=True),
+]
+
+
+def _finite_as(config):
+    """Value and gradients of a weighted latent, all finite? One program for each frame size."""
+
+    def summed(params, floats, frame, alpha):
+        latent = encoder.apply(params, scene_graph(**frame | floats), config, alpha=alpha)
+        return jnp.sum(latent * jnp.arange(1, 1 + config.latent))
+
+    def finite(params, frame, alpha):
+        floats = {k: frame[k] for k in ("center", "size")}
+        found = jax.value_and_grad(summed, argnums=(0, 1, 3))(params, floats, frame, alpha)
+        return jnp.stack([jnp.isfinite(x).all() for x in jax.tree.leaves(found)]).all()
+
+    return jax.jit(finite)
+
+
+@pytest.mark.parametrize("config", AWKWARD, ids=["paper", "robot", "xmagical", "mlp"])
+def test_awkward_graphs_of_any_size_have_finite_latents_and_gradients(config):
+    params, finite = init(jax.random.key(0), config), _finite_as(config)
+
+    @settings(max_examples=60, deadline=None)
+    @given(st.sampled_from([0, 1, 3, 12]).flatmap(awkward_frames), st.sampled_from([0.0, 5.0]))
+    def check(frame, alpha):
+        assert finite(params, frame, alpha)
+
+    check()
+
+
+@pytest.mark.parametrize("config", AWKWARD, ids=["paper", "robot", "xmagical", "mlp"])
+def test_a_graph_of_nothing_is_embedded_alike_whether_empty_padding_or_uncounted_robots(config):
+    params = init(jax.random.key(0), config)
+    frames = [{k: v[:0] for k, v in _frame().items()}, _frame() | {"present": jnp.zeros(5, bool)}]
+    latents = [encoder.apply(params, scene_graph(**frame), config) for frame in frames]
+    np.testing.assert_array_equal(*latents)
+
+
+def test_a_config_of_no_encoder_is_refused_by_name():
+    for call in (encoder._module, encoder._node_module):
+        with pytest.raises(
+            ConfigError, match="encoder is a int; it must be one of EncoderConfig, "
+        ):
+            call(3)
+    with pytest.raises(ConfigError, match="encoder is a MLPConfig, which does not embed nodes"):
+        encoder._node_module(MLPConfig(4))
+
+
+def test_every_graph_config_gives_a_latent_of_the_size_it_states():
+    graph = scene_graph(**_frame())
+    for config in AWKWARD:
+        params = jax.eval_shape(lambda key, c=config: encoder.init(key, c), jax.random.key(0))
+        latent = jax.eval_shape(lambda p, c=config: encoder.apply(p, graph, c, alpha=2.0), params)
+        assert latent.shape == (config.latent,)
+        assert jax.tree.leaves(config) == []

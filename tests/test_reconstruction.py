@@ -1,12 +1,16 @@
 """Reconstruction against a plain loop of Eq. 5, with padding and units."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from gril_jax.encoder import EncoderConfig
-from gril_jax.losses import decode, reconstruction
-from gril_jax.losses.reconstruction import init
+from gril_jax.errors import ConfigError
+from gril_jax.losses import decode, decode_graph, reconstruction, reconstruction_terms
+from gril_jax.losses.reconstruction import init, init_graph
 from gril_jax.types import Nodes
 
 RNG = np.random.default_rng(0)
@@ -72,3 +76,62 @@ def test_decoder_sees_one_node_at_a_time_and_gives_boxes_and_logits():
     alone = decode(params, embeddings[2:3], config)
     np.testing.assert_allclose(alone[0], box[2:3], rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(alone[1], logits[2:3], rtol=1e-5, atol=1e-6)
+
+
+def test_terms_apart_add_up_and_weights_select_one():
+    box_error, class_error = reconstruction_terms(BOX, LOGITS, NODES)
+    both = reconstruction(BOX, LOGITS, NODES)
+    np.testing.assert_allclose(box_error + class_error, both, rtol=1e-6)
+    np.testing.assert_array_equal(reconstruction(BOX, LOGITS, NODES, class_weight=0.0), box_error)
+    np.testing.assert_array_equal(reconstruction(BOX, LOGITS, NODES, box_weight=0.0), class_error)
+
+
+def test_padding_has_no_gradient_and_an_unknown_label_no_class_error():
+    nodes = NODES._replace(center=NODES.center.at[3].set(jnp.nan), label=jnp.array([2, 7, -1, 1]))
+    gradient = jax.grad(lambda b, x: reconstruction(b, x, nodes).sum(), argnums=(0, 1))(BOX, LOGITS)
+    assert all((np.asarray(g[3]) == 0).all() for g in gradient)
+    assert reconstruction_terms(BOX, LOGITS, nodes)[1][1:].tolist() == [0, 0, 0]
+
+
+def test_graph_decoder_gives_every_node_from_one_vector():
+    config = EncoderConfig(num_classes=3, width=8, latent=5, length_unit=2.0)
+    params = jax.jit(functools.partial(init_graph, config=config, num_nodes=4))(jax.random.key(0))
+    vector = jnp.asarray(RNG.normal(size=5), jnp.float32)
+    box, logits = decode_graph(params, vector, config, num_nodes=4)
+    hidden = np.maximum(vector @ params["Dense_0"]["kernel"] + params["Dense_0"]["bias"], 0)
+    out = (hidden @ params["Dense_1"]["kernel"] + params["Dense_1"]["bias"]).reshape(4, 7)
+    np.testing.assert_allclose(box, 2.0 * out[:, :4], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(logits, out[:, 4:], rtol=1e-5, atol=1e-6)
+    assert np.isfinite(reconstruction(box, logits, NODES)).all()
+
+
+def test_graph_decoder_learns_the_boxes_of_frames_from_their_vectors():
+    config = EncoderConfig(num_classes=3, width=32, latent=6)
+    params = init_graph(jax.random.key(0), config, num_nodes=4)
+    vectors = jnp.asarray(RNG.normal(size=(8, 6)), jnp.float32)
+    centers = jnp.tanh(vectors @ jnp.asarray(RNG.normal(size=(6, 8)), jnp.float32)).reshape(8, 4, 2)
+
+    def loss(params):
+        def one(vector, center):
+            box, logits = decode_graph(params, vector, config, num_nodes=4)
+            return reconstruction(box, logits, NODES._replace(center=center)).mean()
+
+        return jax.vmap(one)(vectors, centers).mean()
+
+    @jax.jit
+    def descend(params):
+        def update(params, _):
+            value, gradient = jax.value_and_grad(loss)(params)
+            return jax.tree.map(lambda p, g: p - 0.3 * g, params, gradient), value
+
+        return jax.lax.scan(update, params, length=200)[1]
+
+    values = descend(params)
+    assert values[-1] < 0.2 * values[0]
+
+
+def test_what_does_not_fit_is_named():
+    with pytest.raises(ConfigError, match=r"length_unit is 0.0; it must be positive"):
+        reconstruction(BOX, LOGITS, NODES, length_unit=0.0)
+    with pytest.raises(ConfigError, match="num_nodes is 0"):
+        init_graph(jax.random.key(0), EncoderConfig(num_classes=3), num_nodes=0)

@@ -1,8 +1,10 @@
-"""Reconstruction of boxes and classes from the node embeddings (Eq. 5 of the paper).
+"""Reconstruction of boxes and classes (Eq. 5 of the paper), from the nodes or from the graph.
 
 It keeps the encoder from forgetting what and where the objects are while it learns time. The
-decoder sees one node's embedding at a time, as in the paper's diagram. Shapes use N for nodes,
-H for the embedding's width and C for classes; batch with `jax.vmap`.
+paper's diagram decodes each node's embedding by itself (`init`, `decode`); its Eq. 5 decodes
+the graph's one vector (`init_graph`, `decode_graph`). `reconstruction` compares either with the
+frame; `reconstruction_terms` gives the errors of boxes and of classes apart. Shapes use N for
+nodes, H for the width of what is decoded and C for classes; batch with `jax.vmap`.
 """
 
 import jax
@@ -11,13 +13,22 @@ from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from ..encoder import EncoderConfig, Params
+from ..errors import ConfigError, ShapeError
 from ..types import Nodes
+from .soft_neighbour import check_positive
 
-__all__ = ["decode", "init", "reconstruction"]
+__all__ = [
+    "decode",
+    "decode_graph",
+    "init",
+    "init_graph",
+    "reconstruction",
+    "reconstruction_terms",
+]
 
 
 def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
-    """Fresh decoder parameters for an encoder of this config. The key is consumed."""
+    """Fresh parameters of the node decoder, for an encoder of this config. Consumes the key."""
     return _Decoder(config).init(key, jnp.zeros((1, config.width)))["params"]
 
 
@@ -29,12 +40,50 @@ def decode(
     return out[:, :4] * config.length_unit, out[:, 4:]
 
 
+def init_graph(
+    key: PRNGKeyArray, config: EncoderConfig, *, num_nodes: int, width: int | None = None
+) -> Params:
+    """Fresh parameters of the graph decoder. The key is consumed.
+
+    Args:
+      key: of the draw.
+      config: of the encoder.
+      num_nodes: how many objects a frame has.
+      width: of the vector that is decoded: `config.latent` if left out, for the latent;
+        `config.width` for the pooled embedding before the head.
+
+    Raises:
+      ConfigError: there are no nodes.
+    """
+    if num_nodes < 1:
+        raise ConfigError(f"num_nodes is {num_nodes}; it must be at least 1.")
+    vector = jnp.zeros(config.latent if width is None else width)
+    return _Decoder(config, num_nodes).init(key, vector)["params"]
+
+
+def decode_graph(
+    params: Params, vector: Float[Array, "H"], config: EncoderConfig, *, num_nodes: int
+) -> tuple[Float[Array, "N 4"], Float[Array, "N C"]]:
+    """Every node's predicted box (world units) and class logits, from one vector (Eq. 5).
+
+    Outputs are in the order of the nodes: it is for frames that list the same objects in the
+    same order, as `gril_jax.types.DemoBatch` does. Node i's class is then the same in every
+    frame, and its logits are easily learned; the boxes are what the vector must carry. A robot
+    that has no weight in the pooling cannot be decoded; take it out of `present` in the loss.
+    """
+    out = _Decoder(config, num_nodes).apply({"params": params}, vector)
+    out = out.reshape(num_nodes, 4 + config.num_classes)
+    return out[:, :4] * config.length_unit, out[:, 4:]
+
+
 def reconstruction(
     box: Float[Array, "N 4"],
     logits: Float[Array, "N C"],
     nodes: Nodes,
     *,
     length_unit: float = 1.0,
+    box_weight: Float[Array, ""] | float = 1.0,
+    class_weight: Float[Array, ""] | float = 1.0,
 ) -> Float[Array, "N"]:
     """Box error plus class error of each node; 0 for nodes that are not present.
 
@@ -43,21 +92,56 @@ def reconstruction(
       logits: predicted class scores.
       nodes: what the frame really holds.
       length_unit: world units in which box errors count as 1 (`EncoderConfig.length_unit`).
+      box_weight: of the box error; 0 leaves the classes alone.
+      class_weight: of the class error.
 
     Returns:
       Mean squared error over the box's four numbers plus cross-entropy of the class in nats.
     """
+    box_error, class_error = reconstruction_terms(box, logits, nodes, length_unit=length_unit)
+    return box_weight * box_error + class_weight * class_error
+
+
+def reconstruction_terms(
+    box: Float[Array, "N 4"],
+    logits: Float[Array, "N C"],
+    nodes: Nodes,
+    *,
+    length_unit: float = 1.0,
+) -> tuple[Float[Array, "N"], Float[Array, "N"]]:
+    """Box error and class error of each node, as `reconstruction` adds them up.
+
+    Both are 0, with gradient 0, for nodes that are not present, whatever padding holds. A label
+    that is none of the C classes has class error 0.
+
+    Raises:
+      ShapeError: predictions and nodes do not fit together.
+      ConfigError: `length_unit` is not positive.
+    """
+    check_positive("length_unit", length_unit)
+    num_nodes = nodes.label.shape[0]
+    if box.shape != (num_nodes, 4) or logits.ndim != 2 or logits.shape[0] != num_nodes:
+        raise ShapeError(
+            f"box has shape {box.shape} and logits has shape {logits.shape}; for {num_nodes} "
+            f"nodes they must be ({num_nodes}, 4) and ({num_nodes}, classes)."
+        )
+    present = nodes.present[:, None]
     truth = jnp.concatenate([nodes.center, nodes.size], axis=-1)
-    box_error = jnp.mean(jnp.square((box - truth) / length_unit), axis=-1)
-    log_likelihood = jax.nn.log_softmax(logits, axis=-1)
-    class_error = -jnp.take_along_axis(log_likelihood, nodes.label[:, None], axis=-1)[:, 0]
-    return jnp.where(nodes.present, box_error + class_error, 0.0)
+    # Hidden before the arithmetic: after it, 0 times NaN would come back through the gradient.
+    difference = jnp.where(present, box, 0.0) - jnp.where(present, truth, 0.0)
+    box_error = jnp.mean(jnp.square(difference / length_unit), axis=-1)
+    log_likelihood = jax.nn.log_softmax(jnp.where(present, logits, 0.0), axis=-1)
+    label = jnp.where(nodes.present, nodes.label, -1)
+    is_label = label[:, None] == jnp.arange(logits.shape[1])
+    class_error = -jnp.sum(jnp.where(is_label, log_likelihood, 0.0), axis=-1)
+    return box_error, class_error
 
 
 class _Decoder(nn.Module):
     config: EncoderConfig
+    num_outputs: int = 1
 
     @nn.compact
     def __call__(self, embeddings):
         hidden = nn.relu(nn.Dense(self.config.width)(embeddings))
-        return nn.Dense(4 + self.config.num_classes)(hidden)
+        return nn.Dense(self.num_outputs * (4 + self.config.num_classes))(hidden)

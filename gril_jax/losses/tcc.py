@@ -1,19 +1,47 @@
-"""Temporal cycle-consistency by regression (Dwibedi et al., CVPR 2019, as XIRL uses it).
+"""Temporal cycle-consistency (Dwibedi et al., CVPR 2019), in all forms that XIRL has.
+
+    errors = cycle_consistency(query, other, times)
+    errors = cycle_consistency(query, other, times, form="classification", similarity="cosine")
 
 A frame of one video finds its soft nearest neighbour in another video; that neighbour looks
 back, and must land at the time it came from. Only the order of events is needed: no actions, no
-labels. Shapes use B for videos, T and S for frames and D for the latent.
+labels. Shapes use T and S for frames and D for the latent; for the loss of a batch of videos see
+`gril_jax.losses.tcc_batch`. Latents may be of any
+float type; the result is at least float32. Latents beyond 1e7 count as 1e7 and temperatures
+below 1e-6 as 1e-6, so that values and gradients are finite whatever is put in.
 """
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-__all__ = ["cycle_consistency", "mean_consistency", "time_agreement"]
+from ..errors import ShapeError
+from .soft_neighbour import (
+    check_positive,
+    check_videos,
+    closeness,
+    match_weights,
+    prepare,
+)
+from .tcc_forms import cycle_error
 
-# Logit of a frame that does not count. Finite, so that a video without any valid frame gives
-# uniform weights and zero gradients where -inf would give NaN.
-_HIDDEN = -1e9
+__all__ = [
+    "cycle_consistency",
+    "frame_times",
+    "time_agreement",
+]
+
+
+def frame_times(
+    frames: Int[Array, "*batch T"], length: Int[Array, "*batch"]
+) -> Float[Array, "*batch T"]:
+    """Times of frames as shares of their video: frame index / length (normalised indices).
+
+    For the published losses on raw indices, give `frames.astype(float)` as times instead.
+
+    >>> frame_times(jnp.array([0, 3]), jnp.array(12)).tolist()
+    [0.0, 0.25]
+    """
+    return frames / jnp.maximum(length, 1)[..., None]
 
 
 def cycle_consistency(
@@ -24,27 +52,40 @@ def cycle_consistency(
     other_valid: Bool[Array, "S"] | None = None,
     *,
     temperature: Float[Array, ""] | float = 1.0,
+    similarity: str = "l2",
+    normalize: bool | None = None,
+    **form: str | Float[Array, ""] | float,
 ) -> Float[Array, "T"]:
-    """Squared error of each query frame's time after going to the other video and back.
+    """Error of each query frame after going to the other video and back.
 
-    Similarity is minus the squared distance divided by D and by the temperature, both ways.
+    By default the squared error of its time, with a similarity of minus the squared distance
+    divided by D and by the temperature, both ways.
 
     Args:
       query: latents of the video that is asked.
       other: latents of the video that answers.
       times: of the query frames, usually frame index / video length, in [0, 1].
       query_valid: False for padding, which gets value 0 and is never matched.
-      other_valid: the same for the other video.
+      other_valid: the same for the other video. If none of it is valid, all values are 0.
       temperature: of both softmaxes; large values blur the match over many frames.
+      similarity: "l2", or "cosine" for the product of the latents.
+      normalize: divide the latents by their lengths; squared distances are then not divided by
+        D. If left out, "cosine" does and "l2" does not. The published code takes a plain
+        product for "cosine" and leaves the lengths to the encoder: that is False.
+      **form: `form` and its knobs, see `gril_jax.losses.tcc_forms.cycle_error`.
 
     Returns:
-      One non-negative value per query frame, not averaged.
+      One value per query frame, not averaged; non-negative but for `regression_mse_var`.
+
+    Raises:
+      ShapeError: the arrays do not fit together.
+      ConfigError: an option is unknown, or a value known at trace time is not positive.
     """
-    there = _match(query, other, other_valid, temperature)
-    neighbour = jnp.matmul(there, other, precision="highest")
-    back = _match(neighbour, query, query_valid, temperature)
-    error = jnp.square(back @ times - times)
-    return error if query_valid is None else jnp.where(query_valid, error, 0.0)
+    _check_pair(query, other, times, query_valid, other_valid)
+    matching = matching_options(temperature, similarity, normalize)
+    query = prepare(query, query_valid, unit=matching["unit"])
+    other = prepare(other, other_valid, unit=matching["unit"])
+    return prepared_cycle(query, other, times, query_valid, other_valid, matching, form)
 
 
 def time_agreement(
@@ -56,6 +97,8 @@ def time_agreement(
     other_valid: Bool[Array, "S"] | None = None,
     *,
     temperature: Float[Array, ""] | float = 1.0,
+    similarity: str = "l2",
+    normalize: bool | None = None,
 ) -> Float[Array, "T"]:
     """Squared difference between each query frame's time and its soft neighbour's.
 
@@ -63,54 +106,62 @@ def time_agreement(
     does get stuck there. This term knows which way time runs; it is for the first updates only,
     since it also punishes a demonstrator who takes longer over one stage.
 
-    Args and returns as for `cycle_consistency`, with the times of the other video's frames too.
+    Args, returns and errors as for `cycle_consistency`, with the times of the other video's
+    frames too.
     """
-    there = _match(query, other, other_valid, temperature)
-    error = jnp.square(there @ other_times - times)
-    return error if query_valid is None else jnp.where(query_valid, error, 0.0)
+    _check_pair(query, other, times, query_valid, other_valid)
+    if other_times.shape != other.shape[:1]:
+        raise ShapeError(
+            f"other_times has shape {other_times.shape} but other has {other.shape[0]} frames."
+        )
+    matching = matching_options(temperature, similarity, normalize)
+    query = prepare(query, query_valid, unit=matching["unit"])
+    other = prepare(other, other_valid, unit=matching["unit"])
+    return prepared_agreement(query, other, times, other_times, query_valid, other_valid, matching)
 
 
-def mean_consistency(
-    latents: Float[Array, "B T D"],
-    times: Float[Array, "B T"],
-    valid: Bool[Array, "B T"] | None = None,
-    *,
-    temperature: Float[Array, ""] | float = 1.0,
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Means of `cycle_consistency` and `time_agreement` over all ordered pairs of videos.
-
-    All pairs go through the same few batched products; memory grows with B^2 T^2. Only valid
-    frames count. A single video has no pair, and gives 0.
-    """
-    if valid is None:
-        valid = jnp.ones(times.shape, bool)
-
-    def pair(query, time, query_valid, other, other_time, other_valid):
-        masks = {"query_valid": query_valid, "other_valid": other_valid}
-        masks["temperature"] = temperature
-        cycle = cycle_consistency(query, other, time, **masks)
-        return cycle, time_agreement(query, other, time, other_time, **masks)
-
-    against_all = jax.vmap(pair, in_axes=(None, None, None, 0, 0, 0))
-    errors = jax.vmap(against_all, in_axes=(0, 0, 0, None, None, None))(
-        latents, times, valid, latents, times, valid
-    )  # two of (query video, other video, frame)
-    counted = valid[:, None] & ~jnp.eye(len(times), dtype=bool)[:, :, None]
-    counted = jnp.broadcast_to(counted, errors[0].shape)
-    total = jnp.maximum(jnp.sum(counted), 1)
-    cycle, agreement = (jnp.sum(jnp.where(counted, e, 0.0)) / total for e in errors)
-    return cycle, agreement
+def prepared_cycle(query, other, times, query_valid, other_valid, matching, form):
+    """`cycle_consistency` of latents that are prepared."""
+    there = match_weights(closeness(query, other, **matching), other_valid)
+    neighbour = jnp.matmul(there, other, precision="highest")
+    back = closeness(neighbour, query, **matching)
+    error = cycle_error(back, times, valid=query_valid, **form)
+    return _counted(error, query_valid, other_valid)
 
 
-def _match(query, keys, valid, temperature):
-    """Softmax over `keys` of minus the squared distance to each query, (T, S).
+def prepared_agreement(query, other, times, other_times, query_valid, other_valid, matching):
+    """`time_agreement` of latents that are prepared."""
+    if query_valid is not None:
+        times = jnp.where(query_valid, times, 0.0)
+    if other_valid is not None:
+        other_times = jnp.where(other_valid, other_times, 0.0)
+    there = match_weights(closeness(query, other, **matching), other_valid)
+    arrival = jnp.matmul(there, other_times, precision="highest")
+    return _counted(jnp.square(arrival - times), query_valid, other_valid)
 
-    The query's own square is the same for all keys and cancels in the softmax; leaving it out
-    saves a pass over the largest array, and digits when latents lie far from zero.
-    """
-    products = jnp.matmul(query, keys.T, precision="highest")
-    closeness = 2.0 * products - jnp.sum(jnp.square(keys), axis=-1)
-    logits = closeness / (keys.shape[-1] * temperature)
-    if valid is not None:
-        logits = jnp.where(valid, logits, _HIDDEN)
-    return jax.nn.softmax(logits, axis=-1)
+
+def matching_options(temperature, similarity, normalize):
+    check_positive("temperature", temperature)
+    unit = similarity == "cosine" if normalize is None else normalize
+    return {"temperature": temperature, "similarity": similarity, "unit": unit}
+
+
+def _counted(error, query_valid, other_valid):
+    if query_valid is not None:
+        error = jnp.where(query_valid, error, 0.0)
+    if other_valid is not None:
+        error = jnp.where(jnp.any(other_valid), error, 0.0)
+    return error
+
+
+def _check_pair(query, other, times, query_valid, other_valid):
+    check_videos(query=query, other=other)
+    for name, x, video, latents in (
+        ("times", times, "query", query),
+        ("query_valid", query_valid, "query", query),
+        ("other_valid", other_valid, "other", other),
+    ):
+        if x is not None and x.shape != latents.shape[:1]:
+            raise ShapeError(
+                f"{name} has shape {x.shape} but {video} has {latents.shape[0]} frames."
+            )

@@ -1,0 +1,118 @@
+"""The temporal cycle-consistency loss of a batch of videos: the mean over all ordered pairs.
+
+    loss = mean_cycle_consistency(latents, frame_times(frames, length), valid)
+    loss = mean_cycle_consistency(latents, times, form="classification", similarity="cosine")
+
+Shapes use B for videos, T for frames and D for the latent.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .soft_neighbour import check_batch, prepare
+from .tcc import matching_options, prepared_agreement, prepared_cycle
+
+__all__ = ["mean_consistency", "mean_cycle_consistency"]
+
+
+def mean_cycle_consistency(
+    latents: Float[Array, "B T D"],
+    times: Float[Array, "B T"],
+    valid: Bool[Array, "B T"] | None = None,
+    *,
+    at_once: bool = False,
+    temperature: Float[Array, ""] | float = 1.0,
+    similarity: str = "l2",
+    normalize: bool | None = None,
+    **form: str | Float[Array, ""] | float,
+) -> Float[Array, ""]:
+    """Mean of `cycle_consistency` over all ordered pairs of different videos: the TCC loss.
+
+    Args:
+      latents: of each video's frames.
+      times: of those frames, see `frame_times`.
+      valid: False for padding; only valid frames count.
+      at_once: put all pairs through the same few products, with memory for B^2 T^2 numbers. If
+        not, one query video at a time is in memory, with B T^2 numbers, and the gradient
+        recomputes them.
+      temperature: as for `cycle_consistency`, like all that follow.
+      similarity: "l2" or "cosine".
+      normalize: divide the latents by their lengths.
+      **form: `form` and its knobs, see `gril_jax.losses.tcc_forms.cycle_error`.
+
+    Returns:
+      The mean over all valid frames of all pairs; 0 if there is none, as for a single video.
+    """
+    check_batch(latents, times, valid)
+    matching = matching_options(temperature, similarity, normalize)
+
+    def pair(query, time, query_valid, other, _, other_valid):
+        return (prepared_cycle(query, other, time, query_valid, other_valid, matching, form),)
+
+    latents = prepare(latents, valid, unit=matching["unit"])
+    return _mean_over_pairs(pair, latents, times, valid, at_once=at_once)[0]
+
+
+def mean_consistency(
+    latents: Float[Array, "B T D"],
+    times: Float[Array, "B T"],
+    valid: Bool[Array, "B T"] | None = None,
+    *,
+    at_once: bool = True,
+    temperature: Float[Array, ""] | float = 1.0,
+    similarity: str = "l2",
+    normalize: bool | None = None,
+    **form: str | Float[Array, ""] | float,
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Means of `cycle_consistency` and `time_agreement` over all ordered pairs of videos.
+
+    Args as for `mean_cycle_consistency`, but all pairs at once unless told otherwise.
+    """
+    check_batch(latents, times, valid)
+    matching = matching_options(temperature, similarity, normalize)
+
+    def pair(query, time, query_valid, other, other_time, other_valid):
+        masks = (query_valid, other_valid)
+        return (
+            prepared_cycle(query, other, time, *masks, matching, form),
+            prepared_agreement(query, other, time, other_time, *masks, matching),
+        )
+
+    latents = prepare(latents, valid, unit=matching["unit"])
+    return _mean_over_pairs(pair, latents, times, valid, at_once=at_once)
+
+
+def _mean_over_pairs(pair, latents, times, valid, *, at_once):
+    """Mean of each of `pair`'s values over the valid frames of all ordered pairs."""
+    num_videos, num_frames, _ = latents.shape
+    videos = (latents, times, valid)
+    ordered = num_videos * (num_videos - 1)
+    if not ordered:
+        one = jax.tree.map(lambda x: x[0], videos)
+        return jax.tree.map(lambda x: jnp.zeros((), x.dtype), jax.eval_shape(pair, *one, *one))
+    if valid is None:
+        total = ordered * num_frames
+    else:
+        total = jnp.sum(_pairs_per_frame(valid))
+
+    def anchor(inputs):
+        """Sums over one query video's pairs."""
+        asked, answers = inputs
+        answering = jax.tree.map(lambda x: jnp.take(x, answers, axis=0, mode="clip"), videos)
+        errors = jax.vmap(functools.partial(pair, *asked))(*answering)
+        return jax.tree.map(jnp.sum, errors)
+
+    others = [[j for j in range(num_videos) if j != i] for i in range(num_videos)]
+    inputs = (videos, jnp.array(others))
+    sums = jax.vmap(anchor)(inputs) if at_once else jax.lax.map(jax.checkpoint(anchor), inputs)
+    return jax.tree.map(lambda x: jnp.sum(x) / jnp.maximum(total, 1), sums)
+
+
+def _pairs_per_frame(valid):
+    """In how many pairs each frame is a query: as many as other videos have a valid frame."""
+    filled = jnp.any(valid, axis=1)
+    others = jnp.sum(filled) - filled
+    return jnp.where(valid, others[:, None], 0)
