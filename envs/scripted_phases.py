@@ -60,7 +60,9 @@ def _length(vector: Float[Array, "2"]) -> Float[Array, ""]:
 
 
 def block_way(env: MatchRegions, how: Hold, seen: Moment) -> Float[Array, "2"]:
-    """Which way the block should move now: towards its place, around the other blocks."""
+    """Which way the block should move now: towards its place, pushed ones around other blocks."""
+    if how.grips:
+        return unit(seen.job.slot - seen.block)
     radius = jnp.where(seen.other, 0.3 + 0.5 * min(how.width, 0.3), 0.0)
     obstacles = Obstacles(seen.blocks, radius, jnp.float32(env.arena - 0.2))
     extent = env.arena - 0.1

@@ -21,12 +21,12 @@ _APART = 0.33  # arena units between the centres of two blocks that do not touch
 
 
 class Style(NamedTuple):
-    """How an expert goes about it; probabilities are for each stage."""
+    """How an expert goes about it; probabilities are for each stage. All may be traced."""
 
-    pause: int = 2  # longest wait before a stage, control steps
-    detour: float = 0.0  # probability of driving somewhere else first
-    bump: float = 0.0  # probability of running into a distractor on the way
-    detour_steps: int = 16  # longest such drive, control steps
+    pause: Int[Array, ""] | int = 2  # longest wait before a stage, control steps
+    detour: Float[Array, ""] | float = 0.0  # probability of driving somewhere else first
+    bump: Float[Array, ""] | float = 0.0  # probability of running into a distractor on the way
+    detour_steps: Int[Array, ""] | int = 16  # longest such drive, control steps
 
 
 class Plan(NamedTuple):

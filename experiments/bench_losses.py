@@ -1,6 +1,6 @@
 """The losses beside what others offer, value plus gradient, as JSON.
 
-    gril bench losses                   about a minute on 2 CPU cores
+    gril bench losses                   a few minutes on 2 CPU cores
 
 All forms of one case take turns, so that a busy machine slows them alike; times are medians in
 milliseconds, and a ratio above 1 says how many times longer, or how much more memory, the other
@@ -20,7 +20,7 @@ import numpy as np
 
 from gril_jax.losses import expected_alignment, soft_dtw_between
 
-from . import setup
+from . import bench_encoder, bench_tcc, setup
 
 try:
     from ott.geometry import costs as ott_costs
@@ -175,4 +175,8 @@ def _textbook(cost):
     return flow[1:-1, 1:-1].transpose(2, 0, 1)
 
 
-_SECTIONS: dict[str, Callable[[int], Any]] = {"soft_dtw": soft_dtw}
+_SECTIONS: dict[str, Callable[[int], Any]] = {
+    "soft_dtw": soft_dtw,
+    "tcc": lambda repeats: bench_tcc.measure(repeats=repeats),
+    "encoder": lambda repeats: bench_encoder.measure(repeats=repeats),
+}

@@ -41,6 +41,7 @@ Learn a reward from demonstration videos without actions, and a policy from the 
   eval RUN                    success rate and return of a run's policy
   report RUN                  figures and tables of a run
   export-policy RUN           a run's policy as plain NumPy arrays
+  bench losses                the losses and encoders beside those of others, as JSON
   bench env                   how many control steps a second the task makes here, as JSON
   doctor                      what is installed and what works on this machine
 
@@ -111,6 +112,12 @@ class _BenchEnv:
     """Timed runs, of which the best counts."""
     levers: bool = False
     """Measure every setting of the solver, and the MJX engine, instead of the default alone."""
+
+
+@dataclass(frozen=True)
+class _BenchLosses:
+    repeats: int = 15
+    """Timed calls of each form, whose median counts."""
 
 
 @dataclass(frozen=True)
@@ -323,6 +330,20 @@ def _bench_env(args: list[str]) -> Work:
     return work
 
 
+def _bench_losses(args: list[str]) -> Work:
+    about = "The losses and encoders beside those of other libraries, value plus gradient, as JSON."
+    given = parse(_BenchLosses, args, prog="gril bench losses", description=about)
+    if given.repeats < 1:
+        raise ConfigError(f"--repeats is {given.repeats}, but must be at least 1")
+
+    def work() -> None:
+        with _heavy_imports():
+            from .experiments import bench_losses
+        bench_losses.main(given.repeats, echo=_echo)
+
+    return work
+
+
 _VERBS: dict[str, Callable[[list[str]], Work]] = {
     "quickstart": _quickstart,
     "train": _train,
@@ -334,6 +355,7 @@ _VERBS: dict[str, Callable[[list[str]], Work]] = {
     "report": _report,
     "export-policy": _export_policy,
     "bench env": _bench_env,
+    "bench losses": _bench_losses,
     "doctor": _doctor,
 }
 
