@@ -54,8 +54,9 @@ def main(config: RunConfig, echo: Callable[[str], None] = print) -> Path:
         results |= evaluate.play(config, env, policy, reward_params, run.path, progress)
         seconds["evaluation"] = time.monotonic() - begun
         run.finish(results | {"seconds": seconds})
-        progress.phase("writing the report", total=0, unit="pages", compiles=False)
+        writing = progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = report.write_report(out)
+        writing.update(1)
     echo(_summary(results, page))
     return out
 
