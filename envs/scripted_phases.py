@@ -124,7 +124,7 @@ def drive(
 
     straight = jnp.clip(1.0 - 2.5 * jnp.abs(seen.ahead), 0.0, 1.0)
     slowest = -0.4 if how.grips else 0.25
-    seat = straight * jnp.clip(4.0 * (seen.distance - how.reach), slowest, 0.6)
+    seat = straight * jnp.clip(6.0 * (seen.distance - how.reach), slowest, 0.8)
     if how.grips:
         carry, carry_turn, back, shake = _carry(seen, turn)
     else:
