@@ -114,7 +114,11 @@ def next_job(env: MatchRegions, drawn: Plan, job: Job, state: State) -> Job:
     inside = (jnp.abs(blocks - goal[:2]) <= goal[2:] / 2 - 0.02).all(axis=1)
     missing = ~inside[drawn.blocks]
     again = jnp.where(missing.any(), jnp.argmax(missing), last)
-    stage = jnp.where(drawn.retry, again, jnp.minimum(job.stage + 1, last)).astype(jnp.int32)
+    # A block meant for elsewhere that slipped away inside the region is fetched again even so.
+    within = (jnp.abs(blocks[job.block] - goal[:2]) <= goal[2:] / 2).all()
+    elsewhere = (jnp.abs(job.slot - goal[:2]) > goal[2:] / 2).any()
+    onward = jnp.where(within & elsewhere, job.stage, jnp.minimum(job.stage + 1, last))
+    stage = jnp.where(drawn.retry, again, onward).astype(jnp.int32)
     at = jnp.minimum(stage, last - 1)
     block = drawn.blocks[at]
     slot = jnp.where(drawn.retry, _free_slot(drawn.slots[at], block, blocks, goal), drawn.slots[at])
