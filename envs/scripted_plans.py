@@ -92,7 +92,7 @@ def plan(
         via=jnp.where(bumps[:, None], bumped, anywhere),
         via_steps=jnp.where(bumps | roams, steps, 0),
         bumps=bumps,
-        drop=jnp.where(fails["drops"], jax.random.randint(more[1], (), 2, 7), _NEVER),
+        drop=jnp.where(fails["drops"], jax.random.randint(more[1], (), 5, 10), _NEVER),
         steps=jnp.where(fails["stops_early"], jax.random.randint(more[2], (), 8, 40), _NEVER),
         retry=jnp.asarray(failure == 0),
     )
