@@ -349,6 +349,8 @@ def test_the_kernel_interpreted_on_a_cpu_equals_the_plain_form():
 def test_the_kernel_can_be_lowered_for_cuda(alignment):
     arguments = _cost(3, 70, 90), jnp.ones(3), jnp.full(3, 70), jnp.full(3, 90)
     traced = jax.jit(lambda *a: kernel(*a, alignment=alignment)).trace(*arguments)
+    if jax.__version_info__ >= (0, 11) and jax.default_backend() != "gpu":
+        pytest.skip("from JAX 0.11 on, lowering a kernel for CUDA needs a GPU in sight")
     assert "triton" in traced.lower(lowering_platforms=("cuda",)).as_text()
 
 

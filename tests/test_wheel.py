@@ -81,7 +81,8 @@ def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
         "import gril_jax, gril_jax.envs, gril_jax.config_files as c\n"
         "print(gril_jax.__file__, gril_jax.envs.__file__, c.load('quickstart').ppo.num_timesteps)\n"
     )
-    environment = os.environ | {"PYTHONPATH": str(site), "JAX_PLATFORMS": "cpu"}
+    paths = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH")]))
+    environment = os.environ | {"PYTHONPATH": paths, "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,
@@ -98,6 +99,6 @@ def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
 
 @pytest.mark.parametrize("name", ["envs", "configs", "experiments"])
 def test_a_folder_is_not_importable_under_a_second_name(name):
-    code = f"import {name}"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import {name}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert f"ImportError: import this package as gril_jax.{name}, not {name}" in done.stderr
