@@ -9,7 +9,6 @@ import jax.numpy as jnp
 
 from gril_jax import encoder, envs, pretrain
 from gril_jax.config import EnvConfig, RunConfig
-from gril_jax.encoder import EncoderConfig
 from gril_jax.errors import ConfigError
 from gril_jax.reward import RewardParams
 from gril_jax.rl import ppo, rewards
@@ -43,17 +42,17 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
         raise ConfigError(f"env: {error}") from error
 
 
-def encoder_config(config: RunConfig, num_classes: int) -> EncoderConfig:
-    """The graph network's sizes and options."""
+def encoder_config(config: RunConfig, num_classes: int) -> encoder.GraphConfig:
+    """The encoder's sizes and options."""
     chosen = config.encoder
-    return EncoderConfig(
-        num_classes=num_classes,
-        width=chosen.width,
-        rounds=chosen.rounds,
-        latent=chosen.latent,
-        pool_robot=chosen.pool_robot,
-        robot_messages=chosen.robot_messages,
-    )
+    robot = {"pool_robot": chosen.pool_robot}
+    if chosen.kind == "mlp":
+        return encoder.MLPConfig(num_classes, width=chosen.width, **robot)
+    robot["robot_messages"] = chosen.robot_messages
+    if chosen.kind == "interaction":
+        return encoder.InteractionConfig(num_classes, width=chosen.width, **robot)
+    sizes = {"width": chosen.width, "rounds": chosen.rounds, "latent": chosen.latent}
+    return encoder.EncoderConfig(num_classes, **sizes, **robot)
 
 
 def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainConfig:
@@ -62,6 +61,11 @@ def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainCon
     updates = next(n for n in (100, 50, 20, 10, 5, 2, 1) if chosen.steps % n == 0)
     return pretrain.PretrainConfig(
         encoder=encoder_config(config, num_classes),
+        consistency=config.loss.consistency,
+        form=config.loss.form,
+        matching=config.loss.matching,
+        similarity=config.loss.similarity,
+        decoder=config.loss.decoder,
         updates=updates,
         num_videos=chosen.num_videos,
         num_frames=chosen.num_frames,
@@ -77,6 +81,8 @@ def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
         learning_rate=config.pretrain.learning_rate,
         lambda_=config.loss.lambda_,
         temperature=config.loss.temperature,
+        soft_dtw_weight=config.loss.soft_dtw_weight,
+        gamma=config.loss.gamma,
         warmup=float(config.loss.warmup),
         alpha=config.pool.alpha,
         tau=config.pool.tau,

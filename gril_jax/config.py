@@ -126,10 +126,13 @@ class DemosConfig:
 
 @dataclass(frozen=True)
 class EncoderConfig:
-    """The graph network."""
+    """The encoder."""
 
-    width: int = field(default=64, metadata=_at_least(1))
-    """Width of the hidden layers and of a node's embedding."""
+    kind: Literal["paper", "interaction", "mlp"] = "paper"
+    """The paper's message passing with weighted pooling, or GraphIRL's interaction network or MLP
+    with plain mean pooling; rounds and latent belong to the first alone."""
+    width: int = field(default=64, metadata=_at_least(2))
+    """Width of the hidden layers and of a node's embedding; also of the latent of GraphIRL's."""
     rounds: int = field(default=2, metadata=_between(0, 16))
     """Rounds of message passing."""
     latent: int = field(default=32, metadata=_at_least(1))
@@ -160,8 +163,24 @@ class LossConfig:
         default=1.0, metadata=_at_least(0)
     )
     """Weight of reconstruction beside temporal cycle-consistency."""
+    consistency: Literal["tcc", "soft_dtw", "both"] = "tcc"
+    """What aligns videos in time: temporal cycle-consistency, soft-DTW divergence, or the sum."""
+    form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
+        "regression_mse"
+    )
+    """Form of temporal cycle-consistency."""
+    matching: Literal["deterministic", "stochastic"] = "deterministic"
+    """Cycles of every frame through every other video, or as many drawn at random."""
+    similarity: Literal["l2", "cosine"] = "l2"
+    """Similarity of two latents in temporal cycle-consistency."""
     temperature: float = field(default=1.0, metadata=_above(0))
     """Temperature of the soft nearest neighbours in temporal cycle-consistency."""
+    soft_dtw_weight: float = field(default=1.0, metadata=_at_least(0))
+    """Weight of soft-DTW."""
+    gamma: float = field(default=0.1, metadata=_above(0))
+    """Softness of soft-DTW."""
+    decoder: Literal["node", "graph"] = "node"
+    """What reconstruction decodes: each node's embedding, or the latent."""
     warmup: int = field(default=1500, metadata=_at_least(0))
     """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
 
@@ -317,6 +336,16 @@ def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
 
 def _check_sizes(config: RunConfig) -> None:
     ppo, demos, pretrain = config.ppo, config.demos, config.pretrain
+    if config.encoder.kind == "mlp":
+        if config.loss.decoder == "node":
+            raise ConfigError(
+                "loss.decoder is 'node', but encoder.kind is 'mlp', which embeds no nodes, so it "
+                "must be 'graph'"
+            )
+        if config.encoder.width % 2:
+            raise ConfigError(
+                f"encoder.width is {config.encoder.width}, but must be even for encoder.kind 'mlp'"
+            )
     if ppo.num_envs % ppo.num_minibatches:
         raise ConfigError(
             f"ppo.num_minibatches is {ppo.num_minibatches}, but must divide ppo.num_envs, "

@@ -230,14 +230,14 @@ def pretrain_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """The encoder's loss and its two parts against gradient steps.
 
     Args:
-      rows: each has "step" and some of "loss", "cycle", "reconstruction"; None is left out.
+      rows: each has "step" and some of "loss", "consistency", "reconstruction"; None is left out.
     """
     figure = Figure(figsize=(0.6 * WIDTH, 3.0), layout="constrained")
     axes = figure.subplots()
     lowest = []
     for field, label, colour, dash in (
         ("loss", "total", INK, "-"),
-        ("cycle", "cycle-consistency", _BLUE, "--"),
+        ("consistency", "consistency in time", _BLUE, "--"),
         ("reconstruction", "reconstruction", _RED, ":"),
     ):
         points = [(r["step"], r[field]) for r in rows if r.get(field) is not None]

@@ -11,7 +11,6 @@ the values in `Hyper`. Shapes use B for demonstrations, V for the videos of a ba
 frames, N for objects, H for the node embedding and D for the latent.
 """
 
-import dataclasses
 from typing import NamedTuple
 
 import jax
@@ -19,12 +18,11 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import activity, encoder, metrics, reward
-from .encoder import EncoderConfig, Params
+from . import activity, encoder, metrics, pretrain_batch, pretrain_loss, reward
+from .encoder import Params
 from .errors import ConfigError
-from .graphs import safe_norm, scene_graph
-from .losses import decode, mean_consistency, reconstruction
-from .losses.reconstruction import init as init_decoder
+from .graphs import safe_norm
+from .pretrain_options import Hyper, PretrainConfig
 from .types import DemoBatch
 
 __all__ = [
@@ -38,54 +36,6 @@ __all__ = [
     "init",
     "step",
 ]
-
-
-@jax.tree_util.register_static
-@dataclasses.dataclass(frozen=True)
-class PretrainConfig:
-    """Static choices: another value is another compiled program. A pytree without leaves."""
-
-    encoder: EncoderConfig
-    """The network."""
-    updates: int = 100
-    """Gradient updates in one call of `step`."""
-    num_videos: int = 8
-    """Videos in a batch; all ordered pairs of them are compared."""
-    num_frames: int = 32
-    """Frames drawn from each video of a batch."""
-    window: int = 40
-    """Activity window in frames (Eq. 4)."""
-    turn_scenes: bool = False
-    """Turn and mirror each video of a batch at random, as one of the square's eight symmetries.
-
-    For scenes seen from above whose origin is the middle of a square arena.
-    """
-
-    touched: float = 0.0
-    """Probability that an object of a video counts as moved throughout, whatever it does.
-
-    Else a bit that no demonstration sets is a state that the encoder has never seen, and a policy
-    can earn by setting it: by a mere touch.
-    """
-
-    def __post_init__(self):
-        least = {"updates": 1, "num_videos": 2, "num_frames": 2, "window": 1}
-        for field, minimum in least.items():
-            if getattr(self, field) < minimum:
-                raise ConfigError(
-                    f"pretrain.{field} is {getattr(self, field)}; it must be at least {minimum}."
-                )
-
-
-class Hyper(NamedTuple):
-    """Traced values: a sweep over them is a vmap and compiles once."""
-
-    learning_rate: Float[Array, ""] | float = 1e-3
-    lambda_: Float[Array, ""] | float = 1.0  # weight of the reconstruction (Eq. 6)
-    temperature: Float[Array, ""] | float = 1.0  # of the cycle's soft nearest neighbours
-    alpha: Float[Array, ""] | float = 5.0  # weight of an active node in the pooling (Eq. 3)
-    tau: Float[Array, ""] | float = 0.005  # activity threshold in box diagonals (Eq. 4)
-    warmup: Float[Array, ""] | float = 1500.0  # updates over which the time agreement fades out
 
 
 class TrainParams(NamedTuple):
@@ -108,7 +58,7 @@ class Metrics(NamedTuple):
     """One value for each update of a `step`."""
 
     loss: Float[Array, "updates"]  # Eq. 6, plus the fading time agreement
-    cycle: Float[Array, "updates"]  # squared error of normalised time
+    consistency: Float[Array, "updates"]  # squared error of normalised time, or soft-DTW
     reconstruction: Float[Array, "updates"]
     gradient_norm: Float[Array, "updates"]
 
@@ -128,7 +78,8 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: PretrainConfig) -> State:
         )
     encoder_key, decoder_key, key = jax.random.split(key, 3)
     params = TrainParams(
-        encoder.init(encoder_key, config.encoder), init_decoder(decoder_key, config.encoder)
+        encoder.init(encoder_key, config.encoder),
+        pretrain_loss.init_decoder(decoder_key, config, demos.center.shape[2]),
     )
     return State(params, _optimizer().init(params), key, jnp.zeros((), jnp.int32))
 
@@ -142,22 +93,26 @@ def step(
 
     def update(state, _):
         key, batch_key, turn_key, touch_key = jax.random.split(state.key, 4)
-        frames, valid, videos = _draw(batch_key, demos.length, demos.center.shape[1], config)
-        batch = jax.tree.map(lambda x: x[videos], (demos, active))
+        frames, valid, videos = pretrain_batch.draw(
+            batch_key, demos.length, demos.center.shape[1], config
+        )
+        batch, bits = jax.tree.map(lambda x: x[videos], (demos, active))
         if config.turn_scenes:
-            batch = (_turned(turn_key, batch[0]), batch[1])
+            batch = pretrain_batch.turn(turn_key, batch)
         if config.touched > 0:
-            some = jax.random.bernoulli(touch_key, config.touched, batch[0].label.shape)
-            batch = (batch[0], batch[1] | some[:, None, :])
+            bits = pretrain_batch.touch(touch_key, bits, config.touched)
 
         # Eq. 6 alone, after the first updates: see `gril_jax.losses.time_agreement`.
         fading = jnp.clip(1.0 - state.num_updates / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
         fading = jnp.where(hyper.warmup > 0, fading, 0.0)
 
         def loss(params):
-            cycle, agreement, rebuilt = _losses(params, *batch, frames, valid, hyper, config)
-            total = cycle + hyper.lambda_ * rebuilt
-            return total + fading * agreement, (cycle, rebuilt)
+            cycle_key = jax.random.fold_in(batch_key, 2)  # `draw` splits it into 0 and 1
+            parts = pretrain_loss.terms(
+                *params, cycle_key, batch, bits, frames, valid, hyper, config
+            )
+            total = parts.consistency + hyper.lambda_ * parts.reconstruction
+            return total + fading * parts.agreement, (parts.consistency, parts.reconstruction)
 
         (total, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
         direction, optimizer = _optimizer().update(gradient, state.optimizer, state.params)
@@ -185,7 +140,7 @@ def embed(
     def one(demo_and_active):
         demo, active = demo_and_active
         frames = jnp.arange(demo.center.shape[0])
-        return _latents(params, demo, active, frames, hyper, config)[0]
+        return pretrain_loss.latents(params, demo, active, frames, hyper, config)[0]
 
     return jax.lax.map(one, (demos, _activity(demos, hyper, config)))
 
@@ -235,62 +190,3 @@ def _activity(demos, hyper, config) -> Bool[Array, "B T N"]:
         return activity.trajectory(center, size, tau=hyper.tau, window=config.window)
 
     return jax.vmap(one)(demos.center, demos.size)
-
-
-def _draw(
-    key: PRNGKeyArray, length: Int[Array, "B"], num_frames: int, config: PretrainConfig
-) -> tuple[Int[Array, "V F"], Bool[Array, "V F"], Int[Array, "V"]]:
-    """Distinct random videos, and distinct random frames of each in order of time.
-
-    A video shorter than the number of frames gives all it has; the rest is not valid.
-    """
-    video_key, frame_key = jax.random.split(key)
-    videos = jax.random.choice(video_key, len(length), (config.num_videos,), replace=False)
-    limit = length[videos, None]
-    noise = jax.random.uniform(frame_key, (config.num_videos, num_frames))
-    noise = jnp.where(jnp.arange(num_frames) < limit, noise, -1.0)  # padding is drawn last
-    _, frames = jax.lax.top_k(noise, min(config.num_frames, num_frames))
-    frames = jnp.sort(frames, axis=-1)
-    return frames, frames < limit, videos
-
-
-def _turned(key: PRNGKeyArray, demos: DemoBatch) -> DemoBatch:
-    """Each video under a random symmetry of the square; activity bits do not change."""
-    sign_key, swap_key = jax.random.split(key)
-    num = demos.length.shape[0]
-    sign = jax.random.rademacher(sign_key, (num, 1, 1, 2), dtype=jnp.float32)
-    swap = jax.random.bernoulli(swap_key, shape=(num, 1, 1, 1))
-    center, size = (jnp.where(swap, x[..., ::-1], x) for x in (demos.center, demos.size))
-    return demos._replace(center=center * sign, size=size)
-
-
-def _latents(params, demo, active, frames, hyper, config):
-    """Latents (F, D), node embeddings (F, N, H) and nodes of a demonstration's `frames`."""
-
-    def one(center, size, active):
-        graph = scene_graph(center, size, demo.label, demo.is_robot, active, demo.present)
-        nodes = encoder.node_embeddings(params, graph, config.encoder)
-        latent = encoder.readout(params, nodes, graph, config.encoder, alpha=hyper.alpha)
-        return latent, nodes, graph.nodes
-
-    return jax.vmap(one)(demo.center[frames], demo.size[frames], active[frames])
-
-
-def _losses(params, demos, active, frames, valid, hyper, config):
-    """Cycle-consistency, time agreement and reconstruction of a batch of videos."""
-
-    def video(demo, active, frames):
-        latents, embeddings, nodes = _latents(params.encoder, demo, active, frames, hyper, config)
-
-        def rebuild(embedding, nodes):
-            box, logits = decode(params.decoder, embedding, config.encoder)
-            return reconstruction(box, logits, nodes, length_unit=config.encoder.length_unit)
-
-        return latents, jax.vmap(rebuild)(embeddings, nodes)
-
-    latents, rebuilt = jax.vmap(video)(demos, active, frames)
-    times = frames / demos.length[:, None]
-    cycle, agreement = mean_consistency(latents, times, valid, temperature=hyper.temperature)
-    counted = valid[:, :, None] & demos.present[:, None, :]
-    total = jnp.sum(jnp.where(counted, rebuilt, 0.0))
-    return cycle, agreement, total / jnp.maximum(jnp.sum(counted), 1)

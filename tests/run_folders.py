@@ -96,7 +96,8 @@ def save_run(path, *, config=None, demos_path=None, results=RESULTS, pretrain=5,
         config = dataclasses.replace(config, demos=DemosConfig(path=str(demos_path)))
     with run_dir.create(path, config, device="1 x cpu", command=["gril", "train", "x"]) as run:
         for i in range(1, pretrain + 1):
-            run.log(phase="pretrain", step=i, loss=2 / i, cycle=1.5 / i, reconstruction=0.5 / i)
+            parts = {"consistency": 1.5 / i, "reconstruction": 0.5 / i}
+            run.log(phase="pretrain", step=i, loss=2 / i, **parts)
         for i in range(1, ppo + 1):
             run.log(phase="ppo", env_steps=1000 * i, success=i / 10, reward=-1 / i, episodes=3)
         if results is not None:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from gril_jax import cli, run_dir
+from gril_jax import cli, doctor, run_dir
+from gril_jax.commands import arguments
 from gril_jax.config import MakeDemosConfig, RunConfig
 from gril_jax.config_files import load
 from gril_jax.errors import DemoError, RunError
@@ -230,7 +231,7 @@ def test_quickstart_trains_its_own_configuration(experiment, demo_set):
     calls = experiment("train")
     assert cli.main(["quickstart", "--demos", str(demo_set), "--seed=3"]) == 0
     overrides = ["--demos.path", str(demo_set), "--run.seed", "3"]
-    assert calls == [((load("quickstart", overrides),), {"echo": cli._echo})]
+    assert calls == [((load("quickstart", overrides),), {"echo": arguments.echo})]
 
 
 def test_train_takes_a_configuration_by_name(experiment, tmp_path):
@@ -257,7 +258,7 @@ def test_demos_make_hands_on_the_folder(experiment, tmp_path):
     out = tmp_path / "set"
     assert cli.main(["demos", "make", "quickstart", f"--out={out}", "--demos.num", "9"]) == 0
     config = load("quickstart", ["--demos.num", "9"], schema=MakeDemosConfig)
-    assert calls == [((config, out), {"echo": cli._echo})]
+    assert calls == [((config, out), {"echo": arguments.echo})]
 
 
 def test_a_demo_set_may_be_replaced(experiment, demo_set):
@@ -269,14 +270,14 @@ def test_a_demo_set_may_be_replaced(experiment, demo_set):
 def test_eval_hands_on_its_options(experiment, run):
     calls = experiment("evaluate")
     assert cli.main(["eval", str(run), "--episodes=7", "--variant", "layout"]) == 0
-    wanted = {"episodes": 7, "seed": 0, "variant": "layout", "echo": cli._echo}
+    wanted = {"episodes": 7, "seed": 0, "variant": "layout", "echo": arguments.echo}
     assert calls == [((run,), wanted)]
 
 
 def test_report_hands_on_the_run(experiment, run):
     calls = experiment("report")
     assert cli.main(["report", str(run)]) == 0
-    assert calls == [((run,), {"echo": cli._echo})]
+    assert calls == [((run,), {"echo": arguments.echo})]
 
 
 def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
@@ -292,7 +293,7 @@ def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_p
     config = RunConfig()
     algorithm = ("ppo", config, ("env", config.env, False))
     wanted = (trained, out, config, algorithm, ("hyper", config))
-    assert calls == [(wanted, {"echo": cli._echo})]
+    assert calls == [(wanted, {"echo": arguments.echo})]
 
 
 def test_imports_hand_on_their_folders_and_tell_their_progress(
@@ -365,8 +366,8 @@ def test_our_own_mistakes_keep_their_traceback(experiment):
 
 
 def test_the_doctor_s_verdict_is_the_exit_code(monkeypatch, capsys):
-    row = cli.doctor.Check("jax", False, True, "missing")
-    monkeypatch.setattr(cli.doctor, "check_all", lambda timeout_s: [row])
+    row = doctor.Check("jax", False, True, "missing")
+    monkeypatch.setattr(doctor, "check_all", lambda timeout_s: [row])
     assert cli.main(["doctor"]) == 1
     assert capsys.readouterr().out == "jax  BROKEN    missing\n"
 
@@ -378,7 +379,7 @@ def test_what_an_import_prints_does_not_reach_stdout(monkeypatch, tmp_path, caps
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")  # so that its absence is restored
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
-    with cli._heavy_imports():
+    with arguments.heavy_imports():
         print("an optional part is missing")
     assert capsys.readouterr().out == ""
     folder = tmp_path / "gril_jax" / "jax"
@@ -389,7 +390,7 @@ def test_what_an_import_prints_does_not_reach_stdout(monkeypatch, tmp_path, caps
 def test_a_compilation_cache_that_the_user_chose_is_kept(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "mine")
-    with cli._heavy_imports():
+    with arguments.heavy_imports():
         assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "mine"
 
 
@@ -398,5 +399,5 @@ def test_without_a_writable_cache_the_work_goes_on(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")  # so that its absence is restored
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
-    with cli._heavy_imports():
+    with arguments.heavy_imports():
         assert "JAX_COMPILATION_CACHE_DIR" not in os.environ

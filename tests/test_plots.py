@@ -172,9 +172,12 @@ def test_no_rows_give_empty_axes():
 
 def test_losses_are_drawn_by_their_names_on_a_logarithmic_axis():
     (axes,) = pretrain_curve(
-        [{"step": i, "loss": 2 / i, "cycle": 1 / i, "reconstruction": None} for i in (1, 2, 4)]
+        [
+            {"step": i, "loss": 2 / i, "consistency": 1 / i, "reconstruction": None}
+            for i in (1, 2, 4)
+        ]
     ).axes
-    assert list(lines(axes)) == ["total", "cycle-consistency"]
+    assert list(lines(axes)) == ["total", "consistency in time"]
     np.testing.assert_allclose(lines(axes)["total"], [[1, 2], [2, 1], [4, 0.5]])
     assert axes.get_yscale() == "log"
     picture(axes.figure)

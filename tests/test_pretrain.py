@@ -6,82 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from kinematic_demos import kinematic_demos
 
 from gril_jax import activity, encoder, pretrain, reward
 from gril_jax.encoder import EncoderConfig
 from gril_jax.errors import ConfigError
 from gril_jax.graphs import scene_graph
 from gril_jax.pretrain import Hyper, PretrainConfig
-from gril_jax.types import DemoBatch
-
-GOAL, ROBOT, STAR, SQUARE = range(4)  # further labels are distractors
-SIZES = np.array([[0.6, 0.7], [0.6, 0.6], *[[0.28, 0.28]] * 5])
-
-
-def kinematic_demos(seed, num_demos, *, num_objects=7, max_length=120, jitter=None):
-    """Blocks dragged along straight lines with wobble, in random order, then let go.
-
-    Layouts are random, or with `jitter` one fixed layout moved by at most that much.
-    """
-    rng = np.random.default_rng(seed)
-    center = np.zeros((num_demos, max_length, num_objects, 2), np.float32)
-    length = np.zeros(num_demos, np.int32)
-    for b in range(num_demos):
-        frames = _one_demo(rng, _layout(rng, num_objects, jitter), num_objects)[:max_length]
-        length[b] = len(frames)
-        center[b, : len(frames)] = frames
-        center[b, len(frames) :] = frames[-1]
-
-    def tile(x):
-        return np.broadcast_to(x, (num_demos, *np.shape(x)))
-
-    return DemoBatch(
-        center=center,
-        size=np.tile(SIZES[:num_objects], (num_demos, max_length, 1, 1)).astype(np.float32),
-        label=tile(np.arange(num_objects, dtype=np.int32)),
-        is_robot=tile(np.arange(num_objects) == ROBOT),
-        present=tile(np.ones(num_objects, bool)),
-        length=length,
-    )
-
-
-def _layout(rng, num_objects, jitter):
-    if jitter is not None:
-        fixed = [(0.4, 0.35), (-0.5, 0.1), (0.8, -0.7), (-0.68, 0.72)]
-        fixed += [(-0.05, -0.2), (-0.75, -0.55), (0.3, -0.82)]
-        return np.array(fixed)[:num_objects] + rng.uniform(-jitter, jitter, (num_objects, 2))
-    goal = rng.uniform(-0.7, 0.7, 2)
-    places = [goal]
-    while len(places) < num_objects:
-        place = rng.uniform(-0.95, 0.95, 2)
-        if (np.abs(place - goal) > [0.45, 0.5]).any():  # nothing begins in the region
-            places.append(place)
-    return np.array(places)
-
-
-def _one_demo(rng, place, num_objects):
-    frames, place = [place.copy()], place.copy()
-
-    def travel(moving, target, speed):  # world units per frame
-        distance = np.linalg.norm(target - place[moving[0]])
-        steps = max(2, int(distance / (speed * rng.uniform(0.75, 1.25))))
-        start = place[moving].copy()
-        for share in np.linspace(0, 1, steps + 1)[1:]:
-            wobble = rng.normal(0, 0.01, 2) * (share < 1)
-            place[moving] = start + share * (target - start[0]) + wobble
-            frames.append(place.copy())
-
-    for slot, block in enumerate(rng.permutation([STAR, SQUARE])):
-        travel([ROBOT], place[block] + rng.normal(0, 0.02, 2), 0.08)
-        if num_objects > 4 and rng.random() < 0.25:  # a distractor is bumped on the way
-            bumped = rng.integers(4, num_objects)
-            place[bumped] += rng.normal(0, 0.05, 2)
-            frames.append(place.copy())
-        place[ROBOT] = place[block]
-        spot = place[GOAL] + [0.0, (-0.15, 0.15)[slot]] + rng.uniform(-0.08, 0.08, 2)
-        travel([block, ROBOT], spot, 0.045)
-    return np.array(frames, np.float32)
-
 
 SMALL = PretrainConfig(
     encoder=EncoderConfig(num_classes=7, width=8, rounds=1, latent=4),
@@ -120,7 +51,7 @@ def test_held_out_demonstrations_are_ordered_after_a_short_training():
     assert after["reward_time_tau"] > 0.7
     np.testing.assert_allclose(after["reward_first"], -1.0, atol=0.15)
     assert after["reward_last"] > -0.25
-    assert metrics.cycle[-20:].mean() < 0.5 * metrics.cycle[:5].mean()
+    assert metrics.consistency[-20:].mean() < 0.5 * metrics.consistency[:5].mean()
     assert metrics.reconstruction[-20:].mean() < 0.1 * metrics.reconstruction[:5].mean()
 
 
@@ -129,7 +60,7 @@ def test_step_returns_one_value_per_update_and_counts_them(state, stepped):
     assert {x.shape for x in metrics} == {(3,)}
     assert all(np.isfinite(x).all() for x in metrics)
     assert after.num_updates == 3
-    assert (metrics.loss > metrics.cycle + metrics.reconstruction).all()  # time agreement
+    assert (metrics.loss > metrics.consistency + metrics.reconstruction).all()  # time agreement
     changed = jax.tree.map(lambda a, b: bool((a != b).any()), state.params, after.params)
     assert all(jax.tree.leaves(changed))
 
@@ -137,11 +68,11 @@ def test_step_returns_one_value_per_update_and_counts_them(state, stepped):
 def test_after_the_warmup_the_loss_is_equation_6_alone(state, demos):
     hyper = Hyper(lambda_=0.5, warmup=2.0)
     _, metrics = pretrain.step(state, demos, hyper, SMALL)
-    agreement = metrics.loss - metrics.cycle - 0.5 * metrics.reconstruction
+    agreement = metrics.loss - metrics.consistency - 0.5 * metrics.reconstruction
     assert agreement[0] > agreement[1] > 1e-3
     np.testing.assert_allclose(agreement[2], 0.0, atol=1e-6)
     _, metrics = pretrain.step(state, demos, hyper._replace(warmup=0.0), SMALL)
-    expected = metrics.cycle + 0.5 * metrics.reconstruction
+    expected = metrics.consistency + 0.5 * metrics.reconstruction
     np.testing.assert_allclose(metrics.loss, expected, rtol=1e-5)
 
 
@@ -168,28 +99,6 @@ def test_vmap_over_seeds_and_learning_rates_equals_single_runs(state, stepped, d
     alone = jax.tree.leaves(stepped[0].params)
     for batched, one in zip(jax.tree.leaves(many.params), alone, strict=True):
         np.testing.assert_allclose(batched[0], one, rtol=1e-2, atol=1e-4)
-
-
-def test_drawn_frames_are_distinct_sorted_and_from_distinct_videos():
-    length = jnp.array([20, 4, 12, 1])
-    config = dataclasses.replace(SMALL, num_videos=4)
-    for seed in range(5):
-        frames, valid, videos = pretrain._draw(jax.random.key(seed), length, 20, config)
-        assert sorted(videos.tolist()) == [0, 1, 2, 3]
-        for row, ok, video in zip(frames, valid, videos, strict=True):
-            drawn = row[ok].tolist()
-            assert drawn == sorted(set(drawn))
-            assert len(drawn) == min(6, int(length[video]))
-            assert max(drawn) < length[video]
-
-
-def test_every_frame_is_drawn_in_time():
-    length = jnp.array([8, 8])
-    config = dataclasses.replace(SMALL, num_videos=2, num_frames=2)
-    draw = jax.vmap(pretrain._draw, (0, None, None, None))
-    frames, _, _ = draw(jax.random.split(jax.random.key(0), 200), length, 8, config)
-    counts = np.bincount(np.asarray(frames).ravel(), minlength=8)
-    assert counts.min() > 0.6 * counts.mean()
 
 
 def test_embed_equals_the_encoder_frame_by_frame(state, demos):
@@ -240,33 +149,3 @@ def test_more_videos_in_a_batch_than_demonstrations_is_refused(demos):
 def test_config_out_of_range_is_refused_by_name(field, value):
     with pytest.raises(ConfigError, match=rf"pretrain\.{field} is {value}"):
         dataclasses.replace(SMALL, **{field: value})
-
-
-def test_turned_scenes_keep_all_distances_and_swap_boxes_with_axes(demos):
-    turned = pretrain._turned(jax.random.key(3), demos)
-    apart = [
-        jnp.linalg.norm(d.center[:, :, :, None] - d.center[:, :, None], axis=-1)
-        for d in (demos, turned)
-    ]
-    np.testing.assert_allclose(*apart, atol=1e-5)
-    from_middle = [jnp.linalg.norm(d.center, axis=-1) for d in (demos, turned)]
-    np.testing.assert_allclose(*from_middle, atol=1e-5)
-    np.testing.assert_allclose(
-        jnp.sort(demos.size, axis=-1), jnp.sort(turned.size, axis=-1), atol=1e-6
-    )
-    swapped = (turned.size != demos.size).any(axis=(1, 2, 3))
-    wide = jnp.abs(jnp.abs(turned.center) - jnp.abs(demos.center)).max(axis=(1, 2, 3)) > 1e-4
-    assert 0 < int(wide.sum()) < len(wide)  # some videos have their axes swapped, some not
-    assert not bool((swapped & ~wide).any())
-
-
-def test_turning_and_touching_change_the_batches_and_nothing_is_nan(demos):
-    losses = {}
-    changes = {"plain": {}, "turn": {"turn_scenes": True}, "touch": {"touched": 0.5}}
-    for name, change in changes.items():
-        fresh = pretrain.init(jax.random.key(0), demos, SMALL)
-        _, metrics = pretrain.step(fresh, demos, Hyper(), dataclasses.replace(SMALL, **change))
-        losses[name] = np.asarray(metrics.loss)
-        assert np.isfinite(losses[name]).all()
-    assert not np.allclose(losses["plain"], losses["turn"])
-    assert not np.allclose(losses["plain"], losses["touch"])

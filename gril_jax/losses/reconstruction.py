@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from ..encoder import EncoderConfig, Params
+from ..encoder import GraphConfig, NodeConfig, Params
 from ..errors import ConfigError, ShapeError
 from ..types import Nodes
 from .soft_neighbour import check_positive
@@ -27,13 +27,13 @@ __all__ = [
 ]
 
 
-def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
+def init(key: PRNGKeyArray, config: NodeConfig) -> Params:
     """Fresh parameters of the node decoder, for an encoder of this config. Consumes the key."""
     return _Decoder(config).init(key, jnp.zeros((1, config.width)))["params"]
 
 
 def decode(
-    params: Params, embeddings: Float[Array, "N H"], config: EncoderConfig
+    params: Params, embeddings: Float[Array, "N H"], config: NodeConfig
 ) -> tuple[Float[Array, "N 4"], Float[Array, "N C"]]:
     """Predicted boxes (centre, width and height, in world units) and class logits."""
     out = _Decoder(config).apply({"params": params}, embeddings)
@@ -41,7 +41,7 @@ def decode(
 
 
 def init_graph(
-    key: PRNGKeyArray, config: EncoderConfig, *, num_nodes: int, width: int | None = None
+    key: PRNGKeyArray, config: GraphConfig, *, num_nodes: int, width: int | None = None
 ) -> Params:
     """Fresh parameters of the graph decoder. The key is consumed.
 
@@ -62,7 +62,7 @@ def init_graph(
 
 
 def decode_graph(
-    params: Params, vector: Float[Array, "H"], config: EncoderConfig, *, num_nodes: int
+    params: Params, vector: Float[Array, "H"], config: GraphConfig, *, num_nodes: int
 ) -> tuple[Float[Array, "N 4"], Float[Array, "N C"]]:
     """Every node's predicted box (world units) and class logits, from one vector (Eq. 5).
 
@@ -138,7 +138,7 @@ def reconstruction_terms(
 
 
 class _Decoder(nn.Module):
-    config: EncoderConfig
+    config: GraphConfig
     num_outputs: int = 1
 
     @nn.compact

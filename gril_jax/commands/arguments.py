@@ -1,0 +1,112 @@
+"""What the verbs share: arguments that are read and checked, and heavy imports that come late."""
+
+import contextlib
+import io
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from .. import run_dir
+from ..config import RunConfig
+from ..config_files import load
+from ..errors import ConfigError, DemoError, RunError
+
+__all__ = [
+    "Work",
+    "demo_set_to_write",
+    "echo",
+    "existing_folder",
+    "heavy_imports",
+    "positional",
+    "require_new_file",
+    "run_config",
+    "take",
+]
+
+Work = Callable[[], int | None]  # what is left to do once the command line is understood
+
+_SHORTCUTS = {"--out": "--run.out", "--demos": "--demos.path", "--seed": "--run.seed"}
+
+
+def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunConfig:
+    """The checked configuration of a run, whose paths are what they should be."""
+    shortcuts = ", ".join(f"{short} for {long}" for short, long in _SHORTCUTS.items())
+    about = f"{about} Shortcuts: {shortcuts}."
+    for index, arg in enumerate(args):
+        option, equals, value = arg.partition("=")
+        args[index] = _SHORTCUTS.get(option, option) + equals + value
+    config = load(name, args, prog=prog, description=about)
+    if config.demos.path is not None:
+        folder = existing_folder(config.demos.path)
+        if not (folder / "demos.json").is_file():
+            raise DemoError(f"{folder} is not a demonstration set, because it has no demos.json")
+    if config.run.out is not None:
+        run_dir.require_new(Path(config.run.out))
+    return config
+
+
+def positional(args: list[str]) -> str | None:
+    """Takes the leading word off the arguments, unless it is an option."""
+    return args.pop(0) if args and not args[0].startswith("-") else None
+
+
+def take(args: list[str], option: str) -> str | None:
+    """Takes an option with its value off the arguments; the last one counts."""
+    value = None
+    for index in reversed(range(len(args))):
+        name, equals, rest = args[index].partition("=")
+        if name == option:
+            if not equals and index + 1 >= len(args):
+                raise ConfigError(f"{option} is given without a value")
+            found = rest if equals else args.pop(index + 1)
+            args.pop(index)
+            value = found if value is None else value
+    return value
+
+
+def existing_folder(name: str) -> Path:
+    path = Path(name)
+    if not path.is_dir():
+        fault = "is a file" if path.exists() else "does not exist"
+        raise DemoError(f"{path} {fault}, but must be a folder")
+    return path
+
+
+def require_new_file(path: Path) -> None:
+    with run_dir.writing(path.parent):  # a name may be too long, or a folder closed to us
+        if path.exists() or path.is_symlink():
+            raise RunError(f"{path} exists already, but --out must be a new file")
+        if not path.parent.is_dir():
+            fault = "is a file" if path.parent.exists() else "does not exist"
+            raise RunError(f"{path.parent} {fault}, but --out must be in a folder that exists")
+
+
+def demo_set_to_write(name: str) -> Path:
+    """A new or empty folder, or a demonstration set to replace."""
+    path = Path(name)
+    if path.is_dir():
+        if any(path.iterdir()) and not (path / "demos.json").is_file():
+            raise DemoError(f"{path} holds other files, but --out must be new, empty or a demo set")
+    else:
+        run_dir.require_new(path)
+    return path
+
+
+@contextlib.contextmanager
+def heavy_imports() -> Iterator[None]:
+    """Around imports of JAX and MuJoCo: sets the compilation cache and threads, keeps stdout clean.
+
+    MJX reports on stdout, while it is imported, that optional parts are missing.
+    """
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
+    with contextlib.suppress(OSError):  # without a writable cache everything works, only slower
+        folder.mkdir(parents=True, exist_ok=True)
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+    # OpenCV's threads cost more than they bring on pictures this small.
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+    with contextlib.redirect_stdout(io.StringIO()):
+        yield
+
+
+def echo(line: str) -> None:
+    print(line, flush=True)

@@ -1,0 +1,133 @@
+"""Verbs that make a run, or read one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from .. import run_dir
+from ..config import Variant
+from ..errors import ConfigError, RunError
+from ..options import parse
+from .arguments import Work, echo, heavy_imports, positional, require_new_file, run_config
+
+__all__ = ["VERBS"]
+
+
+@dataclass(frozen=True)
+class _Eval:
+    run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """The folder that a run made."""
+    episodes: int = 100
+    """Episodes to play."""
+    seed: int = 0
+    """Seed of the episodes."""
+    variant: Variant | None = None
+    """What is drawn at the start; None keeps the run's own variant."""
+
+
+@dataclass(frozen=True)
+class _Report:
+    run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """The folder that a run made."""
+
+
+@dataclass(frozen=True)
+class _ExportPolicy:
+    run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """The folder that a run made."""
+    out: str
+    """File to create, such as policy.npz."""
+
+
+def _quickstart(args: list[str]) -> Work:
+    return _plan_train("quickstart", args, "gril quickstart")
+
+
+def _train(args: list[str]) -> Work:
+    return _plan_train(positional(args), args, "gril train")
+
+
+def _plan_train(name: str | None, args: list[str], prog: str) -> Work:
+    config = run_config(name, args, prog, "Learn a reward, then a policy from it.")
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import train
+        train.main(config, echo=echo)
+
+    return work
+
+
+def _pretrain(args: list[str]) -> Work:
+    config = run_config(positional(args), args, "gril pretrain", "Learn a reward.")
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import pretrain
+        pretrain.main(config, echo=echo)
+
+    return work
+
+
+def _eval(args: list[str]) -> Work:
+    given = parse(_Eval, args, prog="gril eval", description="Play a run's policy.")
+    if given.episodes < 1:
+        raise ConfigError(f"--episodes is {given.episodes}, but must be at least 1")
+    if not 0 <= given.seed < 2**31:
+        raise ConfigError(f"--seed is {given.seed}, but must be from 0 to {2**31 - 1}")
+    folder = Path(given.run)
+    run_dir.read_config(folder)
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import evaluate
+        evaluate.main(
+            folder, episodes=given.episodes, seed=given.seed, variant=given.variant, echo=echo
+        )
+
+    return work
+
+
+def _report(args: list[str]) -> Work:
+    given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
+    folder = Path(given.run)
+    run_dir.read_config(folder)
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import report
+        report.main(folder, echo=echo)
+
+    return work
+
+
+def _export_policy(args: list[str]) -> Work:
+    about = "Write a run's policy as an npz file that needs NumPy alone."
+    given = parse(_ExportPolicy, args, prog="gril export-policy", description=about)
+    folder, out = Path(given.run), Path(given.out)
+    config = run_dir.read_config(folder)
+    if not any(folder.glob("policy/[0-9]*/manifest.json")):
+        raise RunError(f"{folder} has no policy, so its run has not got that far yet")
+    require_new_file(out)
+
+    def work() -> None:
+        with heavy_imports():
+            from .. import export_policy
+            from ..experiments import setup
+        algorithm = setup.make_ppo(config, setup.make_env(config.env, training=False))
+        export_policy.main(folder, out, config, algorithm, setup.ppo_hyper(config), echo=echo)
+
+    return work
+
+
+VERBS: dict[str, Callable[[list[str]], Work]] = {
+    "quickstart": _quickstart,
+    "train": _train,
+    "pretrain": _pretrain,
+    "eval": _eval,
+    "report": _report,
+    "export-policy": _export_policy,
+}

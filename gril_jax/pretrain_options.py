@@ -1,0 +1,79 @@
+"""What encoder training can vary: static choices in `PretrainConfig`, traced values in `Hyper`."""
+
+import dataclasses
+from typing import Literal, NamedTuple
+
+import jax
+from jaxtyping import Array, Float
+
+from .encoder import GraphConfig, NodeConfig
+from .errors import ConfigError
+
+__all__ = ["Hyper", "PretrainConfig"]
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class PretrainConfig:
+    """Static choices: another value is another compiled program. A pytree without leaves."""
+
+    encoder: GraphConfig
+    """The network."""
+    consistency: Literal["tcc", "soft_dtw", "both"] = "tcc"
+    """What aligns videos in time: cycle-consistency, soft-DTW, or their sum."""
+    form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
+        "regression_mse"
+    )
+    """Of cycle-consistency."""
+    matching: Literal["deterministic", "stochastic"] = "deterministic"
+    """Cycles of every frame through every other video, or as many drawn at random."""
+    similarity: Literal["l2", "cosine"] = "l2"
+    """Of two latents, in cycle-consistency."""
+    decoder: Literal["node", "graph"] = "node"
+    """What is decoded for the reconstruction: each node's embedding, or the latent (Eq. 5)."""
+    updates: int = 100
+    """Gradient updates in one call of `step`."""
+    num_videos: int = 8
+    """Videos in a batch; all ordered pairs of them are compared."""
+    num_frames: int = 32
+    """Frames drawn from each video of a batch."""
+    window: int = 40
+    """Activity window in frames (Eq. 4)."""
+    turn_scenes: bool = False
+    """Turn and mirror each video of a batch at random, as one of the square's eight symmetries.
+
+    For scenes seen from above whose origin is the middle of a square arena.
+    """
+
+    touched: float = 0.0
+    """Probability that an object of a video counts as moved throughout, whatever it does.
+
+    Else a bit that no demonstration sets is a state that the encoder has never seen, and a policy
+    can earn by setting it: by a mere touch.
+    """
+
+    def __post_init__(self):
+        least = {"updates": 1, "num_videos": 2, "num_frames": 2, "window": 1}
+        for field, minimum in least.items():
+            if getattr(self, field) < minimum:
+                raise ConfigError(
+                    f"pretrain.{field} is {getattr(self, field)}; it must be at least {minimum}."
+                )
+        if self.decoder == "node" and not isinstance(self.encoder, NodeConfig):
+            raise ConfigError(
+                f"pretrain.decoder is 'node', but a {type(self.encoder).__name__} encoder has no "
+                f"nodes to decode; it must be 'graph'."
+            )
+
+
+class Hyper(NamedTuple):
+    """Traced values: a sweep over them is a vmap and compiles once."""
+
+    learning_rate: Float[Array, ""] | float = 1e-3
+    lambda_: Float[Array, ""] | float = 1.0  # weight of the reconstruction (Eq. 6)
+    temperature: Float[Array, ""] | float = 1.0  # of the cycle's soft nearest neighbours
+    alpha: Float[Array, ""] | float = 5.0  # weight of an active node in the pooling (Eq. 3)
+    tau: Float[Array, ""] | float = 0.005  # activity threshold in box diagonals (Eq. 4)
+    soft_dtw_weight: Float[Array, ""] | float = 1.0  # beside or in place of cycle-consistency
+    gamma: Float[Array, ""] | float = 0.1  # of soft-DTW, squared latent distance
+    warmup: Float[Array, ""] | float = 1500.0  # updates over which the time agreement fades out

@@ -1,0 +1,120 @@
+"""What encoder training minimises: every switch, against the losses it is made of."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from kinematic_demos import kinematic_demos
+
+from gril_jax import losses as library
+from gril_jax import pretrain, pretrain_loss
+from gril_jax.encoder import EncoderConfig, InteractionConfig, MLPConfig
+from gril_jax.errors import ConfigError
+from gril_jax.pretrain import Hyper, PretrainConfig
+
+SMALL = PretrainConfig(
+    encoder=EncoderConfig(num_classes=7, width=8, rounds=1, latent=4), num_videos=3, num_frames=6
+)
+
+
+@pytest.fixture(scope="module")
+def demos():
+    return jax.tree.map(jnp.asarray, kinematic_demos(0, 5, num_objects=5))
+
+
+def _terms(config, demos, hyper=Hyper()):  # noqa: B008 -- a tuple of numbers
+    """Terms of some frames of three videos, and what they come from."""
+    some = jax.tree.map(lambda x: x[:3], demos)
+    params = pretrain.init(jax.random.key(0), demos, config).params
+    active = jnp.zeros((*some.center.shape[:3],), bool)
+    frames = jnp.tile(5 * jnp.arange(6), (3, 1))
+    valid = jnp.ones((3, 6), bool).at[1, 4:].set(False)
+    terms = pretrain_loss.terms(
+        *params, jax.random.key(1), some, active, frames, valid, hyper, config
+    )
+    found = [
+        pretrain_loss.latents(params.encoder, demo, bits, rows, hyper, config)
+        for demo, bits, rows in zip(
+            [jax.tree.map(lambda x, i=i: x[i], some) for i in range(3)], active, frames, strict=True
+        )
+    ]
+    return terms, found, frames / some.length[:, None], valid, params
+
+
+def test_the_terms_are_the_librarys_losses_of_the_latents(demos):
+    terms, found, times, valid, params = _terms(SMALL, demos)
+    latents = jnp.stack([f[0] for f in found])
+    cycle, agreement = library.mean_consistency(latents, times, valid)
+    np.testing.assert_allclose(terms.consistency, cycle, rtol=1e-4)
+    np.testing.assert_allclose(terms.agreement, agreement, rtol=1e-4)
+    errors = []
+    for (_, embeddings, nodes), ok in zip(found, valid, strict=True):
+        for t in np.flatnonzero(ok):
+            box, logits = library.decode(params.decoder, embeddings[t], SMALL.encoder)
+            frame = jax.tree.map(lambda x, t=t: x[t], nodes)
+            errors.append(library.reconstruction(box, logits, frame))
+    np.testing.assert_allclose(terms.reconstruction, np.mean(errors), rtol=1e-4)
+
+
+def test_soft_dtw_is_the_mean_divergence_a_frame_of_all_pairs(demos):
+    config = dataclasses.replace(SMALL, consistency="soft_dtw")
+    hyper = Hyper(soft_dtw_weight=2.0, gamma=0.5)
+    terms, found, _, valid, _ = _terms(config, demos, hyper)
+    kept = [f[0][np.flatnonzero(ok)] for f, ok in zip(found, valid, strict=True)]
+    pairs = [(0, 1), (0, 2), (1, 2)]
+    each = [
+        library.soft_dtw_divergence(kept[i], kept[j], gamma=0.5) / (len(kept[i]) + len(kept[j]))
+        for i, j in pairs
+    ]
+    np.testing.assert_allclose(terms.consistency, 2.0 * np.mean(each), rtol=1e-3)
+
+
+def test_the_graph_decoder_rebuilds_all_objects_but_the_robot_from_the_latent(demos):
+    config = dataclasses.replace(SMALL, decoder="graph")
+    terms, found, _, valid, params = _terms(config, demos)
+    errors = []
+    for (latents, _, nodes), ok in zip(found, valid, strict=True):
+        for t in np.flatnonzero(ok):
+            box, logits = library.decode_graph(
+                params.decoder, latents[t], config.encoder, num_nodes=5
+            )
+            frame = jax.tree.map(lambda x, t=t: x[t], nodes)
+            error = library.reconstruction(box, logits, frame)
+            errors.append(error[~np.asarray(demos.is_robot[0])])
+    np.testing.assert_allclose(terms.reconstruction, np.mean(errors), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "kind", [InteractionConfig(num_classes=7, width=8), MLPConfig(num_classes=7, width=8)]
+)
+def test_every_graph_encoder_can_be_trained(demos, kind):
+    config = dataclasses.replace(SMALL, encoder=kind, decoder="graph", updates=2)
+    state, metrics = pretrain.step(
+        pretrain.init(jax.random.key(0), demos, config), demos, Hyper(), config
+    )
+    assert np.isfinite(metrics.loss).all()
+    values = pretrain.evaluate(state.params.encoder, demos, demos, Hyper(), config)
+    np.testing.assert_allclose(values["reward_first"], -1.0, rtol=1e-3)
+
+
+def test_an_encoder_without_nodes_has_none_to_decode():
+    with pytest.raises(ConfigError, match="MLPConfig encoder has no nodes to decode"):
+        PretrainConfig(encoder=MLPConfig(num_classes=7))
+
+
+def test_every_switch_changes_the_loss_and_nothing_is_nan(demos):
+    losses = {}
+    changes = {"plain": {}, "turn": {"turn_scenes": True}, "touch": {"touched": 0.5}}
+    changes |= {"stochastic": {"matching": "stochastic"}, "cosine": {"similarity": "cosine"}}
+    changes |= {"huber": {"form": "regression_huber"}, "graph": {"decoder": "graph"}}
+    changes |= {"both": {"consistency": "both"}, "soft_dtw": {"consistency": "soft_dtw"}}
+    single = dataclasses.replace(SMALL, updates=1)
+    for name, change in changes.items():
+        config = dataclasses.replace(single, **change)
+        fresh = pretrain.init(jax.random.key(0), demos, config)
+        _, metrics = pretrain.step(fresh, demos, Hyper(), config)
+        losses[name] = np.asarray(metrics.loss)
+        assert np.isfinite(losses[name]).all()
+    assert len({float(loss[0]) for loss in losses.values()}) == len(changes)
