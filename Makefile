@@ -1,6 +1,7 @@
 # make quickstart   install, then videos in, trained policy out, report in runs/quickstart
 # make test         install, then check
 # make lint         ruff
+# make docs         the API reference as pages in docs/
 # make lock         resolve requirements.lock again (needs uv)
 
 SHELL := /bin/bash
@@ -10,7 +11,7 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3; do \
 	&& echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: quickstart test slow lint lock
+.PHONY: quickstart test slow lint docs lock
 
 quickstart: .venv/installed
 	$(BIN)/gril quickstart $(ARGS)
@@ -25,6 +26,10 @@ lint: .venv/installed
 	$(BIN)/pip install -q "ruff>=0.9"
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+docs: .venv/installed
+	$(BIN)/pip install -q --disable-pip-version-check "pdoc>=15"
+	$(BIN)/python -m gril_jax.experiments.api_reference docs
 
 lock:
 	uv pip compile -q --universal --python-version 3.11 --extra test --no-annotate --no-header \

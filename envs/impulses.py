@@ -20,7 +20,6 @@ __all__ = ["Bodies", "Impulse", "Motion", "Rows", "kick", "prepare", "solve"]
 
 SLOP = 0.01  # overlap that is not pushed apart
 _LEFT = 0.9**60  # share of an overlap that is left after a second
-_REACH = 0.05  # contacts that are nearer than this may close within a substep
 
 
 class Bodies(NamedTuple):
@@ -54,7 +53,6 @@ class Rows(NamedTuple):
     leverage: Vec  # of (normal, tangent) on the second body
     recoil: Vec  # ... on the first
     mass: Vec  # effective mass along (normal, tangent)
-    approach: Float[Array, "*N"]  # speed along the normal that closes the gap
     bias: Float[Array, "*N"]  # speed at which an overlap is undone
     friction: Float[Array, "*N"] | float
     first: Bodies | None  # None is a wall
@@ -82,11 +80,11 @@ def prepare(
         recoil = Vec(arm.cross(n), arm.cross(t))
         both = zip(inverse, (recoil.x, recoil.y), strict=True)
         inverse = [i + first.inverse_mass + first.inverse_inertia * arm**2 for i, arm in both]
-    near = contacts.gap < _REACH
-    mass = Vec(*(jnp.where(near, 1.0 / i, 0.0) for i in inverse))
-    approach = -jnp.maximum(contacts.gap, 0.0) / dt
+    # As in Chipmunk, bodies that will meet within the substep do not feel each other yet.
+    touch = contacts.gap <= 0
+    mass = Vec(*(jnp.where(touch, 1.0 / i, 0.0) for i in inverse))
     bias = (1.0 - _LEFT**dt) / dt * jnp.maximum(-contacts.gap - SLOP, 0.0)
-    return Rows(n, leverage, recoil, mass, approach, bias, friction, first, second)
+    return Rows(n, leverage, recoil, mass, bias, friction, first, second)
 
 
 def kick(rows: Rows, j: Impulse) -> tuple[Motion | None, Motion]:
@@ -119,7 +117,7 @@ def solve(rows: Rows, j: Impulse, first: Motion | None, second: Motion) -> Impul
     if first is not None:
         un, ut, us = along(first, rows.recoil)
         vn, vt, vs = vn - un, vt - ut, vs - us
-    normal = jnp.maximum(j.normal + (rows.approach - vn) * rows.mass.x, 0.0)
+    normal = jnp.maximum(j.normal - vn * rows.mass.x, 0.0)
     most = rows.friction * normal
     tangent = jnp.clip(j.tangent - vt * rows.mass.y, -most, most)
     shift = jnp.maximum(j.shift + (rows.bias - vs) * rows.mass.x, 0.0)

@@ -14,7 +14,6 @@ import numpy as np
 
 from gril_jax import checkpoint, pretrain, report, reward, run_dir, subtasks
 from gril_jax.config import RunConfig
-from gril_jax.graphs import safe_norm
 from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
 
@@ -63,8 +62,7 @@ def learn(
         train,
         static.encoder,
         alpha=hyper.alpha,
-        tau=hyper.tau,
-        window=static.window,
+        active=pretrain.activity_bits(train, hyper, static),
     )
     checkpoint.save(run.path / "reward", config.pretrain.steps, params)
     measured = pretrain.evaluate(state.params.encoder, validation, train, hyper, static)
@@ -83,7 +81,7 @@ def _save_profiles(folder: Path, params: RewardParams, demos, hyper, static) -> 
             continue
         batch = demos.batch(split)
         latents = pretrain.embed(params.encoder, batch, hyper, static)
-        profiles = -params.scale * safe_norm(latents - params.goal)
+        profiles = reward.latent_reward(params, latents)
         for name, profile, length in zip(names, profiles, batch.length, strict=True):
             profile = np.asarray(profile[:length])
             rows["names"].append(name)

@@ -70,6 +70,8 @@ def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainCon
         num_videos=chosen.num_videos,
         num_frames=chosen.num_frames,
         window=config.pool.window,
+        smoothing=config.pool.smoothing,
+        noise=config.pool.noise,
         turn_scenes=chosen.turn_scenes,
         touched=chosen.touched,
     )
@@ -109,6 +111,8 @@ def make_ppo(config: RunConfig, env: envs.Env) -> ppo.PPO:
         hidden=chosen.hidden,
         observe_activity=chosen.observe_activity,
         window=config.pool.window,
+        smoothing=config.pool.smoothing,
+        noise=config.pool.noise,
     )
     reward = (
         rewards.learned(encoder_config(config, len(env.classes)))

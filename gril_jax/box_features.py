@@ -83,7 +83,11 @@ def history_features(
 
 
 def last_frame(nodes: Nodes, *, history: int) -> Nodes:
-    """The newest of the frames that `history_features` takes."""
+    """The newest of the frames that `history_features` takes.
+
+    Raises:
+      ShapeError: the nodes do not hold that many frames.
+    """
     _check_history(nodes, history)
     return nodes if history == 1 else Nodes(*(x[-1] for x in nodes))
 

@@ -25,12 +25,14 @@ Learn a reward from demonstration videos without actions, and a policy from the 
   quickstart                  a small run from demonstrations to a policy, on a laptop
   train [CONFIG]              the same for any configuration
   pretrain [CONFIG]           the learned reward alone
+  ablate [CONFIG]             which choices of the reward's training matter, over seeds
   demos make [CONFIG]         scripted demonstrations
   demos import-magical DIR    a demonstration set from MAGICAL's public demonstrations
   demos import-videos DIR     a demonstration set from a folder of videos
   eval RUN                    success rate and return of a run's policy
   report RUN                  figures and tables of a run
   export-policy RUN           a run's policy as plain NumPy arrays
+  export-reward RUN           a run's reward as one file that load_reward reads
   bench losses                the losses and encoders beside those of others, as JSON
   bench env                   how many control steps a second the task makes here, as JSON
   doctor                      what is installed and what works on this machine

@@ -98,10 +98,14 @@ class EnvConfig:
     """What the policy sees: all that matters, or x-magical's state vector in its exact order."""
     reward: Literal["S4", "V5", "S3", "sparse"] = "S4"
     """The task's own reward, which only `ppo.reward environmental` learns from."""
-    substeps: int = field(default=10, metadata=_between(1, 100))
-    """Physics steps for each control step; the original's is 10."""
-    iterations: int = field(default=6, metadata=_between(1, 100))
-    """Sweeps of the contact solver for each physics step; the original's is 10."""
+    substeps: int | None = field(
+        default=None, metadata=_rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
+    )
+    """Physics steps for each control step; None is the engine's own (10, or 5 with mjx)."""
+    iterations: int | None = field(
+        default=None, metadata=_rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
+    )
+    """Sweeps of the solver for each physics step; None is the engine's own (6, or 2 with mjx)."""
     episode_length: int = field(default=120, metadata=_at_least(1))
     """Control steps in an episode (8 a second)."""
 
@@ -153,6 +157,15 @@ class PoolConfig:
     """Displacement within the window that counts as a move, in diagonals of the object's box."""
     window: int = field(default=40, metadata=_at_least(1))
     """Frames over which displacement is measured."""
+    smoothing: int = field(
+        default=1, metadata=_rule(lambda x: x >= 1 and x % 2 == 1, "odd and at least 1")
+    )
+    """Frames of the running median of positions, against single bad detections; 1 for none."""
+    noise: float | None = field(
+        default=None, metadata=_rule(lambda x: x is None or 0 <= x < float("inf"), "at least 0")
+    )
+    """Standard deviation of a detected position along one axis, world units: what it explains is no
+    move. None for exact positions."""
 
 
 @dataclass(frozen=True)

@@ -140,6 +140,7 @@ def step_sharpness(
 
     Raises:
       ConfigError: the window is negative.
+      ShapeError: reward and boundary differ in shape.
     """
     if window < 0:
         raise ConfigError(f"window is {window}; it must be at least 0.")

@@ -24,6 +24,8 @@ Schema = TypeVar("Schema")
 
 _KINDS = {
     int: "a whole number",
+    int | None: "a whole number",
+    float | None: "a number",
     float: "a number",
     bool: "True or False",
     tuple[int, ...]: "whole numbers separated by spaces",
@@ -112,8 +114,11 @@ def _sentence(box: str, schema: type[Any], prog: str) -> str:
         choices = match[3].replace("'", "")
         return f"{match[2]} is {match[1]!r}, but must be one of {choices}"
     if match := re.match(r"Error parsing (--[\w.-]+): (.*)", text):
-        kind = _KINDS.get(options(schema).get(match[1]), "of the form that --help shows")
-        given = " ".join(re.findall(r"'([^']*)'", match[2]))
+        known = options(schema).get(match[1])
+        kind = _KINDS.get(known, "of the form that --help shows")
+        quoted = re.findall(r"'([^']*)'", match[2])
+        # Of a union every member's complaint follows, each with the value again.
+        given = quoted[0] if type(None) in typing.get_args(known) else " ".join(quoted)
         return f"{match[1]} is {given!r}, but must be {kind}"
     return text[0].lower() + text[1:]
 

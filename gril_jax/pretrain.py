@@ -21,7 +21,6 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from . import activity, encoder, metrics, pretrain_batch, pretrain_loss, reward
 from .encoder import Params
 from .errors import ConfigError
-from .graphs import safe_norm
 from .pretrain_options import Hyper, PretrainConfig
 from .types import DemoBatch
 
@@ -31,6 +30,7 @@ __all__ = [
     "PretrainConfig",
     "State",
     "TrainParams",
+    "activity_bits",
     "embed",
     "evaluate",
     "init",
@@ -89,7 +89,7 @@ def step(
     state: State, demos: DemoBatch, hyper: Hyper, config: PretrainConfig
 ) -> tuple[State, Metrics]:
     """`config.updates` gradient updates in one compiled call, without talking to the host."""
-    active = _activity(demos, hyper, config)
+    active = activity_bits(demos, hyper, config)
 
     def update(state, _):
         key, batch_key, turn_key, touch_key = jax.random.split(state.key, 4)
@@ -142,7 +142,7 @@ def embed(
         frames = jnp.arange(demo.center.shape[0])
         return pretrain_loss.latents(params, demo, active, frames, hyper, config)[0]
 
-    return jax.lax.map(one, (demos, _activity(demos, hyper, config)))
+    return jax.lax.map(one, (demos, activity_bits(demos, hyper, config)))
 
 
 @jax.jit
@@ -165,10 +165,9 @@ def evaluate(
       High values say that demonstrations are ordered, not that a reward is safe to optimise.
     """
     latents = embed(params, demos, hyper, config)
-    learned = reward.from_demos(
-        params, train, config.encoder, alpha=hyper.alpha, tau=hyper.tau, window=config.window
-    )
-    rewards = -learned.scale * safe_norm(latents - learned.goal)
+    bits = activity_bits(train, hyper, config)
+    learned = reward.from_demos(params, train, config.encoder, alpha=hyper.alpha, active=bits)
+    rewards = reward.latent_reward(learned, latents)
     last = jnp.take_along_axis(rewards, demos.length[:, None] - 1, axis=1)
     return {
         "tau": metrics.mean_alignment_tau(latents, demos.length),
@@ -178,15 +177,19 @@ def evaluate(
     }
 
 
+def activity_bits(demos: DemoBatch, hyper: Hyper, config: PretrainConfig) -> Bool[Array, "B T N"]:
+    """The activity bits (Eq. 4) that training uses, for every frame of the recordings.
+
+    They come from the full recordings: a bit that latched between two drawn frames is set.
+    """
+    rule = {"window": config.window, "smoothing": config.smoothing, "noise": config.noise}
+
+    def one(center, size):
+        return activity.trajectory(center, size, tau=hyper.tau, **rule)
+
+    return jax.vmap(one)(demos.center, demos.size)
+
+
 def _optimizer():
     """Adam without its step size, which is traced; norm clipped against rare long steps."""
     return optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam())
-
-
-def _activity(demos, hyper, config) -> Bool[Array, "B T N"]:
-    """Bits from the full recordings: a bit that latched between two drawn frames is set."""
-
-    def one(center, size):
-        return activity.trajectory(center, size, tau=hyper.tau, window=config.window)
-
-    return jax.vmap(one)(demos.center, demos.size)

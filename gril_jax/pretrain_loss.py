@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import encoder
@@ -126,7 +125,7 @@ def _alignment(key, found, times, valid, hyper, config):
 
 def _mean_divergence(found, valid, gamma):
     """Soft-DTW divergence a frame, mean over all pairs of videos."""
-    one, other = np.triu_indices(found.shape[0], 1)
+    one, other = jnp.triu_indices(found.shape[0], 1)
     length = jnp.sum(valid, axis=1)  # valid frames come first
     divergence = soft_dtw_divergence(
         found[one], found[other], length[one], length[other], gamma=gamma

@@ -39,6 +39,10 @@ class PretrainConfig:
     """Frames drawn from each video of a batch."""
     window: int = 40
     """Activity window in frames (Eq. 4)."""
+    smoothing: int = 1
+    """Frames of the median of centres before that, see `gril_jax.activity`."""
+    noise: float | None = None
+    """Jitter of centres that is no motion, world units, see `gril_jax.activity`."""
     turn_scenes: bool = False
     """Turn and mirror each video of a batch at random, as one of the square's eight symmetries.
 

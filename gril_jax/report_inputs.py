@@ -111,5 +111,6 @@ def _film(run: Inputs, name: str) -> Film:
             f"{entry.frames}"
         )
     center, size = jnp.asarray(tracks.center), jnp.asarray(tracks.size)
-    bits = activity.trajectory(center, size, tau=pool.tau, window=pool.window)
+    rule = {"window": pool.window, "smoothing": pool.smoothing, "noise": pool.noise}
+    bits = activity.trajectory(center, size, tau=pool.tau, **rule)
     return Film(name, frames[: entry.frames], tracks, np.asarray(bits))

@@ -49,6 +49,9 @@ def transitions(
 
     Returns:
       True at the boundaries. The last stage's end is one of them.
+
+    Raises:
+      ConfigError: the smoothing is not odd and positive.
     """
     trace = running_median(reward, smoothing)
     num_frames = trace.shape[0]
@@ -114,6 +117,9 @@ def gradient_peaks(
 
     Returns:
       True at the marks.
+
+    Raises:
+      ConfigError: the smoothing is not odd and positive.
     """
     trace = gaussian_smooth(running_median(reward, smoothing), sigma)
     num_frames = trace.shape[0]

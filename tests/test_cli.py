@@ -94,6 +94,8 @@ def experiment(monkeypatch):
         (["demos", "import-videos", "--help"], "--half-extent"),
         (["eval", "--help"], "--episodes"),
         (["export-policy", "--help"], "policy.npz"),
+        (["export-reward", "--help"], "reward.npz"),
+        (["ablate", "--help"], "--seeds"),
     ],
 )
 def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
@@ -294,6 +296,26 @@ def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_p
     algorithm = ("ppo", config, ("env", config.env, False))
     wanted = (trained, out, config, algorithm, ("hyper", config))
     assert calls == [(wanted, {"echo": arguments.echo})]
+
+
+def test_export_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):
+    calls = experiment("export_reward")
+    out = tmp_path / "reward.npz"
+    assert cli.main(["export-reward", str(run), f"--out={out}"]) == 2
+    assert f"{run} has no reward" in capsys.readouterr().err
+    (run / "reward" / "000000000100").mkdir(parents=True)
+    (run / "reward" / "000000000100" / "manifest.json").write_text("{}")
+    assert cli.main(["export-reward", str(run), f"--out={out}"]) == 0
+    assert calls == [((run, out), {"echo": arguments.echo})]
+
+
+def test_ablate_takes_a_number_of_seeds(experiment, capsys):
+    calls = experiment("ablate")
+    assert cli.main(["ablate", "match_regions", "--seeds", "3"]) == 0
+    assert cli.main(["ablate"]) == 0
+    assert [c[0] for c in calls] == [(load("match_regions"), 3), (RunConfig(), 5)]
+    assert cli.main(["ablate", "--seeds", "none"]) == 2
+    assert "--seeds is 'none', but must be a whole number of at least 1" in capsys.readouterr().err
 
 
 def test_imports_hand_on_their_folders_and_tell_their_progress(

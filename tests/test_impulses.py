@@ -128,20 +128,11 @@ def test_enough_friction_stops_the_slip_in_some_passes():
     assert (np.asarray(normal) > -1e-3).all()
 
 
-def test_bodies_may_close_a_gap_but_no_more_in_a_substep():
-    gap = 0.004
-    rows, contacts, offset, first, second = _pair(gap=gap, friction=0.0)
+@pytest.mark.parametrize("gap", [1e-6, 0.004, 0.5])
+def test_bodies_that_do_not_touch_do_not_feel_each_other(gap):
+    rows, _, _, first, second = _pair(gap=gap)
     first, second = (m._replace(push=m.push * 5) for m in (first, second))
-    a, b = impulses.kick(rows, impulses.solve(rows, _none(), first, second))
-    before, _ = _along(contacts, offset, first, second, gap)
-    after, _ = _along(contacts, offset, _plus(first, a), _plus(second, b), gap)
-    np.testing.assert_allclose(after, np.maximum(before, -gap / DT), atol=1e-4)
-
-
-def test_far_contacts_are_switched_off():
-    rows, _, _, first, second = _pair(gap=0.051)
-    j = impulses.solve(rows, _none(), first, second)
-    for field in j:
+    for field in impulses.solve(rows, _none(), first, second):
         np.testing.assert_array_equal(field, 0.0)
 
 

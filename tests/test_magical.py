@@ -12,7 +12,7 @@ import pytest
 import scenes
 
 from gril_jax.errors import DemoError
-from gril_jax.interop.magical import list_magical, read_magical
+from gril_jax.interop.magical import list_magical, read_actions, read_magical
 
 FRAMES = np.arange(3 * 8 * 8 * 3, dtype=np.uint8).reshape(3, 8, 8, 3)
 
@@ -45,6 +45,13 @@ def content(trajectory, frames=FRAMES):
     acts = np.zeros(len(frames) - 1, np.int64)
     steps = trajectory(acts, observations, [0.0] * len(acts), [{"eval_score": 0.0}] * len(acts))
     return {"trajectory": steps, "score": 1.0, "env_name": "MatchRegions-Demo-v0"}
+
+
+def with_actions(trajectory, actions):
+    """A demonstration's content with other actions."""
+    good = content(trajectory)
+    _, *rest = good["trajectory"]
+    return good | {"trajectory": trajectory(actions, *rest)}
 
 
 def write(path, data):
@@ -209,6 +216,45 @@ def test_big_endian_and_fortran_arrays_are_read_as_they_were(tmp_path, trajector
     good["trajectory"][2].append(np.arange(3, dtype=">f8"))
     demo = read_magical(write(tmp_path / "a.pkl.gz", pickle.dumps(good, 4)))
     np.testing.assert_array_equal(demo.frames, FRAMES)
+
+
+def test_a_demonstration_holds_no_actions(tmp_path, trajectory):
+    demo = read_magical(write(tmp_path / "a.pkl.gz", pickle.dumps(content(trajectory), 4)))
+    assert demo._fields == ("frames", "env_name", "score")
+
+
+@pytest.mark.parametrize("kind", ["<i8", ">i8", "<i4", "u1"])
+def test_actions_are_read_apart_as_whole_numbers(tmp_path, trajectory, kind):
+    numbers = [0, 17, 9]
+    bad = with_actions(trajectory, np.array(numbers, kind))
+    actions = read_actions(write(tmp_path / "a.pkl.gz", pickle.dumps(bad, 4)))
+    assert actions.dtype == np.int64
+    assert actions.tolist() == numbers
+
+
+@pytest.mark.parametrize(
+    ("actions", "words"),
+    [
+        (np.array([0, 18]), "action 18 is none of 0 to 17"),
+        (np.array([-1]), "action -1 is none of 0 to 17"),
+        (np.array([0.0]), r"actions are float64 \(1,\)"),
+        (np.array([[0]]), r"actions are int64 \(1, 1\)"),
+        (np.array([], int), r"actions are int64 \(0,\)"),
+        ([0, 1], "begins with an array of actions"),
+    ],
+)
+def test_other_actions_are_refused(tmp_path, trajectory, actions, words):
+    path = write(tmp_path / "a.pkl.gz", pickle.dumps(with_actions(trajectory, actions), 4))
+    with pytest.raises(DemoError, match=words):
+        read_actions(path)
+
+
+def test_reading_actions_is_as_restricted_as_reading_frames(tmp_path):
+    target = tmp_path / "ran"
+    data = pickle.dumps({"trajectory": _Call(os.mkdir, str(target))}, 4)
+    with pytest.raises(DemoError, match="not loaded"):
+        read_actions(write(tmp_path / "bad.pkl.gz", data))
+    assert not target.exists()
 
 
 @pytest.mark.skipif(

@@ -11,7 +11,7 @@ from .. import run_dir
 from ..config import Variant
 from ..errors import ConfigError, RunError
 from ..options import parse
-from .arguments import Work, echo, heavy_imports, positional, require_new_file, run_config
+from .arguments import Work, echo, heavy_imports, positional, require_new_file, run_config, take
 
 __all__ = ["VERBS"]
 
@@ -42,6 +42,14 @@ class _ExportPolicy:
     """File to create, such as policy.npz."""
 
 
+@dataclass(frozen=True)
+class _ExportReward:
+    run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """The folder that a run made."""
+    out: str
+    """File to create, such as reward.npz."""
+
+
 def _quickstart(args: list[str]) -> Work:
     return _plan_train("quickstart", args, "gril quickstart")
 
@@ -68,6 +76,21 @@ def _pretrain(args: list[str]) -> Work:
         with heavy_imports():
             from ..experiments import pretrain
         pretrain.main(config, echo=echo)
+
+    return work
+
+
+def _ablate(args: list[str]) -> Work:
+    name, seeds = positional(args), take(args, "--seeds")
+    about = "Change each choice of encoder training alone, over --seeds N seeds (5 by default)."
+    if seeds is not None and (not seeds.isdecimal() or int(seeds) < 1):
+        raise ConfigError(f"--seeds is {seeds!r}, but must be a whole number of at least 1")
+    config = run_config(name, args, "gril ablate", about)
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import ablate
+        ablate.main(config, int(seeds or 5), echo=echo)
 
     return work
 
@@ -123,11 +146,30 @@ def _export_policy(args: list[str]) -> Work:
     return work
 
 
+def _export_reward(args: list[str]) -> Work:
+    about = "Write a run's learned reward as one file, which load_reward reads."
+    given = parse(_ExportReward, args, prog="gril export-reward", description=about)
+    folder, out = Path(given.run), Path(given.out)
+    run_dir.read_config(folder)
+    if not any(folder.glob("reward/[0-9]*/manifest.json")):
+        raise RunError(f"{folder} has no reward, so its run has not got that far yet")
+    require_new_file(out)
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import export_reward
+        export_reward.main(folder, out, echo=echo)
+
+    return work
+
+
 VERBS: dict[str, Callable[[list[str]], Work]] = {
     "quickstart": _quickstart,
     "train": _train,
     "pretrain": _pretrain,
+    "ablate": _ablate,
     "eval": _eval,
     "report": _report,
     "export-policy": _export_policy,
+    "export-reward": _export_reward,
 }

@@ -1,8 +1,11 @@
-"""MAGICAL's public human demonstrations (`*.pkl.gz`): frames out, nothing run, actions dropped.
+"""MAGICAL's public human demonstrations (`*.pkl.gz`): their frames, and nothing is run.
 
 The files are pickles, which can name any function of any installed module and call it on
 loading. This reader's unpickler knows six names, all mapped to stand-ins below that hold data;
 any other name ends the reading. One file unpacks to about 107 MB.
+
+A demonstration set holds frames alone: `read_magical` drops the actions. `read_actions` reads
+them, for replaying them in the simulator and so for judging its physics.
 """
 
 import gzip
@@ -15,14 +18,23 @@ from collections import OrderedDict
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Int, UInt8
 
 from gril_jax.errors import DemoError
 
-__all__ = ["FPS", "HALF_EXTENT", "MagicalDemo", "list_magical", "read_magical"]
+__all__ = [
+    "FPS",
+    "HALF_EXTENT",
+    "NUM_ACTIONS",
+    "MagicalDemo",
+    "list_magical",
+    "read_actions",
+    "read_magical",
+]
 
 FPS = 8.0
 HALF_EXTENT = 1.02  # world units: half the width of the allocentric view
+NUM_ACTIONS = 18  # 2 grips x 3 turns x 3 drives
 
 _MAX_BYTES = 1 << 30  # unpacked; a file that grows beyond this is no demonstration
 _MALFORMED = (  # what the pickle machine raises when fed bytes that are no pickle
@@ -63,6 +75,40 @@ def read_magical(path: str | os.PathLike) -> MagicalDemo:
         demonstration does not need.
     """
     path = pathlib.Path(path)
+    return _checked(_content(path), path)
+
+
+def read_actions(path: str | os.PathLike) -> Int[np.ndarray, "T"]:
+    """The actions of one file, int64, each a flat number: 9 * grip + 3 * turn + drive.
+
+    grip: 0 open, 1 close. turn: 0 none, 1 left, 2 right. drive: 0 none, 1 forward, 2 reverse.
+    Action t leads from frame t to frame t + 1.
+
+    Raises:
+      DemoError: as `read_magical`, or the actions are no whole numbers from 0 to 17.
+    """
+    path = pathlib.Path(path)
+    content = _content(path)
+    try:
+        actions = content["trajectory"][0].array
+    except (AttributeError, LookupError, TypeError) as error:
+        raise DemoError(
+            f"{path}: the pickle is no MAGICAL demonstration; it should hold 'trajectory', which "
+            "begins with an array of actions."
+        ) from error
+    if actions.ndim != 1 or not actions.size or actions.dtype.kind not in "iu":
+        raise DemoError(
+            f"{path}: actions are {actions.dtype} {actions.shape}, they should be whole numbers "
+            "(T,)."
+        )
+    wrong = actions[(actions < 0) | (actions >= NUM_ACTIONS)]
+    if wrong.size:
+        raise DemoError(f"{path}: action {wrong[0]} is none of 0 to {NUM_ACTIONS - 1}.")
+    return actions.astype(np.int64)
+
+
+def _content(path: pathlib.Path) -> object:
+    """What the pickle holds, built of stand-ins."""
     try:
         with gzip.open(path) as file:
             data = file.read(_MAX_BYTES + 1)
@@ -73,10 +119,9 @@ def read_magical(path: str | os.PathLike) -> MagicalDemo:
     if len(data) > _MAX_BYTES:
         raise DemoError(f"{path}: unpacks to more than 1 GiB, a demonstration has about 107 MB.")
     try:
-        content = _Unpickler(data, path).load()
+        return _Unpickler(data, path).load()
     except _MALFORMED as error:
         raise DemoError(f"{path}: not a whole pickle of a MAGICAL demonstration.") from error
-    return _checked(content, path)
 
 
 def _checked(content: object, path: pathlib.Path) -> MagicalDemo:

@@ -50,6 +50,9 @@ def dtw_path(
       P = T + S - 1 cells; the rows of the answer that are left over hold -1. Where every path is
       forbidden, the value is 1e20 or more.
 
+    Raises:
+      ShapeError: `cost` is no matrix, or as for `dtw`.
+
     >>> dtw_path(jnp.array([[1.0, 9.0], [2.0, 3.0]]))[1].tolist()
     [[0, 0], [1, 1], [-1, -1]]
     """

@@ -97,6 +97,9 @@ def reconstruction(
 
     Returns:
       Mean squared error over the box's four numbers plus cross-entropy of the class in nats.
+
+    Raises:
+      ShapeError, ConfigError: as for `reconstruction_terms`.
     """
     box_error, class_error = reconstruction_terms(box, logits, nodes, length_unit=length_unit)
     return box_weight * box_error + class_weight * class_error

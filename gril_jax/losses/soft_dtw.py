@@ -17,19 +17,19 @@ Array(0., dtype=float32)
 """
 
 import functools
-import math
-from typing import Literal, NamedTuple
+from typing import Literal, TypedDict, Unpack
 
 import jax
 import jax.numpy as jnp
-from jax.custom_batching import custom_vmap
-from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from ..errors import ConfigError, ShapeError
-from .soft_dtw_wavefront import FORBIDDEN, recursion, strip_height
+from ..errors import ConfigError
+from .sequence_cost import pairwise_cost
+from .soft_dtw_problem import Lengths, prepare, spread
+from .soft_dtw_solver import best_value, best_value_and_alignment, scan
 
 __all__ = [
+    "Options",
     "expected_alignment",
     "pairwise_cost",
     "soft_dtw",
@@ -38,13 +38,17 @@ __all__ = [
 ]
 
 Implementation = Literal["auto", "scan", "pallas"]
-Lengths = Int[Array, "..."] | int | None
 
 # More rows than this make the kernel's vectors spill out of a GPU's registers.
 _KERNEL_ROWS = 2048
 
-# A traced gamma cannot be refused; below this it counts as this.
-_LEAST_GAMMA = 1e-6
+
+class Options(TypedDict, total=False):
+    """Keyword arguments of `soft_dtw`, which all functions here take."""
+
+    gamma: Float[Array, "..."] | float
+    band: int | None
+    implementation: Implementation
 
 
 def soft_dtw(
@@ -79,26 +83,24 @@ def soft_dtw(
       ConfigError: gamma is not positive, the band is negative, or the implementation is unknown
         or cannot run here.
     """
-    problem = prepare(cost, lengths, other_lengths, gamma, band)
-    return best_value(*problem, _chosen(implementation, problem), False).reshape(cost.shape[:-2])
+    options = Options(gamma=gamma, band=band, implementation=implementation)
+    problem, chosen = _posed(cost, lengths, other_lengths, **options)
+    return best_value(*problem, chosen, False).reshape(cost.shape[:-2])
 
 
 def expected_alignment(
     cost: Float[Array, "*batch T S"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    *,
-    gamma: Float[Array, "..."] | float = 1.0,
-    band: int | None = None,
-    implementation: Implementation = "auto",
+    **options: Unpack[Options],
 ) -> Float[Array, "*batch T S"]:
     """Probability that an alignment drawn from the Gibbs distribution visits each cell.
 
-    This is the derivative of `soft_dtw` by its cost; arguments and errors are the same. Each row
-    and each column that counts sums to at least 1, cells beyond the lengths are 0.
+    This is the derivative of `soft_dtw` by its cost; arguments, options and errors are the same.
+    Each row and each column that counts sums to at least 1, cells beyond the lengths are 0.
     """
-    problem = prepare(cost, lengths, other_lengths, gamma, band)
-    _, alignment = best_value_and_alignment(*problem, _chosen(implementation, problem), False)
+    problem, implementation = _posed(cost, lengths, other_lengths, **options)
+    _, alignment = best_value_and_alignment(*problem, implementation, False)
     return alignment.reshape(cost.shape)
 
 
@@ -107,14 +109,17 @@ def soft_dtw_between(
     other: Float[Array, "*batch S D"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    *,
-    gamma: Float[Array, "..."] | float = 1.0,
-    band: int | None = None,
-    implementation: Implementation = "auto",
+    **options: Unpack[Options],
 ) -> Float[Array, "*batch"]:
-    """`soft_dtw` of two sequences under the squared Euclidean distance of their frames."""
+    """`soft_dtw` of two sequences under the squared Euclidean distance of their frames.
+
+    Options are those of `soft_dtw`: `gamma`, `band` and `implementation`.
+
+    Raises:
+      ShapeError: batches, features or lengths do not fit together.
+      ConfigError: as for `soft_dtw`.
+    """
     cost = pairwise_cost(query, other, lengths, other_lengths)
-    options = {"gamma": gamma, "band": band, "implementation": implementation}
     return soft_dtw(cost, lengths, other_lengths, **options)
 
 
@@ -123,18 +128,14 @@ def soft_dtw_divergence(
     other: Float[Array, "*batch S D"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    *,
-    gamma: Float[Array, "..."] | float = 1.0,
-    band: int | None = None,
-    implementation: Implementation = "auto",
+    **options: Unpack[Options],
 ) -> Float[Array, "*batch"]:
     """Soft-DTW less half of each sequence's soft-DTW with itself (Blondel et al., AISTATS 2021).
 
     It is 0 for equal sequences, where soft-DTW itself is negative and not at its minimum. It is
     meant to be positive elsewhere, as it was in all tests with squared distances.
-    Arguments and errors are those of `soft_dtw_between`.
+    Arguments, options and errors are those of `soft_dtw_between`.
     """
-    options = {"gamma": gamma, "band": band, "implementation": implementation}
     pairs = [
         (query, other, lengths, other_lengths),
         (query, query, lengths, lengths),
@@ -143,7 +144,7 @@ def soft_dtw_divergence(
     if query.shape == other.shape:  # one loop over all three instead of one after the other
         batch = query.shape[:-2]
         whole = query.shape[-2]
-        pairs = [(*pair[:2], *(_spread(n, whole, batch) for n in pair[2:])) for pair in pairs]
+        pairs = [(*pair[:2], *(spread(n, whole, batch) for n in pair[2:])) for pair in pairs]
         across, within, other_within = soft_dtw_between(
             *(jnp.stack(arrays) for arrays in zip(*pairs, strict=True)), **options
         )
@@ -152,163 +153,13 @@ def soft_dtw_divergence(
     return across - 0.5 * (within + other_within)
 
 
-def pairwise_cost(
-    query: Float[Array, "*batch T D"],
-    other: Float[Array, "*batch S D"],
-    lengths: Lengths = None,
-    other_lengths: Lengths = None,
-) -> Float[Array, "*batch T S"]:
-    """Squared Euclidean distance of each frame of one sequence to each of the other.
-
-    It is the expanded square, one matrix product. Both sequences are first moved by the query's
-    first frame, since digits are lost when features lie far from zero. Frames beyond the lengths
-    count as that frame, whatever they hold.
-
-    Raises:
-      ShapeError: the batches or the features differ.
-    """
-    shapes = query.shape, other.shape
-    if query.ndim < 2 or shapes[0][:-2] != shapes[1][:-2] or shapes[0][-1] != shapes[1][-1]:
-        raise ShapeError(
-            f"query has shape {shapes[0]} and other {shapes[1]}, but they must agree in everything "
-            "except the number of frames, the last axis but one"
-        )
-    dtype = jnp.promote_types(jnp.promote_types(query.dtype, other.dtype), jnp.float32)
-    if 0 in (shapes[0][-2], shapes[1][-2]):
-        return jnp.zeros((*shapes[0][:-1], shapes[1][-2]), dtype)
-    origin = jax.lax.stop_gradient(query[..., :1, :].astype(dtype))
-    moved = []
-    for sequence, count in ((query, lengths), (other, other_lengths)):
-        frames = sequence.astype(dtype) - origin
-        if count is not None:
-            count = _spread(count, sequence.shape[-2], sequence.shape[:-2])
-            counts = jnp.arange(sequence.shape[-2]) < count[..., None]
-            frames = jnp.where(counts[..., None], frames, 0.0)
-        moved.append(frames)
-    query, other = moved
-    products = jnp.einsum("...td,...sd->...ts", query, other, precision="highest")
-    squares, other_squares = (jnp.sum(jnp.square(x), axis=-1) for x in (query, other))
-    return jnp.maximum(squares[..., :, None] + other_squares[..., None, :] - 2.0 * products, 0.0)
+def _posed(cost, lengths, other_lengths, *, gamma=1.0, band=None, implementation="auto"):
+    """The problem, and what solves it."""
+    problem = prepare(cost, lengths, other_lengths, gamma, band)
+    return problem, _chosen(implementation, problem)
 
 
-# --- what the modules beside this one use too
-
-
-class Problem(NamedTuple):
-    """Checked arguments with the batch as one axis; forbidden cells have cost `FORBIDDEN`."""
-
-    cost: Float[Array, "B T S"]
-    gamma: Float[Array, "B"]
-    rows: Int[Array, "B"]
-    columns: Int[Array, "B"]
-
-
-def prepare(cost, lengths, other_lengths, gamma, band) -> Problem:
-    """Check the arguments of `soft_dtw` and bring them into one form."""
-    if cost.ndim < 2 or 0 in cost.shape[-2:]:
-        raise ShapeError(
-            f"cost has shape {cost.shape}, but needs two axes at its end, of one frame or more each"
-        )
-    if band is not None and band < 0:
-        raise ConfigError(f"band is {band}, but must be 0 or more, or None for no band")
-    batch, (height, width) = cost.shape[:-2], cost.shape[-2:]
-    pairs = math.prod(batch)
-    _check_gamma(gamma, batch)
-    _check_lengths("lengths", lengths, height, cost.shape)
-    _check_lengths("other_lengths", other_lengths, width, cost.shape)
-
-    dtype = jnp.promote_types(cost.dtype, jnp.float32)
-    rows = _spread(lengths, height, batch).reshape(pairs)
-    columns = _spread(other_lengths, width, batch).reshape(pairs)
-    empty = (rows == 0) | (columns == 0)
-    rows, columns = jnp.where(empty, 0, rows), jnp.where(empty, 0, columns)
-    gamma = jnp.maximum(jnp.asarray(gamma, dtype), _LEAST_GAMMA)
-    gamma = jnp.broadcast_to(gamma, batch).reshape(pairs)
-    cost = jnp.clip(cost.astype(dtype), -FORBIDDEN, FORBIDDEN).reshape(pairs, height, width)
-
-    row, column = jnp.arange(height)[:, None], jnp.arange(width)
-    if lengths is not None or other_lengths is not None:
-        inside = (row < rows[:, None, None]) & (column < columns[:, None, None])
-        cost = jnp.where(inside, cost, FORBIDDEN)
-    if band is not None:
-        skewness = (rows - columns)[:, None, None]
-        low, high = jnp.minimum(skewness, 0) - band, jnp.maximum(skewness, 0) + band
-        cost = jnp.where((row - column >= low) & (row - column <= high), cost, FORBIDDEN)
-    return Problem(cost, gamma, rows, columns)
-
-
-@functools.partial(jax.custom_jvp, nondiff_argnums=(4, 5))
-def best_value(cost, gamma, rows, columns, implementation, hard):
-    """The minimum over alignments of each pair, soft or hard; fields of a `Problem` first."""
-    return _batched(implementation, hard, False)(cost, gamma, rows, columns)[0]
-
-
-def _best_value_rule(implementation, hard, primals, tangents):
-    """Envelope theorem: move along the expected alignment. Unused tangents cost nothing."""
-    cost, gamma, *_ = primals
-    cost_tangent, gamma_tangent, *_ = tangents
-    value, alignment = best_value_and_alignment(*primals, implementation, hard)
-    tangent = jnp.zeros_like(value)
-    if not isinstance(cost_tangent, SymbolicZero):
-        tangent += jnp.sum(alignment * cost_tangent, axis=(1, 2))
-    if not isinstance(gamma_tangent, SymbolicZero) and not hard:
-        mean = jnp.sum(alignment * cost, axis=(1, 2))
-        tangent += (value - mean) / gamma * gamma_tangent
-    return value, tangent
-
-
-best_value.defjvp(_best_value_rule, symbolic_zeros=True)
-
-
-@functools.partial(jax.custom_jvp, nondiff_argnums=(4, 5))
-def best_value_and_alignment(cost, gamma, rows, columns, implementation, hard):
-    """`best_value` with its derivative by the cost, from one pass forth and one back."""
-    return _batched(implementation, hard, True)(cost, gamma, rows, columns)
-
-
-@best_value_and_alignment.defjvp
-def _best_value_and_alignment_rule(implementation, hard, primals, tangents):
-    cost, gamma, rows, columns = primals
-
-    def both(cost, gamma):
-        return _scan(cost, gamma, rows, columns, hard=hard, alignment=True)
-
-    return jax.jvp(both, (cost, gamma), tangents[:2])
-
-
-@functools.cache
-def _batched(implementation, hard, alignment):
-    """The compiled recursion; vmap makes more lanes of it, not another loop."""
-    run = _kernel() if implementation == "pallas" else _scan
-    run = custom_vmap(jax.jit(functools.partial(run, hard=hard, alignment=alignment)))
-
-    @run.def_vmap
-    def more_lanes(size, is_batched, *arguments):
-        merged = []
-        for x, batched in zip(arguments, is_batched, strict=True):
-            x = x if batched else jnp.broadcast_to(x, (size, *x.shape))
-            merged.append(x.reshape(x.shape[0] * x.shape[1], *x.shape[2:]))
-        out = jax.tree.map(lambda x: x.reshape(size, -1, *x.shape[1:]), run(*merged))
-        return out, jax.tree.map(lambda _: True, out)
-
-    return run
-
-
-def _scan(cost, gamma, rows, columns, *, hard, alignment):
-    """The recursion in the loop order of the platform that it is compiled for."""
-    pairs, height, _ = cost.shape
-    if pairs == 0:
-        return gamma, cost if alignment else None
-
-    def on(platform):
-        strip = strip_height(pairs, height, platform=platform)
-        return functools.partial(recursion, height=strip, hard=hard, alignment=alignment)
-
-    arguments = cost, gamma, rows, columns
-    return jax.lax.platform_dependent(*arguments, cpu=on("cpu"), default=on("other"))
-
-
-def _chosen(implementation: str, problem: Problem) -> str:
+def _chosen(implementation, problem):
     """What "auto" means here: the backend, sizes and dtype are known when a program is traced."""
     if implementation not in ("auto", "scan", "pallas"):
         raise ConfigError(f'implementation is {implementation!r}, not "auto", "scan" or "pallas"')
@@ -317,7 +168,7 @@ def _chosen(implementation: str, problem: Problem) -> str:
     reason = _why_no_kernel(problem.cost)
     if reason and implementation == "pallas":
         raise ConfigError(f'implementation="pallas" {reason}; take "auto" or "scan"')
-    return "scan" if reason else "pallas"
+    return "scan" if reason else _kernel()
 
 
 def _why_no_kernel(cost):
@@ -331,57 +182,17 @@ def _why_no_kernel(cost):
     return ""
 
 
+@functools.cache
 def _kernel():
     # On a CPU Pallas is never imported: it costs time and may be missing there.
     from .soft_dtw_pallas import kernel
 
     def run(*arguments, hard, alignment):
-        scan = functools.partial(_scan, hard=hard, alignment=alignment)
+        plain = functools.partial(scan, hard=hard, alignment=alignment)
         if hard or 0 in arguments[0].shape:
-            return scan(*arguments)
+            return plain(*arguments)
         # A GPU that is not CUDA's, or a program compiled for the CPU beside the GPU.
         cuda = functools.partial(kernel, alignment=alignment)
-        return jax.lax.platform_dependent(*arguments, cuda=cuda, default=scan)
+        return jax.lax.platform_dependent(*arguments, cuda=cuda, default=plain)
 
     return run
-
-
-def _spread(lengths, whole, batch):
-    """Lengths of the batch's shape, at most the number of frames that there are."""
-    lengths = whole if lengths is None else lengths
-    return jnp.clip(jnp.broadcast_to(jnp.asarray(lengths, jnp.int32), batch), 0, whole)
-
-
-def _known(x):
-    """Whether values can be looked at now; the others are made safe inside the program."""
-    return not isinstance(x, jax.core.Tracer)
-
-
-def _check_gamma(gamma, batch):
-    _check_spreads("gamma", gamma, batch)
-    if _known(gamma):
-        with jax.ensure_compile_time_eval():
-            if not jnp.all(jnp.asarray(gamma) > 0):
-                raise ConfigError(f"gamma is {gamma}, but must be above 0 (at 0 take `dtw`)")
-
-
-def _check_lengths(name, lengths, whole, shape):
-    if lengths is None:
-        return
-    _check_spreads(name, lengths, shape[:-2])
-    if _known(lengths):
-        with jax.ensure_compile_time_eval():
-            values = jnp.asarray(lengths)
-            if not jnp.all((values >= 0) & (values <= whole)):
-                raise ShapeError(
-                    f"{name} is {lengths}, but must be from 0 to {whole} for cost of shape {shape}"
-                )
-
-
-def _check_spreads(name, values, batch):
-    shape = jnp.shape(values)
-    fits = len(shape) <= len(batch) and all(
-        a in (1, b) for a, b in zip(reversed(shape), reversed(batch), strict=False)
-    )
-    if not fits:
-        raise ShapeError(f"{name} has shape {shape}, which does not spread over the batch {batch}")

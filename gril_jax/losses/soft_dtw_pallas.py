@@ -16,6 +16,7 @@ This module is imported by `soft_dtw` alone, and only where a GPU is.
 """
 
 import functools
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -56,96 +57,118 @@ def kernel(
     return value, rest[0][:, :num_rows] if alignment else None
 
 
-def _program(cost, gamma, rows, columns, value, exchange, *rest, shape, lanes, barrier):
-    """One pair: sums from the first anti-diagonal to the last, then the flow back."""
-    num_rows, num_columns = shape
-    pair = pl.program_id(0)
-    row = jnp.arange(lanes)
-    end_row, end_column = rows[pair] - 1, columns[pair] - 1
-    # The step at which a lane holds the cell where the path ends; -1 is never.
-    end = jnp.where(row == end_row, end_column + row, -1)
-    steps = num_rows + num_columns - 1
+class _Pair(NamedTuple):
+    """One pair as its program sees it: a lane for each row, and what the lanes exchange."""
 
-    def inside(step):
-        return (row < num_rows) & (step >= row) & (step - row < num_columns)
+    index: Int[Array, ""]  # of the pair in the batch
+    row: Int[Array, "lanes"]
+    shape: tuple[int, int]  # of the cost
+    exchange: Any  # reference to (pairs, 2 slots, 2 parts, lanes + 1)
+    barrier: bool
 
-    def cell(step):
+    def inside(self, step):
+        """Lanes whose row has a cell on this anti-diagonal."""
+        num_rows, num_columns = self.shape
+        return (self.row < num_rows) & (step >= self.row) & (step - self.row < num_columns)
+
+    def cell(self, step):
         """Columns of the lanes' cells, in range also for lanes that are outside."""
-        return jnp.clip(step - row, 0, num_columns - 1)
+        return jnp.clip(step - self.row, 0, self.shape[1] - 1)
 
-    def wait():
-        if barrier:
+    def wait(self):
+        if self.barrier:
             plgpu.debug_barrier()
 
-    def read(slot, part, shift):
-        return plgpu.load(exchange.at[pair, slot, part, row + shift], volatile=True)
+    def read(self, slot, part, shift):
+        place = self.exchange.at[self.index, slot, part, self.row + shift]
+        return plgpu.load(place, volatile=True)
 
-    def write(slot, part, shift, x):
-        plgpu.store(exchange.at[pair, slot, part, row + shift], x)
+    def write(self, slot, part, shift, x):
+        plgpu.store(self.exchange.at[self.index, slot, part, self.row + shift], x)
+
+    def fill(self, shift, *parts):
+        """Both slots of the exchange, before a recursion begins."""
+        for slot in (0, 1):
+            for part, x in enumerate(parts):
+                self.write(slot, part, shift, x)
+        self.wait()
+
+    def stored(self, weights, which, step):
+        """Where the lanes keep one of the two weights of their cells on this anti-diagonal."""
+        return weights.at[self.index, which, jax.lax.rem(step, self.shape[1]), self.row]
+
+
+def _program(cost, gamma, rows, columns, value, exchange, *rest, shape, lanes, barrier):
+    """One pair: sums from the first anti-diagonal to the last, then the flow back."""
+    pair = _Pair(pl.program_id(0), jnp.arange(lanes), shape, exchange, barrier)
+    end_row, end_column = rows[pair.index] - 1, columns[pair.index] - 1
+    # The step at which a lane holds the cell where the path ends; -1 is never.
+    end = jnp.where(pair.row == end_row, end_column + pair.row, -1)
+    flow, weights = rest or (None, None)
+    value[pair.index] = _forth(pair, cost, gamma, end, weights)
+    if rest:
+        _back(pair, end, weights, flow)
+
+
+def _forth(pair, cost, gamma, end, kept):
+    """The sum at the path's end. Weights of up and left go to `kept`, if it is there."""
+    num_rows, num_columns = pair.shape
+    edge = jnp.full(pair.row.shape, FORBIDDEN, jnp.float32)
+    none = jnp.zeros(pair.row.shape, jnp.float32)
+    softness = gamma[pair.index]
 
     def costs(step):
-        place = cost.at[pair, jnp.minimum(row, num_rows - 1), cell(step)]
-        return plgpu.load(place, mask=inside(step), other=FORBIDDEN)
+        place = cost.at[pair.index, jnp.minimum(pair.row, num_rows - 1), pair.cell(step)]
+        return plgpu.load(place, mask=pair.inside(step), other=FORBIDDEN)
 
-    edge = jnp.full((lanes,), FORBIDDEN, jnp.float32)
-    none = jnp.zeros((lanes,), jnp.float32)
-    softness = gamma[pair]
-
-    # Place r + 1 of the buffer holds row r, place 0 the row above the first, always forbidden.
-    for slot in (0, 1):
-        for part, x in ((0, edge), (1, none)):
-            write(slot, part, 0, x)
-    wait()
-    for slot in (0, 1):
-        for part, x in ((0, edge), (1, none)):
-            write(slot, part, 1, x)
-    wait()
-
-    def forth(step, carry):
+    def one(step, carry):
         ended, left, diagonal, here = carry
         later = costs(step + 1)  # asked for before the barrier, needed after it
-        up = tuple(read(jax.lax.rem(step + 1, 2), part, 0) for part in (0, 1))
+        up = tuple(pair.read(jax.lax.rem(step + 1, 2), part, 0) for part in (0, 1))
         sums, weights = soft_minimum(softness, up, left, diagonal, here)
         ended = jnp.where(end == step, sums[0] + sums[1], ended)
         for part in (0, 1):
-            write(jax.lax.rem(step, 2), part, 1, sums[part])
-        if rest:
+            pair.write(jax.lax.rem(step, 2), part, 1, sums[part])
+        if kept is not None:
             for which in (0, 1):
-                place = rest[1].at[pair, which, jax.lax.rem(step, num_columns), row]
-                plgpu.store(place, weights[which], mask=inside(step))
-        wait()
+                place = pair.stored(kept, which, step)
+                plgpu.store(place, weights[which], mask=pair.inside(step))
+        pair.wait()
         return ended, sums, up, later
 
-    corner = jnp.where(row == 0, 0.0, edge)
+    # Place r + 1 of the exchange holds row r, place 0 the row above the first, always forbidden.
+    pair.fill(0, edge, none)
+    pair.fill(1, edge, none)
+    corner = jnp.where(pair.row == 0, 0.0, edge)
     init = none, (edge, none), (corner, none), costs(0)
-    ended, *_ = jax.lax.fori_loop(0, steps, forth, init)
-    value[pair] = jnp.sum(ended)
-    if not rest:
-        return
-    flow, stored = rest
+    ended, *_ = jax.lax.fori_loop(0, num_rows + num_columns - 1, one, init)
+    return jnp.sum(ended)
+
+
+def _back(pair, end, kept, flow):
+    """The flow of one unit from the path's end back, by the weights that `_forth` has kept."""
+    steps = sum(pair.shape) - 1
+    none = jnp.zeros(pair.row.shape, jnp.float32)
 
     def weights_at(step):
         step = jnp.maximum(step, 0)
-        places = (stored.at[pair, which, jax.lax.rem(step, num_columns), row] for which in (0, 1))
-        return tuple(plgpu.load(p, mask=inside(step), other=0.0) for p in places)
+        places = (pair.stored(kept, which, step) for which in (0, 1))
+        return tuple(plgpu.load(p, mask=pair.inside(step), other=0.0) for p in places)
 
-    # Now place r holds what row r sends up, and place `lanes` what comes from below: nothing.
-    for slot in (0, 1):
-        write(slot, 0, 1, none)
-    wait()
-    for slot in (0, 1):
-        write(slot, 0, 0, none)
-    wait()
-
-    def back(number, carry):
+    def one(number, carry):
         step = steps - 1 - number
         to_left, diagonal, (up_weight, left_weight) = carry
         later = weights_at(step - 1)
-        here = to_left + read(jax.lax.rem(step + 1, 2), 0, 1) + jnp.where(end == step, 1.0, 0.0)
+        from_below = pair.read(jax.lax.rem(step + 1, 2), 0, 1)
+        here = to_left + from_below + jnp.where(end == step, 1.0, 0.0)
         up, to_left = up_weight * here, left_weight * here
-        write(jax.lax.rem(step, 2), 0, 0, up + diagonal)
-        plgpu.store(flow.at[pair, row, cell(step)], here, mask=inside(step))
-        wait()
+        pair.write(jax.lax.rem(step, 2), 0, 0, up + diagonal)
+        place = flow.at[pair.index, pair.row, pair.cell(step)]
+        plgpu.store(place, here, mask=pair.inside(step))
+        pair.wait()
         return to_left, jnp.maximum(here - up - to_left, 0.0), later
 
-    jax.lax.fori_loop(0, steps, back, (none, none, weights_at(jnp.int32(steps - 1))))
+    # Now place r holds what row r sends up, and the last what comes from below it: nothing.
+    pair.fill(1, none)
+    pair.fill(0, none)
+    jax.lax.fori_loop(0, steps, one, (none, none, weights_at(jnp.int32(steps - 1))))

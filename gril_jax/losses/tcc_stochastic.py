@@ -134,6 +134,9 @@ def stochastic_consistency(
 
     Returns:
       The mean over all cycles that count; 0 if there is none.
+
+    Raises:
+      ConfigError: fewer than one cycle, or cycles of fewer than two videos.
     """
     check_batch(latents, times, valid)
     num_cycles = times.size if num_cycles is None else num_cycles

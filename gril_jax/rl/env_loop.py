@@ -34,14 +34,14 @@ class Moment(NamedTuple):
     metrics: dict[str, Float[Array, ""]]  # the task's, at this moment
 
 
-def begin(env: Any, key: PRNGKeyArray, *, window: int) -> Lane:
+def begin(env: Any, key: PRNGKeyArray, *, window: int, smoothing: int = 1) -> Lane:
     """A lane at the start of an episode; active is only what a varied start has moved.
 
     The key is consumed.
     """
     state = env.reset(key)
-    memory = activity.init(state.objects.center, window=window)._replace(active=state.moved)
-    return Lane(state, memory, jnp.zeros((), jnp.int32))
+    memory = activity.init(state.objects.center, window=window, smoothing=smoothing)
+    return Lane(state, memory._replace(active=state.moved), jnp.zeros((), jnp.int32))
 
 
 def advance(
@@ -52,6 +52,7 @@ def advance(
     action: Float[Array, "A"],
     *,
     tau: Float[Array, ""] | float,
+    noise: float | None = None,
 ) -> tuple[Lane, Moment]:
     """One control step; the lane it returns is the last of its episode if a flag says so.
 
@@ -60,7 +61,8 @@ def advance(
     reward is never positive would learn to break the simulator if nothing were to come after it.
     """
     state = env.step(lane.state, action)
-    memory, active = activity.step(lane.memory, state.objects.center, state.objects.size, tau=tau)
+    boxes = state.objects.center, state.objects.size
+    memory, active = activity.step(lane.memory, *boxes, tau=tau, noise=noise)
     reward = reward_fn(reward_params, state, active)
     floats = [x for x in jax.tree.leaves((state, reward)) if jnp.issubdtype(x.dtype, jnp.floating)]
     finite = jnp.stack([jnp.isfinite(x).all() for x in floats]).all()

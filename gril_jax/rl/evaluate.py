@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from . import env_loop
 from .ppo import PPO, Policy
 
 __all__ = ["Evaluation", "evaluate"]
@@ -41,14 +40,13 @@ def evaluate(
     An episode whose simulation fails stays where it was before the failure.
     """
     key_begin, key_act = jax.random.split(key)
-    begin = functools.partial(env_loop.begin, ppo.env, window=ppo.static.window)
-    lanes = jax.vmap(begin)(jax.random.split(key_begin, episodes))
+    lanes = jax.vmap(ppo.begin)(jax.random.split(key_begin, episodes))
 
     def one(lane, key):
         mean = ppo.act(policy, lane, key, deterministic=True)
         sample = ppo.act(policy, lane, key, deterministic=False)
         action = jnp.where(deterministic, mean, sample)
-        return env_loop.advance(ppo.env, ppo.reward_fn, reward_params, lane, action, tau=tau)
+        return ppo.advance(reward_params, lane, action, tau=tau)
 
     def move(lanes, key):
         lanes, moment = jax.vmap(one)(lanes, jax.random.split(key, episodes))

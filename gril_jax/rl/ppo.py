@@ -41,6 +41,8 @@ class Static:
     hidden: tuple[int, ...] = (64, 64)
     observe_activity: bool = True
     window: int = 40  # of the activity memory, frames
+    smoothing: int = 1  # of centres, frames, before that
+    noise: float | None = None  # of centres, world units
 
 
 class Hyper(NamedTuple):
@@ -91,9 +93,7 @@ class PPO:
 
     def __init__(self, env: Any, reward_fn: RewardFn, static: Static):
         self.env, self.reward_fn, self.static = env, reward_fn, static
-        lane = jax.eval_shape(
-            functools.partial(env_loop.begin, env, window=static.window), jax.random.key(0)
-        )
+        lane = jax.eval_shape(self.begin, jax.random.key(0))
         self.observation_size = jax.eval_shape(self._observe, lane).shape[0]
         self.networks = networks.make_ppo_networks(
             self.observation_size,
@@ -187,14 +187,30 @@ class PPO:
         act = self._make_policy((policy.normalizer, policy.params), deterministic=deterministic)
         return act(self._observe(lane), key)[0]
 
+    def begin(self, key: PRNGKeyArray) -> env_loop.Lane:
+        """A lane at the start of an episode. The key is consumed."""
+        static = self.static
+        return env_loop.begin(self.env, key, window=static.window, smoothing=static.smoothing)
+
+    def advance(
+        self,
+        reward_params: Any,
+        lane: env_loop.Lane,
+        action: Float[Array, "A"],
+        *,
+        tau: Float[Array, ""] | float,
+    ) -> tuple[env_loop.Lane, env_loop.Moment]:
+        """One control step of one lane, with its reward."""
+        rule = {"tau": tau, "noise": self.static.noise}
+        return env_loop.advance(self.env, self.reward_fn, reward_params, lane, action, **rule)
+
     # ---------------------------------------------------------------- parts
 
     def _observe(self, lane: env_loop.Lane) -> Float[Array, "O"]:
         return env_loop.observe(lane, activity_bits=self.static.observe_activity)
 
     def _fresh_lanes(self, key: PRNGKeyArray) -> env_loop.Lane:
-        begin = functools.partial(env_loop.begin, self.env, window=self.static.window)
-        return jax.vmap(begin)(jax.random.split(key, self.static.num_envs))
+        return jax.vmap(self.begin)(jax.random.split(key, self.static.num_envs))
 
     def _unroll(self, state: TrainState, key: PRNGKeyArray, hyper: Hyper, reward_params: Any):
         """T control steps of every environment: lanes, transitions (B, T, ...) and metrics.
@@ -205,9 +221,7 @@ class PPO:
         key_fresh, key_act = jax.random.split(key)
         fresh = self._fresh_lanes(key_fresh)
         policy = self._make_policy((state.normalizer, state.params.policy))
-        advance = functools.partial(
-            env_loop.advance, self.env, self.reward_fn, reward_params, tau=hyper.tau
-        )
+        advance = functools.partial(self.advance, reward_params, tau=hyper.tau)
 
         def move(lanes, key_step):
             observation = jax.vmap(self._observe)(lanes)

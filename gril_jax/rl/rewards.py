@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..encoder import EncoderConfig
+from ..encoder import GraphConfig
 from ..graphs import scene_graph
 from ..reward import latent_goal_reward
 
@@ -22,7 +22,7 @@ def environmental(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Ar
     return state.reward
 
 
-def learned(config: EncoderConfig) -> RewardFn:
+def learned(config: GraphConfig) -> RewardFn:
     """The latent-goal reward (Eq. 7) of what a detector would see.
 
     Its parameters are a `RewardParams`: an argument, not a constant of the program, so that the

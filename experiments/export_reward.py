@@ -1,0 +1,74 @@
+"""A run's learned reward as one file, for other people's JAX code.
+
+    python -m gril_jax.experiments.export_reward RUN reward.npz        a few seconds
+
+`gril_jax.reward_file.load_reward` reads it; the run's folder is only read.
+"""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from gril_jax import checkpoint, demo_schema, run_dir
+from gril_jax.config import RunConfig
+from gril_jax.errors import RunError
+from gril_jax.reward_file import save_reward
+
+from . import setup
+
+__all__ = ["main"]
+
+
+def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> None:
+    """Writes the reward of a run to a new file.
+
+    Raises:
+      RunError: the run has no reward yet.
+      RewardFileError: `out` exists or cannot be written, or the reward is not finite.
+    """
+    config = run_dir.read_config(folder)
+    found = checkpoint.latest(folder / "reward")
+    if found is None:
+        raise RunError(f"{folder} has no reward, so its run has not got that far yet")
+    env = setup.make_env(config.env, training=False)
+    params = checkpoint.restore(found, setup.blank_reward(config, len(env.classes)))
+    objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
+    names = [env.classes[i] for i in np.asarray(objects.label)]
+    robots = {name for name, flag in zip(names, np.asarray(objects.is_robot), strict=True) if flag}
+    save_reward(
+        out,
+        params,
+        setup.encoder_config(config, len(env.classes)),
+        classes=env.classes,
+        robots=sorted(robots),
+        objects=names,
+        activity={
+            "tau": config.pool.tau,
+            "window": config.pool.window,
+            "smoothing": config.pool.smoothing,
+            "noise": config.pool.noise,
+        },
+        half_extent=float(env.half_extent),
+        unit=f"world units of {config.env.name}",
+        provenance=_provenance(folder, config),
+    )
+    echo(f"wrote {out}")
+
+
+def _provenance(folder: Path, config: RunConfig) -> dict:
+    """Where the demonstrations came from, and how well the reward orders those held out."""
+    demos = Path(config.demos.path or folder / "demos") / demo_schema.HEADER
+    known = {"run": folder.resolve().name, "seed": config.run.seed}
+    if demos.is_file():  # its entries hold the digests of the demonstrations
+        known["demos_sha256"] = demo_schema.digest(demos)
+    results = folder / "results.json"
+    if results.is_file() and "tau" in (found := run_dir.read_results(folder)):
+        known["kendall_tau"] = found["tau"]
+    return known
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,0 +1,103 @@
+"""A learned reward for gymnax environments; needs the package `gymnax`, 1.0 or later.
+
+    env = LearnedReward(env, load_reward("reward.npz"), boxes)
+    algorithm = rejax.PPO.create(env=LearnedReward(..., five_values=True), ...)
+
+The reward's memory is part of the state, so gymnax's automatic reset begins it anew.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from gymnax.environments.environment import Environment
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from .. import learned_reward
+
+__all__ = ["LearnedReward", "State"]
+
+
+class State(NamedTuple):
+    """An environment's state, and what the reward remembers of the episode."""
+
+    env: Any
+    memory: learned_reward.Memory
+
+
+class LearnedReward(Environment):
+    """The environment with the learned reward; its own is `info["task_reward"]` from then on."""
+
+    def __init__(
+        self,
+        env: Environment,
+        learned: learned_reward.LearnedReward,
+        boxes: Callable[[Any], tuple[Float[Array, "N 2"], Float[Array, "N 2"]]],
+        *,
+        five_values: bool = False,
+    ):
+        """
+        Args:
+          env: the environment.
+          learned: from `gril_jax.reward_file.load_reward`.
+          boxes: box centres and sizes of the environment's state, in the order of
+            `learned.objects`, in the world units of the reward.
+          five_values: `step` gives `done` in place of terminated and truncated, as gymnax did
+            before 1.0 and rejax 0.1 expects.
+        """
+        self._env, self._learned, self._boxes = env, learned, boxes
+        self._five_values = five_values
+
+    @property
+    def default_params(self) -> Any:
+        """The environment's."""
+        return self._env.default_params
+
+    @partial(jax.jit, static_argnames=("self",))
+    def step(self, key: PRNGKeyArray, state: State, action: Any, params: Any = None) -> tuple:
+        """One step, with the automatic reset."""
+        *moved, reward, terminated, truncated, info = super().step(key, state, action, params)
+        ended = (terminated | truncated,) if self._five_values else (terminated, truncated)
+        return *moved, reward, *ended, info
+
+    def reset_env(self, key: PRNGKeyArray, params: Any) -> tuple[Any, State]:
+        """Begins an episode."""
+        observation, state = self._env.reset_env(key, params)
+        return observation, State(state, self._learned.init(*self._boxes(state)))
+
+    def step_env(self, key: PRNGKeyArray, state: State, action: Any, params: Any) -> tuple:
+        """One step, without the automatic reset."""
+        observation, env, task_reward, terminated, info = self._env.step_env(
+            key, state.env, action, params
+        )
+        memory, reward = self._learned.step(state.memory, *self._boxes(env))
+        info = {**info, "task_reward": jnp.asarray(task_reward)}
+        return observation, State(env, memory), reward, terminated, info
+
+    def is_truncated(self, state: State, params: Any) -> Any:
+        """The environment's time limit."""
+        return self._env.is_truncated(state.env, params)
+
+    def is_terminated(self, state: State, params: Any) -> Any:
+        """The environment's own ends."""
+        return self._env.is_terminated(state.env, params)
+
+    def action_space(self, params: Any) -> Any:
+        """The environment's."""
+        return self._env.action_space(params)
+
+    def observation_space(self, params: Any) -> Any:
+        """The environment's."""
+        return self._env.observation_space(params)
+
+    @property
+    def num_actions(self) -> int:
+        """The environment's."""
+        return self._env.num_actions
+
+    @property
+    def name(self) -> str:
+        """The environment's."""
+        return self._env.name
