@@ -2,9 +2,10 @@
 
 It sees the simulator's state and is a pure function, so that hundreds of demonstrations run under
 one vmap. For each block of its plan it drives to where it can take hold of it, docks, brings the
-block to its place, lets go and backs off (`scripted_phases`). A gripper holds the block between the
-tips of its fingers and carries it any way; a stick stands behind the block and pushes. A block that
-slips away is fetched again, and a distractor that got into the region is taken out.
+block to its place, lets go and backs off (`scripted_phases`). A block that slips away is fetched
+again, and a distractor that got into the region is taken out. All this is a gripper's way, which
+holds a block between the tips of its fingers and carries it anywhere. A stick can only push, and
+finds out by trials in the simulator how (`sampling_planner`); that takes about 300 times as long.
 """
 
 from typing import NamedTuple
@@ -13,12 +14,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from . import sampling_planner
 from . import scripted_phases as phases
 from . import scripted_plans as plans
 from .base import State
 from .match_regions import MatchRegions
 from .robots import FINGER_OPEN
-from .scripted_docks import choose_dock, hold
+from .sampling_planner import Search
+from .scripted_docks import choose_dock
 from .scripted_plans import FAILURES, Job, Plan, Style, plan
 
 __all__ = ["FAILURES", "Memory", "Plan", "Style", "act", "init", "plan", "rollout"]
@@ -27,7 +30,7 @@ _STILL, _STILL_TURN = 0.004, 0.03  # units and rad a control step: slower is sta
 
 
 class Memory(NamedTuple):
-    """The expert's own state."""
+    """A gripper expert's own state."""
 
     plan: Plan
     job: Job
@@ -50,9 +53,9 @@ def init(drawn: Plan) -> Memory:
 
 
 def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "A"], Memory]:
-    """The expert's action for this moment, and what it remembers."""
+    """A gripper expert's action for this moment, and what it remembers."""
     drawn, job, phase, timer = memory.plan, memory.job, memory.phase, memory.timer
-    how, seen = hold(env.robot), _look(env, memory, state)
+    seen = _look(env, memory, state)
     last = len(drawn.blocks)
     at = jnp.minimum(job.stage, last - 1)
     free = (phase == phases.GO) & ~memory.roamed
@@ -60,19 +63,19 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
     roaming = free & (timer < drawn.pauses[at] + drawn.via_steps[at])
     idle = (job.stage >= last) | (memory.time >= drawn.steps) | waiting
 
-    way = phases.block_way(env, how, seen)
+    way = phases.unit(seen.job.slot - seen.block)
     dock = choose_dock(
-        how, seen.robot, seen.block, seen.blocks, seen.other, way, memory.dock, arena=env.arena
+        seen.robot, seen.block, seen.blocks, seen.other, way, memory.dock, arena=env.arena
     )
     dock = jnp.where(phase == phases.GO, dock, memory.dock)
-    stand = phases.stand(env, how, seen, dock)
-    aim = phases.aim(env, how, seen, drawn, at, stand, roaming)
-    speed, turn, opening = phases.drive(how, seen, aim, way, stand, roaming)
+    stand = phases.stand(env, seen, dock)
+    aim = phases.aim(env, seen, drawn, at, stand, roaming)
+    speed, turn, opening = phases.drive(seen, aim, stand, roaming)
     grip = FINGER_OPEN - jnp.clip(opening, 0.0, FINGER_OPEN)
     action = jnp.where(idle, 0.0, jnp.stack([speed, turn / env.turn_gain, grip]))
 
     dropped = ~drawn.retry & (job.stage == last - 1) & (timer >= drawn.drop)
-    ended, to = phases.leave(how, seen, dock, way, stand, roaming, dropped)
+    ended, to = phases.leave(seen, dock, stand, roaming, dropped)
     ended &= ~idle
     following = plans.next_job(env, drawn, job, state)
     # With the last block in place it just lets go.
@@ -80,7 +83,7 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
     to = jnp.where(finished, phases.GO, to)
     over = ended & (to == phases.GO)
     moving = idle | ended | _moves(memory, state)
-    return action[: env.action_size], Memory(
+    return action, Memory(
         plan=drawn,
         job=jax.tree.map(lambda new, old: jnp.where(over, new, old), following, job),
         dock=jnp.where(over, 0.0, dock),
@@ -104,7 +107,6 @@ def _look(env: MatchRegions, memory: Memory, state: State) -> phases.Moment:
     robot, yaw = pose[0, :2], pose[0, 2]
     blocks = pose[-len(env.blocks) :, :2]
     away = blocks[job.block] - robot
-    opening = (pose[1, 2] - pose[2, 2]) / 2 if env.robot.has_fingers else jnp.zeros(())
     return phases.Moment(
         robot=robot,
         yaw=yaw,
@@ -114,7 +116,7 @@ def _look(env: MatchRegions, memory: Memory, state: State) -> phases.Moment:
         distance=jnp.sqrt(jnp.sum(away**2) + 1e-12),
         ahead=phases.bearing(away, yaw),
         aside=away[0] * jnp.cos(yaw) + away[1] * jnp.sin(yaw),
-        opening=opening,
+        opening=(pose[1, 2] - pose[2, 2]) / 2,
         job=job,
         phase=memory.phase,
         timer=memory.timer,
@@ -127,11 +129,26 @@ def rollout(
     key: PRNGKeyArray,
     failure: Int[Array, ""] | int = 0,
     style: Style = Style(),  # noqa: B008 -- a tuple of numbers
+    search: Search = Search(),  # noqa: B008 -- a tuple of numbers
 ) -> tuple[State, Int[Array, "T1"]]:
-    """One episode: states of T + 1 moments (the first is the reset), and the stage at each."""
+    """One episode: states of T + 1 moments (the first is the reset), and the stage at each.
+
+    `search` says how much a stick tries out; a gripper needs none of it.
+    """
     key_reset, key_plan = jax.random.split(key)
     state = env.reset(key_reset)
-    memory = init(plan(env, key_plan, state, failure, style))
+    drawn = plan(env, key_plan, state, failure, style)
+    if env.robot.has_fingers:
+        states, stages = _play(env, state, drawn)
+    else:
+        key_search = jax.random.fold_in(key_plan, 1)
+        states, stages = sampling_planner.play(env, key_search, state, drawn, search)
+    states = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states)
+    return states, jnp.concatenate([jnp.zeros(1, stages.dtype), stages])
+
+
+def _play(env: MatchRegions, state: State, drawn: Plan) -> tuple[State, Int[Array, "T"]]:
+    """The rest of a gripper's episode: the states of T more moments, and the stage at each."""
 
     def move(carry, _):
         state, memory = carry
@@ -139,6 +156,5 @@ def rollout(
         state = env.step(state, action)
         return (state, memory), (state, memory.job.stage)
 
-    _, (states, stages) = jax.lax.scan(move, (state, memory), length=env.episode_length)
-    states = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states)
-    return states, jnp.concatenate([memory.job.stage[None], stages])
+    _, played = jax.lax.scan(move, (state, init(drawn)), length=env.episode_length)
+    return played

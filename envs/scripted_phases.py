@@ -1,4 +1,4 @@
-"""What an expert of MatchRegions does in each phase of a job, and when it goes on to the next.
+"""What a gripper expert of MatchRegions does in each phase of a job, and when it goes on.
 
 GO drives to where the robot docks from, DOCK up to the block, CLOSE shuts the fingers, CARRY brings
 the block to its place, OPEN lets go and BACK drives off.
@@ -12,11 +12,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .grid_planning import Obstacles, cost_to_go, waypoint
 from .match_regions import MatchRegions
-from .scripted_docks import Hold
+from .scripted_docks import BERTH, BODY, REACH, STAND, WIDTH
 from .scripted_plans import Job, Plan
 
-__all__ = ["BACK", "CARRY", "CLOSE", "DOCK", "GO", "OPEN", "Moment", "aim", "block_way", "drive",
-           "leave", "stand"]  # fmt: skip
+__all__ = ["BACK", "CARRY", "CLOSE", "DOCK", "GO", "OPEN", "Moment", "aim", "drive", "leave",
+           "stand", "unit"]  # fmt: skip
 
 GO, DOCK, CLOSE, CARRY, OPEN, BACK = range(6)
 _CARRY_TIME = 50  # control steps after which a way that leads nowhere is given up
@@ -37,7 +37,7 @@ class Moment(NamedTuple):
     distance: Float[Array, ""]  # from the robot to the job's block
     ahead: Float[Array, ""]  # by how much to turn to face it
     aside: Float[Array, ""]  # of the block, to the right of the robot's axis
-    opening: Float[Array, ""]  # of the fingers, rad; 0 without
+    opening: Float[Array, ""]  # of the fingers, rad
     job: Job
     phase: Int[Array, ""]
     timer: Int[Array, ""]  # control steps since the phase began
@@ -59,26 +59,14 @@ def _length(vector: Float[Array, "2"]) -> Float[Array, ""]:
     return jnp.sqrt(jnp.sum(vector**2) + 1e-12)
 
 
-def block_way(env: MatchRegions, how: Hold, seen: Moment) -> Float[Array, "2"]:
-    """Which way the block should move now: towards its place, pushed ones around other blocks."""
-    if how.grips:
-        return unit(seen.job.slot - seen.block)
-    radius = jnp.where(seen.other, 0.3 + 0.5 * min(how.width, 0.3), 0.0)
-    obstacles = Obstacles(seen.blocks, radius, jnp.float32(env.arena - 0.2))
-    extent = env.arena - 0.1
-    cost = cost_to_go(seen.job.slot, obstacles, extent=extent)
-    return unit(waypoint(seen.block, seen.job.slot, cost, obstacles, extent=extent) - seen.block)
-
-
-def stand(env: MatchRegions, how: Hold, seen: Moment, dock: Float[Array, "2"]):
+def stand(env: MatchRegions, seen: Moment, dock: Float[Array, "2"]) -> Float[Array, "2"]:
     """Where the robot turns to the block before it drives up to it."""
-    limit = env.arena - how.body - 0.01
-    return jnp.clip(seen.block - how.stand * dock, -limit, limit)
+    limit = env.arena - BODY - 0.01
+    return jnp.clip(seen.block - STAND * dock, -limit, limit)
 
 
 def aim(
     env: MatchRegions,
-    how: Hold,
     seen: Moment,
     drawn: Plan,
     at: Int[Array, ""],
@@ -89,30 +77,22 @@ def aim(
     carries = seen.phase == CARRY
     target = jnp.where(roaming, drawn.via[at], jnp.where(carries, seen.job.slot, stand))
     # On its way it keeps clear of the job's block too; with it in hand, of what it may sweep along.
-    radius = jnp.minimum(how.body + jnp.where(carries, 0.26, 0.24), 0.5)
-    radius = jnp.where(seen.other, radius, jnp.where(carries, 0.0, how.berth))
+    radius = jnp.minimum(BODY + jnp.where(carries, 0.26, 0.24), 0.5)
+    radius = jnp.where(seen.other, radius, jnp.where(carries, 0.0, BERTH))
     radius = jnp.where(roaming & drawn.bumps[at], 0.0, radius)
-    margin = 0.4 if how.grips else min(how.body, 0.3) + 0.03
-    obstacles = Obstacles(seen.blocks, radius, jnp.float32(env.arena - margin))
+    obstacles = Obstacles(seen.blocks, radius, jnp.float32(env.arena - 0.4))
     extent = env.arena - 0.1
     cost = cost_to_go(target, obstacles, extent=extent)
-    near = 0.4 if how.grips else 0.12  # a stick would push the block before it is behind it
-    return waypoint(seen.robot, target, cost, obstacles, extent=extent, near=near)
+    return waypoint(seen.robot, target, cost, obstacles, extent=extent, near=0.4)
 
 
 def drive(
-    how: Hold,
-    seen: Moment,
-    aim: Float[Array, "2"],
-    way: Float[Array, "2"],
-    stand: Float[Array, "2"],
-    roaming: Bool[Array, ""],
+    seen: Moment, aim: Float[Array, "2"], stand: Float[Array, "2"], roaming: Bool[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Forward speed (units/s), turn (rad/s) and opening (rad) wanted of the fingers.
 
     Args:
       aim: where to head, from `aim`.
-      way: unit vector along which the block should go.
       stand: from `stand`.
       roaming: on the plan's detour.
     """
@@ -123,17 +103,10 @@ def drive(
     go, go_turn = jnp.where(there, 0.0, go), jnp.where(there, seen.ahead, turn)
 
     straight = jnp.clip(1.0 - 2.5 * jnp.abs(seen.ahead), 0.0, 1.0)
-    slowest = -0.4 if how.grips else 0.25
-    seat = straight * jnp.clip(6.0 * (seen.distance - how.reach), slowest, 0.8)
-    if how.grips:
-        carry, carry_turn, back, shake = _carry(seen, turn)
-    else:
-        # A pushed block goes where the robot heads, and slips off in a sharp bend.
-        error, left = bearing(way, seen.yaw), _length(seen.job.slot - seen.block)
-        carry = jnp.clip(6.0 * left, 0.2, 0.8) * jnp.clip(1.2 - jnp.abs(error), 0.3, 1.0)
-        carry_turn, back, shake = 0.5 * error, -0.8, 0.0
-    speed = jnp.stack([go, seat, 0.0, carry, 0.0, back])[seen.phase]
-    turns = jnp.stack([go_turn, seen.ahead, 0.0, carry_turn, seen.ahead, shake])
+    seat = straight * jnp.clip(6.0 * (seen.distance - REACH), -0.4, 0.8)
+    back, shake = _back(seen)
+    speed = jnp.stack([go, seat, 0.0, _carry(seen, turn), 0.0, back])[seen.phase]
+    turns = jnp.stack([go_turn, seen.ahead, 0.0, turn, seen.ahead, shake])
     fastest = jnp.asarray(_FASTEST)[seen.phase]
     # Fingers that press on hard work themselves into a star; they hold as well where they are.
     firm = jnp.where(seen.phase == CARRY, seen.opening - 0.01, 0.0)
@@ -141,24 +114,26 @@ def drive(
     return speed, jnp.clip(6.0 * turns[seen.phase], -fastest, fastest), opening
 
 
-def _carry(seen: Moment, turn: Float[Array, ""]):
-    """A gripper's speed and turn with a block in hand, and when it backs off from it."""
+def _carry(seen: Moment, turn: Float[Array, ""]) -> Float[Array, ""]:
+    """Speed with a block in hand."""
     short = _length(seen.job.slot - seen.robot) - seen.distance
     # Turning on the spot is slow with the block in hand, and at a wall it wedges: back off.
     bend = 0.8 * jnp.clip(1.0 - jnp.abs(turn) / 0.7, -0.3, 1.0)
     final = jnp.clip(6.0 * short, -0.4, 0.6) * jnp.clip(1.0 - jnp.abs(turn) / 0.7, 0.2, 1.0)
+    return jnp.where(short < 0.25, final, bend)
+
+
+def _back(seen: Moment) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Speed and turn of backing off from a block."""
     # A block that comes along when the robot backs off is wedged between the fingers: shake it.
     stuck, beat = (seen.distance < 0.45) & (seen.timer >= 2), seen.timer % 4
     shake = jnp.where(stuck, jnp.where(beat < 2, 1.0, -1.0), seen.ahead)
-    back = jnp.where(stuck & (beat == 3), 0.3, -0.8)
-    return jnp.where(short < 0.25, final, bend), turn, back, shake
+    return jnp.where(stuck & (beat == 3), 0.3, -0.8), shake
 
 
 def leave(
-    how: Hold,
     seen: Moment,
     dock: Float[Array, "2"],
-    way: Float[Array, "2"],
     stand: Float[Array, "2"],
     roaming: Bool[Array, ""],
     dropped: Bool[Array, ""],
@@ -168,40 +143,33 @@ def leave(
     `dropped` is true from when a plan lets its block go on the way.
     """
     timer, width = seen.timer, jnp.abs(seen.aside)
-    behind = unit(seen.block - seen.robot) @ dock > (0.8 if how.grips else 0.97)
-    at_stand = (_length(seen.robot - stand) < 0.1) | behind & (seen.distance < how.stand + 0.1)
+    behind = unit(seen.block - seen.robot) @ dock > 0.8
+    at_stand = (_length(seen.robot - stand) < 0.1) | behind & (seen.distance < STAND + 0.1)
     lined = at_stand & ~roaming & (jnp.abs(seen.ahead) < 0.3)
-    docked = (seen.distance < how.reach + 0.03) & (width < how.width)
-    missed = (seen.distance > how.stand + 0.15) | (timer > 25)
-
-    left = _length(seen.job.slot - seen.block)
-    heading = jnp.stack([-jnp.sin(seen.yaw), jnp.cos(seen.yaw)])
-    lost = (width > how.width + 0.02) | (seen.distance > how.reach + 0.15)
-    if how.grips:
-        short = _length(seen.job.slot - seen.robot) - seen.distance
-        arrived = (left < 0.05) | (left < 0.1) & (jnp.abs(short) < 0.04)
-        # A block that did not come off when the robot backed away is carried on as it is.
-        still = (seen.distance < how.reach + 0.04) & (width < how.width) & ~roaming
-        still &= seen.phase == GO
-    else:
-        arrived = (left < 0.05) | (way @ heading < 0) & (left < 0.12)
-        lost |= heading @ way < 0.6
-        still = jnp.asarray(False)
-    away = (seen.distance > how.stand - 0.05) & (timer >= 3)
-    ends = jnp.stack(
-        [
-            lined | still | (timer > _GO_TIME),
-            docked | missed,
-            timer >= (4 if how.grips else 0),
-            arrived | lost | dropped | (timer > _CARRY_TIME),
-            timer >= (4 if how.grips else 0),
-            away | (timer >= (14 if how.grips else 7)),
-        ]
-    )[seen.phase]
-    onward = jnp.stack(
-        [jnp.where(still, CLOSE, DOCK), jnp.where(missed, GO, CLOSE), CARRY, OPEN, BACK, GO]
-    )[seen.phase]
+    # A block that did not come off when the robot backed away is carried on as it is.
+    still = (seen.distance < REACH + 0.04) & (width < WIDTH) & ~roaming & (seen.phase == GO)
+    docked = (seen.distance < REACH + 0.03) & (width < WIDTH)
+    missed = (seen.distance > STAND + 0.15) | (timer > 25)
+    lost = (width > WIDTH + 0.02) | (seen.distance > REACH + 0.15)
+    away = (seen.distance > STAND - 0.05) & (timer >= 3)
+    ends = [
+        lined | still | (timer > _GO_TIME),
+        docked | missed,
+        timer >= 4,
+        _arrived(seen) | lost | dropped | (timer > _CARRY_TIME),
+        timer >= 4,
+        away | (timer >= 14),
+    ]
+    onward = [jnp.where(still, CLOSE, DOCK), jnp.where(missed, GO, CLOSE), CARRY, OPEN, BACK, GO]
+    ended, to = jnp.stack(ends)[seen.phase], jnp.stack(onward)[seen.phase]
     # Caught on something: back off and look again.
     moving = (seen.phase == GO) | (seen.phase == DOCK) | (seen.phase == CARRY)
     caught = (seen.stuck >= _STUCK) & moving
-    return ends | caught, jnp.where(caught & ~ends, BACK, onward)
+    return ended | caught, jnp.where(caught & ~ended, BACK, to)
+
+
+def _arrived(seen: Moment) -> Bool[Array, ""]:
+    """Whether the block in hand is at its place, or as near as going on brings it."""
+    left = _length(seen.job.slot - seen.block)
+    short = _length(seen.job.slot - seen.robot) - seen.distance
+    return (left < 0.05) | (left < 0.1) & (jnp.abs(short) < 0.04)

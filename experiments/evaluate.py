@@ -74,7 +74,7 @@ def play(
     """Evaluate at the end of training beside an untrained policy, and film one episode."""
     algorithm = setup.make_ppo(config, env)
     episodes = config.run.eval_episodes
-    phase = progress.phase("evaluating", total=2 * episodes, unit="episodes")
+    phase = progress.phase("evaluating", total=3 * episodes, unit="episodes")
     keys = jax.random.split(jax.random.fold_in(jax.random.key(config.run.seed), 2), 3)
 
     def run(policy: Policy, key, deterministic: bool) -> Evaluation:
@@ -90,6 +90,8 @@ def play(
 
     trained = jax.block_until_ready(run(policy, keys[0], True))
     phase.update(episodes)
+    # From one fixed start the mean actions succeed always or never; samples tell more.
+    sampled = run(policy, keys[0], False)
     fresh = jax.jit(algorithm.init)(keys[1], setup.ppo_hyper(config))
     random = run(Policy(fresh.normalizer, fresh.params.policy), keys[2], False)
     shown = int(np.argmax(np.asarray(trained.success)))  # the first success, if there is one
@@ -102,11 +104,12 @@ def play(
         score=np.asarray(trained.score),
         shown=shown,
     )
-    phase.update(2 * episodes)
+    phase.update(3 * episodes)
     return {
         "success": float(trained.success.mean()),
         "success_ever": float(trained.success_ever.mean()),
         "score": float(trained.score.mean()),
+        "success_sampled": float(sampled.success.mean()),
         "success_random": float(random.success.mean()),
         "eval_episodes": episodes,
     }

@@ -120,7 +120,8 @@ def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:
 def _summary(results: dict[str, Any], page: Path) -> str:
     return (
         f"success {results['success']:.1%} over {results['eval_episodes']} episodes "
-        f"(random policy {results['success_random']:.1%}), "
+        f"(actions drawn as in training {results['success_sampled']:.1%}, "
+        f"random policy {results['success_random']:.1%}), "
         f"tau {results['tau']:.3f}, {results['env_steps_per_s']:,.0f} env steps/s\n"
         f"report: {page}"
     )

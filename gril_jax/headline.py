@@ -51,6 +51,7 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
     tiles = []
     for field, label in (
         ("success", "success of the trained policy"),
+        ("success_sampled", "success with actions drawn as in training"),
         ("success_random", "success of a random policy"),
     ):
         if get[field] is not None:
@@ -77,8 +78,8 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
 
 
 _FIELDS = (
-    "success", "success_random", "eval_episodes", "tau", "reward_time_tau", "env_steps",
-    "env_steps_per_s", "trimmed_frames",
+    "success", "success_sampled", "success_random", "eval_episodes", "tau", "reward_time_tau",
+    "env_steps", "env_steps_per_s", "trimmed_frames",
 )  # fmt: skip
 
 

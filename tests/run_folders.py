@@ -17,6 +17,7 @@ RESULTS = {
     "tau": 0.912,
     "reward_time_tau": 0.834,
     "success": 0.9,
+    "success_sampled": 0.8,
     "success_random": 0.05,
     "score": 0.93,
     "env_steps": 64000,

@@ -112,4 +112,5 @@ def test_results_are_plain_numbers(run):
     assert results["demonstrations"] == {"train": 6, "validation": 2, "failure": 2}
     assert 0 <= results["success"] <= 1
     assert results["success_random"] == 0
+    assert 0 <= results["success_sampled"] <= 1
     assert isinstance(run_dir.read_config(run), RunConfig)

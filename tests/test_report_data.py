@@ -156,6 +156,7 @@ def test_wilsons_interval_mirrors_and_narrows():
 def test_the_headline_compares_the_trained_policy_with_a_random_one():
     values = {tile.label: (tile.value, tile.note) for tile in headline(RESULTS)}
     assert values["success of the trained policy"][0] == "90.0%"
+    assert values["success with actions drawn as in training"][0] == "80.0%"
     assert values["success of a random policy"][1].startswith("1 of 20 episodes")
     assert values["for the whole run"][0] == "1 min 13 s"
     assert headline({}) == []
