@@ -5,7 +5,7 @@ one vmap. For each block of its plan it drives to where it can take hold of it, 
 block to its place, lets go and backs off (`scripted_phases`). A block that slips away is fetched
 again, and a distractor that got into the region is taken out. All this is a gripper's way, which
 holds a block between the tips of its fingers and carries it anywhere. A stick can only push, and
-finds out by trials in the simulator how (`sampling_planner`); that takes about 300 times as long.
+finds out by trials in the simulator how (`sampling_planner`), 170 steps of it for each of its own.
 """
 
 from typing import NamedTuple

@@ -139,15 +139,6 @@ def test_what_is_dropped_stays_where_it_fell(played):
     assert ((moved > 0.1) & (inside == 0)).any(axis=1).mean() > 0.5
 
 
-def test_a_stick_pushes_a_block_into_the_region():
-    blocks = {"targets": ("green square",), "distractors": ()}
-    env = envs.make("match_regions", robot="short", episode_length=160, **blocks)
-    states, _ = jax.jit(jax.vmap(lambda key: scripted.rollout(env, key)))(
-        jax.random.split(jax.random.key(0), 8)
-    )
-    assert np.asarray(states.metrics["success"])[:, -1].mean() >= 0.7
-
-
 # ---------------------------------------------------------------- styles
 
 
