@@ -14,6 +14,7 @@ import numpy as np
 
 from gril_jax import checkpoint, pretrain, report, reward, run_dir, subtasks
 from gril_jax.config import RunConfig
+from gril_jax.demos import demo_batch
 from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
 
@@ -75,27 +76,20 @@ def learn(
 
 def _save_profiles(folder: Path, params: RewardParams, demos, hyper, static) -> None:
     """The reward along every demonstration, with the ends of its stages marked."""
-    rows: dict[str, list] = {k: [] for k in ("names", "split", "reward", "length", "transitions")}
-    for split, names in demos.names.items():
-        if not names:
-            continue
-        batch = demos.batch(split)
-        latents = pretrain.embed(params.encoder, batch, hyper, static)
-        profiles = reward.latent_reward(params, latents)
-        for name, profile, length in zip(names, profiles, batch.length, strict=True):
-            profile = np.asarray(profile[:length])
-            rows["names"].append(name)
-            rows["split"].append(split)
-            rows["length"].append(len(profile))
-            rows["reward"].append(profile)
-            rows["transitions"].append(np.asarray(subtasks.transitions(jnp.asarray(profile))))
-    longest = max(rows["length"])
-    pad = {n: np.minimum(np.arange(longest), n - 1) for n in set(rows["length"])}
+    owners = [(name, split) for split, names in demos.names.items() for name in names]
+    # All in one batch: each length by itself would compile programs of its own.
+    batch = demo_batch(demos.demo_set, [name for name, _ in owners])
+    profiles = reward.latent_reward(params, pretrain.embed(params.encoder, batch, hyper, static))
+    last = jnp.asarray(batch.length)[:, None] - 1
+    frames = jnp.arange(profiles.shape[1])
+    # A trace that goes on standing where it ends has the same boundaries, and none after its end.
+    profiles = jnp.take_along_axis(profiles, jnp.minimum(frames, last), axis=1)
+    boundaries = jax.jit(jax.vmap(subtasks.transitions))(profiles)
     np.savez(
         folder / "profiles.npz",
-        names=np.array(rows["names"]),
-        split=np.array(rows["split"]),
-        length=np.array(rows["length"], np.int32),
-        reward=np.stack([r[pad[len(r)]] for r in rows["reward"]]).astype(np.float32),
-        transitions=np.stack([np.pad(t, (0, longest - len(t))) for t in rows["transitions"]]),
+        names=np.array([name for name, _ in owners]),
+        split=np.array([split for _, split in owners]),
+        length=np.asarray(batch.length, np.int32),
+        reward=np.asarray(profiles, np.float32),
+        transitions=np.asarray(boundaries & (frames <= last)),
     )

@@ -133,11 +133,10 @@ def test_every_switch_changes_the_loss_and_nothing_is_nan(demos):
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(after.params))
 
 
-@pytest.mark.parametrize("change", [{"turn_scenes": True}, {"touched": 0.5}])
-def test_batches_are_varied_as_asked(demos, change):
-    losses = []
-    for config in (SMALL, dataclasses.replace(SMALL, **change)):
-        config = dataclasses.replace(config, updates=1)
-        state = pretrain.init(jax.random.key(0), demos, config)
-        losses.append(float(pretrain.step(state, demos, Hyper(), config)[1].loss[0]))
-    assert abs(losses[0] - losses[1]) > 1e-4
+def test_batches_are_varied_as_asked(demos):
+    state = pretrain.init(jax.random.key(0), demos, SMALL)
+    losses = set()
+    for change in ({}, {"turn_scenes": True}, {"touched": 0.5}):
+        config = dataclasses.replace(SMALL, updates=1, **change)
+        losses.add(round(float(pretrain.step(state, demos, Hyper(), config)[1].loss[0]), 4))
+    assert len(losses) == 3

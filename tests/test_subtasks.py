@@ -171,3 +171,13 @@ def test_smoothing_equals_scipys_and_can_be_left_out():
     np.testing.assert_array_equal(running_median(trace, 1), trace)
     with pytest.raises(ConfigError, match="smoothing is 0; it must be at least 1"):
         running_median(trace, 0)
+
+
+def test_a_trace_that_goes_on_standing_has_the_same_boundaries_and_no_more():
+    rng = np.random.default_rng(0)
+    moves = rng.normal(0.01, 0.05, (40, 50)) * (rng.random((40, 50)) < 0.3)
+    traces = jnp.asarray(np.cumsum(moves, axis=1), jnp.float32)
+    held = jnp.concatenate([traces, jnp.repeat(traces[:, -1:], 30, axis=1)], axis=1)
+    find = jax.vmap(transitions)
+    np.testing.assert_array_equal(find(held)[:, :50], find(traces))
+    assert not find(held)[:, 50:].any()
