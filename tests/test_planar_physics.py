@@ -161,7 +161,6 @@ def test_a_stick_turns_as_its_servo_and_inertia_say(robot):
     np.testing.assert_allclose(_drive(robot, 10)[1, :11, 0, 2], angles, atol=1e-4)
 
 
-@pytest.mark.slow
 def test_four_sweeps_move_a_free_robot_as_ten_do(gripper):
     np.testing.assert_allclose(_drive("gripper", 4), gripper, atol=2e-3)
 
