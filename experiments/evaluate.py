@@ -17,7 +17,7 @@ from gril_jax.errors import RunError
 from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
 from gril_jax.rl.evaluate import Evaluation, evaluate
-from gril_jax.rl.ppo import Policy
+from gril_jax.rl.policy import Policy
 
 from . import setup
 from .make_demos import film
@@ -47,7 +47,7 @@ def main(
     reward_params = checkpoint.restore(_latest(folder, "reward"), blank)
     found = evaluate(
         algorithm,
-        Policy(state.normalizer, state.params.policy),
+        algorithm.policy(state),
         reward_params,
         jax.random.key(seed),
         tau=config.pool.tau,
@@ -93,7 +93,7 @@ def play(
     # From one fixed start the mean actions succeed always or never; samples tell more.
     sampled = run(policy, keys[0], False)
     fresh = jax.jit(algorithm.init)(keys[1], setup.ppo_hyper(config))
-    random = run(Policy(fresh.normalizer, fresh.params.policy), keys[2], False)
+    random = run(algorithm.policy(fresh), keys[2], False)
     shown = int(np.argmax(np.asarray(trained.success)))  # the first success, if there is one
     data = jax.tree.map(lambda x: x[shown], trained.states.data)
     video.write_video(folder / "rollout.mp4", film(env, data), env.control_hz)

@@ -54,6 +54,7 @@ from . import checkpoint, run_dir
 from .config import RunConfig
 from .errors import RunError, ShapeError
 from .rl import ppo
+from .rl.policy import MAX_OBSERVATION, Policy
 
 __all__ = [
     "FORMAT",
@@ -112,23 +113,23 @@ def main(
         raise RunError(f"{folder} has no policy, so its run has not got that far yet")
     state = jax.jit(algorithm.init)(jax.random.key(0), hyper)
     state = checkpoint.restore(found, state)
-    arrays = policy_arrays(ppo.Policy(state.normalizer, state.params.policy))
+    arrays = policy_arrays(algorithm.policy(state))
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise RunError(f"{name} of the policy in {found} is not finite: train it again")
     objects: Sequence[str] = ()
     if config.ppo.observe_activity:
         env = algorithm.env
-        objects = [env.classes[i] for i in np.asarray(state.lanes.state.objects.label[0])]
+        objects = [env.classes[i] for i in np.asarray(state.fleet.lanes.state.objects.label[0])]
     write(out, arrays, describe(config, algorithm.env, arrays, objects))
     echo(f"wrote {out}")
 
 
-def policy_arrays(policy: ppo.Policy) -> dict[str, Float[np.ndarray, "..."]]:
+def policy_arrays(policy: Policy) -> dict[str, Float[np.ndarray, "..."]]:
     """The policy's float32 arrays by name; the module's text says how to use them."""
     # In float64, so that folding rounds once.
     mean, std = (np.asarray(x, np.float64) for x in (policy.normalizer.mean, policy.normalizer.std))
-    arrays = {"observation_mean": mean, "observation_limit": ppo._MAX_OBSERVATION * std}
+    arrays = {"observation_mean": mean, "observation_limit": MAX_OBSERVATION * std}
     layers = policy.params["params"]
     for i in range(len(layers)):
         kernel = np.asarray(layers[f"hidden_{i}"]["kernel"], np.float64)

@@ -14,13 +14,17 @@ WINDOW = 4
 BLOCK = 2  # the probe's objects: goal, robot, block
 
 
+def _episodes(env, reward=rewards.environmental, **options):
+    return env_loop.Episodes.of(env, reward, window=WINDOW, **options)
+
+
 def _begin(env, seed=0):
-    return env_loop.begin(env, jax.random.key(seed), window=WINDOW)
+    return _episodes(env).begin(jax.random.key(seed))
 
 
 def _advance(env, lane, action, reward_fn=rewards.environmental):
     action = jnp.asarray([action], jnp.float32)
-    return env_loop.advance(env, reward_fn, None, lane, action, tau=0.005)
+    return _episodes(env, reward_fn).advance(None, lane, action, tau=0.005)
 
 
 def _play(env, actions, seed=0):
@@ -119,7 +123,7 @@ def broken():
 
     @jax.jit
     def run(keys):
-        lanes = jax.vmap(lambda key: env_loop.begin(env, key, window=WINDOW))(keys)
+        lanes = jax.vmap(_episodes(env).begin)(keys)
         fragile = lanes.state.data.heat > 0
         history = []
         for _ in range(3):
@@ -181,8 +185,8 @@ def test_an_action_that_is_not_finite_counts_as_broken():
 
 def test_observation_ends_with_the_activity_bits_if_asked():
     lanes, _ = _play(Probe(), [1.0])
-    plain = env_loop.observe(lanes[0], activity_bits=False)
-    both = env_loop.observe(lanes[0], activity_bits=True)
+    plain = _episodes(Probe(), observe_activity=False).observe(lanes[0])
+    both = _episodes(Probe(), observe_activity=True).observe(lanes[0])
     np.testing.assert_array_equal(plain, lanes[0].state.obs)
     np.testing.assert_array_equal(both, [*plain, 0, 0, 1])
     assert both.dtype == jnp.float32

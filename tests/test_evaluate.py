@@ -9,7 +9,8 @@ from probes import Probe
 
 from gril_jax.rl import evaluate as evaluation
 from gril_jax.rl import rewards
-from gril_jax.rl.ppo import PPO, Hyper, Policy, Static
+from gril_jax.rl.policy import Policy
+from gril_jax.rl.ppo import PPO, Hyper, Static
 
 EPISODES, LENGTH = 6, 8
 STATIC = Static(num_envs=4, num_minibatches=2, hidden=(8,), window=4)

@@ -15,8 +15,9 @@ from probes import Probe
 from gril_jax import checkpoint, cli, export_policy, run_dir
 from gril_jax.config import EnvConfig, PoolConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import RunError, ShapeError
-from gril_jax.rl import env_loop, rewards
-from gril_jax.rl.ppo import PPO, Hyper, Policy, Static
+from gril_jax.rl import rewards
+from gril_jax.rl.policy import Policy
+from gril_jax.rl.ppo import PPO, Hyper, Static
 
 OBSERVATIONS = 256
 TEXT = export_policy.__doc__
@@ -68,7 +69,7 @@ def _snippet(folder, monkeypatch):
 def _lanes(algorithm, policy, seed=1):
     """Lanes with random observations: ordinary, beyond the clip, and near a constant's mean."""
     rng = np.random.default_rng(seed)
-    begin = jax.vmap(lambda key: env_loop.begin(algorithm.env, key, window=7))
+    begin = jax.vmap(algorithm.episodes.begin)
     lanes = begin(jax.random.split(jax.random.key(seed), OBSERVATIONS))
     own = lanes.state.obs.shape[1]
     mean, std = np.asarray(policy.normalizer.mean)[:own], np.asarray(policy.normalizer.std)[:own]
@@ -86,8 +87,7 @@ def _compare(algorithm, policy, act):
     lanes = _lanes(algorithm, policy)
     key = jax.random.key(0)
     wanted = jax.vmap(lambda lane: algorithm.act(policy, lane, key, deterministic=True))(lanes)
-    bits = algorithm.static.observe_activity
-    seen = np.asarray(jax.vmap(lambda lane: env_loop.observe(lane, activity_bits=bits))(lanes))
+    seen = np.asarray(jax.vmap(algorithm.episodes.observe)(lanes))
     assert np.std(wanted, axis=0).min() > 1e-3  # the policy does not answer all alike
     many = act(seen)
     np.testing.assert_allclose(many[3], act(seen[3]), atol=1e-6)

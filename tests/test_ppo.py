@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from probes import Probe
 
-from gril_jax.rl.ppo import PPO, Hyper, Policy, Static
+from gril_jax.rl.ppo import PPO, Hyper, Static
 
 STATIC = Static(
     num_envs=16, unroll_length=8, num_minibatches=2, num_epochs=4, hidden=(16,), window=4
@@ -228,7 +228,7 @@ def test_hyper_parameters_are_an_argument(init, step):
 
 
 def test_lanes_begin_at_scattered_times(init):
-    time = np.asarray(init(jax.random.key(0), HYPER).lanes.time)
+    time = np.asarray(init(jax.random.key(0), HYPER).fleet.lanes.time)
     assert time.min() >= 0
     assert time.max() < 8
     assert len(set(time)) > 4
@@ -239,12 +239,14 @@ def test_every_lane_ends_once_in_an_unroll_as_long_as_an_episode(init, step):
     before = init(jax.random.key(0), HYPER)
     after, metrics = step(before, HYPER, jnp.asarray(DONE))
     assert float(metrics["episodes"]) == STATIC.num_envs
-    np.testing.assert_array_equal(after.lanes.time, before.lanes.time)  # 8 more, modulo 8
-    begun = np.asarray(after.lanes.time) == 0
+    np.testing.assert_array_equal(
+        after.fleet.lanes.time, before.fleet.lanes.time
+    )  # 8 more, modulo 8
+    begun = np.asarray(after.fleet.lanes.time) == 0
     assert begun.any()
-    assert not np.asarray(after.lanes.memory.active)[begun].any()
-    assert np.asarray(after.lanes.memory.active)[~begun, 2].any()
-    assert not np.asarray(after.lanes.state.data.where)[begun].any()
+    assert not np.asarray(after.fleet.lanes.memory.active)[begun].any()
+    assert np.asarray(after.fleet.lanes.memory.active)[~begun, 2].any()
+    assert not np.asarray(after.fleet.lanes.state.data.where)[begun].any()
 
 
 def test_metrics_hold_losses_episodes_and_the_tasks_own(init, step):
@@ -257,7 +259,7 @@ def test_metrics_hold_losses_episodes_and_the_tasks_own(init, step):
 
 def _mean_length(init):
     """First episodes begin at scattered times, so they are 8 minus that long."""
-    return float(np.mean(8 - np.asarray(init(jax.random.key(0), HYPER).lanes.time)))
+    return float(np.mean(8 - np.asarray(init(jax.random.key(0), HYPER).fleet.lanes.time)))
 
 
 def test_policy_sees_activity_bits_unless_told_not_to(ppo, seeing):
@@ -267,8 +269,8 @@ def test_policy_sees_activity_bits_unless_told_not_to(ppo, seeing):
 
 def test_actions_are_in_the_box_and_random_only_if_asked(seeing, init):
     state = init(jax.random.key(0), HYPER)
-    policy = Policy(state.normalizer, state.params.policy)
-    lane = jax.tree.map(lambda x: x[0], state.lanes)
+    policy = seeing.policy(state)
+    lane = jax.tree.map(lambda x: x[0], state.fleet.lanes)
 
     def act(key, deterministic):
         return seeing.act(policy, lane, key, deterministic=deterministic)

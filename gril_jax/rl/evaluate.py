@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from .ppo import PPO, Policy
+from .policy import Policy
+from .training import Algorithm
 
 __all__ = ["Evaluation", "evaluate"]
 
@@ -24,7 +25,7 @@ class Evaluation(NamedTuple):
 
 @functools.partial(jax.jit, static_argnums=(0,), static_argnames=("episodes",))
 def evaluate(
-    ppo: PPO,
+    algorithm: Algorithm,
     policy: Policy,
     reward_params: Any,
     key: PRNGKeyArray,
@@ -40,19 +41,20 @@ def evaluate(
     An episode whose simulation fails stays where it was before the failure.
     """
     key_begin, key_act = jax.random.split(key)
-    lanes = jax.vmap(ppo.begin)(jax.random.split(key_begin, episodes))
+    of = algorithm.episodes
+    lanes = jax.vmap(of.begin)(jax.random.split(key_begin, episodes))
 
     def one(lane, key):
-        mean = ppo.act(policy, lane, key, deterministic=True)
-        sample = ppo.act(policy, lane, key, deterministic=False)
+        mean = algorithm.act(policy, lane, key, deterministic=True)
+        sample = algorithm.act(policy, lane, key, deterministic=False)
         action = jnp.where(deterministic, mean, sample)
-        return ppo.advance(reward_params, lane, action, tau=tau)
+        return of.advance(reward_params, lane, action, tau=tau)
 
     def move(lanes, key):
         lanes, moment = jax.vmap(one)(lanes, jax.random.split(key, episodes))
         return lanes, (lanes.state, moment)
 
-    steps = jax.random.split(key_act, ppo.env.episode_length)
+    steps = jax.random.split(key_act, of.env.episode_length)
     _, (states, moments) = jax.lax.scan(move, lanes, steps)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), lanes.state, states)
     success = moments.metrics["success"]

@@ -14,20 +14,17 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
-from brax.training.acme import running_statistics, specs
+from brax.training.acme import running_statistics
 from brax.training.agents.ppo import losses, networks
 from brax.training.types import Transition
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import env_loop
-from .rewards import RewardFn
+from . import fleet, training
+from .env_loop import Episodes, Lane
+from .policy import Policy, fresh_normalizer, normalize
+from .rewards import AnyReward
 
-__all__ = ["PPO", "Hyper", "Policy", "Static", "TrainState"]
-
-# In standard deviations. An input that was constant so far, such as the speed of a block that
-# nobody has touched, has one of 1e-6: without a limit its first change enters the networks as a
-# million.
-_MAX_OBSERVATION = 10.0
+__all__ = ["PPO", "Hyper", "Static", "TrainState"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,13 +53,9 @@ class Hyper(NamedTuple):
     reward_scaling: Float[Array, ""] | float = 1.0
     max_grad_norm: Float[Array, ""] | float = 1.0
     tau: Float[Array, ""] | float = 0.005  # activity threshold, in box diagonals
-
-
-class Policy(NamedTuple):
-    """Enough to act: observation statistics and the policy network's weights."""
-
-    normalizer: running_statistics.RunningStatisticsState
-    params: Any
+    decay_updates: Float[Array, ""] | float = 1.0  # over which the two below are reached
+    learning_rate_left: Float[Array, ""] | float = 1.0  # share of the learning rate, at the end
+    entropy_left: Float[Array, ""] | float = 1.0  # share of the entropy cost, at the end
 
 
 class TrainState(NamedTuple):
@@ -71,64 +64,53 @@ class TrainState(NamedTuple):
     params: losses.PPONetworkParams
     optimiser: Any
     normalizer: running_statistics.RunningStatisticsState
-    lanes: env_loop.Lane  # (B, ...)
+    fleet: fleet.Fleet  # (B, ...)
     key: PRNGKeyArray
     updates: Int[Array, ""]
 
 
-def _optimiser(hyper: Hyper) -> optax.GradientTransformation:
-    return optax.chain(
-        optax.clip_by_global_norm(hyper.max_grad_norm), optax.adam(hyper.learning_rate)
-    )
-
-
 class PPO:
-    """The algorithm for one environment and one reward; `init`, `step` and `act` are pure.
+    """The algorithm for one environment and one reward; its functions are pure.
 
     Args:
       env: the task.
-      reward_fn: what to maximise; its parameters are an argument of `step`.
+      reward: what to maximise; its parameters are an argument of `step`.
       static: sizes; `num_minibatches` divides `num_envs`.
     """
 
-    def __init__(self, env: Any, reward_fn: RewardFn, static: Static):
-        self.env, self.reward_fn, self.static = env, reward_fn, static
-        lane = jax.eval_shape(self.begin, jax.random.key(0))
-        self.observation_size = jax.eval_shape(self._observe, lane).shape[0]
+    def __init__(self, env: Any, reward: AnyReward, static: Static):
+        self.env, self.static = env, static
+        self.num_envs, self.unroll_length = static.num_envs, static.unroll_length
+        self.episodes = Episodes.of(
+            env, reward, observe_activity=static.observe_activity, window=static.window,
+            smoothing=static.smoothing, noise=static.noise,
+        )  # fmt: skip
+        self.observation_size = self.episodes.observation_size
         self.networks = networks.make_ppo_networks(
             self.observation_size,
             env.action_size,
-            preprocess_observations_fn=functools.partial(
-                running_statistics.normalize, max_abs_value=_MAX_OBSERVATION
-            ),
+            preprocess_observations_fn=normalize,
             policy_hidden_layer_sizes=static.hidden,
             value_hidden_layer_sizes=static.hidden,
         )
         self._make_policy = networks.make_inference_fn(self.networks)
+        self._renewals = fleet.renewals(static.num_envs, static.unroll_length, env.episode_length)
 
-    # ---------------------------------------------------------------- the three functions
+    # ---------------------------------------------------------------- what a caller uses
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
-        """Fresh weights and environments, these at random times of their first episode.
-
-        Were all episodes to begin together, every batch would hold one phase of the task only.
-        """
-        key, key_policy, key_value, key_lanes, key_time = jax.random.split(key, 5)
+        """Fresh weights, and environments at random times of their first episode."""
+        key, key_policy, key_value, key_fleet, key_time = jax.random.split(key, 5)
         params = losses.PPONetworkParams(
             policy=self.networks.policy_network.init(key_policy),
             value=self.networks.value_network.init(key_value),
         )
-        lanes = self._fresh_lanes(key_lanes)
-        time = jax.random.randint(
-            key_time, (self.static.num_envs,), 0, self.env.episode_length, jnp.int32
-        )
+        begun = fleet.init(self.episodes, key_fleet, self.num_envs)
         return TrainState(
             params=params,
-            optimiser=_optimiser(hyper).init(params),
-            normalizer=running_statistics.init_state(
-                specs.Array((self.observation_size,), jnp.dtype("float32"))
-            ),
-            lanes=lanes._replace(time=time),
+            optimiser=_optimiser(hyper, 0.0).init(params),
+            normalizer=fresh_normalizer(self.observation_size),
+            fleet=fleet.scatter(begun, key_time, self.env.episode_length),
             key=key,
             updates=jnp.zeros((), jnp.int32),
         )
@@ -137,14 +119,66 @@ class PPO:
         self, state: TrainState, hyper: Hyper, reward_params: Any
     ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
         """One unroll of every environment, then `num_epochs` passes over its data."""
-        key, key_unroll, key_update = jax.random.split(state.key, 3)
-        lanes, data, metrics = self._unroll(state, key_unroll, hyper, reward_params)
-        normalizer = running_statistics.update(state.normalizer, data.observation)
+        return training.step(self, state, hyper, reward_params)
 
+    def policy(self, state: TrainState) -> Policy:
+        """What of the state is needed to act."""
+        return Policy(state.normalizer, state.params.policy)
+
+    def act(
+        self, policy: Policy, lane: Lane, key: PRNGKeyArray, *, deterministic: bool = False
+    ) -> Float[Array, "A"]:
+        """The policy's action in [-1, 1] for one lane."""
+        act = self._make_policy(tuple(policy), deterministic=deterministic)
+        return act(self.episodes.observe(lane), key)[0]
+
+    # ---------------------------------------------------------------- the two halves of a step
+
+    def collect(
+        self,
+        state: TrainState,
+        key: PRNGKeyArray,
+        hyper: Hyper,
+        reward_params: Any,
+        *,
+        deterministic: Bool[Array, "B"],
+    ) -> tuple[TrainState, fleet.Steps]:
+        """T control steps of every environment; `deterministic` ones play mean actions."""
+        key_renew, key_act = jax.random.split(key)
+        explore = self._make_policy(tuple(self.policy(state)))
+        exploit = self._make_policy(tuple(self.policy(state)), deterministic=True)
+
+        def act(observation, key):
+            action, extras = explore(observation, key)
+            mean, _ = exploit(observation, key)
+            return jnp.where(deterministic[:, None], mean, action), extras
+
+        renewed = fleet.renew(self.episodes, state.fleet, key_renew, self._renewals)
+        moved, steps = fleet.unroll(
+            self.episodes, reward_params, renewed, act, key_act,
+            length=self.unroll_length, tau=hyper.tau,
+        )  # fmt: skip
+        return state._replace(fleet=moved), steps
+
+    def learn(
+        self,
+        state: TrainState,
+        steps: fleet.Steps,
+        key: PRNGKeyArray,
+        hyper: Hyper,
+        reward_params: Any,
+    ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
+        """`num_epochs` passes of `num_minibatches` updates over what was collected."""
+        del reward_params
+        observation = jnp.swapaxes(steps.observation, 0, 1)
+        normalizer = running_statistics.update(state.normalizer, observation)
+        data = self._transitions(steps, state.params, normalizer, hyper)
+        progress = jnp.clip(state.updates / hyper.decay_updates, 0.0, 1.0)
+        optimiser = _optimiser(hyper, progress)
         loss = functools.partial(
             losses.compute_ppo_loss,
             ppo_network=self.networks,
-            entropy_cost=hyper.entropy_cost,
+            entropy_cost=hyper.entropy_cost * _left(hyper.entropy_left, progress),
             discounting=hyper.discounting,
             reward_scaling=hyper.reward_scaling,
             gae_lambda=hyper.gae_lambda,
@@ -152,117 +186,66 @@ class PPO:
         )
 
         def minibatch(carry, batch):
-            params, optimiser, key = carry
+            params, moments, key = carry
             key, key_loss = jax.random.split(key)
             grads, aux = jax.grad(loss, has_aux=True)(params, normalizer, batch, key_loss)
-            updates, optimiser = _optimiser(hyper).update(grads, optimiser)
-            return (optax.apply_updates(params, updates), optimiser, key), aux
+            updates, moments = optimiser.update(grads, moments)
+            return (optax.apply_updates(params, updates), moments, key), aux
 
         def epoch(carry, key_epoch):
-            order = jax.random.permutation(key_epoch, self.static.num_envs)
+            order = jax.random.permutation(key_epoch, self.num_envs)
             batches = jax.tree.map(
                 lambda x: x[order].reshape(self.static.num_minibatches, -1, *x.shape[1:]), data
             )
             return jax.lax.scan(minibatch, carry, batches)
 
-        key_epochs, key_loss = jax.random.split(key_update)
-        (params, optimiser, _), aux = jax.lax.scan(
+        key_epochs, key_loss = jax.random.split(key)
+        (params, moments, _), aux = jax.lax.scan(
             epoch,
             (state.params, state.optimiser, key_loss),
             jax.random.split(key_epochs, self.static.num_epochs),
         )
-        metrics |= {f"loss/{name}": jnp.mean(value) for name, value in aux.items()}
-        state = TrainState(params, optimiser, normalizer, lanes, key, state.updates + 1)
-        return state, metrics
+        metrics = {f"loss/{name}": jnp.mean(value) for name, value in aux.items()}
+        state = state._replace(
+            params=params, optimiser=moments, normalizer=normalizer, updates=state.updates + 1
+        )
+        return state, fleet.summary(steps) | metrics
 
-    def act(
-        self,
-        policy: Policy,
-        lane: env_loop.Lane,
-        key: PRNGKeyArray,
-        *,
-        deterministic: bool = False,
-    ) -> Float[Array, "A"]:
-        """The policy's action in [-1, 1] for one lane."""
-        act = self._make_policy((policy.normalizer, policy.params), deterministic=deterministic)
-        return act(self._observe(lane), key)[0]
+    def _transitions(self, steps: fleet.Steps, params, normalizer, hyper: Hyper) -> Transition:
+        """The data (B, T, ...) of brax's loss, in which a time limit bootstraps.
 
-    def begin(self, key: PRNGKeyArray) -> env_loop.Lane:
-        """A lane at the start of an episode. The key is consumed."""
-        static = self.static
-        return env_loop.begin(self.env, key, window=static.window, smoothing=static.smoothing)
-
-    def advance(
-        self,
-        reward_params: Any,
-        lane: env_loop.Lane,
-        action: Float[Array, "A"],
-        *,
-        tau: Float[Array, ""] | float,
-    ) -> tuple[env_loop.Lane, env_loop.Moment]:
-        """One control step of one lane, with its reward."""
-        rule = {"tau": tau, "noise": self.static.noise}
-        return env_loop.advance(self.env, self.reward_fn, reward_params, lane, action, **rule)
-
-    # ---------------------------------------------------------------- parts
-
-    def _observe(self, lane: env_loop.Lane) -> Float[Array, "O"]:
-        return env_loop.observe(lane, activity_bits=self.static.observe_activity)
-
-    def _fresh_lanes(self, key: PRNGKeyArray) -> env_loop.Lane:
-        return jax.vmap(self.begin)(jax.random.split(key, self.static.num_envs))
-
-    def _unroll(self, state: TrainState, key: PRNGKeyArray, hyper: Hyper, reward_params: Any):
-        """T control steps of every environment: lanes, transitions (B, T, ...) and metrics.
-
-        A lane that ends takes up one fresh start that was drawn for it before the unroll: real
-        variety at a T-th of the cost of drawing at every step.
+        That loss drops the step at which an episode is cut. Here the value of the last observation
+        before the reset is added to that step's reward instead, and the step counts as an end; only
+        steps that a failure took back are dropped.
         """
-        key_fresh, key_act = jax.random.split(key)
-        fresh = self._fresh_lanes(key_fresh)
-        policy = self._make_policy((state.normalizer, state.params.policy))
-        advance = functools.partial(self.advance, reward_params, tau=hyper.tau)
-
-        def move(lanes, key_step):
-            observation = jax.vmap(self._observe)(lanes)
-            action, extras = policy(observation, key_step)
-            lanes, moment = jax.vmap(advance)(lanes, action)
-            last = jax.vmap(self._observe)(lanes)
-            transition = Transition(
-                observation=observation,
-                action=action,
-                reward=moment.reward,
-                discount=1.0 - moment.terminated,
-                next_observation=last,
-                extras={
-                    "policy_extras": extras,
-                    "state_extras": {"truncation": moment.truncated},
-                },
-            )
-            ended = moment.terminated + moment.truncated > 0
-            lanes = jax.vmap(env_loop.reset_where)(ended, fresh, lanes)
-            return lanes, (transition, moment, ended)
-
-        steps = jax.random.split(key_act, self.static.unroll_length)
-        lanes, (data, moments, ended) = jax.lax.scan(move, state.lanes, steps)
-        data = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), data)
-        return lanes, data, _episode_metrics(moments, ended)
+        moment = steps.moment
+        timeouts = moment.truncated * (1 - moment.nonfinite)
+        value = functools.partial(self.networks.value_network.apply, normalizer, params.value)
+        if self.unroll_length <= self.env.episode_length:  # at most one time limit a lane
+            when = jnp.argmax(timeouts, axis=0)
+            beyond = value(steps.last[when, jnp.arange(self.num_envs)])
+        else:
+            beyond = value(steps.last)
+        reward = moment.reward + timeouts * hyper.discounting * beyond / hyper.reward_scaling
+        data = Transition(
+            observation=steps.observation,
+            action=steps.action,
+            reward=reward,
+            discount=1.0 - moment.terminated - timeouts,
+            next_observation=steps.last[-1:],  # the loss looks at the last one only
+            extras={
+                "policy_extras": steps.extras,
+                "state_extras": {"truncation": moment.nonfinite},
+            },
+        )
+        return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), data)
 
 
-def _episode_metrics(moments: env_loop.Moment, ended) -> dict[str, Float[Array, ""]]:
-    """Means over the unroll; success and score over the episodes that ended in it.
+def _left(share: Float[Array, ""] | float, progress: Float[Array, ""] | float):
+    """A factor that falls linearly from 1 to `share`."""
+    return 1.0 - (1.0 - share) * progress
 
-    Only episodes from the task's own starts count for success and score; `episodes` is how many.
-    """
-    own = ended * (1.0 - moments.metrics.get("varied", jnp.zeros_like(moments.reward)))
-    episodes = jnp.sum(own)
-    metrics = {
-        name: jnp.sum(own * value) / jnp.maximum(episodes, 1.0)
-        for name, value in moments.metrics.items()
-        if name != "varied"
-    }
-    return metrics | {
-        "episodes": episodes,
-        "reward": jnp.mean(moments.reward),
-        "nonfinite": jnp.sum(moments.nonfinite),
-    }
+
+def _optimiser(hyper: Hyper, progress: Float[Array, ""] | float) -> optax.GradientTransformation:
+    rate = hyper.learning_rate * _left(hyper.learning_rate_left, progress)
+    return optax.chain(optax.clip_by_global_norm(hyper.max_grad_norm), optax.adam(rate))

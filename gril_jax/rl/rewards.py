@@ -1,19 +1,58 @@
-"""Rewards that a policy can be trained on: pure functions of one moment of an episode."""
+"""Rewards that a policy can be trained on: pure functions of an episode's moments.
 
-from collections.abc import Callable
-from typing import Any
+A plain reward is a function `(params, state, active) -> reward` of one moment. A reward that must
+remember something of its episode is a `Reward`, whose memory is forgotten when the episode ends.
+Wherever a reward is asked for, either will do.
+"""
 
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .. import encoder, subtask_chain
 from ..encoder import GraphConfig
-from ..graphs import scene_graph
+from ..graphs import SceneGraph, scene_graph
 from ..reward import latent_goal_reward
 
-__all__ = ["RewardFn", "environmental", "learned"]
+__all__ = [
+    "AnyReward",
+    "Reward",
+    "RewardFn",
+    "as_reward",
+    "environmental",
+    "learned",
+    "subtasks",
+    "weighted_sum",
+]
 
 # (parameters, environment state, activity bits (N,)) -> reward of this moment.
 RewardFn = Callable[[Any, Any, Bool[Array, "N"]], Float[Array, ""]]
+
+
+class Reward(NamedTuple):
+    """A reward with a memory of its episode, which is any pytree of arrays."""
+
+    init: Callable[[], Any]  # the memory at an episode's start
+    # (parameters, memory, environment state, activity bits (N,)) -> (memory, reward).
+    step: Callable[[Any, Any, Any, Bool[Array, "N"]], tuple[Any, Float[Array, ""]]]
+    observe: Callable[[Any], Float[Array, "K"]]  # what of the memory the policy should see
+
+
+AnyReward = RewardFn | Reward
+
+
+def as_reward(reward: AnyReward) -> Reward:
+    """The reward itself, or a plain one as a `Reward` that remembers nothing."""
+    if isinstance(reward, Reward):
+        return reward
+    return Reward(
+        init=lambda: (),
+        step=lambda params, memory, state, active: (memory, reward(params, state, active)),
+        observe=lambda memory: jnp.zeros((0,)),
+    )
 
 
 def environmental(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
@@ -30,8 +69,58 @@ def learned(config: GraphConfig) -> RewardFn:
     """
 
     def reward(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
-        seen = state.objects
-        graph = scene_graph(seen.center, seen.size, seen.label, seen.is_robot, active)
-        return jnp.asarray(latent_goal_reward(params, graph, config))
+        return jnp.asarray(latent_goal_reward(params, _scene(state, active), config))
 
     return reward
+
+
+def subtasks(config: GraphConfig, *, mode: subtask_chain.Mode = "continuous") -> Reward:
+    """The chain of latent goals (`gril_jax.subtask_chain`), one for each stage of the task.
+
+    Its parameters are a pair: the encoder's, and the chain's. The policy sees the share of the
+    subtasks that are finished, since the reward depends on it.
+    """
+
+    def step(params, memory, state, active):
+        encoder_params, chain = params
+        progress, _ = memory
+        latent = encoder.apply(encoder_params, _scene(state, active), config)
+        progress, reward = subtask_chain.step(chain, progress, latent, mode=mode)
+        share = progress.index / jnp.maximum(chain.count, 1)
+        return (progress, share.astype(jnp.float32)), reward
+
+    return Reward(
+        init=lambda: (subtask_chain.init(), jnp.zeros(())),
+        step=step,
+        observe=lambda memory: memory[1][None],
+    )
+
+
+def weighted_sum(rewards: Sequence[AnyReward]) -> Reward:
+    """Several rewards as one; its parameters are `(weights, parameters of each)`.
+
+    Weights (K,) belong to the parameters, so that a sweep over them is a vmap.
+    """
+    parts = [as_reward(reward) for reward in rewards]
+
+    def step(params, memory, state, active):
+        weights, each = params
+        pairs = [
+            part.step(own, remembered, state, active)
+            for part, own, remembered in zip(parts, each, memory, strict=True)
+        ]
+        memories, values = zip(*pairs, strict=True)
+        return tuple(memories), jnp.asarray(weights) @ jnp.stack(values)
+
+    return Reward(
+        init=lambda: tuple(part.init() for part in parts),
+        step=step,
+        observe=lambda memory: jnp.concatenate(
+            [part.observe(own) for part, own in zip(parts, memory, strict=True)]
+        ),
+    )
+
+
+def _scene(state: Any, active: Bool[Array, "N"]) -> SceneGraph:
+    seen = jax.tree.map(jnp.asarray, state.objects)
+    return scene_graph(seen.center, seen.size, seen.label, seen.is_robot, active)

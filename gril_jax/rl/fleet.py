@@ -1,0 +1,138 @@
+"""Many environments stepped together by one compiled call, with a pool of starts beside them.
+
+A reset costs as much as some control steps, and an episode needs one start in its whole length. So
+each update draws only as many starts as episodes will end in it, and puts them into a pool from
+which a lane that ends takes its next start. Every start is drawn by the task's own `reset`; there
+is one place in the program where the simulator steps and one where it resets.
+
+Shapes use B for environments and T for the control steps between two updates.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from .env_loop import Episodes, Lane, Moment, reset_where
+
+__all__ = ["Fleet", "Steps", "init", "renew", "renewals", "scatter", "summary", "unroll"]
+
+# (observations (B, O), key) -> actions (B, A) and what else the learner keeps of each.
+Act = Callable[[Float[Array, "B O"], PRNGKeyArray], tuple[Float[Array, "B A"], Any]]
+
+
+class Fleet(NamedTuple):
+    """B environments and the starts that they will take up."""
+
+    lanes: Lane  # (B, ...)
+    starts: Lane  # (B, ...): the pool
+    drawn: Int[Array, ""]  # how often the pool has been renewed in part
+
+
+class Steps(NamedTuple):
+    """What T control steps of B environments brought, (T, B, ...)."""
+
+    observation: Float[Array, "T B O"]
+    action: Float[Array, "T B A"]
+    extras: Any  # of `Act`
+    moment: Moment
+    last: Float[Array, "T B O"]  # the observation after the step, before any reset
+    ended: Bool[Array, "T B"]
+
+
+def init(episodes: Episodes, key: PRNGKeyArray, num_envs: int) -> Fleet:
+    """All environments at the start of an episode, with a full pool. The key is consumed."""
+    both = jax.vmap(episodes.begin)(jax.random.split(key, 2 * num_envs))
+    # A task's own weak types would become strong in the first step, which then compiles twice.
+    both = jax.tree.map(lambda x: x.astype(x.dtype) if x.weak_type else x, both)
+    lanes = jax.tree.map(lambda x: x[:num_envs], both)
+    starts = jax.tree.map(lambda x: x[num_envs:], both)
+    return Fleet(lanes, starts, jnp.zeros((), jnp.int32))
+
+
+def scatter(fleet: Fleet, key: PRNGKeyArray, episode_length: int) -> Fleet:
+    """The same environments, said to be at random times of their episodes.
+
+    Were all episodes to begin together, every batch would hold one phase of the task only.
+    """
+    time = jax.random.randint(key, fleet.lanes.time.shape, 0, episode_length, jnp.int32)
+    return fleet._replace(lanes=fleet.lanes._replace(time=time))
+
+
+def renewals(num_envs: int, unroll_length: int, episode_length: int) -> int:
+    """Starts to draw for each unroll: at least as many as time limits will use up.
+
+    The number divides `num_envs`, so that parts of the pool never overlap.
+    """
+    needed = min(num_envs, math.ceil(num_envs * unroll_length / episode_length))
+    return next(n for n in range(needed, num_envs + 1) if num_envs % n == 0)
+
+
+def renew(episodes: Episodes, fleet: Fleet, key: PRNGKeyArray, count: int) -> Fleet:
+    """The fleet with the `count` oldest starts of its pool drawn anew. The key is consumed."""
+    num_envs = fleet.lanes.time.shape[0]
+    fresh = jax.vmap(episodes.begin)(jax.random.split(key, count))
+    place = (fleet.drawn * count) % num_envs
+
+    def put(pool, new):
+        return jax.lax.dynamic_update_slice_in_dim(pool, new, place, 0)
+
+    return fleet._replace(starts=jax.tree.map(put, fleet.starts, fresh), drawn=fleet.drawn + 1)
+
+
+def unroll(
+    episodes: Episodes,
+    reward_params: Any,
+    fleet: Fleet,
+    act: Act,
+    key: PRNGKeyArray,
+    *,
+    length: int,
+    tau: Float[Array, ""] | float,
+) -> tuple[Fleet, Steps]:
+    """`length` control steps of every environment; a lane that ends takes a start of the pool.
+
+    Should it end twice in one unroll, it takes the same start twice. From unroll to unroll the pool
+    is turned by one place, so that a lane whose episodes end early meets other starts.
+    """
+    num_envs = fleet.lanes.time.shape[0]
+    turned = (jnp.arange(num_envs) + fleet.drawn) % num_envs
+    starts = jax.tree.map(lambda x: x[turned], fleet.starts)
+
+    def one(lane, action):
+        return episodes.advance(reward_params, lane, action, tau=tau)
+
+    def move(lanes, key_step):
+        observation = jax.vmap(episodes.observe)(lanes)
+        action, extras = act(observation, key_step)
+        lanes, moment = jax.vmap(one)(lanes, action)
+        last = jax.vmap(episodes.observe)(lanes)
+        ended = moment.terminated + moment.truncated > 0
+        lanes = jax.vmap(reset_where)(ended, starts, lanes)
+        return lanes, Steps(observation, action, extras, moment, last, ended)
+
+    lanes, steps = jax.lax.scan(move, fleet.lanes, jax.random.split(key, length))
+    return fleet._replace(lanes=lanes), steps
+
+
+def summary(steps: Steps) -> dict[str, Float[Array, ""]]:
+    """Means over the unroll; the task's own metrics over the episodes that ended in it.
+
+    Only episodes from the task's own starts count for these; `episodes` is how many.
+    """
+    moment = steps.moment
+    own = steps.ended * (1.0 - moment.metrics.get("varied", jnp.zeros_like(moment.reward)))
+    episodes = jnp.sum(own)
+    metrics = {
+        name: jnp.sum(own * value) / jnp.maximum(episodes, 1.0)
+        for name, value in moment.metrics.items()
+        if name != "varied"
+    }
+    return metrics | {
+        "episodes": episodes,
+        "reward": jnp.mean(moment.reward),
+        "nonfinite": jnp.sum(moment.nonfinite),
+    }

@@ -1,0 +1,175 @@
+"""A chunk of training in one compiled call: updates, then an evaluation of what they made.
+
+    run = jax.jit(partial(chunk, algorithm, updates=20, evaluation=(env,)), donate_argnums=0)
+    state, metrics, evaluation = run(state, hyper, reward_params)
+
+The evaluation plays whole episodes from the starts of the given tasks, half of them with the
+policy's mean actions and half with samples. It goes through the same unroll as training does: the
+simulator, most of what there is to compile, is in the program once. All of it can be vmapped over
+seeds, hyper-parameters and rewards.
+
+Shapes use B for environments, T for the control steps of an unroll and V for variants of the task.
+"""
+
+import dataclasses
+import math
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+from .env_loop import Episodes, Lane
+from .fleet import Steps
+
+__all__ = ["Algorithm", "Scores", "chunk", "step"]
+
+
+@runtime_checkable
+class Algorithm(Protocol):
+    """What PPO and SAC offer; the state has `fleet` and `key`."""
+
+    episodes: Episodes
+    num_envs: int
+    unroll_length: int
+
+    def init(self, key: PRNGKeyArray, hyper: Any) -> Any: ...
+
+    def collect(
+        self, state: Any, key: PRNGKeyArray, hyper: Any, reward_params: Any, *,
+        deterministic: Bool[Array, "B"],
+    ) -> tuple[Any, Steps]: ...  # the state with its fleet moved on  # fmt: skip
+
+    def learn(
+        self, state: Any, steps: Steps, key: PRNGKeyArray, hyper: Any, reward_params: Any
+    ) -> tuple[Any, dict[str, Float[Array, ""]]]: ...
+
+
+class Scores(NamedTuple):
+    """What episodes came to: means of shape (V, 2), the last axis (mean actions, samples)."""
+
+    success: Float[Array, "..."]  # at the end of the episode
+    success_ever: Float[Array, "..."]  # at some moment of it
+    score: Float[Array, "..."]  # at the end
+    reward: Float[Array, "..."]  # sum over the episode of what the policy was trained on
+
+
+def step(
+    algorithm: Algorithm, state: Any, hyper: Any, reward_params: Any
+) -> tuple[Any, dict[str, Float[Array, ""]]]:
+    """One unroll of every environment and what is learned from it: (state, metrics)."""
+    key, key_collect, key_learn = jax.random.split(state.key, 3)
+    exploring = jnp.zeros((algorithm.num_envs,), bool)
+    state, steps = algorithm.collect(
+        state._replace(key=key), key_collect, hyper, reward_params, deterministic=exploring
+    )
+    return algorithm.learn(state, steps, key_learn, hyper, reward_params)
+
+
+def chunk(
+    algorithm: Algorithm,
+    state: Any,
+    hyper: Any,
+    reward_params: Any,
+    *,
+    updates: int,
+    evaluation: tuple[Any, ...] = (),
+) -> tuple[Any, dict[str, Float[Array, "updates"]], Scores | None]:
+    """`updates` updates, then one episode of the new policy in each of the B environments.
+
+    Training goes on afterwards where it stood: an evaluation changes nothing in the state.
+
+    Args:
+      algorithm: PPO or SAC.
+      state: from its `init`, or the chunk before.
+      hyper: its traced parameters.
+      reward_params: of its reward.
+      updates: how many, at least 1.
+      evaluation: tasks to evaluate in, which differ in how episodes start only; none leaves the
+        evaluation out. The environments are shared out between them: 2 V divides B.
+
+    Returns:
+      The state, the metrics of each update, and the evaluation.
+    """
+    if not evaluation:
+
+        def update(state, _):
+            return step(algorithm, state, hyper, reward_params)
+
+        return *jax.lax.scan(update, state, length=updates), None
+
+    exams = _begin(algorithm, evaluation, jax.random.fold_in(state.key, 1))
+    rounds = math.ceil(algorithm.episodes.env.episode_length / algorithm.unroll_length)
+
+    def move(carry, now):
+        state, exams = carry
+        examining, number = now
+        key, key_collect, key_learn = jax.random.split(state.key, 3)
+        # The key of training stays where it is while policies are examined.
+        key_collect = _choose(examining, jax.random.fold_in(exams.key, number), key_collect)
+        fleet = state.fleet._replace(lanes=_choose(examining, exams.lanes, state.fleet.lanes))
+        after, steps = algorithm.collect(
+            state._replace(fleet=fleet, key=key), key_collect, hyper, reward_params,
+            deterministic=exams.deterministic & examining,
+        )  # fmt: skip
+
+        def train():
+            return *algorithm.learn(after, steps, key_learn, hyper, reward_params), exams
+
+        def examine():
+            blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(train)[1])
+            return state, blank, _mark(exams._replace(lanes=after.fleet.lanes), steps)
+
+        # The same for all seeds, so that under a vmap, too, only one of the branches runs.
+        state, metrics, exams = jax.lax.cond(examining, examine, train)
+        return (state, exams), metrics
+
+    numbers = jnp.arange(updates + rounds)
+    (state, exams), metrics = jax.lax.scan(move, (state, exams), (numbers >= updates, numbers))
+    shares = (len(evaluation), 2, -1)
+    means = jax.tree.map(lambda x: jnp.mean(x.reshape(shares), axis=-1), exams.marks)
+    return state, jax.tree.map(lambda x: x[:updates], metrics), means
+
+
+class _Exams(NamedTuple):
+    """Episodes that are being played for an evaluation, one in each environment."""
+
+    lanes: Lane
+    deterministic: Bool[Array, "B"]  # who plays mean actions
+    over: Bool[Array, "B"]
+    marks: Scores  # (B,) each
+    key: PRNGKeyArray
+
+
+def _begin(algorithm: Algorithm, tasks: tuple[Any, ...], key: PRNGKeyArray) -> _Exams:
+    """Fresh starts, those of the first task first; of each task, mean actions come first."""
+    share = algorithm.num_envs // len(tasks)
+    lanes = [
+        jax.vmap(dataclasses.replace(algorithm.episodes, env=task).begin)(
+            jax.random.split(jax.random.fold_in(key, i), share)
+        )
+        for i, task in enumerate(tasks)
+    ]
+    lanes = jax.tree.map(lambda *parts: jnp.concatenate(parts), *lanes)
+    nothing = jnp.zeros((algorithm.num_envs,))
+    deterministic = jnp.arange(algorithm.num_envs) % share < share // 2
+    return _Exams(lanes, deterministic, nothing > 0, Scores(*[nothing] * 4), key)
+
+
+def _mark(exams: _Exams, steps: Steps) -> _Exams:
+    """The exams after one more unroll; what follows the end of an episode does not count."""
+    ends = jnp.cumsum(steps.ended, axis=0) + exams.over
+    playing = (ends - steps.ended == 0).astype(jnp.float32)  # (T, B)
+    last = playing * steps.ended
+    success, score = (steps.moment.metrics[name] for name in ("success", "score"))
+    marks = Scores(
+        success=exams.marks.success + jnp.sum(last * success, axis=0),
+        success_ever=jnp.maximum(exams.marks.success_ever, jnp.max(playing * success, axis=0)),
+        score=exams.marks.score + jnp.sum(last * score, axis=0),
+        reward=exams.marks.reward + jnp.sum(playing * steps.moment.reward, axis=0),
+    )
+    return exams._replace(over=ends[-1] > 0, marks=marks)
+
+
+def _choose(first: Bool[Array, ""], one: Any, other: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
