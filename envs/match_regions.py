@@ -34,6 +34,7 @@ from . import match_regions_observation as observations
 from . import match_regions_options as options
 from . import match_regions_reward as rewards
 from . import match_regions_scene as scene
+from . import match_regions_stages as definition
 from . import match_regions_start as starts
 from . import match_regions_state as states
 from .base import Outline, State
@@ -106,6 +107,7 @@ class MatchRegions:
         self.action_size = 3 if self.robot.has_fingers else 2
         self._preset = PRESETS[physics]
         self.arena, self.half_extent = self._preset.arena, 1.02 * self._preset.arena
+        self.stages = definition.stages(targets, distractors, arena=self.arena)
         self._reward, self._kind = reward, observation
         self._parts = len(self.robot.parts)
         self.observation_names = observations.names(

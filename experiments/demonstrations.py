@@ -1,18 +1,20 @@
 """The demonstrations of a run: made or found, reduced to the task's objects, split."""
 
 import math
+import shutil
 from pathlib import Path
 from typing import NamedTuple
 
+from gril_jax import demo_schema, run_dir
 from gril_jax.config import RunConfig
 from gril_jax.demos import DemoSet, demo_batch, load_demo_set, select_objects
-from gril_jax.errors import DemoError
+from gril_jax.errors import DemoError, RunError
 from gril_jax.progress import Progress
 from gril_jax.types import DemoBatch
 
 from . import make_demos
 
-__all__ = ["Demonstrations", "gather"]
+__all__ = ["Demonstrations", "gather", "gather_once"]
 
 
 class Demonstrations(NamedTuple):
@@ -32,8 +34,29 @@ class Demonstrations(NamedTuple):
         return [entries[name].trimmed for name in self.names[split]]
 
 
+def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress) -> Demonstrations:
+    """`gather` into the run's folder, as its first phase.
+
+    Raises:
+      DemoError: see `gather`.
+      RunError: the set is not the one that the run began with.
+    """
+    demos = gather(config, env, run.path / "demos", progress)
+    source = Path(config.demos.path or run.path / "demos")
+    digest = demo_schema.digest(source / demo_schema.HEADER)
+    begun = run.finished_phase("demos")
+    if begun is None:
+        run.finish_phase("demos", {"sha256": digest})
+    elif begun["sha256"] != digest:
+        raise RunError(
+            f"the demonstration set {source} has been changed since the run in {run.path} began, "
+            "so the run cannot go on with it"
+        )
+    return demos
+
+
 def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstrations:
-    """Load `config.demos.path`, or make scripted demonstrations in `folder` and load those.
+    """Load `config.demos.path`, or the set in `folder`, after making it there where it lacks.
 
     Objects that the task does not have are left out, so that a task with fewer blocks can learn
     from videos with more. Failures never train the encoder.
@@ -41,7 +64,10 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
     Raises:
       DemoError: the set cannot be used for this task.
     """
-    if config.demos.path is None:
+    # A set appears whole: one that is there is the one that these settings make.
+    if config.demos.path is None and not (folder / demo_schema.HEADER).is_file():
+        for left in folder.parent.glob(f".{folder.name}.*"):  # by a process that was killed
+            shutil.rmtree(left, ignore_errors=True)
         make_demos.make(config, folder, progress)
     source = Path(config.demos.path or folder)
     demo_set = load_demo_set(source)

@@ -1,18 +1,30 @@
 """Learn a reward from demonstration videos.
 
     gril pretrain quickstart           about a minute on two CPU cores
+    gril pretrain --resume RUN         go on with a run that was cut off
 
 Writes a run folder with the demonstrations, the reward, and its profile along each of them.
 """
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gril_jax import checkpoint, pretrain, report, reward, run_dir, subtasks
+from gril_jax import (
+    checkpoint,
+    pretrain,
+    report,
+    reward,
+    run_dir,
+    state_leaves,
+    subtasks,
+    training_loop,
+)
 from gril_jax.config import RunConfig
 from gril_jax.demos import demo_batch
 from gril_jax.progress import Progress
@@ -22,21 +34,21 @@ from . import demonstrations, setup
 
 __all__ = ["learn", "main"]
 
+Echo = Callable[[str], None]
 
-def main(config: RunConfig, echo: Callable[[str], None] = print) -> Path:
-    """Run it; returns the run's folder."""
-    out = Path(config.run.out) if config.run.out else run_dir.default_path(config.run.seed)
-    with (
-        run_dir.create(out, config, device=setup.device_in_words()) as run,
-        Progress() as progress,
-    ):
+
+def main(config: RunConfig, *, resume: Path | None = None, echo: Echo = print) -> Path:
+    """Run it, or go on with the run in a folder; returns the run's folder."""
+    opened = {"device": setup.device_in_words(), "experiment": "pretrain"}
+    with run_dir.create_or_resume(config, resume, **opened) as run, Progress() as progress:
+        echo(f"writing to {run.path}")
         env = setup.make_env(config.env, training=False)
-        demos = demonstrations.gather(config, env, run.path / "demos", progress)
-        _, results = learn(config, env, demos, run, progress)
+        demos = demonstrations.gather_once(config, env, run, progress)
+        _, results = learn(config, env, demos, run, progress, echo=echo)
         run.finish(results)
-    page = report.write_report(out)
+    page = report.write_report(run.path)
     echo(f"Kendall's tau on held-out demonstrations: {results['tau']:.3f}; report: {page}")
-    return out
+    return run.path
 
 
 def learn(
@@ -45,19 +57,24 @@ def learn(
     demos: demonstrations.Demonstrations,
     run: run_dir.RunDir,
     progress: Progress,
-) -> tuple[RewardParams, dict]:
-    """Train the encoder, save the reward and its profiles; returns both."""
+    *,
+    echo: Echo = print,
+) -> tuple[RewardParams, dict[str, Any]]:
+    """Train the encoder, save the reward and its profiles; returns both, which a run does once."""
+    results = run.finished_phase("reward")
+    if results is None:
+        results = _learn(config, env, demos, run, progress, echo)
+        run.finish_phase("reward", results)
+    # From the folder in any case: a resumed run has nothing else.
+    blank = setup.blank_reward(config, len(env.classes))
+    return checkpoint.restore(_folder(run) / f"{config.pretrain.steps:012d}", blank), results
+
+
+def _learn(config: RunConfig, env, demos, run, progress: Progress, echo: Echo) -> dict[str, Any]:
     static = setup.pretrain_config(config, len(env.classes))
     hyper = setup.pretrain_hyper(config)
     train, validation = demos.batch("train"), demos.batch("validation")
-    key = jax.random.fold_in(jax.random.key(config.run.seed), 0)
-    phase = progress.phase("learning the reward", total=config.pretrain.steps)
-    state = pretrain.init(key, train, static)
-    for done in range(static.updates, config.pretrain.steps + 1, static.updates):
-        state, metrics = pretrain.step(state, train, hyper, static)
-        row = {name: float(value.mean()) for name, value in metrics._asdict().items()}
-        run.log(phase="pretrain", step=done, **row)
-        phase.update(done, loss=row["loss"])
+    state = _train_encoder(config, train, hyper, static, run, progress, echo)
     params = reward.from_demos(
         state.params.encoder,
         train,
@@ -65,13 +82,45 @@ def learn(
         alpha=hyper.alpha,
         active=pretrain.activity_bits(train, hyper, static),
     )
-    checkpoint.save(run.path / "reward", config.pretrain.steps, params)
+    shutil.rmtree(_folder(run), ignore_errors=True)  # of a process that was cut off right here
+    checkpoint.save(_folder(run), config.pretrain.steps, params)
     measured = pretrain.evaluate(state.params.encoder, validation, train, hyper, static)
     _save_profiles(run.path, params, demos, hyper, static)
-    return params, {name: float(value) for name, value in measured.items()} | {
+    return {name: float(value) for name, value in measured.items()} | {
         "demonstrations": {split: len(names) for split, names in demos.names.items()},
         "trimmed_frames": demos.trimmed,
+        "reward_sha256": state_leaves.digest(params),
+        "state_sha256": state_leaves.digest(state),
     }
+
+
+def _train_encoder(
+    config: RunConfig, train, hyper, static, run, progress: Progress, echo: Echo
+) -> pretrain.State:
+    """All gradient steps, `static.updates` in a chunk."""
+    phase = progress.phase("learning the reward", total=config.pretrain.steps)
+    key = jax.random.fold_in(jax.random.key(config.run.seed), 0)
+    fresh = pretrain.init(key, train, static)
+
+    def row(chunk, seconds, metrics):
+        means = {name: float(value.mean()) for name, value in metrics._asdict().items()}
+        phase.update(chunk * static.updates, loss=means["loss"])
+        return {"step": chunk * static.updates, **means}
+
+    return training_loop.run_chunks(
+        lambda state: pretrain.step(state, train, hyper, static),
+        training_loop.restore(run, "pretrain", fresh, tell=echo),
+        run=run,
+        name="pretrain",
+        chunks=config.pretrain.steps // static.updates,
+        row=row,
+        every_s=config.run.checkpoint_every,
+        keep=config.run.keep_checkpoints,
+    ).state
+
+
+def _folder(run: run_dir.RunDir) -> Path:
+    return run.path / "reward"
 
 
 def _save_profiles(folder: Path, params: RewardParams, demos, hyper, static) -> None:

@@ -3,9 +3,9 @@
     FOLDER/000000001000/arrays/         Orbax, one folder a leaf
     FOLDER/000000001000/manifest.json   step; shape, dtype and SHA-256 of each leaf and file
 
-A checkpoint is written under another name and renamed when it is complete, so that one which is
-cut short is never chosen. Files are verified before Orbax reads them, leaves after. Typed keys
-are stored as their data. Leaves come back bit for bit, on the default device; a weakly typed
+A checkpoint is written under another name and renamed when all of it is on the disk, so that one
+which is cut short is never chosen. Files are verified before Orbax reads them, leaves after. Typed
+keys are stored as their data. Leaves come back bit for bit, on the default device; a weakly typed
 leaf comes back strongly typed.
 """
 
@@ -17,7 +17,7 @@ import logging
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +28,16 @@ import orbax.checkpoint as ocp
 from absl import logging as absl_logging
 
 from .errors import RunError
-from .run_dir import writing
+from .safe_files import sync, writing
+from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
 
-__all__ = ["latest", "manifest", "restore", "save", "steps"]
+__all__ = ["DamagedError", "discard", "latest", "manifest", "restore", "save", "steps", "write"]
 
 _FORMAT = 1
+
+
+class DamagedError(RunError):
+    """A file of a checkpoint is missing or has changed since it was written."""
 
 
 def save(folder: Path, step: int, state: Any, *, keep: int | None = None) -> Path:
@@ -47,29 +52,39 @@ def save(folder: Path, step: int, state: Any, *, keep: int | None = None) -> Pat
     Raises:
       RunError: the step exists already, or the disk is full or not writable.
     """
-    final = folder / f"{step:012d}"
-    if final.exists():
+    return write(folder, step, host_copy(state), keep=keep)
+
+
+def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None = None) -> Path:
+    """`save` from a copy on the host, for a thread; one writer a folder at a time."""
+    final, part = folder / f"{step:012d}", folder / f".{step:012d}.part"
+    if (final / "manifest.json").exists():
         raise RunError(f"checkpoint {final} exists already, but a step is saved once")
-    part = folder / f".{final.name}.part"
-    entries, arrays = _describe(state)
+    entries = [_entry(index, leaf) for index, leaf in enumerate(leaves)]
+    arrays = {
+        entry["file"]: leaf.array
+        for entry, leaf in zip(entries, leaves, strict=True)
+        if leaf.array.size  # Orbax stores no array without elements
+    }
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(part, ignore_errors=True)  # left by a process that was killed
+        for left in (*folder.glob(".*.part"), final):  # by a process that was killed
+            shutil.rmtree(left, ignore_errors=True)
         try:
             _write_arrays(part / "arrays", arrays)
-            content = {
-                "format": _FORMAT,
-                "step": step,
-                "leaves": entries,
-                "files": _files(part),
-            }
+            files = _files(part)
+            content = {"format": _FORMAT, "step": step, "leaves": entries, "files": files}
             (part / "manifest.json").write_text(_with_digest(content), encoding="utf-8")
+            for path in (*part.rglob("*"), part):
+                sync(path)
             os.rename(part, final)
+            sync(folder)
         except BaseException:
             shutil.rmtree(part, ignore_errors=True)
             raise
-    for old in steps(folder)[:-keep] if keep else ():
-        shutil.rmtree(folder / f"{old:012d}")
+        for old in steps(folder)[:-keep] if keep else ():
+            os.rename(folder / f"{old:012d}", folder / f".{old:012d}.part")  # never a half
+            shutil.rmtree(folder / f".{old:012d}.part")
     return final
 
 
@@ -81,7 +96,8 @@ def restore(path: Path, like: Any) -> Any:
       like: a state of the same structure, shapes and dtypes; its values are not used.
 
     Raises:
-      RunError: the checkpoint is missing, damaged, or of another structure than `like`.
+      DamagedError: a file is missing or has changed.
+      RunError: there is no checkpoint, or it is of another structure than `like`.
     """
     content = manifest(path)
     entries = content["leaves"]
@@ -91,12 +107,12 @@ def restore(path: Path, like: Any) -> Any:
     leaves = []
     for entry, old in zip(entries, jax.tree.leaves(like), strict=True):
         array = arrays.get(entry["file"])
-        if array is None:  # Orbax stores no array without elements
+        if array is None:  # it has no elements
             array = np.zeros(entry["shape"], jnp.dtype(entry["dtype"]))
         same = array.dtype == jnp.dtype(entry["dtype"]) and list(array.shape) == entry["shape"]
         if not same or _digest(array) != entry["sha256"]:
-            raise RunError(f"checkpoint {path} is damaged: leaf {entry['path']} has changed")
-        leaves.append(_unpack(array, old))
+            raise DamagedError(f"checkpoint {path} is damaged: leaf {entry['path']} has changed")
+        leaves.append(to_device(array, old))
     return jax.tree.unflatten(jax.tree.structure(like), leaves)
 
 
@@ -114,11 +130,21 @@ def latest(folder: Path) -> Path | None:
     return folder / f"{found[-1]:012d}" if found else None
 
 
+def discard(path: Path) -> Path:
+    """Sets a damaged checkpoint aside, so that it is no longer listed; returns where it is."""
+    aside = path.with_name(f"{path.name}.damaged")
+    with writing(path.parent):
+        shutil.rmtree(aside, ignore_errors=True)
+        os.rename(path, aside)
+    return aside
+
+
 def manifest(path: Path) -> dict[str, Any]:
     """A checkpoint's step and leaves, without reading the arrays.
 
     Raises:
-      RunError: there is no checkpoint, or its manifest is damaged.
+      DamagedError: the manifest has changed.
+      RunError: there is no checkpoint, or another version wrote it.
     """
     file = path / "manifest.json"
     try:
@@ -127,9 +153,9 @@ def manifest(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise RunError(f"{path} is not a complete checkpoint: it has no manifest.json") from None
     except (OSError, ValueError, KeyError, AttributeError, TypeError):
-        raise RunError(f"checkpoint {path} is damaged: its manifest cannot be read") from None
+        raise DamagedError(f"checkpoint {path} is damaged: its manifest cannot be read") from None
     if digest != hashlib.sha256(_canonical(content)).hexdigest():
-        raise RunError(f"checkpoint {path} is damaged: its manifest has changed")
+        raise DamagedError(f"checkpoint {path} is damaged: its manifest has changed")
     if content["format"] != _FORMAT:
         raise RunError(
             f"checkpoint {path} has format {content['format']}, but this version reads {_FORMAT}"
@@ -137,43 +163,36 @@ def manifest(path: Path) -> dict[str, Any]:
     return content
 
 
-def _describe(state: Any) -> tuple[list[dict[str, Any]], dict[str, np.ndarray]]:
-    """The manifest's entries, and the arrays by the name of their folder."""
-    entries, arrays = [], {}
-    for index, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(state)):
-        array, file = _pack(leaf), f"{index:05d}"
-        entries.append(
-            {
-                "path": _name(path),
-                "file": file,
-                "shape": list(array.shape),
-                "dtype": array.dtype.name,
-                "key": _key_kind(leaf),
-                "sha256": _digest(array),
-            }
-        )
-        if array.size:
-            arrays[file] = array
-    return entries, arrays
+def _entry(index: int, leaf: Leaf) -> dict[str, Any]:
+    """What the manifest says of a leaf; `file` is the name of its folder."""
+    return {
+        "path": leaf.path,
+        "file": f"{index:05d}",
+        "shape": list(leaf.array.shape),
+        "dtype": leaf.array.dtype.name,
+        "key": leaf.key,
+        "sha256": _digest(leaf.array),
+    }
 
 
 def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> None:
-    wanted = [(_name(place), leaf) for place, leaf in jax.tree_util.tree_leaves_with_path(like)]
-    stored = {entry["path"] for entry in entries}
+    wanted = [(leaf_name(p), leaf) for p, leaf in jax.tree_util.tree_leaves_with_path(like)]
+    names, stored = {name for name, _ in wanted}, {entry["path"] for entry in entries}
     for name, _ in wanted:
         if name not in stored:
             raise RunError(f"checkpoint {path} lacks the leaf {name} of the state it is to fill")
-    for name in (entry["path"] for entry in entries):
-        if name not in {name for name, _ in wanted}:
-            raise RunError(f"checkpoint {path} has a leaf {name} that the state to fill lacks")
-    for entry, (name, leaf) in zip(entries, wanted, strict=True):
-        found = (entry["path"], entry["key"], entry["dtype"], tuple(entry["shape"]))
-        packed = jax.eval_shape(_data, leaf)
-        need = (name, _key_kind(leaf), packed.dtype.name, packed.shape)
-        if found != need:
+    for entry in entries:
+        if entry["path"] not in names:
             raise RunError(
-                f"leaf {entry['path']} of checkpoint {path} is {_words(found)}, but the "
-                f"state to fill has {_words(need)} there"
+                f"checkpoint {path} has a leaf {entry['path']} that the state to fill lacks"
+            )
+    for entry, (name, leaf) in zip(entries, wanted, strict=True):
+        found = (entry["key"], entry["dtype"], tuple(entry["shape"]))
+        need = like_of(leaf)
+        if (entry["path"], found) != (name, need):
+            raise RunError(
+                f"leaf {entry['path']} of checkpoint {path} is {_words(*found)}, but the state to "
+                f"fill has {_words(*need)} there"
             )
 
 
@@ -192,41 +211,13 @@ def _check_files(path: Path, digests: dict[str, str], entries: list[dict[str, An
         try:
             data = (path / name).read_bytes()
         except OSError:
-            raise RunError(f"checkpoint {path} is damaged: {leaf} is missing a file") from None
+            raise DamagedError(f"checkpoint {path} is damaged: {leaf} is missing a file") from None
         if hashlib.sha256(data).hexdigest() != digest:
-            raise RunError(f"checkpoint {path} is damaged: {leaf} has changed")
+            raise DamagedError(f"checkpoint {path} is damaged: {leaf} has changed")
 
 
-def _words(entry: tuple[str, str | None, str, tuple[int, ...]]) -> str:
-    _, key, dtype, shape = entry
+def _words(key: str | None, dtype: str, shape: tuple[int, ...]) -> str:
     return f"{f'a {key} key of ' if key else ''}{dtype}{list(shape)}"
-
-
-def _name(path: tuple[Any, ...]) -> str:
-    return jax.tree_util.keystr(path, simple=True, separator=".") or "(root)"
-
-
-def _key_kind(leaf: Any) -> str | None:
-    """The generator of a typed key, or None for any other leaf."""
-    return str(jax.random.key_impl(leaf)) if _is_key(leaf) else None
-
-
-def _data(leaf: Any) -> Any:
-    return jax.random.key_data(leaf) if _is_key(leaf) else jnp.asarray(leaf)
-
-
-def _is_key(leaf: Any) -> bool:
-    return isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
-
-
-def _pack(leaf: Any) -> np.ndarray:
-    return np.asarray(_data(leaf))
-
-
-def _unpack(array: np.ndarray, like: Any) -> jax.Array:
-    if _is_key(like):
-        return jax.random.wrap_key_data(jnp.asarray(array), impl=jax.random.key_impl(like))
-    return jnp.array(array)  # a copy: a donated buffer must not be NumPy's
 
 
 def _digest(array: np.ndarray) -> str:

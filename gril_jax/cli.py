@@ -3,7 +3,7 @@
 The command line is read, and every path on it looked at, before anything heavy is imported: a
 misspelt option is answered at once. The verbs are in `gril_jax.commands`; what they do lives in
 `gril_jax.experiments`, imported when the verb runs. Exit codes: 0 done, 1 failed at work, 2 the
-command line is wrong, 130 interrupted.
+command line is wrong, 130 interrupted by Ctrl-C, 143 by SIGTERM.
 """
 
 import os
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from .commands import VERBS
 from .commands.arguments import Work
 from .errors import ConfigError, GrilError
+from .interrupt import Interrupted
 from .options import nearest
 
 __all__ = ["main"]
@@ -25,15 +26,20 @@ Learn a reward from demonstration videos without actions, and a policy from the 
   quickstart                  a small run from demonstrations to a policy, on a laptop
   train [CONFIG]              the same for any configuration
   pretrain [CONFIG]           the learned reward alone
+  sweep [CONFIG] --seeds N    every combination of options with commas, over seeds
+  train|pretrain|sweep --resume RUN   go on with what was cut off, bit for bit
   ablate [CONFIG]             which choices of the reward's training matter, over seeds
   demos make [CONFIG]         scripted demonstrations
   demos import-magical DIR    a demonstration set from MAGICAL's public demonstrations
   demos import-videos DIR     a demonstration set from a folder of videos
   eval RUN                    success rate and return of a run's policy
+  audit RUN|REWARD            how a reward could be cheated, before a policy finds it
   report RUN                  figures and tables of a run
   export-policy RUN           a run's policy as plain NumPy arrays
   export-reward RUN           a run's reward as one file that load_reward reads
   bench losses                the losses and encoders beside those of others, as JSON
+  bench replay                the replay buffer beside brax's, alone and for eight seeds
+  bench train                 training with and without the learned reward, as JSON
   bench env                   how many control steps a second the task makes here, as JSON
   doctor                      what is installed and what works on this machine
 
@@ -52,6 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         result = work() or 0
         sys.stdout.flush()  # here, where a pipe that is closed can still be answered for
         return result
+    except Interrupted as stop:
+        print(f"gril: {stop}.", file=sys.stderr)
+        return stop.exit_code
     except GrilError as error:
         print(f"gril: {str(error).rstrip('.')}.", file=sys.stderr)
         return code

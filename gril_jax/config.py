@@ -29,6 +29,7 @@ __all__ = [
     "PretrainConfig",
     "RunConfig",
     "RunSettings",
+    "SACConfig",
     "Variant",
     "check",
 ]
@@ -232,12 +233,16 @@ class PPOConfig:
     """Passes over an update's data."""
     learning_rate: float = field(default=3e-4, metadata=_above(0))
     """Learning rate of Adam."""
+    learning_rate_left: float = field(default=1.0, metadata=_between(0, 1))
+    """Share of the learning rate at the end of training, reached linearly."""
     discounting: float = field(default=0.99, metadata=_between(0, 1))
     """Discount of a control step."""
     gae_lambda: float = field(default=0.95, metadata=_between(0, 1))
     """Lambda of generalised advantage estimation."""
     entropy_cost: float = field(default=1e-2, metadata=_at_least(0))
     """Weight of the policy's entropy."""
+    entropy_left: float = field(default=1.0, metadata=_between(0, 1))
+    """Share of that weight at the end of training, reached linearly."""
     clipping_epsilon: float = field(default=0.2, metadata=_between(0.001, 1))
     """Clipping range of the probability ratio."""
     reward_scaling: float = field(default=1.0, metadata=_above(0))
@@ -254,13 +259,70 @@ class PPOConfig:
 
 
 @dataclass(frozen=True)
+class SACConfig:
+    """Policy training by soft actor-critic."""
+
+    num_timesteps: int = field(default=500_000, metadata=_at_least(1))
+    """Control steps in all, over all environments."""
+    num_envs: int = field(default=64, metadata=_at_least(1))
+    """Environments that are stepped together."""
+    unroll_length: int = field(default=4, metadata=_at_least(1))
+    """Control steps of each environment between two rounds of gradient steps."""
+    updates_per_step: int = field(default=8, metadata=_at_least(1))
+    """Gradient steps of such a round."""
+    batch_size: int = field(default=256, metadata=_at_least(1))
+    """Transitions that a gradient step draws from the replay."""
+    replay_size: int = field(default=2**17, metadata=_at_least(1))
+    """Transitions that the replay holds; a multiple of num_envs x unroll_length."""
+    min_replay: int = field(default=2**13, metadata=_at_least(0))
+    """Transitions before learning begins; until then actions are random."""
+    relabel: bool = False
+    """Whether the reward is computed when a batch is drawn, not when a step is taken."""
+    learning_rate: float = field(default=3e-4, metadata=_above(0))
+    """Learning rate of Adam for actor and critics."""
+    alpha_learning_rate: float = field(default=3e-4, metadata=_at_least(0))
+    """The same for the logarithm of the temperature; 0 keeps the temperature."""
+    initial_alpha: float = field(default=1.0, metadata=_above(0))
+    """Temperature at first: what a nat of entropy is worth in scaled reward."""
+    target_entropy: float = field(
+        default=-0.5, metadata=_rule(lambda x: abs(x) < float("inf"), "finite")
+    )
+    """Entropy that the temperature steers to, nats for each number of an action."""
+    discounting: float = field(default=0.99, metadata=_between(0, 1))
+    """Discount of a control step."""
+    soft_update: float = field(default=0.005, metadata=_between(0, 1))
+    """Share of the critics that enters their target with each gradient step."""
+    reward_scaling: float = field(default=1.0, metadata=_above(0))
+    """Factor on the reward before it reaches the critics."""
+    max_grad_norm: float = field(default=10.0, metadata=_above(0))
+    """Gradients whose norm is larger are scaled down to it: actor, critics and temperature each."""
+    hidden: tuple[int, ...] = field(
+        default=(128, 128),
+        metadata=_rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
+    )
+    """Widths of the hidden layers of actor and critics."""
+    observe_activity: bool = True
+    """Whether the policy sees which objects have moved, as the reward does."""
+
+
+@dataclass(frozen=True)
 class RunSettings:
     """The run as a whole."""
 
     seed: int = field(default=0, metadata=_between(0, 2**31 - 1))
     """Seed of everything but the scripted demonstrations."""
-    reward: Literal["learned", "environmental"] = "learned"
-    """What the policy maximises: the learned reward, or the task's own."""
+    algorithm: Literal["ppo", "sac"] = "ppo"
+    """What trains the policy; its options are those of the section of its name."""
+    reward: Literal["learned", "environmental", "subtasks", "sum"] = "learned"
+    """What the policy maximises: the learned reward, the task's own, the chain of the learned
+    subtasks, or the first two together."""
+    reward_weights: tuple[float, float] = field(
+        default=(1.0, 0.1),
+        metadata=_rule(lambda x: all(abs(w) < float("inf") for w in x), "two finite numbers"),
+    )
+    """Of the learned and of the task's own reward in their sum."""
+    evaluations: int = field(default=8, metadata=_at_least(0))
+    """Evaluations while a policy is trained, in the training program itself."""
     out: str | None = field(
         default=None, metadata=_rule(lambda x: x is None or bool(x.strip()), "a folder or None")
     )
@@ -268,7 +330,21 @@ class RunSettings:
     eval_episodes: int = field(default=100, metadata=_at_least(1))
     """Episodes of an evaluation."""
     updates_per_chunk: int = field(default=10, metadata=_at_least(1))
-    """Updates that are compiled into one call, after which the host logs and saves."""
+    """Updates in one compiled call, after which the host logs and may save; changes no result."""
+    checkpoint_every: float = field(default=60.0, metadata=_at_least(0))
+    """Seconds from one checkpoint to the next; 0 saves after each call."""
+    keep_checkpoints: int = field(default=3, metadata=_at_least(1))
+    """Newest checkpoints that stay, for each phase."""
+    sinks: tuple[str, ...] = field(
+        default=(),
+        metadata=_rule(
+            lambda x: {*x} <= {"tensorboard", "wandb"} and len({*x}) == len(x),
+            "a list of tensorboard and wandb, or of one of them",
+        ),
+    )
+    """Where metrics go beside metrics.jsonl: tensorboard, wandb; each is an optional extra."""
+    deterministic: bool = False
+    """Whether a GPU sums in a fixed order, for the same bits in each run; a CPU always does."""
 
 
 @dataclass(frozen=True)
@@ -286,6 +362,7 @@ class RunConfig:
     loss: LossConfig = LossConfig()
     pretrain: PretrainConfig = PretrainConfig()
     ppo: PPOConfig = PPOConfig()
+    sac: SACConfig = SACConfig()
     run: RunSettings = RunSettings()
 
     def __post_init__(self) -> None:
@@ -364,13 +441,30 @@ def _check_sizes(config: RunConfig) -> None:
             f"ppo.num_minibatches is {ppo.num_minibatches}, but must divide ppo.num_envs, "
             f"which is {ppo.num_envs}"
         )
-    if ppo.num_timesteps < ppo.num_envs * ppo.unroll_length:
-        raise ConfigError(
-            f"ppo.num_timesteps is {ppo.num_timesteps}, but must cover one update of "
-            f"ppo.num_envs x ppo.unroll_length = {ppo.num_envs * ppo.unroll_length} steps"
-        )
+    for name, chosen in (("ppo", ppo), ("sac", config.sac)):
+        unroll = chosen.num_envs * chosen.unroll_length
+        if chosen.num_timesteps < unroll:
+            raise ConfigError(
+                f"{name}.num_timesteps is {chosen.num_timesteps}, but must cover one update of "
+                f"{name}.num_envs x {name}.unroll_length = {unroll} steps"
+            )
+    _check_replay(config.sac)
     if demos.path is None and pretrain.num_videos > demos.num:
         raise ConfigError(
             f"pretrain.num_videos is {pretrain.num_videos}, but must be at most demos.num, "
             f"which is {demos.num}"
+        )
+
+
+def _check_replay(sac: SACConfig) -> None:
+    unroll = sac.num_envs * sac.unroll_length
+    if sac.replay_size % unroll:
+        raise ConfigError(
+            f"sac.replay_size is {sac.replay_size}, but must be a multiple of sac.num_envs x "
+            f"sac.unroll_length = {unroll}, such as {max(1, sac.replay_size // unroll) * unroll}"
+        )
+    if sac.min_replay > sac.replay_size:
+        raise ConfigError(
+            f"sac.min_replay is {sac.min_replay}, but must be at most sac.replay_size, which is "
+            f"{sac.replay_size}"
         )

@@ -32,10 +32,10 @@ def safe_norm(x: Float[Array, "*batch D"]) -> Float[Array, "*batch"]:
     """Euclidean length over the last axis, with gradient zero (not NaN) at the zero vector.
 
     The square root never sees the zero: hiding its result alone would still let
-    0 * inf = NaN through the backward pass.
+    0 * inf = NaN through the backward pass. The length of a vector with NaN in it is NaN.
     """
     squared = jnp.sum(jnp.square(x), axis=-1)
-    positive = squared > 0
+    positive = ~(squared <= 0)
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
 

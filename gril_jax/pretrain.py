@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import activity, encoder, metrics, pretrain_batch, pretrain_loss, reward
+from . import activity, encoder, metrics, pretrain_batch, pretrain_contrast, pretrain_loss, reward
 from .encoder import Params
 from .errors import ConfigError
 from .pretrain_options import Hyper, PretrainConfig
@@ -60,6 +60,7 @@ class Metrics(NamedTuple):
     loss: Float[Array, "updates"]  # Eq. 6, plus the fading time agreement
     consistency: Float[Array, "updates"]  # squared error of normalised time, or soft-DTW
     reconstruction: Float[Array, "updates"]
+    contrast: Float[Array, "updates"]  # 0 without displaced copies
     gradient_norm: Float[Array, "updates"]
 
 
@@ -112,7 +113,15 @@ def step(
                 *params, cycle_key, batch, bits, frames, valid, hyper, config
             )
             total = parts.consistency + hyper.lambda_ * parts.reconstruction
-            return total + fading * parts.agreement, (parts.consistency, parts.reconstruction)
+            apart = jnp.zeros(())
+            if config.copies:
+                copy_key = jax.random.fold_in(batch_key, 3)
+                apart = pretrain_contrast.contrast(
+                    params.encoder, copy_key, batch, bits, hyper, config
+                )
+                total = total + hyper.contrast * apart
+            values = (parts.consistency, parts.reconstruction, apart)
+            return total + fading * parts.agreement, values
 
         (total, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
         direction, optimizer = _optimizer().update(gradient, state.optimizer, state.params)

@@ -56,8 +56,21 @@ class PretrainConfig:
     can earn by setting it: by a mere touch.
     """
 
+    copies: int = 0
+    """Copies with displaced objects of each copied frame, see `gril_jax.pretrain_contrast`; 0 makes
+    none."""
+    anchors: int = 8
+    """Frames of each video of a batch that are copied."""
+
     def __post_init__(self):
-        least = {"updates": 1, "num_videos": 2, "num_frames": 2, "window": 1}
+        least = {
+            "copies": 0,
+            "anchors": 2,
+            "updates": 1,
+            "num_videos": 2,
+            "num_frames": 2,
+            "window": 1,
+        }
         for field, minimum in least.items():
             if getattr(self, field) < minimum:
                 raise ConfigError(
@@ -80,4 +93,7 @@ class Hyper(NamedTuple):
     tau: Float[Array, ""] | float = 0.005  # activity threshold in box diagonals (Eq. 4)
     soft_dtw_weight: Float[Array, ""] | float = 1.0  # beside or in place of cycle-consistency
     gamma: Float[Array, ""] | float = 0.1  # of soft-DTW, squared latent distance
+    contrast: Float[Array, ""] | float = 1.0  # weight of copies with displaced objects
+    reach: Float[Array, ""] | float = 0.5  # share of its way at which a displaced object costs most
+    idle_cost: Float[Array, ""] | float = 0.5  # of what a video does not move, beside what it moves
     warmup: Float[Array, ""] | float = 1500.0  # updates over which the time agreement fades out

@@ -1,26 +1,25 @@
 """One run's folder: its configuration, versions, metrics and results, and the lock on it.
 
     config.yaml      the resolved configuration; `gril train FOLDER/config.yaml` runs it again
+    phases.json      see `gril_jax.run_phases`
     versions.json    package versions, Python, platform, device, command
-    metrics.jsonl    one JSON object for each line, appended and flushed
+    metrics.jsonl    see `gril_jax.metric_rows`
     results.json     written when the run has finished
-    checkpoints/     see `gril_jax.checkpoint`
+    checkpoints/     one folder a phase, see `gril_jax.checkpoint`
     lock             held while a process writes to the folder; holds its process id
 
 Neither JAX nor MuJoCo is imported here.
 """
 
-import contextlib
-import errno
+import dataclasses
 import fcntl
 import json
-import math
 import os
 import platform
 import shlex
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TextIO
@@ -28,17 +27,23 @@ from typing import Any, TextIO
 from .config import RunConfig
 from .config_files import load, to_yaml
 from .errors import ConfigError, RunError
+from .metric_rows import MetricRows, plain, read_rows
+from .metric_sinks import Sink, open_sink
+from .run_phases import Phases, changed_fields, read_phases, write_phases
+from .safe_files import write_whole, writing
 
 __all__ = [
     "PACKAGES",
     "RunDir",
     "create",
+    "create_or_resume",
     "default_path",
     "package_versions",
     "read_config",
     "read_metrics",
     "read_results",
     "require_new",
+    "require_resumable",
     "resume",
     "writing",
 ]
@@ -49,22 +54,34 @@ PACKAGES = (
     "orbax-checkpoint", "numpy", "scipy", "opencv-python-headless", "av",
 )  # fmt: skip
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-
 
 class RunDir:
     """A run's folder, open for writing; made by `create` or `resume`, closed by `with`."""
 
-    def __init__(self, path: Path, lock: TextIO):
+    def __init__(self, path: Path, lock: TextIO, phases: Phases, config: RunConfig):
         self.path = path
-        self._lock = lock
-        with writing(path):
-            self._metrics = _open_lines(path / "metrics.jsonl")
+        self._lock, self._phases = lock, phases
+        self._sinks: list[Sink] = []
+        self._rows = MetricRows(path / "metrics.jsonl")
+        try:
+            rows = read_rows(self._rows.file)
+            self._count = len(rows)
+            for name in config.run.sinks:
+                self._sinks.append(open_sink(name, path, dataclasses.asdict(config)))
+                self._sinks[-1].begin(rows)
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def checkpoints(self) -> Path:
         """Where checkpoints go."""
         return self.path / "checkpoints"
+
+    @property
+    def experiment(self) -> str | None:
+        """The experiment that can go on with the run."""
+        return self._phases.experiment
 
     def log(self, **metrics: Any) -> None:
         """Appends one line of metrics; arrays become lists, non-finite numbers become null.
@@ -72,21 +89,52 @@ class RunDir:
         Raises:
           RunError: the disk is full or the folder not writable; earlier lines stay readable.
         """
-        line = json.dumps({name: _plain(value) for name, value in metrics.items()})
-        with writing(self.path):
-            self._metrics.write(line + "\n")
-            self._metrics.flush()
+        row = plain(metrics)
+        self._rows.append(row)
+        for sink in self._sinks:
+            sink.log(self._count, row)
+        self._count += 1
+
+    def sync_metrics(self) -> None:
+        """Returns once the metrics so far are on the disk."""
+        self._rows.sync()
+
+    def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
+        """Leaves the first `count` rows of a phase, and of other phases what came before.
+
+        Returns:
+          The rows that are left.
+
+        Raises:
+          RunError: the phase has fewer rows.
+        """
+        rows = self._rows.keep(phase, count)
+        if len(rows) != self._count:
+            for sink in self._sinks:
+                sink.begin(rows)
+        self._count = len(rows)
+        return rows
+
+    def finished_phase(self, name: str) -> dict[str, Any] | None:
+        """What a phase came to, or None while it has not finished."""
+        return self._phases.finished.get(name)
+
+    def finish_phase(self, name: str, results: Mapping[str, Any]) -> None:
+        """Notes that a phase has finished, so that a resumed run does not repeat it."""
+        finished = self._phases.finished | {name: dict(results)}
+        self._phases = dataclasses.replace(self._phases, finished=finished)
+        write_phases(self.path, self._phases)
 
     def finish(self, results: Mapping[str, Any]) -> None:
         """Writes results.json, which says that the run has finished."""
-        text = json.dumps({name: _plain(value) for name, value in results.items()}, indent=2)
         with writing(self.path):
-            _write_whole(self.path / "results.json", text + "\n")
+            write_whole(self.path / "results.json", json.dumps(plain(results), indent=2) + "\n")
 
     def close(self) -> None:
         """Gives the lock back; closing twice is harmless."""
-        with contextlib.suppress(OSError):  # a full disk was reported when the line was written
-            self._metrics.close()
+        while self._sinks:
+            self._sinks.pop().close()
+        self._rows.close()
         self._lock.close()
 
     def __enter__(self) -> "RunDir":
@@ -107,7 +155,12 @@ def default_path(seed: int) -> Path:
 
 
 def create(
-    path: Path, config: RunConfig, *, device: str, command: Sequence[str] | None = None
+    path: Path,
+    config: RunConfig,
+    *,
+    device: str,
+    command: Sequence[str] | None = None,
+    experiment: str | None = None,
 ) -> RunDir:
     """Creates a run's folder, which must not exist, and opens it for writing.
 
@@ -116,6 +169,7 @@ def create(
       config: written as config.yaml.
       device: what the run computes on, in words.
       command: how the process was started; `sys.argv` where None.
+      experiment: what can go on with the run if it is cut off; None if nothing can.
 
     Raises:
       RunError: the folder exists, cannot be written, or the disk is full.
@@ -136,20 +190,69 @@ def create(
         except FileExistsError:
             require_new(path)
         lock = _take_lock(path)
-        _write_whole(path / "versions.json", json.dumps(versions, indent=2) + "\n")
-        _write_whole(path / "config.yaml", to_yaml(config))
-    return RunDir(path, lock)
+        write_whole(path / "versions.json", json.dumps(versions, indent=2) + "\n")
+        phases = Phases(experiment, to_yaml(config))
+        write_phases(path, phases)
+        write_whole(path / "config.yaml", phases.config)  # last: it makes the folder a run
+    return RunDir(path, lock, phases, config)
 
 
 def resume(path: Path) -> RunDir:
     """Opens an existing run's folder for writing.
 
     Raises:
-      RunError: it is not a run's folder, or another process is writing to it.
+      RunError: it is not a run's folder, its configuration was changed, or another process is
+        writing to it.
     """
-    read_config(path)
+    config, phases = _read_unchanged(path)
     with writing(path):
-        return RunDir(path, _take_lock(path))
+        lock = _take_lock(path)
+    return RunDir(path, lock, phases, config)
+
+
+def require_resumable(path: Path, experiment: str) -> RunConfig:
+    """The configuration of a run that an experiment can go on with.
+
+    Raises:
+      RunError: it is no run, has finished, is of another experiment, was changed, or is being
+        written.
+    """
+    config, phases = _read_unchanged(path)
+    if phases.experiment != experiment:
+        made = f"by gril {phases.experiment}" if phases.experiment else "otherwise"
+        raise RunError(f"{path} was made {made}, so gril {experiment} cannot go on with it")
+    if (path / "results.json").exists():
+        raise RunError(
+            f"the run in {path} has finished, so there is nothing left to go on with: gril report "
+            "draws its page again"
+        )
+    with writing(path):
+        _take_lock(path, note=False).close()
+    return config
+
+
+def _read_unchanged(path: Path) -> tuple[RunConfig, Phases]:
+    config, phases = read_config(path), read_phases(path)
+    if changed := changed_fields(phases.config, config):
+        raise RunError(
+            f"{path / 'config.yaml'} has been changed since the run began: {', '.join(changed)}"
+        )
+    return config, phases
+
+
+def create_or_resume(
+    config: RunConfig, folder: Path | None, *, device: str, experiment: str
+) -> RunDir:
+    """The run in a folder, opened to go on with; a new one at `config.run.out` where that is None.
+
+    Raises:
+      RunError: see `create`, `require_resumable` and `resume`.
+    """
+    if folder is not None:
+        require_resumable(folder, experiment)
+        return resume(folder)
+    out = Path(config.run.out) if config.run.out else default_path(config.run.seed)
+    return create(out, config, device=device, experiment=experiment)
 
 
 def require_new(path: Path) -> None:
@@ -185,17 +288,14 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
     Raises:
       RunError: the file is missing or a line before the last is damaged.
     """
-    text = _read_text(path, "metrics.jsonl", "has no metrics yet")
-    lines = text.split("\n")[:-1]  # what follows the last newline was cut short
-    rows = []
-    for number, line in enumerate(lines, 1):
-        try:
-            rows.append(json.loads(line))
-        except ValueError:
-            raise RunError(f"{path / 'metrics.jsonl'}: line {number} is not JSON") from None
-        if not isinstance(rows[-1], dict):
-            raise RunError(f"{path / 'metrics.jsonl'}: line {number} must be an object")
-    return rows
+    read_config(path)
+    file = path / "metrics.jsonl"
+    try:
+        return read_rows(file)
+    except FileNotFoundError:
+        raise RunError(f"the run in {path} has no metrics yet: it lacks {file.name}") from None
+    except OSError as error:
+        raise RunError(f"{file} cannot be read ({error})") from None
 
 
 def read_results(path: Path) -> dict[str, Any]:
@@ -204,7 +304,13 @@ def read_results(path: Path) -> dict[str, Any]:
     Raises:
       RunError: the run has not finished, or the file is damaged.
     """
-    text = _read_text(path, "results.json", "has not finished")
+    read_config(path)
+    try:
+        text = (path / "results.json").read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise RunError(f"the run in {path} has not finished: it lacks results.json") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{path / 'results.json'} cannot be read ({error})") from None
     try:
         results = json.loads(text)
     except ValueError:
@@ -225,21 +331,7 @@ def package_versions() -> dict[str, str]:
     return found
 
 
-@contextlib.contextmanager
-def writing(folder: Path) -> Iterator[None]:
-    """Turns what the file system refuses into a RunError of one sentence."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno in _FULL:
-            raise RunError(
-                f"there is no space left to write to {folder} ({error.strerror}): what was "
-                "written so far stays readable"
-            ) from None
-        raise RunError(f"{folder} cannot be written to ({error.strerror or error})") from None
-
-
-def _take_lock(path: Path) -> TextIO:
+def _take_lock(path: Path, *, note: bool = True) -> TextIO:
     """The kernel drops the lock with the process that holds it, so none is ever left behind."""
     lock = open(path / "lock", "a+", encoding="utf-8")  # closed by RunDir
     try:
@@ -251,45 +343,8 @@ def _take_lock(path: Path) -> TextIO:
         raise RunError(
             f"{path} is being written by process {holder}: wait for it or give another folder"
         ) from None
-    lock.truncate(0)
-    lock.write(f"{os.getpid()}\n")
-    lock.flush()
+    if note:
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}\n")
+        lock.flush()
     return lock
-
-
-def _open_lines(file: Path) -> TextIO:
-    """Opens for appending, after cutting off a line that was left incomplete."""
-    if file.exists():
-        data = file.read_bytes()
-        os.truncate(file, data.rfind(b"\n") + 1)
-    return open(file, "a", encoding="utf-8")
-
-
-def _write_whole(file: Path, text: str) -> None:
-    """The file appears complete or not at all."""
-    part = file.with_name(f".{file.name}.part")
-    part.write_text(text, encoding="utf-8")
-    os.replace(part, file)
-
-
-def _read_text(path: Path, name: str, fault: str) -> str:
-    read_config(path)
-    try:
-        return (path / name).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise RunError(f"the run in {path} {fault}: it lacks {name}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise RunError(f"{path / name} cannot be read ({error})") from None
-
-
-def _plain(value: Any) -> Any:
-    """Numbers, strings and lists of them, from Python's, NumPy's or JAX's."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -14,9 +14,9 @@ def random_frame(seed=0, num_nodes=5, *, robot=1, absent=4):
         "center": jnp.asarray(rng.normal(size=(num_nodes, 2)), jnp.float32),
         "size": jnp.asarray(rng.uniform(0.1, 1, (num_nodes, 2)), jnp.float32),
         "label": jnp.asarray(rng.integers(0, NUM_CLASSES, num_nodes), jnp.int32),
-        "is_robot": jnp.arange(num_nodes) == robot,
+        "is_robot": jnp.asarray(np.arange(num_nodes) == robot),
         "active": jnp.asarray(rng.random(num_nodes) < 0.5),
-        "present": jnp.arange(num_nodes) != absent,
+        "present": jnp.asarray(np.arange(num_nodes) != absent),
     }
 
 

@@ -30,7 +30,10 @@ class Probe:
       breaks: from this time on a step yields NaN if the lane was born with `fragile`.
       fragile: share of the episodes that break.
       burns: whether an action above 0.5 makes the state NaN at once.
+      clock: whether the constant in the observation is the time instead.
       moved: whether the block has been moved by the start.
+
+    All but `ends` and `breaks` being None may be traced, so that one program tests many probes.
     """
 
     classes = ("goal", "robot", "green star")
@@ -48,9 +51,10 @@ class Probe:
         breaks=None,
         fragile=0.0,
         burns=False,
+        clock=False,
         moved=False,
     ):
-        self.episode_length, self.ends, self.moved = episode_length, ends, moved
+        self.episode_length, self.ends, self.clock, self.moved = episode_length, ends, clock, moved
         self.breaks, self.fragile, self.burns = breaks, fragile, burns
 
     def reset(self, key):
@@ -67,8 +71,7 @@ class Probe:
         time, heat = data.time + 1, data.heat
         if self.breaks is not None:
             heat = jnp.where((heat > 0) & (time >= self.breaks), jnp.nan, heat)
-        if self.burns:
-            heat = jnp.where(action > 0.5, jnp.nan, heat)
+        heat = jnp.where(jnp.logical_and(self.burns, action > 0.5), jnp.nan, heat)
         where = data.where.at[0].add(0.1 * action)
         fits = (action * data.sign > 0).astype(jnp.float32)
         after = Data(self._sign(key_sign), data.sign, where, time, heat, key)
@@ -85,7 +88,7 @@ class Probe:
         center = jnp.stack([jnp.array([0.5, 0.5]), jnp.array([-0.5, 0.0]), data.where])
         return State(
             data=data,
-            obs=jnp.stack([data.sign, jnp.zeros(())]),
+            obs=jnp.stack([data.sign, jnp.where(self.clock, data.time.astype(jnp.float32), 0.0)]),
             objects=Objects(
                 center=center,
                 size=jnp.full((3, 2), 0.2),
@@ -96,4 +99,55 @@ class Probe:
             reward=reward,
             done=done,
             metrics={"score": data.time.astype(jnp.float32) / 10, "success": fits},
+        )
+
+
+class Pendulum:
+    """A rod that hangs and has to be swung up and held, by a motor too weak to lift it.
+
+    The dynamics of Gymnasium's Pendulum-v1: 1 m, 1 kg, at most 2 N m, 20 Hz. The reward of a step
+    is minus the squares of angle, speed and torque, at best 0 and at worst -16.3; about -150 in all
+    is a good episode, and -1,200 that of an idle or a random motor. Its objects are dummies.
+    """
+
+    classes = ("goal", "robot")
+    observation_size = 3  # cosine and sine of the angle from upright, speed / 8
+    action_size = 1  # torque / 2
+    control_hz = 20.0
+    half_extent = 1.2
+    background = (255, 255, 255)
+    episode_length = 200
+
+    def reset(self, key):
+        low, high = jnp.array([-jnp.pi, -1.0]), jnp.array([jnp.pi, 1.0])
+        return self._state(jax.random.uniform(key, (2,), minval=low, maxval=high), jnp.zeros(()))
+
+    def step(self, state, action):
+        angle, speed = state.data
+        torque = 2.0 * jnp.clip(action[0], -1.0, 1.0)
+        away = (angle + jnp.pi) % (2 * jnp.pi) - jnp.pi
+        cost = away**2 + 0.1 * speed**2 + 0.001 * torque**2
+        speed = jnp.clip(speed + (15.0 * jnp.sin(angle) + 3.0 * torque) / 20, -8.0, 8.0)
+        return self._state(jnp.stack([angle + speed / 20, speed]), -cost)
+
+    def outlines(self, data):
+        return []
+
+    def _state(self, data, reward):
+        angle, speed = data
+        tip = jnp.stack([jnp.sin(angle), jnp.cos(angle)])
+        upright = (jnp.cos(angle) > 0.9).astype(jnp.float32)
+        return State(
+            data=data,
+            obs=jnp.stack([jnp.cos(angle), jnp.sin(angle), speed / 8]),
+            objects=Objects(
+                center=jnp.stack([jnp.array([0.0, 1.0]), tip]),
+                size=jnp.full((2, 2), 0.1),
+                label=jnp.arange(2),
+                is_robot=jnp.arange(2) == 1,
+            ),
+            moved=jnp.array([False, False]),
+            reward=reward,
+            done=jnp.zeros(()),
+            metrics={"score": upright, "success": upright},
         )

@@ -1,5 +1,6 @@
 """Activity bits: both forms against a plain loop of Eq. 4, and against each other."""
 
+import functools
 import inspect
 
 import jax
@@ -9,6 +10,9 @@ import pytest
 
 from gril_jax import activity
 from gril_jax.errors import ConfigError, ShapeError
+
+STATIC = ("window", "smoothing", "latched", "clamp")
+trajectory = jax.jit(activity.trajectory, static_argnames=STATIC)
 
 
 def _oracle(center, size, tau, window, smoothing=1, noise=None, latched=True, clamp=True):
@@ -41,6 +45,7 @@ def _walk(seed, num_frames=30, num_nodes=6):
     return jnp.asarray(steps.cumsum(0), jnp.float32), jnp.asarray(size, jnp.float32)
 
 
+@functools.partial(jax.jit, static_argnames=STATIC)
 def _rollout(center, size, tau, window, smoothing=1, clamp=True, **options):
     memory = activity.init(center[0], window=window, smoothing=smoothing, clamp=clamp)
 
@@ -57,7 +62,7 @@ def test_both_forms_equal_the_loop(window, tau):
     center, size = _walk(window)
     expected = _oracle(center, size, tau, window)
     assert 0 < expected.mean() < 1
-    whole = activity.trajectory(center, size, tau=tau, window=window)
+    whole = trajectory(center, size, tau=tau, window=window)
     np.testing.assert_array_equal(whole, expected)
     np.testing.assert_array_equal(_rollout(center, size, tau, window), expected)
 
@@ -84,7 +89,7 @@ def test_both_forms_equal_the_loop_with_every_option():
         window = (2, 7, 4)[number % 3]
         center, size = _walk(number)
         expected = _oracle(center, size, 0.02, window, **options)
-        whole = activity.trajectory(center, size, tau=0.02, window=window, **options)
+        whole = trajectory(center, size, tau=0.02, window=window, **options)
         np.testing.assert_array_equal(whole, expected, str(options))
         np.testing.assert_array_equal(_rollout(center, size, 0.02, window, **options), expected)
         assert 0 < expected.mean() < 1
@@ -100,9 +105,9 @@ def _jittered(seed, num_objects, num_frames=120, pixel=2.2 / 384):
 
 def test_jitter_sets_every_bit_but_not_with_smoothing_and_noise():
     center, size, pixel = _jittered(0, 4000)
-    assert activity.trajectory(center, size)[-1].all()
+    assert trajectory(center, size)[-1].all()
     for smoothing in (1, 3, 5):
-        active = activity.trajectory(center, size, smoothing=smoothing, noise=0.35 * pixel)
+        active = trajectory(center, size, smoothing=smoothing, noise=0.35 * pixel)
         assert active[-1].mean() < 0.002
 
 
@@ -110,8 +115,8 @@ def test_single_frames_far_off_do_not_pass_a_median():
     center, size, pixel = _jittered(1, 1000)
     off = jnp.asarray(np.random.default_rng(1).random((120, 1000, 1)) < 0.002)
     center = center + jnp.where(off, 30 * pixel, 0.0)
-    plain = activity.trajectory(center, size, noise=0.35 * pixel)
-    smooth = activity.trajectory(center, size, smoothing=5, noise=0.35 * pixel)
+    plain = trajectory(center, size, noise=0.35 * pixel)
+    smooth = trajectory(center, size, smoothing=5, noise=0.35 * pixel)
     assert plain[-1].mean() > 0.15
     assert smooth[-1].mean() < 0.005
 
@@ -121,7 +126,7 @@ def test_a_push_in_jitter_is_seen_after_a_few_frames(speed, delay):
     center, size, pixel = _jittered(2, 500)
     path = speed * pixel * np.clip(np.arange(120) - 59, 0, 8)
     center = center.at[:, :, 0].add(path[:, None])
-    active = np.asarray(activity.trajectory(center, size, smoothing=5, noise=0.35 * pixel))
+    active = np.asarray(trajectory(center, size, smoothing=5, noise=0.35 * pixel))
     assert active[-1].all()
     assert np.median(active.argmax(axis=0)) - 59 <= delay
 
@@ -129,14 +134,14 @@ def test_a_push_in_jitter_is_seen_after_a_few_frames(speed, delay):
 def test_a_bit_that_is_not_latched_is_forgotten_after_the_window():
     x = jnp.array([0.0, 0.1, 0.1, 0.1, 0.1])
     center = jnp.stack([x, jnp.zeros(5)], axis=-1)[:, None]
-    active = activity.trajectory(center, jnp.ones((5, 1, 2)), window=2, latched=False)
+    active = trajectory(center, jnp.ones((5, 1, 2)), window=2, latched=False)
     assert active[:, 0].tolist() == [False, True, True, False, False]
 
 
 def test_a_whole_number_of_equal_frames_is_never_active_whatever_the_options():
     center, size = jnp.full((9, 1, 2), 0.1), jnp.ones((9, 1, 2))
     for options in OPTIONS:
-        assert not activity.trajectory(center, size, tau=0.0, window=2, **options).any()
+        assert not trajectory(center, size, tau=0.0, window=2, **options).any()
 
 
 @pytest.mark.parametrize(
@@ -173,27 +178,27 @@ def test_boxes_that_do_not_fit_are_refused():
 def test_an_object_that_returns_stays_active():
     x = jnp.array([0.0, 0.1, 0.0, 0.0, 0.0])
     center = jnp.stack([x, jnp.zeros(5)], axis=-1)[:, None]
-    active = activity.trajectory(center, jnp.ones((5, 1, 2)), window=2)
+    active = trajectory(center, jnp.ones((5, 1, 2)), window=2)
     assert active[:, 0].tolist() == [False, True, True, True, True]
 
 
 def test_slow_drift_is_seen_over_the_window_but_not_over_one_frame():
     center = jnp.linspace(0.0, 0.1, 50)[:, None, None] * jnp.ones((1, 1, 2))
     size = jnp.full((50, 1, 2), 1.0)
-    assert not activity.trajectory(center, size, window=1).any()
-    assert activity.trajectory(center, size, window=40).any()
+    assert not trajectory(center, size, window=1).any()
+    assert trajectory(center, size, window=40).any()
 
 
 def test_threshold_is_relative_to_the_objects_own_box():
     center = jnp.zeros((2, 2, 2)).at[1, :, 0].set(0.01)
     size = jnp.broadcast_to(jnp.array([[0.3, 0.4], [3.0, 4.0]]), (2, 2, 2))
-    active = activity.trajectory(center, size)  # diagonals 0.5 and 5: thresholds 0.0025, 0.025
+    active = trajectory(center, size)  # diagonals 0.5 and 5: thresholds 0.0025, 0.025
     assert active[1].tolist() == [True, False]
 
 
 def test_nothing_is_active_in_the_first_frame():
     center, size = _walk(0)
-    assert not activity.trajectory(center, size)[0].any()
+    assert not trajectory(center, size)[0].any()
     assert not activity.init(center[0]).active.any()
 
 
@@ -206,7 +211,7 @@ def test_new_memory_forgets_the_last_episode():
 
 
 def test_one_frame_makes_one_row_of_idle_bits():
-    active = activity.trajectory(jnp.ones((1, 3, 2)), jnp.ones((1, 3, 2)))
+    active = trajectory(jnp.ones((1, 3, 2)), jnp.ones((1, 3, 2)))
     assert active.tolist() == [[False] * 3]
 
 
@@ -222,12 +227,12 @@ def test_jitted_scan_and_vmapped_rollouts_equal_the_recording():
 
     bits = jax.jit(jax.vmap(rollout))(center, size)
     for i, walk in enumerate(walks):
-        np.testing.assert_array_equal(bits[i], activity.trajectory(*walk, window=7)[1:])
+        np.testing.assert_array_equal(bits[i], trajectory(*walk, window=7)[1:])
 
 
 def test_larger_tau_never_sets_more_bits_and_tau_can_be_vmapped():
     center, size = _walk(1)
-    bits = jax.vmap(lambda tau: activity.trajectory(center, size, tau=tau, window=5))(
+    bits = jax.vmap(lambda tau: trajectory(center, size, tau=tau, window=5))(
         jnp.array([0.0, 0.005, 0.05, 0.5])
     )
     assert (bits[:-1] >= bits[1:]).all()

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gril_jax import losses
 from gril_jax.errors import ShapeError
-from gril_jax.losses import dtw, dtw_path, expected_alignment, soft_dtw
+from gril_jax.losses import dtw_path
 
-path = jax.jit(dtw_path)
+path, dtw = jax.jit(dtw_path), jax.jit(losses.dtw, static_argnames="band")
 
 
 def _cost(*shape, seed=0):
@@ -57,9 +58,16 @@ def test_paths_of_equal_cost_are_settled_for_the_diagonal():
 
 def test_it_is_the_limit_of_soft_dtw():
     cost = _cost(3, 9, 8)
-    np.testing.assert_allclose(dtw(cost), soft_dtw(cost, gamma=1e-4), rtol=1e-5)
-    hard = jax.grad(lambda c: dtw(c).sum())(cost)
-    np.testing.assert_allclose(hard, expected_alignment(cost, gamma=1e-4), atol=1e-4)
+
+    @jax.jit
+    def both(cost):
+        hard = jax.vmap(jax.value_and_grad(losses.dtw))(cost)
+        soft = losses.soft_dtw(cost, gamma=1e-4), losses.expected_alignment(cost, gamma=1e-4)
+        return hard, soft
+
+    (hard, slope), (soft, flow) = both(cost)
+    np.testing.assert_allclose(hard, soft, rtol=1e-5)
+    np.testing.assert_allclose(slope, flow, atol=1e-4)
 
 
 def test_vmapped_paths_of_padded_pairs_equal_those_of_short_ones():

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from graph_frames import awkward_frames
+from graph_frames import awkward_frames, random_frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,25 +17,30 @@ from gril_jax.errors import ConfigError
 from gril_jax.graphs import scene_graph
 
 CONFIG = EncoderConfig(num_classes=4, width=8, rounds=2, latent=5, length_unit=0.5)
-init, apply = jax.jit(encoder.init), jax.jit(encoder.apply)
+init = jax.jit(encoder.init)
 PARAMS = init(jax.random.key(0), CONFIG)
 ROBOT, ABSENT = 1, 4
 
 
-def _frame(seed=0, num_nodes=5):
-    rng = np.random.default_rng(seed)
-    return {
-        "center": jnp.asarray(rng.normal(size=(num_nodes, 2)), jnp.float32),
-        "size": jnp.asarray(rng.uniform(0.1, 1, (num_nodes, 2)), jnp.float32),
-        "label": jnp.asarray(rng.integers(0, 4, num_nodes), jnp.int32),
-        "is_robot": jnp.arange(num_nodes) == ROBOT,
-        "active": jnp.asarray(rng.random(num_nodes) < 0.5),
-        "present": jnp.arange(num_nodes) != ABSENT,
-    }
+@jax.jit
+def embed(params, frame, config, alpha=5.0):
+    return encoder.apply(params, scene_graph(**frame), config, alpha=alpha)
+
+
+def _frame(seed=0):
+    """In NumPy, so that changes of it compile nothing."""
+    return jax.tree.map(np.asarray, random_frame(seed, robot=ROBOT, absent=ABSENT))
 
 
 def _latent(frame, config=CONFIG, alpha=5.0):
-    return apply(PARAMS, scene_graph(**frame), config, alpha=alpha)
+    return embed(PARAMS, frame, config, alpha)
+
+
+@jax.jit
+@jax.grad
+def _slope(center, frame, weights):
+    """Of a weighted sum of the latent, by the centres."""
+    return _latent(frame | {"center": center}) @ weights
 
 
 def relu(x):
@@ -92,33 +97,33 @@ def test_latent_equals_the_loop(pool_robot, robot_messages):
 def test_latent_equals_the_loop_to_twelve_digits_in_float64():
     with jax.enable_x64(True):
         params, frame = jax.tree.map(
-            lambda x: jnp.asarray(x, jnp.float64 if x.dtype == np.float32 else x.dtype),
-            jax.tree.map(np.asarray, (PARAMS, _frame())),
+            lambda x: np.asarray(x, np.float64 if x.dtype == np.float32 else x.dtype),
+            (PARAMS, _frame()),
         )
-        latent = encoder.apply(params, scene_graph(**frame), CONFIG, alpha=3.0)
+        latent = embed(params, frame, CONFIG, 3.0)
         np.testing.assert_allclose(latent, _oracle(frame, CONFIG, 3.0), rtol=1e-12, atol=1e-12)
 
 
 def test_latent_ignores_node_order():
-    order = jnp.array([3, 0, 4, 2, 1])
+    order = np.array([3, 0, 4, 2, 1])
     shuffled = {k: v[order] for k, v in _frame().items()}
     np.testing.assert_allclose(_latent(shuffled), _latent(_frame()), rtol=1e-4, atol=1e-6)
 
 
 def _changed(frame, node):
     """The same frame with everything about one node changed but what kind of node it is."""
-    return frame | {
-        "center": frame["center"].at[node].set(jnp.array([9.0, -7.0])),
-        "size": frame["size"].at[node].set(3.0),
-        "label": frame["label"].at[node].add(1) % 4,
-        "active": frame["active"].at[node].set(~frame["active"][node]),
-    }
+    changed = {name: value.copy() for name, value in frame.items()}
+    changed["center"][node] = 9.0, -7.0
+    changed["size"][node] = 3.0
+    changed["label"][node] = (frame["label"][node] + 1) % 4
+    changed["active"][node] = ~frame["active"][node]
+    return changed
 
 
 @pytest.mark.parametrize("node", [ROBOT, ABSENT])
 def test_latent_does_not_depend_on_the_robot_nor_on_absent_nodes(node):
     np.testing.assert_array_equal(_latent(_changed(_frame(), node)), _latent(_frame()))
-    gradient = jax.grad(lambda c: _latent(_frame() | {"center": c}).sum())(_frame()["center"])
+    gradient = _slope(_frame()["center"], _frame(), np.ones(5, np.float32))
     assert (gradient[node] == 0).all()
     assert (gradient[0] != 0).any()
 
@@ -138,59 +143,61 @@ def test_latent_equals_that_of_the_graph_without_padding():
 
 def test_relative_latent_ignores_where_the_scene_lies_and_the_absolute_does_not():
     frame = _frame()
-    shifted = frame | {"center": frame["center"] + jnp.array([0.5, -0.25])}
+    shifted = frame | {"center": frame["center"] + np.float32([0.5, -0.25])}
     assert not np.allclose(_latent(frame), _latent(shifted), atol=1e-4)
     config = dataclasses.replace(CONFIG, absolute=False)
     params = init(jax.random.key(1), config)
-    one, other = (apply(params, scene_graph(**f), config) for f in (frame, shifted))
+    one, other = (embed(params, f, config) for f in (frame, shifted))
     np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
 
 
 def test_alpha_changes_the_latent_only_if_some_but_not_all_nodes_are_active():
     for active in (False, True):
-        frame = _frame() | {"active": jnp.full(5, active)}
+        frame = _frame() | {"active": np.full(5, active)}
         np.testing.assert_allclose(_latent(frame, alpha=9.0), _latent(frame), rtol=1e-4)
-    frame = _frame() | {"active": jnp.arange(5) == 0}
+    frame = _frame() | {"active": np.arange(5) == 0}
     assert not np.allclose(_latent(frame, alpha=9.0), _latent(frame), atol=1e-4)
 
 
 @jax.jit
 @jax.value_and_grad
-def _summed(params, graph):
-    return encoder.apply(params, graph, CONFIG).sum()
+def _summed(params, frame):
+    return embed(params, frame, CONFIG).sum()
 
 
 def test_a_lone_object_and_a_lone_robot_have_finite_latents_and_gradients():
     for is_robot in (False, True):
         frame = {k: v[:1] for k, v in _frame().items()}
-        frame["is_robot"] = jnp.array([is_robot])
-        value, gradient = _summed(PARAMS, scene_graph(**frame))
+        frame["is_robot"] = np.array([is_robot])
+        value, gradient = _summed(PARAMS, frame)
         assert np.isfinite(value)
         assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
 
 
 def test_gradient_equals_finite_differences():
-    frame, h = _frame(), 1e-3
-    direction = jnp.zeros((5, 2)).at[0].set(jnp.array([0.6, 0.8]))
+    frame, h = _frame(), np.float32(1e-3)
+    direction = np.zeros((5, 2), np.float32)
+    direction[0] = 0.6, 0.8
 
     def value(t):
         return _latent(frame | {"center": frame["center"] + t * direction})[0]
 
     numeric = (value(h) - value(-h)) / (2 * h)
-    np.testing.assert_allclose(jax.grad(value)(0.0), numeric, rtol=0.02, atol=1e-3)
+    slope = np.asarray(_slope(frame["center"], frame, np.eye(5, dtype=np.float32)[0]))
+    np.testing.assert_allclose((slope * direction).sum(), numeric, rtol=0.02, atol=1e-3)
 
 
 def test_vmap_equals_a_loop_over_graphs_and_over_parameters():
     frames = [_frame(seed) for seed in range(3)]
-    graphs = jax.vmap(lambda f: scene_graph(**f))(jax.tree.map(lambda *x: jnp.stack(x), *frames))
-    batched = jax.jit(jax.vmap(encoder.apply, (None, 0, None)))(PARAMS, graphs, CONFIG)
+    together = jax.tree.map(lambda *x: np.stack(x), *frames)
+    batched = jax.vmap(embed, (None, 0, None))(PARAMS, together, CONFIG)
     for frame, latent in zip(frames, batched, strict=True):
         np.testing.assert_allclose(latent, _latent(frame), rtol=1e-4, atol=1e-5)
 
     keys = jax.random.split(jax.random.key(2), 2)
     params = jax.vmap(init, (0, None))(keys, CONFIG)
-    batched = jax.vmap(apply, (0, None, None))(params, scene_graph(**frames[0]), CONFIG)
-    alone = encoder.apply(init(keys[1], CONFIG), scene_graph(**frames[0]), CONFIG)
+    batched = jax.vmap(embed, (0, None, None))(params, frames[0], CONFIG)
+    alone = embed(init(keys[1], CONFIG), frames[0], CONFIG)
     np.testing.assert_allclose(batched[1], alone, rtol=1e-4, atol=1e-5)
 
 
@@ -237,8 +244,8 @@ def _finite_as(config):
 def test_awkward_graphs_of_any_size_have_finite_latents_and_gradients(config):
     params, finite = init(jax.random.key(0), config), _finite_as(config)
 
-    @settings(max_examples=60, deadline=None)
-    @given(st.sampled_from([0, 1, 3, 12]).flatmap(awkward_frames), st.sampled_from([0.0, 5.0]))
+    @settings(max_examples=60, deadline=None)  # few sizes: each is compiled
+    @given(st.sampled_from([0, 1, 7]).flatmap(awkward_frames), st.sampled_from([0.0, 5.0]))
     def check(frame, alpha):
         assert finite(params, frame, alpha)
 
@@ -248,8 +255,8 @@ def test_awkward_graphs_of_any_size_have_finite_latents_and_gradients(config):
 @pytest.mark.parametrize("config", AWKWARD, ids=["paper", "robot", "xmagical", "mlp"])
 def test_a_graph_of_nothing_is_embedded_alike_whether_empty_padding_or_uncounted_robots(config):
     params = init(jax.random.key(0), config)
-    frames = [{k: v[:0] for k, v in _frame().items()}, _frame() | {"present": jnp.zeros(5, bool)}]
-    latents = [encoder.apply(params, scene_graph(**frame), config) for frame in frames]
+    frames = [{k: v[:0] for k, v in _frame().items()}, _frame() | {"present": np.zeros(5, bool)}]
+    latents = [embed(params, frame, config) for frame in frames]
     np.testing.assert_array_equal(*latents)
 
 
@@ -264,9 +271,8 @@ def test_a_config_of_no_encoder_is_refused_by_name():
 
 
 def test_every_graph_config_gives_a_latent_of_the_size_it_states():
-    graph = scene_graph(**_frame())
     for config in AWKWARD:
         params = jax.eval_shape(lambda key, c=config: encoder.init(key, c), jax.random.key(0))
-        latent = jax.eval_shape(lambda p, c=config: encoder.apply(p, graph, c, alpha=2.0), params)
+        latent = jax.eval_shape(embed, params, _frame(), config)
         assert latent.shape == (config.latent,)
         assert jax.tree.leaves(config) == []

@@ -34,18 +34,22 @@ def file(tmp_path_factory):
     return str(path)
 
 
+DRIVE = jnp.array([[1.0, 0.0]])
+
+
 def _expected(learned, tables):
     """The rewards of an episode's tables after its first."""
-    center, size = jax.vmap(pushing.boxes)(tables)
-    return np.asarray(learned.trajectory(center, size)[1:])
+    return np.asarray(
+        jax.jit(lambda t: learned.trajectory(*jax.vmap(pushing.boxes)(t)))(tables)[1:]
+    )
 
 
 def _episode(key, num_steps=23):
     """The tables of an episode in which the robot drives to the right."""
-    tables = [pushing.reset(key)]
+    tables, step = [pushing.reset(key)], jax.jit(pushing.step)
     for _ in range(num_steps):
-        tables.append(pushing.step(tables[-1], jnp.array([1.0, 0.0])))
-    return jnp.stack(tables)
+        tables.append(step(tables[-1], DRIVE[0]))
+    return np.stack(tables)
 
 
 # --- the examples
@@ -112,9 +116,6 @@ def _wrapped(file, **options):
     return brax.LearnedReward(
         _Drive(), load_reward(file), lambda s: pushing.boxes(s.pipeline_state), **options
     )
-
-
-DRIVE = jnp.array([[1.0, 0.0]])
 
 
 def _drive(env, num_steps):
@@ -186,10 +187,10 @@ def _gymnax(file, **options):
 
 def test_gymnaxs_reset_begins_the_memory_anew(file):
     env = _gymnax(file)
-    _, state = env.reset(jax.random.key(0))
-    table, rewards = state.env.table, []
+    _, state = jax.jit(env.reset)(jax.random.key(0))
+    table, rewards, step = state.env.table, [], jax.jit(env.step)
     for t in range(24):
-        _, state, reward, terminated, truncated, info = env.step(jax.random.key(t), state, DRIVE[0])
+        _, state, reward, terminated, truncated, info = step(jax.random.key(t), state, DRIVE[0])
         rewards.append(reward)
         assert (bool(terminated), bool(truncated)) == (False, t == 23)
     assert info["task_reward"] == 0

@@ -1,6 +1,7 @@
 """An exported policy acts like the run's own, with NumPy alone, and says what its arrays mean."""
 
 import ast
+import functools
 import json
 import pathlib
 import textwrap
@@ -31,9 +32,15 @@ SMALL = RunConfig(
 )
 
 
-def _probe(*, bits=True, hidden=(8, 6), env=None):
+@functools.cache
+def _probe(*, bits=True, hidden=(8, 6)):
     static = Static(num_envs=2, num_minibatches=1, hidden=hidden, observe_activity=bits, window=4)
-    return PPO(env or Probe(), rewards.environmental, static)
+    return PPO(Probe(), rewards.environmental, static)
+
+
+@functools.cache
+def _fresh(algorithm):
+    return jax.jit(algorithm.init)(jax.random.key(2), Hyper())
 
 
 def _seasoned(state, seed=0):
@@ -45,7 +52,8 @@ def _seasoned(state, seed=0):
         mean=jnp.asarray(rng.uniform(-1, 1, size), jnp.float32), std=jnp.asarray(std, jnp.float32)
     )
     biased = jax.tree.map(  # fresh biases are 0, which would hide a wrong one
-        lambda x: x + jnp.asarray(rng.normal(0, 0.1, x.shape), jnp.float32), state.params.policy
+        lambda x: jnp.asarray(x + rng.normal(0, 0.1, x.shape), jnp.float32),
+        jax.device_get(state.params.policy),
     )
     return state._replace(normalizer=normalizer, params=state.params.replace(policy=biased))
 
@@ -53,7 +61,7 @@ def _seasoned(state, seed=0):
 def _save_run(path, algorithm, config, *, state=None):
     run_dir.create(path, config, device="cpu").close()
     if state is None:
-        state = _seasoned(jax.jit(algorithm.init)(jax.random.key(0), setup.ppo_hyper(config)))
+        state = _seasoned(_fresh(algorithm))
     checkpoint.save(path / "policy", 640, state)
     return state
 
@@ -69,7 +77,7 @@ def _snippet(folder, monkeypatch):
 def _lanes(algorithm, policy, seed=1):
     """Lanes with random observations: ordinary, beyond the clip, and near a constant's mean."""
     rng = np.random.default_rng(seed)
-    begin = jax.vmap(algorithm.episodes.begin)
+    begin = jax.jit(jax.vmap(algorithm.episodes.begin))
     lanes = begin(jax.random.split(jax.random.key(seed), OBSERVATIONS))
     own = lanes.state.obs.shape[1]
     mean, std = np.asarray(policy.normalizer.mean)[:own], np.asarray(policy.normalizer.std)[:own]
@@ -86,12 +94,18 @@ def _compare(algorithm, policy, act):
     """The largest difference of the two actions, over all lanes."""
     lanes = _lanes(algorithm, policy)
     key = jax.random.key(0)
-    wanted = jax.vmap(lambda lane: algorithm.act(policy, lane, key, deterministic=True))(lanes)
-    seen = np.asarray(jax.vmap(algorithm.episodes.observe)(lanes))
+
+    @jax.jit
+    @jax.vmap
+    def own(lane):
+        action = algorithm.act(policy, lane, key, deterministic=True)
+        return action, algorithm.episodes.observe(lane)
+
+    wanted, seen = map(np.asarray, own(lanes))
     assert np.std(wanted, axis=0).min() > 1e-3  # the policy does not answer all alike
     many = act(seen)
     np.testing.assert_allclose(many[3], act(seen[3]), atol=1e-6)
-    return np.abs(many - np.asarray(wanted)).max()
+    return np.abs(many - wanted).max()
 
 
 # --- the whole of it, on the task
@@ -197,7 +211,7 @@ def test_an_export_reads_the_run_only_leaves_no_other_file_and_repeats_to_the_by
 @pytest.mark.parametrize("bits", [True, False])
 def test_every_depth_with_and_without_activity_bits_acts_alike(bits, hidden, tmp_path, monkeypatch):
     algorithm = _probe(bits=bits, hidden=hidden)
-    state = _seasoned(jax.jit(algorithm.init)(jax.random.key(2), Hyper()))
+    state = _seasoned(_fresh(algorithm))
     policy = Policy(state.normalizer, state.params.policy)
     arrays = export_policy.policy_arrays(policy)
     objects = Probe.classes if bits else ()
@@ -210,7 +224,7 @@ def test_every_depth_with_and_without_activity_bits_acts_alike(bits, hidden, tmp
 def test_folding_is_the_normalisation_in_float64():
     """The oracle: clip((x - mean) / std) W + b, written out for one layer."""
     algorithm = _probe(hidden=())
-    state = _seasoned(jax.jit(algorithm.init)(jax.random.key(3), Hyper()))
+    state = _seasoned(_fresh(algorithm))
     found = export_policy.policy_arrays(Policy(state.normalizer, state.params.policy))
     layer = state.params.policy["params"]["hidden_0"]
     kernel, bias = (np.asarray(layer[name], np.float64) for name in ("kernel", "bias"))
@@ -286,8 +300,9 @@ def test_a_run_without_policy_is_refused(tmp_path):
 
 def test_a_policy_that_is_not_finite_is_refused(tmp_path):
     algorithm = _probe()
-    state = jax.jit(algorithm.init)(jax.random.key(0), Hyper())
-    broken = jax.tree.map(lambda x: x * jnp.nan, state.params.policy)
+    state = _fresh(algorithm)
+    broken = jax.tree.map(lambda x: jnp.asarray(np.full(x.shape, np.nan, np.float32)),
+                          state.params.policy)  # fmt: skip
     state = state._replace(params=state.params.replace(policy=broken))
     _save_run(tmp_path / "run", algorithm, RunConfig(), state=state)
     with pytest.raises(RunError, match=r"kernel_0 of the policy in .* is not finite"):

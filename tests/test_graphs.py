@@ -77,3 +77,10 @@ def test_vmap_equals_a_loop_and_jit_equals_plain():
     batched = jax.jit(jax.vmap(scene_graph))(*batch)
     for i, frame in enumerate(frames):
         np.testing.assert_allclose(batched.edges[i], scene_graph(*frame).edges, rtol=1e-6)
+
+
+def test_the_length_of_a_vector_with_nan_is_nan():
+    """Were it 0, a broken encoder would be paid as if at the goal."""
+    found = np.asarray(safe_norm(jnp.array([[jnp.nan, 0.0], [3.0, 4.0]])))
+    assert np.isnan(found[0])
+    assert found[1] == 5.0

@@ -1,6 +1,7 @@
 """A learned reward in use: of a moment, of a rollout, of a recording."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -64,7 +65,7 @@ def test_a_rollout_a_scan_and_a_recording_agree(kind):
     found = jax.jit(learned.trajectory)(center, size)
     np.testing.assert_allclose(found, rollout, rtol=1e-5)
 
-    active = activity.trajectory(center, size, tau=0.5, window=2)
+    active = jax.jit(lambda *b: activity.trajectory(*b, tau=0.5, window=2))(center, size)
     assert 0 < np.asarray(active).mean() < 1
     np.testing.assert_array_equal(memory.activity.active, active[-1])
     label, is_robot = learned.label, learned.is_robot
@@ -89,12 +90,13 @@ def test_every_option_of_the_activity_rule_is_used():
         ActivityRule(1.5, 2, latched=False),
         ActivityRule(0.5, 4, clamp=False),
     ):
-        memory = rule.init(center[0])
+        memory, step = rule.init(center[0]), jax.jit(rule.step)
         bits = [memory.active]
         for frame in zip(center[1:], size[1:], strict=True):
-            memory, active = rule.step(memory, *frame)
+            memory, active = step(memory, *frame)
             bits.append(active)
-        expected = activity.trajectory(center, size, **rule._asdict())
+        whole = functools.partial(activity.trajectory, **rule._asdict())
+        expected = jax.jit(whole)(center, size)
         np.testing.assert_array_equal(bits, expected)
         assert from_json(rule._asdict()) == rule
 

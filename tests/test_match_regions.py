@@ -1,7 +1,8 @@
 """The contract of tasks: every one that is registered, every robot and variant of MatchRegions.
 
-Variants are data: one compiled step of a robot serves them all. The sticks have two blocks here,
-which compile faster; with five they play in the tests of `planar_physics`.
+Variants are data: one compiled step of a robot serves them all, the gripper's the whole file. The
+sticks have two blocks here, which compile faster; with five they play in the tests of
+`planar_physics`.
 """
 
 import chex
@@ -20,9 +21,11 @@ EXTREME = [-1e30, -1e3, -1.0, 0.0, 1.0, 1e3, 1e30]
 FEW = {"targets": ("green star",), "distractors": ("yellow circle",)}
 ROLLOUTS = [
     {"robot": "short", "variant": "all", "reward": "V5", "observation": "xmagical"},
+    {"physics": "magical", "variant": "all", "observation": "xmagical", "reward": "V5"},
+]
+SLOW = [  # they differ from the short one in their width, which the tests of physics play
     {"robot": "medium", "variant": "all", "reward": "S3"},
     {"robot": "long", "variant": "all", "reward": "sparse"},
-    {"physics": "magical", "variant": "all", "observation": "xmagical", "reward": "V5"},
 ]
 
 
@@ -62,7 +65,9 @@ def _label(options):
     return "-".join(options.values())
 
 
-@pytest.mark.parametrize("options", ROLLOUTS, ids=_label)
+@pytest.mark.parametrize(
+    "options", ROLLOUTS + [pytest.param(o, marks=pytest.mark.slow) for o in SLOW], ids=_label
+)
 def test_episodes_of_every_robot_stay_finite_and_in_the_arena_and_compile_once(options):
     env = envs.make("match_regions", **options, **FEW)
     chex.clear_trace_counter()  # it counts by a function's name
@@ -119,3 +124,35 @@ def test_task_starts_where_its_key_says(task):
     assert label.min() >= 0
     assert label.max() < len(task.classes)
     assert int(a.objects.is_robot.sum()) == 1
+
+
+# ---------------------------------------------------------------- what a step does
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return lanes.demo()
+
+
+def test_actions_beyond_the_box_act_like_its_border(demo):
+    action = np.tile([7.0, -7.0, 7.0], (LANES, 1))
+    a = lanes.step()(demo, jnp.asarray(action, jnp.float32))
+    b = lanes.step()(demo, jnp.asarray(np.sign(action), jnp.float32))
+    chex.assert_trees_all_equal(a, b)
+
+
+def test_nearest_is_the_least_distance_since_reset(demo):
+    """The robot of the Demo start drives away from the square and, later, back."""
+    state, least = demo, np.asarray(demo.data.nearest)
+    for t in range(10):
+        action = jnp.tile(jnp.array([1.0 if t < 5 else -1.0, 0.0, 0.0]), (LANES, 1))
+        state = lanes.step()(state, action)
+        pose = np.asarray(state.data.pose)
+        least = np.minimum(least, np.linalg.norm(pose[:, 3:5, :2] - pose[:, :1, :2], axis=2))
+        np.testing.assert_allclose(state.data.nearest, least, rtol=1e-5)
+
+
+def test_the_task_itself_never_ends(demo):
+    state = lanes.step()(demo, jnp.ones((LANES, 3)))
+    assert not demo.done.any()
+    assert not state.done.any()

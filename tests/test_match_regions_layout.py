@@ -107,7 +107,7 @@ def test_regions_have_the_references_sizes_and_lie_in_the_arena():
 
 
 def test_more_blocks_than_fit_are_flagged():
-    layout = _scatter("gripper", (0,) * 40, count=8)
+    layout = _scatter("short", (0,) * 12, count=8, arena=0.6)  # circles of 0.92 in 1.44
     assert layout.unplaced.all()
     assert np.isfinite(layout.blocks).all()
 

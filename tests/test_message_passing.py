@@ -22,7 +22,7 @@ def _embed(graph, form, params=PARAMS):
     return message_passing.node_embeddings(params, graph, CONFIG, form=form)
 
 
-@pytest.mark.parametrize("num_nodes", [0, 1, 2, 7])
+@pytest.mark.parametrize("num_nodes", [0, 1, 7])
 def test_all_forms_give_the_same_numbers_and_gradients(num_nodes):
     graph = scene_graph(**random_frame(1, num_nodes))
 

@@ -8,6 +8,7 @@ import math
 
 import chex
 import jax
+import jax.numpy as jnp
 import numpy as np
 import planar_scenes
 import pytest
@@ -26,6 +27,8 @@ from planar_scenes import (
     play,
     scene,
 )  # fmt: skip
+
+from gril_jax import envs
 
 ROBOTS = ("gripper", "short", "medium", "long")
 INERTIA = {"short": 0.00833, "medium": 0.03083, "long": 0.21417}
@@ -326,17 +329,25 @@ def test_lanes_do_not_influence_each_other():
 
 def test_a_scene_settled_under_its_action_goes_on_as_before():
     """A push that is under way: with the solver's memory made anew, the next poses are the same."""
-    state = begin(np.stack([_row(1, "gripper")] * LANES))
-    actions = _actions("gripper")
-    actions[..., 0] = 1.0
-    poses, states = play(state, actions)
-    now = jax.tree.map(lambda leaf: leaf[6], states)
-    again = jax.jit(jax.vmap(lambda p, v, a: planar_scenes.task().reset_to(p, v, action=a)))(
-        now.data.pose, now.data.velocity, actions[6].astype(np.float32)
-    )
+    env = envs.make("match_regions", targets=("yellow circle",), distractors=())
+    pose = np.array([*planar_scenes.parts("gripper", (-0.85, -0.3, RIGHT)), (-0.55, -0.3, 0.0)])
+    push = jnp.array([1.0, 0.0, -1.0])
+
+    @jax.jit
+    def roll(state):
+        def move(state, _):
+            state = env.step(state, push)
+            return state, state
+
+        return jax.lax.scan(move, state, length=12)[1]
+
+    states = roll(jax.jit(env.reset_to)(jnp.float32(pose), jnp.zeros((4, 3))))
+    poses, now = np.asarray(states.data.pose), jax.tree.map(lambda leaf: leaf[6], states)
+    settle = jax.jit(lambda *scene: env.reset_to(*scene, action=push))
+    again = settle(now.data.pose, now.data.velocity)
     chex.assert_trees_all_equal(again.data.pose, now.data.pose)
-    on = play(again, actions)[0]
-    np.testing.assert_allclose(on[:, 1:6], poses[:, 8:13], atol=2e-3)
+    assert poses[11, 3, 0] - poses[6, 3, 0] > 0.4  # it is pushed
+    np.testing.assert_allclose(roll(again).data.pose[:5], poses[7:12], atol=2e-3)
 
 
 def test_memory_is_as_long_as_it_says_and_zero_at_rest():

@@ -84,8 +84,16 @@ def test_where_a_run_is_cut_into_chunks_changes_no_bit(state, stepped, demos):
         np.testing.assert_array_equal(a, b)
 
 
+def test_batches_are_varied_as_asked(state, stepped, demos):
+    losses = {round(float(stepped[1].loss[0]), 4)}
+    for change in ({"turn_scenes": True}, {"touched": 0.5}):
+        config = dataclasses.replace(SMALL, updates=1, **change)
+        losses.add(round(float(pretrain.step(state, demos, Hyper(), config)[1].loss[0]), 4))
+    assert len(losses) == 3
+
+
 def test_vmap_over_seeds_and_learning_rates_equals_single_runs(state, stepped, demos):
-    keys = jnp.stack([jax.random.key(0), jax.random.key(0), jax.random.key(1)])
+    keys = jax.vmap(jax.random.key)(jnp.array([0, 0, 1]))
     states = jax.vmap(pretrain.init, (0, None, None))(keys, demos, SMALL)
     rates = jnp.array([1e-3, 1e-2, 1e-3])
     rate_only = Hyper(*[None] * len(Hyper._fields))._replace(learning_rate=0)
@@ -103,19 +111,18 @@ def test_vmap_over_seeds_and_learning_rates_equals_single_runs(state, stepped, d
 
 def test_embed_equals_the_encoder_frame_by_frame(state, demos):
     params = state.params.encoder
-    latents = pretrain.embed(params, demos, Hyper(alpha=2.0), SMALL)
+    latents = np.asarray(pretrain.embed(params, demos, Hyper(alpha=2.0), SMALL))
+
+    @jax.jit
+    def one(demos, demo, frame):
+        center, size, label, is_robot, present, _ = jax.tree.map(lambda x: x[demo], demos)
+        active = activity.trajectory(center, size)[frame]
+        graph = scene_graph(center[frame], size[frame], label, is_robot, active, present)
+        return encoder.apply(params, graph, SMALL.encoder, alpha=2.0)
+
     for demo, frame in ((0, 0), (1, 30), (4, 70)):
-        active = activity.trajectory(demos.center[demo], demos.size[demo])
-        graph = scene_graph(
-            demos.center[demo, frame],
-            demos.size[demo, frame],
-            demos.label[demo],
-            demos.is_robot[demo],
-            active[frame],
-            demos.present[demo],
-        )
-        one = encoder.apply(params, graph, SMALL.encoder, alpha=2.0)
-        np.testing.assert_allclose(latents[demo, frame], one, rtol=1e-4, atol=1e-5)
+        alone = one(demos, demo, frame)
+        np.testing.assert_allclose(latents[demo, frame], alone, rtol=1e-4, atol=1e-5)
 
 
 def test_evaluation_agrees_with_the_reward_of_the_training_demonstrations(state, demos):
@@ -123,10 +130,10 @@ def test_evaluation_agrees_with_the_reward_of_the_training_demonstrations(state,
     values = pretrain.evaluate(params, demos, demos, Hyper(), SMALL)
     assert set(values) == {"tau", "reward_time_tau", "reward_first", "reward_last"}
     np.testing.assert_allclose(values["reward_first"], -1.0, rtol=1e-4)
-    learned = reward.from_demos(params, demos, SMALL.encoder)
+    learned = jax.jit(reward.from_demos)(params, demos, SMALL.encoder)
     latents = pretrain.embed(params, demos, Hyper(), SMALL)
-    last = [z[int(n) - 1] for z, n in zip(latents, demos.length, strict=True)]
-    expected = -learned.scale * np.mean([np.linalg.norm(z - learned.goal) for z in last])
+    last = np.asarray(latents)[np.arange(5), np.asarray(demos.length) - 1]
+    expected = -learned.scale * np.linalg.norm(last - learned.goal, axis=1).mean()
     np.testing.assert_allclose(values["reward_last"], expected, rtol=1e-3)
 
 

@@ -17,7 +17,7 @@ def env():
 
 @pytest.fixture(scope="module")
 def drive(env):
-    """From a pose of the robot along waypoints: its poses and the routes, of 40 control steps."""
+    """From two poses of the robot along waypoints: its poses and routes, of 40 control steps."""
 
     def roll(start, points):
         pose = jnp.stack([start, jnp.array([-0.9, 0.9, 0.0])])
@@ -40,7 +40,7 @@ POINTS = np.array([[0.4, -0.3], [0.6, -0.3], [0.6, 0.2]], np.float32)
 
 
 def test_a_stick_arrives_at_each_waypoint_in_turn(drive):
-    pose, route, action = drive(jnp.zeros((1, 3)), jnp.asarray(POINTS)[None])
+    pose, route, action = drive(jnp.zeros((2, 3)), jnp.asarray(np.stack([POINTS, POINTS])))
     pose, at = np.asarray(pose[0]), np.asarray(route.at[0])
     for point in POINTS:
         assert np.linalg.norm(pose[:, :2] - point, axis=1).min() < 0.09
@@ -60,21 +60,26 @@ def test_either_long_side_leads_and_both_drive_the_same_way(drive):
 
 def test_a_waypoint_out_of_reach_is_given_up(drive):
     points = np.array([[2.0, 0.0], [0.5, 0.0], [0.5, 0.0]], np.float32)
-    _, route, _ = drive(jnp.zeros((1, 3)), jnp.asarray(points)[None])
+    _, route, _ = drive(jnp.zeros((2, 3)), jnp.asarray(np.stack([points, points])))
     assert np.asarray(route.at[0])[-1] > 0
 
 
 def test_standing_still_is_a_route_that_is_over(env):
     state = jax.jit(env.reset)(jax.random.key(0))
-    action, route = routes.follow(env, routes.stay(), state)
+    action, route = jax.jit(lambda state: routes.follow(env, routes.stay(), state))(state)
     np.testing.assert_array_equal(action, 0.0)
     assert route.at == 3
 
 
-def test_drawn_routes_stay_in_the_arena_and_most_push_towards_the_place(env):
+@pytest.fixture(scope="module")
+def draw(env):
+    return jax.jit(jax.vmap(lambda *given: routes.draw(env, *given), (0, None, None, None)))
+
+
+def test_drawn_routes_stay_in_the_arena_and_most_push_towards_the_place(env, draw):
     block, slot = jnp.array([0.3, 0.3]), jnp.array([-0.4, 0.1])
-    draw = jax.jit(jax.vmap(lambda key: routes.draw(env, key, jnp.array([0.0, -0.5]), block, slot)))
-    drawn = draw(jax.random.split(jax.random.key(0), 500))
+    keys = jax.random.split(jax.random.key(0), 500)
+    drawn = draw(keys, jnp.array([0.0, -0.5]), block, slot)
     points = np.asarray(drawn.points)
     assert np.abs(points).max() <= env.arena - 0.06 + 1e-6
     assert (np.asarray(drawn.at) == 0).all()
@@ -86,7 +91,7 @@ def test_drawn_routes_stay_in_the_arena_and_most_push_towards_the_place(env):
     assert 0.2 < np.linalg.norm(behind, axis=1).mean() < 0.5
 
 
-def test_a_block_at_its_place_gives_finite_routes(env):
+def test_a_block_at_its_place_gives_finite_routes(draw):
     point = jnp.zeros(2)
-    drawn = routes.draw(env, jax.random.key(0), point, point, point)
+    drawn = draw(jax.random.split(jax.random.key(0), 500), point, point, point)
     assert np.isfinite(np.asarray(drawn.points)).all()

@@ -11,57 +11,21 @@ import pytest
 import scenes
 from gril_jax.envs import match_regions_scene as look
 from gril_jax.envs import raster, robots
-from gril_jax.envs.block_shapes import SHAPES, outline
+from raster_pictures import (
+    DEMO,
+    GOAL,
+    HALF,
+    NAMES,
+    NOWHERE,
+    RGB,
+    STICKS,
+    demo_arguments,
+    exact_picture,
+    made_scene,
+    random_arguments,
+)
 
 from gril_jax import render as host
-
-HALF = 1.122
-OPEN = math.pi / 8
-NAMES = tuple(f"{c} {s}" for c in raster.COLOURS for s in SHAPES)
-DEMO = ("green star", "green square", "blue pentagon", "yellow circle", "yellow pentagon")
-GOAL = (0.40, 0.35, 0.60, 0.70)
-STICKS = {"short": 0.3, "medium": 0.6, "long": 1.6}
-NOWHERE = np.full(3, np.nan)
-
-
-# ---------------------------------------------------------------- scenes
-
-
-def _pivot(robot, side):
-    x, y, angle = robot
-    c, s = math.cos(angle), math.sin(angle)
-    px, py = robots.PIVOTS[0 if side < 0 else 1]
-    return x + c * px - s * py, y + s * px + c * py
-
-
-def _scene(names, blocks, robot=scenes.ROBOT, fingers=(OPEN, -OPEN), goal=GOAL, colour="green"):
-    """`fingers` None is a stick. A robot that is nowhere takes its fingers along."""
-    poses = [robot]
-    if fingers is not None:
-        turned = zip((-1, 1), fingers, strict=True)
-        poses += [(*_pivot(robot, side), robot[2] + angle) for side, angle in turned]
-    split = [name.split() for name in names]
-    return raster.Scene(
-        pose=jnp.array([*poses, *blocks], jnp.float32).reshape(-1, 3),
-        shape=jnp.array([SHAPES.index(s) for _, s in split], jnp.int32),
-        colour=jnp.array([raster.COLOURS.index(c) for c, _ in split], jnp.int32),
-        goal=jnp.array(goal, jnp.float32),
-        goal_colour=jnp.array(raster.COLOURS.index(colour)),
-    )
-
-
-def _random(seed, fingers=True):
-    """Arguments of `_scene`: everything anywhere, bodies partly outside and partly hidden."""
-    rng = np.random.default_rng(seed)
-    names = [NAMES[i] for i in rng.permutation(16)[:5]]
-    pose = rng.uniform([-1.1, -1.1, -4], [1.1, 1.1, 4], (6, 3))
-    opening = (rng.uniform(0, OPEN), rng.uniform(-OPEN, 0)) if fingers else None
-    goal = (*rng.uniform(-0.6, 0.6, 2), *rng.uniform(0.5, 0.8, 2))
-    return names, pose[1:], pose[0], opening, goal, names[0].split()[0]
-
-
-def _demo():
-    return DEMO, [scenes.BLOCKS[name] for name in DEMO]
 
 
 @functools.cache
@@ -73,120 +37,21 @@ def _render(scene, **options):
     return np.asarray(_jitted(**options)(scene))
 
 
-# ---------------------------------------------------------------- exact geometry, in float64
-
-
-def _distance(x, y, vertices):
-    """Signed distance (H, W) to a polygon, with round corners; negative inside."""
-    best, inside = np.full(np.broadcast(x, y).shape, np.inf), False
-    for (ax, ay), (bx, by) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        dx, dy = bx - ax, by - ay
-        share = np.clip(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0, 1)
-        best = np.minimum(best, np.hypot(x - ax - share * dx, y - ay - share * dy))
-        crosses = (ay > y) != (by > y)
-        inside = inside ^ (crosses & (x < ax + (y - ay) / (dy or np.inf) * dx))
-    return np.where(inside, -best, best)
-
-
-class _Exact:
-    """A painter of exact shapes, and of where it would not quarrel about a pixel."""
-
-    def __init__(self, size):
-        self.scale, self.zoom = size / (2 * HALF), size / 384
-        place = (np.arange(size) + 0.5) / self.scale - HALF
-        self.x, self.y = place[None, :], -place[:, None]
-        self.image = np.full((size, size, 3), look.BACKGROUND, np.uint8)
-        self.doubt = np.zeros((size, size), bool)
-
-    def coat(self, distance, fill, rim=None, width=0, corners=()):
-        reach = round(width * self.zoom) / 2 / self.scale
-        for colour, limit in ((rim, reach), (fill, -reach)):
-            if colour is not None:
-                self.doubt &= ~(distance < limit - 0.02 / self.scale)
-                self.image[distance < limit] = colour
-            self.doubt |= abs(distance - limit) < 0.02 / self.scale
-        for x, y in corners if reach else ():  # lines have round corners here, pointed ones there
-            self.doubt |= np.hypot(self.x - x, self.y - y) < 2.4 * reach
-
-    def polygon(self, vertices, fill, rim=None, width=0):
-        self.coat(_distance(self.x, self.y, vertices), fill, rim, width, vertices)
-
-    def disc(self, x, y, radius, fill, rim=None, width=0):
-        self.coat(np.hypot(self.x - x, self.y - y) - radius, fill, rim, width)
-
-
-def _dashes(goal, width):
-    """Rectangles (4, 2): 10 pixels on, 10 off, from each corner on, counter-clockwise."""
-    unit = 2 * HALF / 384
-    x, y, w, h = goal
-    corners = np.array([(x - w / 2, y - h / 2), (x + w / 2, y - h / 2)])
-    corners = np.concatenate([corners, 2 * np.array([x, y]) - corners])
-    for i, length in enumerate((w, h, w, h)):
-        along = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)][i])
-        across = width / 2 * np.array([-along[1], along[0]])
-        for start in np.arange(0, length, 20 * unit):
-            stop = min(start + 10 * unit, length)
-            if stop - start > 4 * unit:
-                a, b = corners[i] + along * start, corners[i] + along * stop
-                yield np.array([a - across, b - across, b + across, a + across])
-
-
-def _exact(names, blocks, robot, fingers, goal, colour, *, stick=None, size=384):
-    canvas = _Exact(size)
-    canvas.polygon(1.1 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]), *_RGB["floor"], 2)
-    signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    rim, _, fill = scenes.COLOURS[colour]
-    canvas.polygon(np.array(goal[:2]) + signs * np.array(goal[2:]) / 2, fill)
-    line = round(4 * canvas.zoom)
-    for dash in _dashes(goal, line / canvas.scale):
-        canvas.polygon(dash, rim)
-    for name, pose in zip(names, blocks, strict=True):
-        colour, kind = name.split()
-        fill, rim, _ = scenes.COLOURS[colour]
-        if kind == "circle":
-            canvas.disc(*pose[:2], 0.12, fill, rim, 1)
-        else:
-            vertices = outline(kind)
-            np.testing.assert_allclose(vertices, scenes.corners(kind), atol=1e-4)
-            canvas.polygon(scenes.placed(vertices, *pose), fill, rim, 1)
-    if stick:
-        half = np.array([STICKS[stick], 0.1]) / 2
-        canvas.polygon(scenes.placed(signs * half, *robot), *_RGB["body"], 1)
-        return canvas
-    for side, angle in zip((-1, 1), fingers, strict=True):
-        vertices = robots.robot("gripper").parts[1 if side < 0 else 2].outline
-        placed = scenes.placed(vertices, *_pivot(robot, side), robot[2] + angle)
-        canvas.polygon(placed, *_RGB["finger"], 1)
-    canvas.disc(*robot[:2], 0.2, *_RGB["body"], 1)
-    eyes = scenes.placed(np.array([(-0.08, 0.06), (0.08, 0.06)]), *robot)
-    for eye in eyes:
-        canvas.disc(*eye, 0.04, (255, 255, 255))
-        canvas.disc(*eye, 0.024, (26, 26, 26))
-    return canvas
-
-
-_RGB = {
-    "floor": ((255, 255, 255), (162, 163, 175)),
-    "finger": ((231, 231, 234), (162, 163, 175)),
-    "body": ((162, 163, 175), (144, 145, 159)),
-}
-
-
 @pytest.mark.parametrize("size", [384, 97, 64])
 @pytest.mark.parametrize("seed", range(3))
 def test_every_pixel_is_that_of_the_exact_shapes(seed, size):
-    arguments = _random(seed)
-    exact = _exact(*arguments, size=size)
-    wrong = (_render(_scene(*arguments), size=size) != exact.image).any(axis=2)
+    arguments = random_arguments(seed)
+    exact = exact_picture(*arguments, size=size)
+    wrong = (_render(made_scene(*arguments), size=size) != exact.image).any(axis=2)
     assert not (wrong & ~exact.doubt).any()
     assert exact.doubt.mean() < 0.02
 
 
 @pytest.mark.parametrize("stick", STICKS)
 def test_every_pixel_of_a_stick_is_that_of_the_exact_shape(stick):
-    arguments = _random(5, fingers=False)
-    exact = _exact(*arguments, stick=stick)
-    wrong = (_render(_scene(*arguments), robot=stick) != exact.image).any(axis=2)
+    arguments = random_arguments(5, fingers=False)
+    exact = exact_picture(*arguments, stick=stick)
+    wrong = (_render(made_scene(*arguments), robot=stick) != exact.image).any(axis=2)
     assert not (wrong & ~exact.doubt).any()
 
 
@@ -195,7 +60,7 @@ def test_every_pixel_of_a_stick_is_that_of_the_exact_shape(stick):
 
 def _paint(names, blocks, robot, fingers, goal, colour, *, stick=None, pixels=384):
     """As the task paints on the host; the first block's colour is the region's."""
-    scene = _scene(names, blocks, robot, fingers, goal, colour)
+    scene = made_scene(names, blocks, robot, fingers, goal, colour)
     made = robots.robot(stick or "gripper")
     pose = np.asarray(scene.pose, np.float64)
     outlines = look.outlines(made, [tuple(n.split()) for n in names], 1.1, pose, np.array(goal))
@@ -220,8 +85,8 @@ def _compare(ours, theirs):
 @pytest.mark.parametrize("antialias", [False, True])
 @pytest.mark.parametrize("seed", range(4))
 def test_picture_is_the_hosts_but_for_a_pixel_at_its_edges(seed, antialias):
-    arguments = _random(10 + seed)
-    ours = _render(_scene(*arguments), antialias=antialias)
+    arguments = random_arguments(10 + seed)
+    ours = _render(made_scene(*arguments), antialias=antialias)
     differ, differ_much, stray = _compare(ours, _paint(*arguments))
     assert not stray
     assert differ < 0.08  # OpenCV draws lines half a pixel broader on each side, and smooth
@@ -230,8 +95,8 @@ def test_picture_is_the_hosts_but_for_a_pixel_at_its_edges(seed, antialias):
 
 @pytest.mark.parametrize("stick", STICKS)
 def test_sticks_are_the_hosts_but_for_a_pixel_at_their_edges(stick):
-    arguments = _random(20, fingers=False)
-    ours = _render(_scene(*arguments), robot=stick)
+    arguments = random_arguments(20, fingers=False)
+    ours = _render(made_scene(*arguments), robot=stick)
     _, differ_much, stray = _compare(ours, _paint(*arguments, stick=stick))
     assert not stray
     assert differ_much < 0.03
@@ -239,15 +104,15 @@ def test_sticks_are_the_hosts_but_for_a_pixel_at_their_edges(stick):
 
 @pytest.mark.parametrize("pixels", [96, 192])
 def test_small_pictures_are_the_hosts_but_for_a_pixel_at_edges(pixels):
-    arguments = _random(30)
-    ours, theirs = _render(_scene(*arguments), size=pixels), _paint(*arguments, pixels=pixels)
+    arguments = random_arguments(30)
+    ours, theirs = _render(made_scene(*arguments), size=pixels), _paint(*arguments, pixels=pixels)
     inner = slice(1, -1)  # at 96 pixels OpenCV's broad edge of the floor hides all of the border
     assert not _compare(ours[inner, inner], theirs[inner, inner])[2]
 
 
 def test_demo_boxes_are_the_references():
     """Bounding boxes that were read off the reference's own frame, to a pixel a side."""
-    image = _render(_scene(*_demo()))
+    image = _render(made_scene(*demo_arguments()))
     for name, box in zip(DEMO, ((51, 51), (47, 47), (46, 46), (43, 43), (47, 46)), strict=True):
         fill, rim, _ = scenes.COLOURS[name.split()[0]]
         x, y, _ = scenes.BLOCKS[name]
@@ -264,7 +129,7 @@ def test_demo_boxes_are_the_references():
 @pytest.mark.parametrize("size", [96, 192])
 def test_smooth_picture_is_the_mean_of_a_finer_one(size):
     factor = 1536 // size
-    scene = _scene(*_random(40))
+    scene = made_scene(*random_arguments(40))
     fine = _render(scene, size=1536).astype(float)
     mean = fine.reshape(size, factor, size, factor, 3).mean(axis=(1, 3))
     smooth = _render(scene, size=size, antialias=True)
@@ -280,7 +145,7 @@ def test_smooth_picture_is_the_mean_of_a_finer_one(size):
 def test_smooth_edges_mix_colours_by_the_covered_share(shift):
     """A column across a stick's upper side: floor above, a line of 2/3 pixel, fill below."""
     pose = jnp.array([[0.0, shift / 128, 0.0]])
-    scene = _scene((), (), fingers=None, goal=(9, 9, 1, 1))._replace(pose=pose)
+    scene = made_scene((), (), fingers=None, goal=(9, 9, 1, 1))._replace(pose=pose)
     column = _render(scene, robot="short", size=256, half_extent=1.0, antialias=True)[:, 128]
     top = 128 - (0.05 * 128 + shift)  # of the outline, in pixels from the picture's top
     edges = np.arange(257)
@@ -291,7 +156,7 @@ def test_smooth_edges_mix_colours_by_the_covered_share(shift):
 
 
 def test_smooth_and_hard_pictures_are_equal_away_from_edges():
-    scene = _scene(*_random(41))
+    scene = made_scene(*random_arguments(41))
     hard, smooth = _render(scene), _render(scene, antialias=True)
     away = ~_near_edge(hard)
     np.testing.assert_array_equal(hard[away], smooth[away])
@@ -303,18 +168,18 @@ def test_smooth_and_hard_pictures_are_equal_away_from_edges():
 
 def test_every_block_has_its_colours():
     places = [(0.5 * i - 0.75, 0.5 * j - 0.75, 0.3) for i in range(4) for j in range(4)]
-    image = _render(_scene(NAMES, places, robot=NOWHERE, goal=(9, 9, 1, 1)))
+    image = _render(made_scene(NAMES, places, robot=NOWHERE, goal=(9, 9, 1, 1)))
     for name, (x, y, _) in zip(NAMES, places, strict=True):
         fill, *_ = scenes.COLOURS[name.split()[0]]
         assert tuple(image[int((HALF - y) * 171.12), int((x + HALF) * 171.12)]) == fill
     expected = {rgb for fill, rim, _ in scenes.COLOURS.values() for rgb in (fill, rim)}
-    expected |= {look.BACKGROUND, *_RGB["floor"]}
+    expected |= {look.BACKGROUND, *RGB["floor"]}
     assert {tuple(map(int, rgb)) for rgb in np.unique(image.reshape(-1, 3), axis=0)} == expected
 
 
 def test_every_goal_has_its_colours():
     for colour, (dash, _, fill) in scenes.COLOURS.items():
-        image = _render(_scene((), (), robot=(-0.6, -0.6, 0.0), colour=colour))
+        image = _render(made_scene((), (), robot=(-0.6, -0.6, 0.0), colour=colour))
         assert (image == fill).all(axis=2).sum() > 10_000
         # dashes of 10 x 4 pixels: five on a horizontal side, six on a vertical one
         assert (image == dash).all(axis=2).sum() == pytest.approx(22 * 40, rel=0.1)
@@ -323,7 +188,7 @@ def test_every_goal_has_its_colours():
 @pytest.mark.parametrize(("width", "last"), [(0.6, 0), (0.61, 4.4), (0.63, 7.8), (0.65, 10)])
 def test_dashes_are_ten_pixels_with_gaps_of_ten(width, last):
     """Five whole dashes and gaps of the bottom side; the next dash has room for `last` pixels."""
-    image = _render(_scene((), (), robot=NOWHERE, goal=(0.0, 0.0, width, 0.7)))
+    image = _render(made_scene((), (), robot=NOWHERE, goal=(0.0, 0.0, width, 0.7)))
     left, right = 192 - width * 85.56, 192 + width * 85.56
     row = (image[int((HALF + 0.35) * 171.12)] == scenes.COLOURS["green"][0]).all(axis=1)
     row = row[math.ceil(left) : math.floor(right) - 2].astype(int)  # without the right side's line
@@ -335,7 +200,7 @@ def test_dashes_are_ten_pixels_with_gaps_of_ten(width, last):
 
 def test_a_dash_that_is_left_out_leaves_no_smooth_trace():
     """The bottom side is 103.9 pixels long; column 240 is where a sixth dash would begin."""
-    scene = _scene((), (), robot=NOWHERE, goal=(0.3 / 171.12, 0.0, 0.607, 0.7))
+    scene = made_scene((), (), robot=NOWHERE, goal=(0.3 / 171.12, 0.0, 0.607, 0.7))
     row = _render(scene, antialias=True)[int((HALF + 0.35) * 171.12)]
     np.testing.assert_array_equal(row[240], row[235])  # in the gap
     assert (row[235] != row[225]).any()  # in the fifth dash
@@ -353,14 +218,14 @@ ORDER = [  # what lies on one spot, lowest first, and the colour that is seen
 @pytest.mark.parametrize(("names", "robot", "seen"), ORDER)
 def test_later_blocks_hide_earlier_ones_and_the_robot_hides_all(names, robot, seen):
     spot = (*GOAL[:2], 0.0)
-    image = _render(_scene(names, [spot] * len(names), robot=spot if robot else NOWHERE))
+    image = _render(made_scene(names, [spot] * len(names), robot=spot if robot else NOWHERE))
     assert tuple(image[int((HALF - 0.35) * 171.12), int((0.4 + HALF) * 171.12)]) == seen
 
 
 def test_fingers_lie_above_blocks_and_below_the_disc():
     robot = np.array([0.0, 0.0, 0.0])
     at = {"finger": (0.09, 0.23), "disc": (0.09, 0.1)}  # both on the closed right finger
-    scene = _scene(("red square",), [(0.09, 0.23, 0.0)], robot=robot, fingers=(0.0, 0.0))
+    scene = made_scene(("red square",), [(0.09, 0.23, 0.0)], robot=robot, fingers=(0.0, 0.0))
     image = _render(scene)
     seen = {
         k: tuple(image[int((HALF - y) * 171.12), int((x + HALF) * 171.12)])
@@ -370,7 +235,7 @@ def test_fingers_lie_above_blocks_and_below_the_disc():
 
 
 def test_arena_ends_in_a_line_and_a_border():
-    image = _render(_scene((), (), robot=NOWHERE, goal=(9, 9, 1, 1)))
+    image = _render(made_scene((), (), robot=NOWHERE, goal=(9, 9, 1, 1)))
     assert (image[:2] == look.BACKGROUND).all()
     np.testing.assert_array_equal(image[192, :3, 0], [231, 231, 231])
     np.testing.assert_array_equal(image[192, 3:5, 0], [162, 162])
@@ -380,7 +245,7 @@ def test_arena_ends_in_a_line_and_a_border():
 
 
 def test_bodies_are_painted_beyond_the_arena():
-    image = _render(_scene(("red circle",), [(1.12, 0.0, 0.0)], robot=NOWHERE))
+    image = _render(made_scene(("red circle",), [(1.12, 0.0, 0.0)], robot=NOWHERE))
     assert tuple(image[192, -1]) == scenes.COLOURS["red"][0]
 
 
@@ -393,7 +258,7 @@ def test_moving_a_block_by_whole_pixels_moves_its_pixels(name):
     pose, shift = np.array([-0.25, 0.125, 0.7]), np.array([37, 21])
     moved = pose + [*(shift / 128), 0.0]
     here, there = (
-        _render(_scene((name,), [p], robot=NOWHERE, goal=(9, 9, 1, 1)), **options)
+        _render(made_scene((name,), [p], robot=NOWHERE, goal=(9, 9, 1, 1)), **options)
         for p in (pose, moved)
     )
     np.testing.assert_array_equal(np.roll(here, (-21, 37), axis=(0, 1)), there)
@@ -405,7 +270,7 @@ def test_moving_a_block_by_whole_pixels_moves_its_pixels(name):
 )
 def test_a_turn_onto_itself_changes_no_block(name, turn):
     first, second = (
-        _render(_scene((f"red {name}",), [(0.2, 0.1, angle)], robot=NOWHERE))
+        _render(made_scene((f"red {name}",), [(0.2, 0.1, angle)], robot=NOWHERE))
         for angle in (0.4, 0.4 + math.radians(turn))
     )
     assert (first != second).any(axis=2).sum() <= 2  # rounding
@@ -414,7 +279,7 @@ def test_a_turn_onto_itself_changes_no_block(name, turn):
 @pytest.mark.parametrize("antialias", [False, True])
 def test_jit_equals_plain_and_vmap_equals_loop(antialias):
     options = {"size": 96, "antialias": antialias}
-    several = [_scene(*_random(50 + i)) for i in range(3)]
+    several = [made_scene(*random_arguments(50 + i)) for i in range(3)]
     together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *several)
     render = functools.partial(raster.render, **options)
     batch = np.asarray(jax.jit(jax.vmap(render))(together))
@@ -428,14 +293,14 @@ def test_jit_equals_plain_and_vmap_equals_loop(antialias):
 def test_any_mix_of_shapes_and_colours_is_one_trace():
     render = functools.partial(raster.render, size=32)
     once = jax.jit(chex.assert_max_traces(lambda scene: render(scene), n=1))
-    pictures = [np.asarray(once(_scene(*_random(60 + i)))) for i in range(3)]
+    pictures = [np.asarray(once(made_scene(*random_arguments(60 + i)))) for i in range(3)]
     assert (pictures[0] != pictures[1]).any()
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 63, 97, 385])
 @pytest.mark.parametrize("antialias", [False, True])
 def test_any_size_will_do(size, antialias):
-    image = _render(_scene(*_demo()), size=size, antialias=antialias)
+    image = _render(made_scene(*demo_arguments()), size=size, antialias=antialias)
     assert image.shape == (size, size, 3)
     assert image.dtype == np.uint8
 
@@ -443,12 +308,12 @@ def test_any_size_will_do(size, antialias):
 @pytest.mark.parametrize("antialias", [False, True])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_pose_that_is_not_finite_hides_its_body(bad, antialias):
-    names, blocks = _demo()
-    full = _scene(names, blocks)
+    names, blocks = demo_arguments()
+    full = made_scene(names, blocks)
     for i in range(4):  # star, square, pentagon, circle
         hidden = full._replace(pose=full.pose.at[3 + i].set(bad))
         rest = [j for j in range(5) if j != i]
-        without = _scene([names[j] for j in rest], [blocks[j] for j in rest])
+        without = made_scene([names[j] for j in rest], [blocks[j] for j in rest])
         np.testing.assert_array_equal(
             _render(hidden, size=64, antialias=antialias),
             _render(without, size=64, antialias=antialias),
@@ -457,7 +322,7 @@ def test_a_pose_that_is_not_finite_hides_its_body(bad, antialias):
 
 
 def test_an_index_beyond_its_list_counts_as_the_nearest():
-    scene = _scene(*_demo())
+    scene = made_scene(*demo_arguments())
     last = scene._replace(shape=scene.shape.at[0].set(3), colour=scene.colour.at[0].set(3))
     beyond = scene._replace(shape=scene.shape.at[0].set(5), colour=scene.colour.at[0].set(6))
     np.testing.assert_array_equal(_render(last, size=64), _render(beyond, size=64))
@@ -478,10 +343,10 @@ def test_an_index_beyond_its_list_counts_as_the_nearest():
 )
 def test_options_that_do_not_fit_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
-        raster.render(_scene(*_demo()), **options)
+        raster.render(made_scene(*demo_arguments()), **options)
 
 
 def test_shapes_without_colours_are_refused():
-    scene = _scene(*_demo())
+    scene = made_scene(*demo_arguments())
     with pytest.raises(ValueError, match="5 shapes need as many colours, not 4"):
         raster.render(scene._replace(colour=scene.colour[:4]))

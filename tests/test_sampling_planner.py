@@ -91,8 +91,9 @@ def _scene(env, square, circle, robot=(0.0, 0.9, 0.0)):
 @pytest.fixture(scope="module")
 def price(env):
     state = jax.jit(env.reset)(jax.random.key(0))
-    drawn = scripted.plan(env, jax.random.key(1), state)
-    return lambda *scene, pull=NOWHERE: float(planner.cost(env, drawn, _scene(env, *scene), pull))
+    drawn = jax.jit(lambda state: scripted.plan(env, jax.random.key(1), state))(state)
+    cost = jax.jit(lambda pull, *scene: planner.cost(env, drawn, _scene(env, *scene), pull))
+    return lambda *scene, pull=NOWHERE: float(cost(pull, *scene))
 
 
 def test_a_solved_scene_costs_nothing_and_an_unsolved_one_does(price):
@@ -120,15 +121,16 @@ def test_a_pull_costs_the_way_to_its_point(price):
 
 def test_a_search_never_ends_worse_than_the_route_in_hand(env):
     """With no time to find anything, it keeps a good route, and stands still over a bad one."""
-    state = _scene(env, (-0.2, 0.35), (-0.6, -0.6), (-0.5, 0.35, -np.pi / 2))
-    drawn = scripted.plan(env, jax.random.key(1), state)
     how = planner.Search(candidates=4, rounds=1, elite=2, horizon=12)
     zero = jnp.zeros((), jnp.int32)
-    find = jax.jit(
-        lambda points, key: planner.search(
-            env, how, drawn, key, state, Route(points, zero, zero), NOWHERE
-        )
-    )
+
+    @jax.jit
+    def find(points, key):
+        state = _scene(env, (-0.2, 0.35), (-0.6, -0.6), (-0.5, 0.35, -np.pi / 2))
+        drawn = scripted.plan(env, jax.random.key(1), state)
+        route = Route(points, zero, zero)
+        return planner.search(env, how, drawn, key, state, route, NOWHERE)
+
     good = jnp.array([[-0.5, 0.35], [-0.4, 0.35], [0.25, 0.35]])
     bad = jnp.array([[-0.5, 0.35], [-1.0, 0.35], [-1.0, 0.35]])
     for key in jax.random.split(jax.random.key(3), 3):

@@ -118,10 +118,22 @@ def test_an_episode_is_its_keys(played):
 # ---------------------------------------------------------------- plans and paths
 
 
-def test_a_plan_names_each_target_once_with_places_in_the_region(env):
-    state = jax.jit(env.reset)(jax.random.key(0))
-    draw = jax.jit(jax.vmap(lambda key: scripted.plan(env, key, state)))
-    plan = draw(jax.random.split(jax.random.key(1), 100))
+@pytest.fixture(scope="module")
+def start(env):
+    return jax.jit(env.reset)(jax.random.key(0))
+
+
+@pytest.fixture(scope="module")
+def draw(env, start):
+    """200 plans of a failure and a style."""
+    keys = jax.random.split(jax.random.key(1), 200)
+    plan = jax.vmap(lambda key, *kind: scripted.plan(env, key, start, *kind), (0, None, None))
+    drawn = jax.jit(lambda failure, style: plan(keys, failure, style))
+    return lambda failure=0, **style: drawn(failure, scripted.Style(**style))
+
+
+def test_a_plan_names_each_target_once_with_places_in_the_region(start, draw):
+    state, plan = start, draw()
     assert (np.sort(plan.blocks, axis=1) == [0, 1]).all()
     assert 0.3 < (plan.blocks[:, 0] == 0).mean() < 0.7
     away = np.abs(np.asarray(plan.slots) - np.asarray(state.data.goal[:2]))
@@ -142,11 +154,8 @@ def test_what_is_dropped_stays_where_it_fell(played):
 # ---------------------------------------------------------------- styles
 
 
-def test_a_style_shows_in_the_plan(env):
-    state = jax.jit(env.reset)(jax.random.key(0))
-    style = scripted.Style(pause=6, detour=0.5, bump=0.5)
-    draw = jax.jit(jax.vmap(lambda key: scripted.plan(env, key, state, 0, style)))
-    plan = draw(jax.random.split(jax.random.key(1), 200))
+def test_a_style_shows_in_the_plan(start, draw):
+    state, plan = start, draw(pause=6, detour=0.5, bump=0.5)
     assert plan.pauses.max() == 6
     assert 0.4 < plan.bumps.mean() < 0.6
     roams = np.asarray(plan.via_steps > 0)
@@ -165,10 +174,8 @@ def test_a_bump_moves_a_distractor(played):
 
 
 @pytest.mark.parametrize("failure", [1, 2, 3, 4])
-def test_a_failing_plan_differs_in_what_its_name_says(env, failure):
-    state = jax.jit(env.reset)(jax.random.key(0))
-    draw = jax.jit(jax.vmap(lambda key: scripted.plan(env, key, state, failure)))
-    plan = draw(jax.random.split(jax.random.key(1), 100))
+def test_a_failing_plan_differs_in_what_its_name_says(env, start, draw, failure):
+    state, plan = start, draw(failure)
     away = np.abs(np.asarray(plan.slots[:, -1]) - np.asarray(state.data.goal[:2]))
     outside = (away > np.asarray(state.data.goal[2:]) / 2).any(axis=1)
     wrong = np.asarray(plan.blocks[:, -1]) >= env.num_targets

@@ -1,5 +1,6 @@
 """Soft-DTW against plain loops in float64, other packages, finite differences and its laws."""
 
+import functools
 import inspect
 import subprocess
 import sys
@@ -55,6 +56,9 @@ def _close(found, truth, tolerance=1e-5):
     """Within a relative tolerance of the largest number, or of 1 if that is smaller."""
     scale = max(1.0, np.abs(truth).max(initial=0.0))
     np.testing.assert_allclose(found, truth, rtol=0, atol=tolerance * scale)
+
+
+apart = jax.jit(jax.value_and_grad(soft_dtw_between))
 
 
 @jax.jit
@@ -149,7 +153,7 @@ def _one(cost, gamma):
 
 def test_the_gradient_is_the_expected_alignment_and_equals_finite_differences():
     cost = _cost(5, 6)
-    flow = expected_alignment(cost, gamma=0.5)
+    flow = jax.jit(expected_alignment)(cost, gamma=0.5)
     np.testing.assert_array_equal(jax.grad(_one)(cost, 0.5), flow)
     step = np.zeros((5, 6))
     step[2, 3] = 1e-5
@@ -208,12 +212,14 @@ def test_vmap_makes_lanes_of_one_loop_instead_of_a_loop_of_scalars():
     assert text.count("scan[") == batched.count("scan[")
 
 
+in_strips = jax.jit(recursion, static_argnames="height")
+
+
 @pytest.mark.parametrize("height", [1, 4, 11])
 def test_the_order_of_the_loops_changes_no_number(height):
     arguments = _cost(2, 11, 9), jnp.array([0.1, 1.0]), jnp.array([11, 4]), jnp.array([9, 7])
-    run = jax.jit(recursion, static_argnames="height")
-    value, flow = run(*arguments, height=height)
-    expected, expected_flow = run(*arguments, height=3)
+    value, flow = in_strips(*arguments, height=height)
+    expected, expected_flow = in_strips(*arguments, height=3)
     _close(value, expected, 1e-6)
     _close(flow, expected_flow, 1e-6)
 
@@ -242,8 +248,14 @@ def test_padding_does_not_matter_even_if_it_is_nan():
     _close(gradient[:4, :5], true_flow)
     assert not gradient[4:].any()
     sequence = _cost(6, 2).at[4:].set(jnp.nan)
-    slope = jax.grad(soft_dtw_between)(sequence, _cost(5, 2), 4)
+    slope = apart(sequence, _cost(5, 2), 4)[1]
     assert np.isfinite(slope).all()
+
+
+@functools.partial(jax.jit, static_argnames="band")
+def _banded(cost, rows, columns, band):
+    value = soft_dtw(cost, rows, columns, gamma=0.5, band=band)
+    return value, expected_alignment(cost, rows, columns, gamma=0.5, band=band)
 
 
 @pytest.mark.parametrize(("rows", "columns", "band"), [(6, 7, 1), (7, 4, 0), (3, 7, 2)])
@@ -253,8 +265,7 @@ def test_a_band_forbids_cells_far_from_the_line_between_the_corners(rows, column
     low, high = min(rows - columns, 0) - band, max(rows - columns, 0) + band
     allowed = (offset >= low) & (offset <= high)
     true_value, true_flow = _oracle(cost[:rows, :columns], 0.5, allowed)
-    value = soft_dtw(cost, rows, columns, gamma=0.5, band=band)
-    flow = expected_alignment(cost, rows, columns, gamma=0.5, band=band)
+    value, flow = _banded(cost, rows, columns, band)
     _close(value, true_value)
     _close(flow[:rows, :columns], true_flow)
 
@@ -290,16 +301,15 @@ def test_empty_sequences_give_zero_with_zero_gradient():
 @pytest.mark.parametrize("scale", [0.0, 1e-20, 1e6, 1e15])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1), (6, 6)])
 def test_extreme_costs_and_sizes_have_finite_values_and_gradients(scale, shape):
-    run = jax.jit(jax.value_and_grad(soft_dtw_between))
     query, other = scale * _cost(shape[0], 2), scale * _cost(shape[1], 2, seed=1)
-    value, gradient = run(query, other)
+    value, gradient = apart(query, other)
     assert np.isfinite(value)
     assert np.isfinite(gradient).all()
 
 
 def test_a_traced_gamma_that_is_not_positive_gives_numbers_near_hard_dtw():
     cost = _cost(5, 6)
-    value, gradient = jax.jit(jax.value_and_grad(_one))(cost, -1.0)
+    value, gradient = jax.value_and_grad(_one)(cost, -1.0)
     _close(value, _oracle(cost, 1e-6)[0])
     assert np.isfinite(gradient).all()
 
@@ -337,7 +347,7 @@ def test_the_kernel_interpreted_on_a_cpu_equals_the_plain_form():
     cost = _cost(3, 5, 6).at[1, 3:].set(FORBIDDEN).at[1, :, 4:].set(FORBIDDEN)
     arguments = cost, jnp.array([0.1, 1.0, 0.01]), jnp.array([5, 3, 0]), jnp.array([6, 4, 0])
     value, flow = jax.jit(lambda *a: kernel(*a, interpret=True))(*arguments)
-    expected, expected_flow = recursion(*arguments, height=2)
+    expected, expected_flow = in_strips(*arguments, height=2)
     _close(value, expected, 1e-6)
     _close(flow, expected_flow, 1e-6)
     alone, none = jax.jit(lambda *a: kernel(*a, alignment=False, interpret=True))(*arguments)

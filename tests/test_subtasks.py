@@ -7,15 +7,11 @@ import pytest
 import scipy.ndimage
 import scipy.signal
 
+from gril_jax import subtasks
 from gril_jax.errors import ConfigError
-from gril_jax.subtasks import (
-    gaussian_smooth,
-    gradient_peaks,
-    peak_prominences,
-    running_median,
-    segments,
-    transitions,
-)
+from gril_jax.subtasks import gaussian_smooth, peak_prominences, running_median, segments
+
+transitions = jax.jit(subtasks.transitions, static_argnames=("smoothing", "patience"))
 
 
 def _staircase(heights, *, flat=20, rise=12, noise=0.0, seed=0):
@@ -58,14 +54,16 @@ def test_a_jump_is_a_rise_too():
 
 def test_a_dip_before_a_rise_and_a_single_spike_make_no_boundary():
     trace, ends = _staircase([0.5, 0.5])
-    dipped = trace.at[50:54].add(-0.05).at[10].add(0.4)
+    dipped = np.array(trace)
+    dipped[50:54] -= 0.05
+    dipped[10] += 0.4
     assert len(_frames(transitions(dipped))) == len(ends)
 
 
 def test_a_short_pause_does_not_split_a_rise_and_a_long_one_does():
     for pause, count in ((4, 1), (15, 2)):
         trace, _ = _staircase([0.5, 0.5], flat=pause)
-        padded = jnp.concatenate([jnp.full(20, -1.0), trace, jnp.zeros(20)])
+        padded = np.pad(trace, 20, mode="edge")
         assert len(_frames(transitions(padded, patience=8))) == count
 
 
@@ -77,8 +75,8 @@ def test_a_rise_that_stands_at_the_end_needs_no_plateau():
 
 
 def test_flat_falling_and_single_frame_traces_have_no_boundary():
-    for trace in (jnp.zeros(50), jnp.linspace(0, -1, 50), jnp.zeros(1)):
-        assert not transitions(trace).any()
+    for trace in (np.zeros(50), np.linspace(0, -1, 50), np.zeros(1)):
+        assert not transitions(trace.astype(np.float32)).any()
 
 
 def test_boundaries_scale_with_the_reward():
@@ -87,11 +85,11 @@ def test_boundaries_scale_with_the_reward():
     np.testing.assert_array_equal(scaled, transitions(trace, prominence=0.1))
 
 
-def test_vmap_of_jit_equals_a_loop():
-    traces = jnp.stack([_staircase([0.5, 0.5], noise=0.01, seed=s)[0] for s in range(3)])
-    batched = jax.vmap(jax.jit(transitions))(traces)
+def test_vmap_of_jit_equals_a_loop_of_plain_calls():
+    traces = np.stack([_staircase([0.5, 0.5], noise=0.01, seed=s)[0] for s in range(3)])
+    batched = jax.vmap(transitions)(traces)
     for trace, mask in zip(traces, batched, strict=True):
-        np.testing.assert_array_equal(mask, transitions(trace))
+        np.testing.assert_array_equal(mask, subtasks.transitions(jnp.asarray(trace)))
 
 
 def test_segments_count_the_boundaries_passed():
@@ -103,7 +101,7 @@ def test_segments_count_the_boundaries_passed():
 # --- peaks of the slope
 
 prominences = jax.jit(peak_prominences)
-slope_peaks = jax.jit(gradient_peaks, static_argnames=("smoothing", "ends"))
+slope_peaks = jax.jit(subtasks.gradient_peaks, static_argnames=("smoothing", "ends"))
 
 
 @pytest.mark.parametrize("levels", [4, 1000])
@@ -118,7 +116,7 @@ def test_prominences_equal_scipys_also_on_flat_tops(levels):
 
 def test_flat_rising_and_short_sequences_have_no_peak():
     for x in (jnp.ones(40), jnp.arange(40.0), jnp.ones(1), jnp.ones(2)):
-        assert not peak_prominences(x).any()
+        assert not prominences(x).any()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -149,14 +147,14 @@ def test_a_burst_that_the_end_of_the_trace_cuts_off_still_counts():
 
 def test_padding_with_the_last_value_makes_no_boundary():
     trace, _ = _staircase([0.5, 0.5])
-    padded = jnp.pad(trace, (0, 40), mode="edge")
+    padded = np.pad(trace, (0, 40), mode="edge")
     assert _frames(slope_peaks(padded)) == _frames(slope_peaks(trace))
     assert _frames(transitions(padded)) == _frames(transitions(trace))
 
 
 def test_flat_falling_and_short_traces_have_no_burst():
     for trace in (jnp.zeros(50), jnp.linspace(0, -1, 50), jnp.zeros(1), jnp.zeros(2)):
-        assert not gradient_peaks(trace).any()
+        assert not slope_peaks(trace).any()
 
 
 def test_smoothing_equals_scipys_and_can_be_left_out():

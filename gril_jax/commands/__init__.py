@@ -1,7 +1,7 @@
 """The verbs of the command line, by what they are about."""
 
-from . import bench, demos, runs
+from . import audit, bench, demos, runs, sweep
 
 __all__ = ["VERBS"]
 
-VERBS = runs.VERBS | demos.VERBS | bench.VERBS
+VERBS = runs.VERBS | demos.VERBS | bench.VERBS | audit.VERBS | sweep.VERBS

@@ -1,6 +1,7 @@
 """What the verbs share: arguments that are read and checked, and heavy imports that come late."""
 
 import contextlib
+import dataclasses
 import io
 import os
 from collections.abc import Callable, Iterator
@@ -10,39 +11,90 @@ from .. import run_dir
 from ..config import RunConfig
 from ..config_files import load
 from ..errors import ConfigError, DemoError, RunError
+from ..metric_sinks import require_installed
+from ..run_phases import changed_fields
 
 __all__ = [
     "Work",
+    "check_surroundings",
     "demo_set_to_write",
     "echo",
     "existing_folder",
     "heavy_imports",
+    "in_full",
     "positional",
     "require_new_file",
+    "resumed_config",
     "run_config",
     "take",
 ]
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood
 
-_SHORTCUTS = {"--out": "--run.out", "--demos": "--demos.path", "--seed": "--run.seed"}
+_SHORTCUTS = {
+    "--out": "--run.out",
+    "--demos": "--demos.path",
+    "--seed": "--run.seed",
+    "--reward": "--run.reward",
+    "--algorithm": "--run.algorithm",
+    "--lambda": "--loss.lambda",
+}
 
 
 def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunConfig:
     """The checked configuration of a run, whose paths are what they should be."""
     shortcuts = ", ".join(f"{short} for {long}" for short, long in _SHORTCUTS.items())
     about = f"{about} Shortcuts: {shortcuts}."
-    for index, arg in enumerate(args):
-        option, equals, value = arg.partition("=")
-        args[index] = _SHORTCUTS.get(option, option) + equals + value
-    config = load(name, args, prog=prog, description=about)
+    config = load(name, in_full(args), prog=prog, description=about)
+    check_surroundings(config)
+    if config.run.out is not None:
+        run_dir.require_new(Path(config.run.out))
+    return config
+
+
+def resumed_config(
+    folder: Path, name: str | None, args: list[str], *, prog: str, experiment: str
+) -> RunConfig:
+    """The configuration of a run that is to go on; what else the command line says agrees with it.
+
+    Args:
+      folder: the run's.
+      name: of a configuration that was given beside it.
+      args: options that were given beside it.
+      prog: the command as it appears in the help.
+      experiment: what is to go on with the run.
+
+    Raises:
+      ConfigError: the command line says something else than the run; the fields are listed.
+      RunError: the folder is no run that can go on.
+    """
+    config = run_dir.require_resumable(folder, experiment)
+    args = in_full(args)
+    given = load(name or str(folder / "config.yaml"), args, prog=prog)
+    if not any(arg.startswith("--run.out") for arg in args):
+        given = dataclasses.replace(given, run=dataclasses.replace(given.run, out=config.run.out))
+    if changed := changed_fields(config, given):
+        raise ConfigError(
+            f"a resumed run keeps the configuration in {folder / 'config.yaml'}, but the command "
+            f"line gives {', '.join(changed)}"
+        )
+    check_surroundings(config)
+    return config
+
+
+def in_full(args: list[str]) -> list[str]:
+    """The arguments with shortcuts written out."""
+    parts = (arg.partition("=") for arg in args)
+    return [_SHORTCUTS.get(option, option) + equals + value for option, equals, value in parts]
+
+
+def check_surroundings(config: RunConfig) -> None:
+    """What a run needs beside its configuration."""
+    require_installed(config.run.sinks)
     if config.demos.path is not None:
         folder = existing_folder(config.demos.path)
         if not (folder / "demos.json").is_file():
             raise DemoError(f"{folder} is not a demonstration set, because it has no demos.json")
-    if config.run.out is not None:
-        run_dir.require_new(Path(config.run.out))
-    return config
 
 
 def positional(args: list[str]) -> str | None:
@@ -93,11 +145,17 @@ def demo_set_to_write(name: str) -> Path:
 
 
 @contextlib.contextmanager
-def heavy_imports() -> Iterator[None]:
+def heavy_imports(*, deterministic: bool = False) -> Iterator[None]:
     """Around imports of JAX and MuJoCo: sets the compilation cache and threads, keeps stdout clean.
 
     MJX reports on stdout, while it is imported, that optional parts are missing.
+
+    Args:
+      deterministic: whether a GPU sums in a fixed order, slower and with the same bits each time.
     """
+    if deterministic:
+        flags = os.environ.get("XLA_FLAGS", "").split()
+        os.environ["XLA_FLAGS"] = " ".join([*flags, "--xla_gpu_deterministic_ops=true"])
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
     with contextlib.suppress(OSError):  # without a writable cache everything works, only slower
         folder.mkdir(parents=True, exist_ok=True)

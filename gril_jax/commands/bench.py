@@ -30,6 +30,12 @@ class _BenchLosses:
 
 
 @dataclass(frozen=True)
+class _BenchReplay:
+    repeats: int = 7
+    """Timed calls of each form, whose median counts."""
+
+
+@dataclass(frozen=True)
 class _Doctor:
     timeout_s: float = 120.0
     """Seconds that each check may take."""
@@ -73,8 +79,23 @@ def _bench_losses(args: list[str]) -> Work:
     return work
 
 
+def _bench_replay(args: list[str]) -> Work:
+    about = "The replay of soft actor-critic beside brax's, alone and with 8 seeds, as JSON."
+    given = parse(_BenchReplay, args, prog="gril bench replay", description=about)
+    if given.repeats < 1:
+        raise ConfigError(f"--repeats is {given.repeats}, but must be at least 1")
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import bench_replay
+        bench_replay.main(given.repeats, echo=echo)
+
+    return work
+
+
 VERBS: dict[str, Callable[[list[str]], Work]] = {
     "bench env": _bench_env,
     "bench losses": _bench_losses,
+    "bench replay": _bench_replay,
     "doctor": _doctor,
 }

@@ -11,7 +11,16 @@ from .. import run_dir
 from ..config import Variant
 from ..errors import ConfigError, RunError
 from ..options import parse
-from .arguments import Work, echo, heavy_imports, positional, require_new_file, run_config, take
+from .arguments import (
+    Work,
+    echo,
+    heavy_imports,
+    positional,
+    require_new_file,
+    resumed_config,
+    run_config,
+    take,
+)
 
 __all__ = ["VERBS"]
 
@@ -51,31 +60,41 @@ class _ExportReward:
 
 
 def _quickstart(args: list[str]) -> Work:
-    return _plan_train("quickstart", args, "gril quickstart")
+    name = None if _resumes(args) else "quickstart"  # what goes on may have begun otherwise
+    return _plan("train", name, args, "gril quickstart", "Learn a reward, then a policy from it.")
 
 
 def _train(args: list[str]) -> Work:
-    return _plan_train(positional(args), args, "gril train")
-
-
-def _plan_train(name: str | None, args: list[str], prog: str) -> Work:
-    config = run_config(name, args, prog, "Learn a reward, then a policy from it.")
-
-    def work() -> None:
-        with heavy_imports():
-            from ..experiments import train
-        train.main(config, echo=echo)
-
-    return work
+    about = "Learn a reward, then a policy from it."
+    return _plan("train", positional(args), args, "gril train", about)
 
 
 def _pretrain(args: list[str]) -> Work:
-    config = run_config(positional(args), args, "gril pretrain", "Learn a reward.")
+    return _plan("pretrain", positional(args), args, "gril pretrain", "Learn a reward.")
+
+
+def _resumes(args: list[str]) -> bool:
+    return any(arg.partition("=")[0] == "--resume" for arg in args)
+
+
+def _plan(experiment: str, name: str | None, args: list[str], prog: str, about: str) -> Work:
+    """A new run, or with --resume one that was cut off."""
+    resume = take(args, "--resume")
+    extra: dict[str, Path] = {}
+    if resume is None:
+        about = f"{about} --resume RUN goes on with a run that was cut off."
+        config = run_config(name, args, prog, about)
+    else:
+        extra["resume"] = folder = Path(resume)
+        config = resumed_config(folder, name, args, prog=prog, experiment=experiment)
 
     def work() -> None:
-        with heavy_imports():
-            from ..experiments import pretrain
-        pretrain.main(config, echo=echo)
+        with heavy_imports(deterministic=config.run.deterministic):
+            if experiment == "train":
+                from ..experiments import train as chosen
+            else:
+                from ..experiments import pretrain as chosen
+        chosen.main(config, echo=echo, **extra)
 
     return work
 
@@ -88,7 +107,7 @@ def _ablate(args: list[str]) -> Work:
     config = run_config(name, args, "gril ablate", about)
 
     def work() -> None:
-        with heavy_imports():
+        with heavy_imports(deterministic=config.run.deterministic):
             from ..experiments import ablate
         ablate.main(config, int(seeds or 5), echo=echo)
 

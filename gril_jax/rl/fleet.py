@@ -41,16 +41,21 @@ class Steps(NamedTuple):
     moment: Moment
     last: Float[Array, "T B O"]  # the observation after the step, before any reset
     ended: Bool[Array, "T B"]
+    kept: Any  # what else was asked for of the lane after the step, before any reset
 
 
 def init(episodes: Episodes, key: PRNGKeyArray, num_envs: int) -> Fleet:
     """All environments at the start of an episode, with a full pool. The key is consumed."""
     both = jax.vmap(episodes.begin)(jax.random.split(key, 2 * num_envs))
     # A task's own weak types would become strong in the first step, which then compiles twice.
-    both = jax.tree.map(lambda x: x.astype(x.dtype) if x.weak_type else x, both)
+    both = jax.tree.map(_strong, both)
     lanes = jax.tree.map(lambda x: x[:num_envs], both)
     starts = jax.tree.map(lambda x: x[num_envs:], both)
     return Fleet(lanes, starts, jnp.zeros((), jnp.int32))
+
+
+def _strong(x: Array) -> Array:
+    return x.astype(x.dtype) if getattr(x, "weak_type", False) else x  # keys have no such thing
 
 
 def scatter(fleet: Fleet, key: PRNGKeyArray, episode_length: int) -> Fleet:
@@ -92,11 +97,13 @@ def unroll(
     *,
     length: int,
     tau: Float[Array, ""] | float,
+    keep: Callable[[Lane], Any] = lambda lane: (),
 ) -> tuple[Fleet, Steps]:
     """`length` control steps of every environment; a lane that ends takes a start of the pool.
 
     Should it end twice in one unroll, it takes the same start twice. From unroll to unroll the pool
-    is turned by one place, so that a lane whose episodes end early meets other starts.
+    is turned by one place, so that a lane whose episodes end early meets other starts. `keep` says
+    what of a lane becomes part of `Steps`.
     """
     num_envs = fleet.lanes.time.shape[0]
     turned = (jnp.arange(num_envs) + fleet.drawn) % num_envs
@@ -109,10 +116,10 @@ def unroll(
         observation = jax.vmap(episodes.observe)(lanes)
         action, extras = act(observation, key_step)
         lanes, moment = jax.vmap(one)(lanes, action)
-        last = jax.vmap(episodes.observe)(lanes)
+        last, kept = jax.vmap(lambda lane: (episodes.observe(lane), keep(lane)))(lanes)
         ended = moment.terminated + moment.truncated > 0
         lanes = jax.vmap(reset_where)(ended, starts, lanes)
-        return lanes, Steps(observation, action, extras, moment, last, ended)
+        return lanes, Steps(observation, action, extras, moment, last, ended, kept)
 
     lanes, steps = jax.lax.scan(move, fleet.lanes, jax.random.split(key, length))
     return fleet._replace(lanes=lanes), steps

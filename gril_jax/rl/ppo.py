@@ -67,6 +67,7 @@ class TrainState(NamedTuple):
     fleet: fleet.Fleet  # (B, ...)
     key: PRNGKeyArray
     updates: Int[Array, ""]
+    replay: tuple[()] = ()  # learning is from the last unroll alone
 
 
 class PPO:
@@ -159,6 +160,13 @@ class PPO:
             length=self.unroll_length, tau=hyper.tau,
         )  # fmt: skip
         return state._replace(fleet=moved), steps
+
+    def store(
+        self, state: TrainState, steps: fleet.Steps, *, wanted: Bool[Array, ""] | bool = True
+    ) -> TrainState:
+        """The state itself: nothing is kept for later."""
+        del steps, wanted
+        return state
 
     def learn(
         self,

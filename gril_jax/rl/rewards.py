@@ -74,17 +74,23 @@ def learned(config: GraphConfig) -> RewardFn:
     return reward
 
 
-def subtasks(config: GraphConfig, *, mode: subtask_chain.Mode = "continuous") -> Reward:
+def subtasks(
+    config: GraphConfig,
+    *,
+    mode: subtask_chain.Mode = "continuous",
+    alpha: Float[Array, ""] | float = 5.0,
+) -> Reward:
     """The chain of latent goals (`gril_jax.subtask_chain`), one for each stage of the task.
 
     Its parameters are a pair: the encoder's, and the chain's. The policy sees the share of the
-    subtasks that are finished, since the reward depends on it.
+    subtasks that are finished, since the reward depends on it. `alpha` is the weight of an active
+    node in the pooling, as when the goals were found.
     """
 
     def step(params, memory, state, active):
         encoder_params, chain = params
         progress, _ = memory
-        latent = encoder.apply(encoder_params, _scene(state, active), config)
+        latent = encoder.apply(encoder_params, _scene(state, active), config, alpha=alpha)
         progress, reward = subtask_chain.step(chain, progress, latent, mode=mode)
         share = progress.index / jnp.maximum(chain.count, 1)
         return (progress, share.astype(jnp.float32)), reward

@@ -27,7 +27,7 @@ __all__ = ["Algorithm", "Scores", "chunk", "step"]
 
 @runtime_checkable
 class Algorithm(Protocol):
-    """What PPO and SAC offer; the state has `fleet` and `key`."""
+    """What PPO and SAC offer; the state has `fleet`, `key` and `replay`, which may be `()`."""
 
     episodes: Episodes
     num_envs: int
@@ -40,9 +40,13 @@ class Algorithm(Protocol):
         deterministic: Bool[Array, "B"],
     ) -> tuple[Any, Steps]: ...  # the state with its fleet moved on  # fmt: skip
 
+    def store(
+        self, state: Any, steps: Steps, *, wanted: Bool[Array, ""] | bool = True
+    ) -> Any: ...  # the state with these steps in its replay, if wanted
+
     def learn(
         self, state: Any, steps: Steps, key: PRNGKeyArray, hyper: Any, reward_params: Any
-    ) -> tuple[Any, dict[str, Float[Array, ""]]]: ...
+    ) -> tuple[Any, dict[str, Float[Array, ""]]]: ...  # leaves the replay as it is
 
 
 class Scores(NamedTuple):
@@ -63,6 +67,7 @@ def step(
     state, steps = algorithm.collect(
         state._replace(key=key), key_collect, hyper, reward_params, deterministic=exploring
     )
+    state = algorithm.store(state, steps)
     return algorithm.learn(state, steps, key_learn, hyper, reward_params)
 
 
@@ -113,16 +118,21 @@ def chunk(
             deterministic=exams.deterministic & examining,
         )  # fmt: skip
 
+        # A branch that handed the replay on would copy all of it.
+        after = algorithm.store(after, steps, wanted=~examining)
+
         def train():
-            return *algorithm.learn(after, steps, key_learn, hyper, reward_params), exams
+            learned, metrics = algorithm.learn(after, steps, key_learn, hyper, reward_params)
+            return learned._replace(replay=()), metrics, exams
 
         def examine():
             blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(train)[1])
-            return state, blank, _mark(exams._replace(lanes=after.fleet.lanes), steps)
+            marked = _mark(exams._replace(lanes=after.fleet.lanes), steps)
+            return state._replace(replay=()), blank, marked
 
         # The same for all seeds, so that under a vmap, too, only one of the branches runs.
         state, metrics, exams = jax.lax.cond(examining, examine, train)
-        return (state, exams), metrics
+        return (state._replace(replay=after.replay), exams), metrics
 
     numbers = jnp.arange(updates + rounds)
     (state, exams), metrics = jax.lax.scan(move, (state, exams), (numbers >= updates, numbers))

@@ -1,0 +1,196 @@
+"""What getting on with a task means: stages as predicates over object boxes, and how to make them.
+
+A task may offer a `Stages` as its attribute `stages`. Nothing in it looks at a simulator: a stage
+holds or not for centres and sizes alone, so that whoever wants to judge a reward can make up states
+whose true progress is known. Stages may depend on each other; a box that is packed in order is
+
+    Stages(
+        stages=(
+            Stage("lid open", moves=(1,), holds=..., place=...),
+            Stage("shoe A in", moves=(2,), holds=..., place=..., required_before=("lid open",)),
+            Stage("shoe B in", moves=(3,), holds=..., place=..., required_before=("shoe A in",)),
+        ),
+        movable=(1, 2, 3, 4), robots=(0,), half_extent=1.0, score=share_done,
+    )
+
+Shapes use N for the objects of a scene, K for its stages and F for its faults; lengths are world
+units. Functions take one scene, and keys are used once.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+__all__ = ["Holds", "Place", "Score", "Stage", "Stages", "free_place", "share_done"]
+
+Holds = Callable[[Float[Array, "N 2"], Float[Array, "N 2"]], Bool[Array, ""]]
+Place = Callable[[PRNGKeyArray, Float[Array, "N 2"], Float[Array, "N 2"]], Float[Array, "N 2"]]
+Score = Callable[["Stages", Float[Array, "N 2"], Float[Array, "N 2"]], Float[Array, ""]]
+Allowed = Callable[[Float[Array, "N 2"]], Bool[Array, ""]]
+
+_CANDIDATES = 64
+
+
+@dataclasses.dataclass(frozen=True)
+class Stage:
+    """One thing to be done; or, among the faults, one that must not be."""
+
+    name: str
+    """In words: "green star in the region"."""
+    moves: tuple[int, ...]
+    """Indices of the objects whose motion brings it about."""
+    holds: Holds
+    """(centre, size) -> whether it is done."""
+    place: Place
+    """(key, centre, size) -> centres at which it holds clearly, only `moves` changed."""
+    required_before: tuple[str, ...] = ()
+    """Stages that must be done first, all of them declared earlier."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Stages:
+    """A task's stages, in an order in which they can be done.
+
+    Raises:
+      ValueError: there is no stage, or one requires a stage that is not declared before it.
+    """
+
+    stages: tuple[Stage, ...]
+    movable: tuple[int, ...]
+    """Objects that the robot can move."""
+    half_extent: float
+    """Boxes lie within |x|, |y| <= this."""
+    score: Score
+    """(stages, centre, size) -> true progress from 0 to 1, which is success."""
+    faults: tuple[Stage, ...] = ()
+    """What the robot can do wrong, stated like the stages."""
+    robots: tuple[int, ...] = ()
+    """Objects that belong to the robot."""
+
+    def __post_init__(self):
+        if not self.stages:
+            raise ValueError("stages is empty, but a task has at least one stage")
+        known: set[str] = set()
+        for stage in self.stages:
+            for name in stage.required_before:
+                if name not in known:
+                    raise ValueError(f"stage {stage.name!r} requires {name!r}, not declared before")
+            known.add(stage.name)
+
+    def done(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, "K"]:
+        """Which stages are done; one counts only if all that it requires are done."""
+        done: dict[str, Array] = {}
+        for stage in self.stages:
+            held = stage.holds(center, size)
+            for name in stage.required_before:
+                held &= done[name]
+            done[stage.name] = held
+        return jnp.stack([*done.values()])
+
+    def faulty(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, "F"]:
+        """Which faults there are."""
+        held = [fault.holds(center, size) for fault in self.faults]
+        return jnp.stack(held) if held else jnp.zeros(0, bool)
+
+    def progress(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Float[Array, ""]:
+        """True progress, from 0 to 1."""
+        return self.score(self, center, size)
+
+    def arrange(
+        self,
+        key: PRNGKeyArray,
+        center: Float[Array, "N 2"],
+        size: Float[Array, "N 2"],
+        wanted: Bool[Array, "K"],
+    ) -> Float[Array, "N 2"]:
+        """A state in which exactly the wanted stages hold, if there is one.
+
+        Objects of other stages stay where they are, unless their stage held there.
+        """
+        for stage, want, key_stage in zip(
+            self.stages, wanted, jax.random.split(key, len(self.stages)), strict=True
+        ):
+            key_in, key_out = jax.random.split(key_stage)
+            out = self.astray(key_out, stage, center, size)
+            out = jnp.where(stage.holds(center, size), out, center)
+            center = jnp.where(want, stage.place(key_in, center, size), out)
+        return center
+
+    def astray(
+        self,
+        key: PRNGKeyArray,
+        stage: Stage,
+        center: Float[Array, "N 2"],
+        size: Float[Array, "N 2"],
+    ) -> Float[Array, "N 2"]:
+        """The objects of a stage anywhere on the plane where it does not hold."""
+        for index, key_index in zip(
+            stage.moves, jax.random.split(key, len(stage.moves)), strict=True
+        ):
+            allowed = lambda c: ~stage.holds(c, size)  # noqa: E731
+            center = self.scatter(key_index, index, center, size, allowed=allowed)
+        return center
+
+    def scatter(
+        self,
+        key: PRNGKeyArray,
+        index: Int[Array, ""] | int,
+        center: Float[Array, "N 2"],
+        size: Float[Array, "N 2"],
+        *,
+        allowed: Allowed | None = None,
+    ) -> Float[Array, "N 2"]:
+        """One object anywhere on the plane, clear of the movable ones if possible."""
+        limit = self.limit(size)[index]
+        return free_place(
+            key, index, center, size, low=-limit, high=limit, others=self.movable, allowed=allowed
+        )
+
+    def limit(self, size: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
+        """How far from the middle the centres can be: |x|, |y| at most this."""
+        return jnp.maximum(self.half_extent - size / 2, 0.0)
+
+
+def share_done(
+    stages: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]
+) -> Float[Array, ""]:
+    """The score of a task without faults: the share of its stages that are done."""
+    return jnp.mean(stages.done(center, size).astype(jnp.float32))
+
+
+def free_place(
+    key: PRNGKeyArray,
+    index: Int[Array, ""] | int,
+    center: Float[Array, "N 2"],
+    size: Float[Array, "N 2"],
+    *,
+    low: Float[Array, "2"],
+    high: Float[Array, "2"],
+    others: tuple[int, ...],
+    allowed: Allowed | None = None,
+) -> Float[Array, "N 2"]:
+    """Centres with one object moved to a place drawn uniformly from a box.
+
+    Of 64 places the first is taken that is `allowed` and where the object, as a disc of its mean
+    width, touches no other; if there is none, the allowed one that overlaps least.
+
+    Args:
+      key: consumed.
+      index: the object that moves.
+      center, size: of all objects.
+      low, high: the box for its centre.
+      others: objects that it should not touch; its own index is passed over.
+      allowed: of the centres with the object moved; all if left out.
+    """
+    places = jax.random.uniform(key, (_CANDIDATES, 2), minval=low, maxval=high)
+    radius, which = size.mean(axis=1) / 2, jnp.array(others, jnp.int32)
+    apart = jnp.sqrt(jnp.sum((places[:, None] - center[which]) ** 2, axis=2))
+    overlap = jnp.where(which == index, 0.0, radius[index] + radius[which] - apart)
+    overlap = jnp.max(overlap, axis=1, initial=0.0)
+    moved = jax.vmap(lambda place: center.at[index].set(place))(places)
+    if allowed is not None:
+        overlap = jnp.where(jax.vmap(allowed)(moved), overlap, jnp.inf)
+    return moved[jnp.argmin(overlap)]

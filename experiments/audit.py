@@ -1,0 +1,193 @@
+"""How a learned reward could be cheated, found before a policy finds it.
+
+gril audit RUN                      a run's reward, under a minute on two CPU cores
+gril audit reward.npz --out found   a reward file
+
+A sound reward has an order accuracy of at least 0.97, a positive hack gap, pays at most 5 % of its
+range for touching and at most 70 % of it for targets pushed to any wrong place.
+"""
+
+import dataclasses
+import functools
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gril_jax import audit_measures, envs, run_dir
+from gril_jax.audit_measures import Audit, States, make_states
+from gril_jax.audit_report import Findings, write_report
+from gril_jax.audit_scene import Scene, scene_reward
+from gril_jax.config import EnvConfig
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.learned_reward import LearnedReward
+from gril_jax.reward_file import load_reward
+
+from . import export_reward, setup
+
+__all__ = ["main"]
+
+
+class _Subject(NamedTuple):
+    """What is audited."""
+
+    learned: LearnedReward
+    env: envs.Env
+    names: tuple[str, ...]  # of the scene's objects
+    starts: Scene  # labels are the reward's own
+
+
+def main(
+    source: Path,
+    *,
+    task: str | None = None,
+    out: Path | None = None,
+    variant: str | None = None,
+    ascents: int = 1000,
+    starts: int = 4,
+    seed: int = 0,
+    echo: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """Audits a reward; writes `audit.json`, `report.html` and its pictures.
+
+    Args:
+      source: a run's folder, or a file of `gril_jax.reward_file.save_reward`.
+      task: the task's name; a run's own if left out.
+      out: folder for the results, made if need be; `audit` in the run's folder, or beside the file
+        under its name with "-audit", if left out.
+      variant: what is drawn at the start; the run's or the task's own if left out.
+      ascents: of the adversary, shared by the starts.
+      starts: episodes whose first frames everything begins from.
+      seed: of everything that is drawn.
+
+    Returns:
+      What `audit.json` holds.
+
+    Raises:
+      RunError: the run has no reward yet, or the results cannot be written.
+      ConfigError: reward and task do not fit together, or the task has no stage definition.
+      ShapeError: the encoder is for another number of objects.
+      RewardFileError: the file is missing or damaged.
+    """
+    began = time.perf_counter()
+    subject = _subject(source, task, variant, starts, seed)
+    if out is None:
+        out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
+    stages, learned = subject.env.stages, subject.learned
+    reward = scene_reward(learned.config, softness=learned.softness)
+    first = jax.tree.map(lambda x: x[0], subject.starts)
+    jax.eval_shape(reward, learned.params, first)  # of other sizes: refused before any work
+    keys = jax.random.split(jax.random.key(seed), starts + 1)
+    make = jax.vmap(functools.partial(make_states, task=stages))
+    states = jax.jit(make)(keys[1:], subject.starts)
+    _check_states(states, subject)
+    run = functools.partial(
+        audit_measures.audit, reward, task=stages, states=states, ascents=ascents
+    )
+    found: Audit = jax.tree.map(np.asarray, jax.jit(run)(learned.params, key=keys[0]))
+    states = jax.tree.map(np.asarray, states)
+    _check_finite(states, found, subject.names)
+    findings = Findings(states, found, subject.names, stages)
+    seconds = {"seconds": round(time.perf_counter() - began, 1)}
+    settings = {
+        "source": str(source), "ascents": found.found.reward.size, "starts": starts, "seed": seed,
+        "variant": getattr(subject.env, "variant", None),
+    }  # fmt: skip
+    results = findings.as_json() | {"settings": settings | seconds}
+    with run_dir.writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "audit.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    page = write_report(out, findings, results, title=f"Audit of {source.name}")
+    for line in findings.in_words():
+        echo(line)
+    echo(f"report: {page}")
+    return results
+
+
+def _subject(source: Path, task: str | None, variant: str | None, starts: int, seed: int):
+    if source.is_dir():
+        chosen = run_dir.read_config(source).env
+        if task not in (None, chosen.name):
+            raise ConfigError(f"{source} was trained for {chosen.name}, but --task is {task}")
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "reward.npz"
+            export_reward.main(source, file, echo=lambda line: None)
+            learned = load_reward(file)
+    else:
+        learned = load_reward(source)
+        chosen = _env_of(learned, task or EnvConfig.name)
+    env = setup.make_env(chosen, training=False, variant=variant)
+    if getattr(env, "stages", None) is None:
+        raise ConfigError(
+            f"the task {chosen.name} has no stage definition, but an audit needs its attribute "
+            "`stages` (see gril_jax.envs.stages)"
+        )
+    begin = jax.vmap(lambda key: env.reset(key).objects)
+    key = jax.random.fold_in(jax.random.key(seed), 1)
+    objects = jax.jit(begin)(jax.random.split(key, starts))
+    names = tuple(env.classes[i] for i in np.asarray(objects.label[0]))
+    label = _labels(learned, env.classes, np.asarray(objects.label), source)
+    resting = jnp.zeros(label.shape, bool)
+    scenes = Scene(objects.center, objects.size, label, objects.is_robot, resting)
+    return _Subject(learned, env, names, scenes)
+
+
+def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
+    """The task with those of its usual blocks that a reward was made for."""
+    if task not in envs.names():
+        raise ConfigError(f"--task is {task!r}, but must be one of {', '.join(envs.names())}")
+    known = learned.objects or (*EnvConfig.targets, *EnvConfig.distractors)
+    targets, distractors = (
+        tuple(name for name in names if name in known)
+        for names in (EnvConfig.targets, EnvConfig.distractors)
+    )
+    stray = [n for n in known if n not in (*targets, *distractors, "goal", "robot")]
+    if stray or not targets:
+        raise ConfigError(
+            f"the reward is for the objects {', '.join(known)}, but {task} has "
+            f"goal, robot, {', '.join((*EnvConfig.targets, *EnvConfig.distractors))}"
+        )
+    chosen = EnvConfig(targets=targets, distractors=distractors)
+    return dataclasses.replace(chosen, name=task)
+
+
+def _labels(learned: LearnedReward, classes, label: np.ndarray, source: Path) -> jax.Array:
+    """The task's labels as indices into the reward's classes."""
+    for index in np.unique(label):
+        if classes[index] not in learned.classes:
+            raise ConfigError(
+                f"{source} knows no class {classes[index]!r}, which the task has; its classes are "
+                f"{', '.join(learned.classes)}"
+            )
+    index = [learned.classes.index(c) if c in learned.classes else 0 for c in classes]
+    return jnp.array(index, jnp.int32)[label]
+
+
+def _check_states(states: States, subject: _Subject) -> None:
+    score = np.asarray(states.battery.score)
+    if (score[:, 0] > 0).any():
+        raise ConfigError("the task's starts have made progress already, but must have made none")
+    missing = score.max(axis=1) < audit_measures.SUCCESS
+    if missing.any():
+        names = ", ".join(stage.name for stage in subject.env.stages.stages)
+        raise ConfigError(f"no state was made with all of these stages done: {names}")
+
+
+def _check_finite(states: States, found: Audit, names) -> None:
+    """Names the first state whose reward is not finite."""
+    made = states.battery.scenes, states.alone, states.pushed, found.found.scene
+    for scenes, paid in zip(made, (*found.rewards, found.found.reward), strict=True):
+        bad = np.argwhere(~np.isfinite(paid))
+        if len(bad):
+            at = tuple(bad[0])
+            places = zip(names, scenes.center[at], scenes.active[at], strict=True)
+            where = ", ".join(
+                f"{name} ({x:.3f}, {y:.3f}){' active' * bool(on)}" for name, (x, y), on in places
+            )
+            raise RunError(f"the reward is {paid[at]} instead of a number at {where}")

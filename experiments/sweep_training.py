@@ -1,0 +1,221 @@
+"""The two halves of a sweep: many encoders in one program, then many policies in one.
+
+A row is one configuration with one seed. Rows that compile to the same program are trained side by
+side by `jax.vmap`; what differs between them are arrays.
+"""
+
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from gril_jax import checkpoint, pretrain, reward, training_loop
+from gril_jax.config import RunConfig
+from gril_jax.progress import Progress
+from gril_jax.rl import memory, sharding, training
+from gril_jax.run_dir import RunDir
+
+from . import demonstrations, setup
+
+__all__ = ["Program", "Row", "learn_policies", "learn_rewards", "programs", "reward_key"]
+
+EVALUATIONS = 10  # of each policy while it is trained
+
+
+class Row(NamedTuple):
+    """One policy to train."""
+
+    cell: int
+    seed: int
+    config: RunConfig
+
+
+class Program(NamedTuple):
+    """Rows that are trained together."""
+
+    name: str
+    rows: list[Row]
+    algorithm: training.Algorithm
+    task: Any  # to evaluate in
+    updates: int
+
+
+def reward_key(config: RunConfig) -> Hashable:
+    """What a learned reward depends on."""
+    parts = (config.env, config.demos, config.encoder, config.pool, config.loss, config.pretrain)
+    return parts, config.run.seed
+
+
+def learn_rewards(
+    rows: Sequence[Row],
+    gather: Callable[[RunConfig], demonstrations.Demonstrations],
+    run: RunDir,
+    progress: Progress,
+    echo: Callable[[str], None],
+) -> dict[Hashable, tuple[reward.RewardParams, float]]:
+    """The reward of every row that needs one, each trained once, with its tau."""
+    needed = {
+        reward_key(row.config): row.config for row in rows if row.config.run.reward == "learned"
+    }
+    groups: dict[Hashable, list[Hashable]] = {}
+    for key, config in needed.items():
+        demos = gather(config)
+        static = setup.pretrain_config(config, len(demos.demo_set.classes))
+        same = (config.env, config.demos, static, config.pretrain.steps)
+        groups.setdefault(same, []).append(key)
+    found: dict[Hashable, tuple[reward.RewardParams, float]] = {}
+    for number, (same, keys) in enumerate(groups.items()):
+        configs = [needed[key] for key in keys]
+        params, tau = _encoders(
+            f"reward-{number}", configs, gather(configs[0]), same[2], run, progress, echo
+        )
+        for i, key in enumerate(keys):
+            found[key] = jax.tree.map(lambda x, i=i: x[i], params), float(tau[i])
+    return found
+
+
+def _encoders(name, configs, demos, static, run: RunDir, progress: Progress, echo):
+    """Stacked reward parameters and taus of configurations that share one program."""
+    train, validation = demos.batch("train"), demos.batch("validation")
+    hyper = _stack([_arrays(setup.pretrain_hyper(config)) for config in configs])
+    keys = _keys([config.run.seed for config in configs], 0)
+    fresh = jax.jit(jax.vmap(lambda key: pretrain.init(key, train, static)))(keys)
+    step = jax.jit(
+        jax.vmap(lambda state, hyper: pretrain.step(state, train, hyper, static)), donate_argnums=0
+    )
+    steps = configs[0].pretrain.steps
+    phase = progress.phase(f"learning {len(configs)} rewards", total=steps)
+
+    def row(chunk, seconds, metrics):
+        phase.update(chunk * static.updates, loss=float(metrics.loss.mean()))
+        return {"step": chunk * static.updates, "loss": metrics.loss.mean(axis=-1)}
+
+    state = training_loop.run_chunks(
+        lambda state: step(state, hyper),
+        training_loop.restore(run, name, fresh, tell=echo),
+        run=run,
+        name=name,
+        chunks=steps // static.updates,
+        row=row,
+        every_s=configs[0].run.checkpoint_every,
+        keep=configs[0].run.keep_checkpoints,
+    ).state
+
+    @jax.jit
+    @jax.vmap
+    def finish(state, hyper):
+        encoder = state.params.encoder
+        bits = pretrain.activity_bits(train, hyper, static)
+        params = reward.from_demos(encoder, train, static.encoder, alpha=hyper.alpha, active=bits)
+        return params, pretrain.evaluate(encoder, validation, train, hyper, static)["tau"]
+
+    return finish(state, hyper)
+
+
+def programs(rows: Sequence[Row], num_classes: int, devices: Sequence[Any]) -> list[Program]:
+    """The rows by what they compile, in parts that fit into the devices' memory.
+
+    Raises:
+      ConfigError: one seed does not fit, or the devices cannot share a part evenly.
+    """
+    groups: dict[Hashable, list[Row]] = {}
+    made: dict[Hashable, training.Algorithm] = {}
+    for row in rows:
+        chosen = setup.policy_config(row.config)
+        algorithm = setup.make_algorithm(row.config, setup.make_env(row.config.env, training=True))
+        learned = row.config.run.reward == "learned"
+        encoder = setup.encoder_config(row.config, num_classes) if learned else None
+        key = (row.config.env, algorithm.static, encoder, chosen.num_timesteps)
+        made.setdefault(key, algorithm)
+        groups.setdefault(key, []).append(row)
+    found: list[Program] = []
+    for key, members in groups.items():
+        algorithm, config = made[key], members[0].config
+        params = None
+        if config.run.reward == "learned":
+            params = jax.eval_shape(lambda c=config: setup.blank_reward(c, num_classes))
+        needed = memory.predict_bytes(algorithm, setup.algorithm_hyper(config), params)
+        each = memory.split(len(members), needed, memory.available_bytes(devices[0]), len(devices))
+        per_update = algorithm.num_envs * algorithm.unroll_length
+        updates = -(-setup.policy_config(config).num_timesteps // per_update)
+        task = setup.make_env(config.env, training=False)
+        for start in range(0, len(members), each):
+            part = members[start : start + each]
+            sharding.mesh(devices, seeds=len(part), num_envs=algorithm.num_envs)
+            found.append(Program(f"policy-{len(found)}", part, algorithm, task, updates))
+    return found
+
+
+def learn_policies(
+    program: Program,
+    rewards: dict[Hashable, tuple[reward.RewardParams, float]],
+    run: RunDir,
+    progress: Progress,
+    echo: Callable[[str], None],
+    devices: Sequence[Any],
+) -> dict[str, Any]:
+    """Train a program's policies; per row its final scores, and the curve they came by."""
+    rows, algorithm = program.rows, program.algorithm
+    configs = [row.config for row in rows]
+    layout = sharding.mesh(devices, seeds=len(rows), num_envs=algorithm.num_envs)
+    hyper = sharding.place(layout, _stack([setup.algorithm_hyper(config) for config in configs]))
+    params = _stack([_reward_of(config, rewards) for config in configs])
+    params = sharding.place(layout, params)
+    keys = _keys([config.run.seed for config in configs], 1)
+    fresh = sharding.init(algorithm, layout, keys, hyper)
+    updates = max(1, -(-program.updates // EVALUATIONS))
+    advance = sharding.advance(algorithm, layout, fresh, updates, (program.task,))
+    chunks = -(-program.updates // updates)
+    per_chunk = updates * algorithm.num_envs * algorithm.unroll_length
+    phase = progress.phase(
+        f"learning {len(rows)} policies", total=chunks * per_chunk * len(rows), unit="env steps"
+    )
+
+    def row(chunk, seconds, metrics):
+        _, scores = metrics
+        steps = chunk * per_chunk
+        phase.update(steps * len(rows), success=float(scores.success[..., 1].mean()))
+        values = {name: x[:, 0] for name, x in scores._asdict().items()}
+        means = {name: x[..., 0] for name, x in values.items()}
+        samples = {f"{name}_sampled": x[..., 1] for name, x in values.items()}
+        return (
+            {"env_steps": steps, "env_steps_per_s": steps * len(rows) / seconds} | means | samples
+        )
+
+    done = training_loop.run_chunks(
+        lambda state: advance(state, hyper, params),
+        training_loop.restore(run, program.name, fresh, tell=echo),
+        run=run,
+        name=program.name,
+        chunks=chunks,
+        row=row,
+        every_s=configs[0].run.checkpoint_every,
+        keep=configs[0].run.keep_checkpoints,
+    )
+    policies = algorithm.policy(done.state)
+    checkpoint.save(run.path / "policies" / program.name, chunks * per_chunk, policies)
+    return {
+        "rows": [(row.cell, row.seed) for row in rows],
+        "taus": [rewards[reward_key(c)][1] if c.run.reward == "learned" else None for c in configs],
+        "seconds": done.seconds,
+    }
+
+
+def _reward_of(config: RunConfig, rewards) -> Any:
+    if config.run.reward == "learned":
+        return rewards[reward_key(config)][0]
+    return jnp.zeros(())  # the task's own reward takes no parameters, but an axis of rows
+
+
+def _keys(seeds: Sequence[int], stream: int):
+    """The keys that a run of each seed by itself uses."""
+    return jax.vmap(lambda s: jax.random.fold_in(jax.random.key(s), stream))(jnp.array(seeds))
+
+
+def _stack(trees: Sequence[Any]) -> Any:
+    return jax.tree.map(lambda *x: jnp.stack(x), *trees)
+
+
+def _arrays(tree: Any) -> Any:
+    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree)

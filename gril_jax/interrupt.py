@@ -1,0 +1,69 @@
+"""SIGTERM and Ctrl-C as a request to stop at the next good moment. JAX is not imported here."""
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+
+from .errors import GrilError
+
+__all__ = ["Interrupted", "Notice", "noticed"]
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interrupted(GrilError):
+    """A run was asked to stop, and has saved itself.
+
+    Args:
+      sentence: what was saved, and how to go on.
+      number: of the signal.
+    """
+
+    def __init__(self, sentence: str, number: int):
+        super().__init__(sentence)
+        self.number = number
+
+    @property
+    def exit_code(self) -> int:
+        """130 for SIGINT, 143 for SIGTERM, as shells have it."""
+        return 128 + self.number
+
+
+class Notice:
+    """Which signal has come, if any."""
+
+    number: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Such as "SIGTERM"."""
+        return "" if self.number is None else signal.Signals(self.number).name
+
+
+@contextlib.contextmanager
+def noticed() -> Iterator[Notice]:
+    """Notes the first SIGINT or SIGTERM; a second one acts as it would have without this.
+
+    The handlers from before are back at the end. In any thread but the main one, where Python
+    takes no handlers, signals act as ever.
+    """
+    notice = Notice()
+    if threading.current_thread() is not threading.main_thread():
+        yield notice
+        return
+
+    def note(number: int, _: object) -> None:
+        notice.number = number
+        restore()
+
+    before = {number: signal.signal(number, note) for number in _SIGNALS}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+    try:
+        yield notice
+    finally:
+        restore()

@@ -1,0 +1,83 @@
+"""How much memory a training program will need, before it is compiled.
+
+The estimate counts what is surely there at once: the state (twice: while it is replaced), the data
+of an unroll (as collected, in brax's order, and shuffled), and what the networks of one minibatch
+keep for their gradients. Temporaries of the simulator and of the encoder come on top, of all
+environments for one control step; a factor covers them.
+"""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..errors import ConfigError
+
+__all__ = ["available_bytes", "predict_bytes", "split"]
+
+_COPIES = 3  # of the collected data
+# What the simulator and the encoder hold for one step of one environment, measured on MatchRegions
+# with five blocks and an encoder of width 64.
+_STEP_BYTES = 60_000
+
+
+def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
+    """Bytes that one seed needs while it trains, from shapes alone."""
+    key = jax.random.key(0)
+    state = jax.eval_shape(algorithm.init, key, hyper)
+    exploring = jax.ShapeDtypeStruct((algorithm.num_envs,), jnp.bool_)
+
+    def collect(state, hyper, reward_params, exploring):
+        return algorithm.collect(state, key, hyper, reward_params, deterministic=exploring)[1]
+
+    steps = jax.eval_shape(collect, state, hyper, reward_params, exploring)
+    static = algorithm.static
+    batch = getattr(static, "batch_size", 0) or (
+        static.num_envs * static.unroll_length // static.num_minibatches
+    )
+    layers = 2 * 3 * sum(static.hidden)  # two networks; values, gradients and activations
+    return (
+        2 * _bytes(state)
+        + _COPIES * _bytes(steps)
+        + 4 * layers * batch
+        + _STEP_BYTES * static.num_envs
+    )
+
+
+def available_bytes(device: Any) -> int | None:
+    """Memory of a device that a program may use; None where the platform does not tell."""
+    if device.platform == "cpu":
+        try:
+            lines = open("/proc/meminfo").read().splitlines()
+        except OSError:
+            return None
+        kilobytes = next(int(x.split()[1]) for x in lines if x.startswith("MemAvailable"))
+        return 1024 * kilobytes
+    stats = device.memory_stats() or {}
+    return stats.get("bytes_limit")
+
+
+def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -> int:
+    """How many seeds to run at once, such that they fit: a multiple of `devices` if possible.
+
+    Raises:
+      ConfigError: not even one seed fits into the memory of all devices together.
+    """
+    if available is None:
+        return rows
+    fit = available * devices // bytes_each
+    if not fit:
+        gib = 2**30
+        raise ConfigError(
+            f"one seed needs about {bytes_each / gib:.1f} GiB but there are "
+            f"{available * devices / gib:.1f} GiB: lower num_envs or unroll_length"
+        )
+    parts = math.ceil(rows / min(rows, fit))
+    each = math.ceil(rows / parts)
+    rounded = math.ceil(each / devices) * devices
+    return rounded if rounded <= fit else each
+
+
+def _bytes(tree: Any) -> int:
+    return sum(math.prod(x.shape) * max(x.dtype.itemsize, 1) for x in jax.tree.leaves(tree))

@@ -1,0 +1,284 @@
+"""Soft actor-critic with rollout, reward, replay and gradient steps in one pure function.
+
+Networks, losses, action distribution and observation statistics are brax's; the step that joins
+them and the replay are ours (`sac_update` has the gradient step). Everything that the next step
+depends on is in `TrainState`, the replay included, so that saving it is enough to go on.
+
+A time limit is no end: its transition leads to the observation before the reset, and bootstraps
+from there like any other. Only steps that a failure took back are left out of the critic's loss.
+
+Shapes use B for environments, T for the control steps of one unroll and R for rows of the replay.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from brax.training.acme import running_statistics
+from brax.training.agents.sac import networks
+from brax.training.types import Transition
+from flax import linen
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from ..errors import ConfigError
+from . import fleet, replay, sac_update, training
+from .env_loop import Episodes, Lane
+from .policy import Policy, fresh_normalizer, normalize
+from .rewards import AnyReward
+from .sac_update import Hyper, Learned
+
+__all__ = ["SAC", "Hyper", "Row", "Seen", "Static", "TrainState"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Static:
+    """What shapes the compiled program."""
+
+    num_envs: int = 64
+    unroll_length: int = 4
+    updates_per_step: int = 8  # gradient steps after each unroll
+    batch_size: int = 256
+    replay_size: int = 2**17  # transitions, a multiple of those of one unroll
+    min_replay: int = 2**13  # transitions before learning begins; until then actions are random
+    relabel: bool = False  # whether rewards are computed when a batch is drawn
+    hidden: tuple[int, ...] = (128, 128)
+    observe_activity: bool = True
+    window: int = 40  # of the activity memory, frames
+    smoothing: int = 1  # of centres, frames, before that
+    noise: float | None = None  # of centres, world units
+
+
+class TrainState(NamedTuple):
+    """Everything that training depends on."""
+
+    learned: Learned
+    normalizer: running_statistics.RunningStatisticsState
+    replay: replay.Replay  # of `Row`
+    fleet: fleet.Fleet  # (B, ...)
+    key: PRNGKeyArray
+    updates: Int[Array, ""]  # unrolls so far
+
+
+class Seen(NamedTuple):
+    """What a reward may look at when it is computed later: it takes the place of a task's state."""
+
+    objects: Any
+    active: Bool[Array, "N"]
+    reward: Float[Array, ""]  # the task's own
+
+
+class Row(NamedTuple):
+    """One transition in the replay."""
+
+    observation: Float[Array, "O"]
+    action: Float[Array, "A"]
+    next_observation: Float[Array, "O"]  # before any reset
+    discount: Float[Array, ""]  # 0 where the task ended
+    dropped: Float[Array, ""]  # 1 where the step was taken back
+    reward: Any  # a number, or `Seen` with `relabel`
+
+
+class SAC:
+    """The algorithm for one environment and one reward; its functions are pure.
+
+    Args:
+      env: the task.
+      reward: what to maximise; its parameters are an argument of `step`. With `relabel` it has no
+        memory, and looks at nothing of a state but `Seen`.
+      static: sizes.
+
+    Raises:
+      ConfigError: sizes do not fit together, or the reward cannot be relabelled.
+    """
+
+    def __init__(self, env: Any, reward: AnyReward, static: Static):
+        self.env, self.static = env, static
+        self.num_envs, self.unroll_length = static.num_envs, static.unroll_length
+        self.episodes = Episodes.of(
+            env, reward, observe_activity=static.observe_activity, window=static.window,
+            smoothing=static.smoothing, noise=static.noise,
+        )  # fmt: skip
+        _check(static, self.episodes)
+        self.observation_size = self.episodes.observation_size
+        self.networks = networks.make_sac_networks(
+            self.observation_size,
+            env.action_size,
+            preprocess_observations_fn=normalize,
+            hidden_layer_sizes=static.hidden,
+            activation=linen.swish,  # as in PPO, so that policies are exported alike
+        )
+        self._make_policy = networks.make_inference_fn(self.networks)
+        self._renewals = fleet.renewals(static.num_envs, static.unroll_length, env.episode_length)
+
+    # ---------------------------------------------------------------- what a caller uses
+
+    def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
+        """Fresh weights, an empty replay, and environments at random times of an episode."""
+        key, key_weights, key_fleet, key_time = jax.random.split(key, 4)
+        begun = fleet.init(self.episodes, key_fleet, self.num_envs)
+        return TrainState(
+            learned=sac_update.begin(self.networks, key_weights, hyper),
+            normalizer=fresh_normalizer(self.observation_size),
+            replay=replay.init(self._row(begun.lanes), self.static.replay_size),
+            fleet=fleet.scatter(begun, key_time, self.env.episode_length),
+            key=key,
+            updates=jnp.zeros((), jnp.int32),
+        )
+
+    def step(
+        self, state: TrainState, hyper: Hyper, reward_params: Any
+    ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
+        """One unroll of every environment, then `updates_per_step` gradient steps."""
+        return training.step(self, state, hyper, reward_params)
+
+    def policy(self, state: TrainState) -> Policy:
+        """What of the state is needed to act."""
+        return Policy(state.normalizer, state.learned.params.policy)
+
+    def act(
+        self, policy: Policy, lane: Lane, key: PRNGKeyArray, *, deterministic: bool = False
+    ) -> Float[Array, "A"]:
+        """The policy's action in [-1, 1] for one lane."""
+        act = self._make_policy(tuple(policy), deterministic=deterministic)
+        return act(self.episodes.observe(lane), key)[0]
+
+    # ---------------------------------------------------------------- the parts of a step
+
+    def collect(
+        self,
+        state: TrainState,
+        key: PRNGKeyArray,
+        hyper: Hyper,
+        reward_params: Any,
+        *,
+        deterministic: Bool[Array, "B"],
+    ) -> tuple[TrainState, fleet.Steps]:
+        """T control steps of every environment; `deterministic` ones play mean actions.
+
+        The others act at random, uniformly, until the replay holds `min_replay` transitions.
+        """
+        key_renew, key_act = jax.random.split(key)
+        explore = self._make_policy(tuple(self.policy(state)))
+        exploit = self._make_policy(tuple(self.policy(state)), deterministic=True)
+
+        def act(observation, key):
+            key_policy, key_uniform = jax.random.split(key)
+            drawn, _ = explore(observation, key_policy)
+            mean, _ = exploit(observation, key_policy)
+            uniform = jax.random.uniform(key_uniform, drawn.shape, minval=-1.0)
+            action = jnp.where(self._ready(state), drawn, uniform)
+            return jnp.where(deterministic[:, None], mean, action), ()
+
+        renewed = fleet.renew(self.episodes, state.fleet, key_renew, self._renewals)
+        moved, steps = fleet.unroll(
+            self.episodes, reward_params, renewed, act, key_act,
+            length=self.unroll_length, tau=hyper.tau, keep=self._keep,
+        )  # fmt: skip
+        return state._replace(fleet=moved), steps
+
+    def store(
+        self, state: TrainState, steps: fleet.Steps, *, wanted: Bool[Array, ""] | bool = True
+    ) -> TrainState:
+        """The state with all of these transitions in its replay, if they are wanted."""
+        rows = Row(
+            observation=steps.observation,
+            action=steps.action,
+            next_observation=steps.last,
+            discount=1.0 - steps.moment.terminated,
+            dropped=steps.moment.nonfinite,
+            reward=steps.kept if self.static.relabel else steps.moment.reward,
+        )
+        rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows)
+        return state._replace(replay=replay.insert(state.replay, rows, wanted=wanted))
+
+    def learn(
+        self,
+        state: TrainState,
+        steps: fleet.Steps,
+        key: PRNGKeyArray,
+        hyper: Hyper,
+        reward_params: Any,
+    ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
+        """`updates_per_step` gradient steps, each on a batch drawn from the replay.
+
+        Too early they are computed all the same, and thrown away: seeds side by side could not skip
+        them either.
+        """
+        normalizer = running_statistics.update(state.normalizer, steps.observation)
+        count, size = self.static.updates_per_step, self.static.batch_size
+        key_rows, key_losses = jax.random.split(key)
+        rows = replay.sample(state.replay, key_rows, count * size)
+        batches = jax.tree.map(
+            lambda x: x.reshape(count, size, *x.shape[1:]), self._transitions(rows, reward_params)
+        )
+
+        def update(learned, batch_and_key):
+            return sac_update.gradient_step(
+                self.networks, learned, normalizer, *batch_and_key, hyper
+            )
+
+        keys = jax.random.split(key_losses, count)
+        learned, metrics = jax.lax.scan(update, state.learned, (batches, keys))
+        ready = self._ready(state)
+        learned = jax.tree.map(lambda new, old: jnp.where(ready, new, old), learned, state.learned)
+        metrics = {name: jnp.where(ready, jnp.mean(x), 0.0) for name, x in metrics.items()}
+        metrics |= {"alpha": jnp.exp(learned.params.log_alpha)}
+        state = state._replace(learned=learned, normalizer=normalizer, updates=state.updates + 1)
+        return state, fleet.summary(steps) | metrics
+
+    # ---------------------------------------------------------------- transitions
+
+    def _ready(self, state: TrainState) -> Bool[Array, ""]:
+        return state.replay.size >= self.static.min_replay
+
+    def _keep(self, lane: Lane) -> Any:
+        if not self.static.relabel:
+            return ()
+        return Seen(lane.state.objects, lane.memory.active, lane.state.reward)
+
+    def _row(self, lanes: Lane) -> Row:
+        """The shapes of one row."""
+        number = jax.ShapeDtypeStruct((), jnp.float32)
+        observation = jax.ShapeDtypeStruct((self.observation_size,), jnp.float32)
+        action = jax.ShapeDtypeStruct((self.env.action_size,), jnp.float32)
+        seen = jax.eval_shape(self._keep, jax.tree.map(lambda x: x[0], lanes))
+        reward = seen if self.static.relabel else number
+        return Row(observation, action, observation, number, number, reward)
+
+    def _transitions(self, rows: Row, reward_params: Any) -> Transition:
+        """The same (R, ...) for brax's losses, which leave out what they take for truncated."""
+        reward, dropped = rows.reward, rows.dropped
+        if self.static.relabel:
+            rule, nothing = self.episodes.reward, self.episodes.reward.init()
+            reward = jax.vmap(lambda x: rule.step(reward_params, nothing, x, x.active)[1])(reward)
+            # As when a step is taken: one broken reward must not reach the weights.
+            finite = jnp.isfinite(reward)
+            reward, dropped = jnp.where(finite, reward, 0.0), jnp.where(finite, dropped, 1.0)
+        return Transition(
+            observation=rows.observation,
+            action=rows.action,
+            reward=reward,
+            discount=rows.discount,
+            next_observation=rows.next_observation,
+            extras={"policy_extras": {}, "state_extras": {"truncation": dropped}},
+        )
+
+
+def _check(static: Static, episodes: Episodes) -> None:
+    unroll = static.num_envs * static.unroll_length
+    if static.replay_size % unroll:
+        raise ConfigError(
+            f"replay_size is {static.replay_size}, but must be a multiple of num_envs x "
+            f"unroll_length = {unroll}, the transitions of one unroll"
+        )
+    if static.min_replay > static.replay_size:
+        raise ConfigError(
+            f"min_replay is {static.min_replay}, but must be at most replay_size, which is "
+            f"{static.replay_size}"
+        )
+    if static.relabel and jax.tree.leaves(episodes.reward.init()):
+        raise ConfigError(
+            "relabel is True, but must be False for a reward with a memory of its episode, which "
+            "the replay does not hold"
+        )

@@ -1,0 +1,88 @@
+"""One training program on many devices: seeds are spread first, then the environments of a seed.
+
+    layout = mesh(jax.devices(), seeds=8, num_envs=4096)
+    state = init(algorithm, layout, keys, hyper)                # each with a leading axis of seeds
+    run = advance(algorithm, layout, state, updates=20, evaluation=(env,))
+    state, (metrics, scores) = run(state, hyper, reward_params)
+
+Nothing else changes: the program is the one for a single device, and the compiler splits it along
+the axes that are laid out here, so that results agree up to the order of float sums. With several
+hosts (`jax.distributed`), the devices of all of them are one mesh.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from ..errors import ConfigError
+from . import training
+
+__all__ = ["advance", "init", "mesh", "place", "shardings"]
+
+
+def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
+    """Devices as a grid of axes "seeds" and "envs"; as many as possible go to the seeds.
+
+    Raises:
+      ConfigError: the devices cannot be shared out evenly.
+    """
+    count = len(devices)
+    across = math.gcd(count, seeds)
+    if num_envs % (count // across):
+        raise ConfigError(
+            f"{count} devices cannot share {seeds} seeds of {num_envs} environments evenly: the "
+            f"seeds must be a multiple of {count}, or num_envs of {count // across}"
+        )
+    return Mesh(np.array(devices).reshape(across, -1), ("seeds", "envs"))
+
+
+def shardings(layout: Mesh, state: Any) -> Any:
+    """Where each leaf of a training state with a leading axis of seeds belongs.
+
+    Leaves of `state.fleet` have the environments as their second axis; all others are the same for
+    all devices that share a seed.
+    """
+    by_seed = NamedSharding(layout, PartitionSpec("seeds"))
+    by_both = NamedSharding(layout, PartitionSpec("seeds", "envs"))
+    placed = jax.tree.map(lambda _: by_seed, state)
+    lanes = jax.tree.map(lambda x: by_both if x.ndim > 1 else by_seed, state.fleet)
+    return placed._replace(fleet=lanes)
+
+
+def place(layout: Mesh, tree: Any) -> Any:
+    """A tree with a leading axis of seeds, such as hyper-parameters, put where its seeds are."""
+    return jax.device_put(tree, NamedSharding(layout, PartitionSpec("seeds")))
+
+
+def init(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> Any:
+    """A fresh training state for each key, made where it belongs."""
+    make = jax.vmap(algorithm.init)
+    shapes = jax.eval_shape(make, keys, hyper)
+    return jax.jit(make, out_shardings=shardings(layout, shapes))(keys, hyper)
+
+
+def advance(
+    algorithm: training.Algorithm,
+    layout: Mesh,
+    state: Any,
+    updates: int,
+    evaluation: tuple[Any, ...] = (),
+) -> Callable[[Any, Any, Any], tuple[Any, tuple[Any, Any]]]:
+    """`training.chunk` over seeds, compiled once: (state, hyper, reward parameters) -> the same.
+
+    Metrics and scores come back whole to every host. The state is donated.
+    """
+    run = jax.vmap(partial(training.chunk, algorithm, updates=updates, evaluation=evaluation))
+
+    def chunk(state, hyper, reward_params):
+        state, metrics, scores = run(state, hyper, reward_params)
+        return state, (metrics, scores)
+
+    everywhere = NamedSharding(layout, PartitionSpec())
+    placed = shardings(layout, state)
+    return jax.jit(chunk, donate_argnums=0, out_shardings=(placed, everywhere))

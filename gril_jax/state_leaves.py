@@ -1,0 +1,84 @@
+"""The leaves of a state on the host: their names, their arrays, one digest of them all.
+
+Typed keys count as their data, beside the name of their generator.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+__all__ = ["Leaf", "digest", "host_copy", "key_kind", "leaf_name", "like_of", "to_device"]
+
+
+class Leaf(NamedTuple):
+    """One leaf, as a checkpoint holds it."""
+
+    path: str  # such as "params.policy.0", or "(root)"
+    key: str | None  # the generator of a typed key, or None for any other leaf
+    array: np.ndarray  # owns its memory
+
+
+def host_copy(state: Any) -> list[Leaf]:
+    """Copies a state to the host, so that its buffers may be donated right after.
+
+    Args:
+      state: any pytree of arrays and numbers.
+
+    Returns:
+      The leaves, in the order of `jax.tree.leaves`.
+    """
+    leaves = jax.tree_util.tree_leaves_with_path(state)
+    # All at once, so that the transfers overlap. On a CPU they are views of JAX's own buffers.
+    arrays = jax.device_get([_data(leaf) for _, leaf in leaves])
+    return [
+        Leaf(leaf_name(path), key_kind(leaf), np.array(array))
+        for (path, leaf), array in zip(leaves, arrays, strict=True)
+    ]
+
+
+def digest(state: Any) -> str:
+    """SHA-256 over the names, kinds and bits of a state's leaves, in hexadecimal.
+
+    Equal digests mean states that are equal bit for bit.
+    """
+    total = hashlib.sha256()
+    for leaf in host_copy(state):
+        head = (leaf.path, leaf.key, leaf.array.dtype.name, leaf.array.shape)
+        total.update(repr(head).encode())
+        total.update(np.ascontiguousarray(leaf.array).tobytes())
+    return total.hexdigest()
+
+
+def like_of(leaf: Any) -> tuple[str | None, str, tuple[int, ...]]:
+    """A leaf's generator, dtype and shape, as `host_copy` would give them, without its values."""
+    packed = jax.eval_shape(_data, leaf)
+    return key_kind(leaf), packed.dtype.name, packed.shape
+
+
+def to_device(array: np.ndarray, like: Any) -> jax.Array:
+    """The leaf of an array on the default device; a key where `like` is one."""
+    if _is_key(like):
+        return jax.random.wrap_key_data(jnp.asarray(array), impl=jax.random.key_impl(like))
+    return jnp.array(array)  # a copy: a donated buffer must not be NumPy's
+
+
+def leaf_name(path: Sequence[Any]) -> str:
+    """A leaf's path in words, such as "params.policy.0"."""
+    return jax.tree_util.keystr(tuple(path), simple=True, separator=".") or "(root)"
+
+
+def key_kind(leaf: Any) -> str | None:
+    """The generator of a typed key, or None for any other leaf."""
+    return str(jax.random.key_impl(leaf)) if _is_key(leaf) else None
+
+
+def _data(leaf: Any) -> Any:
+    return jax.random.key_data(leaf) if _is_key(leaf) else jnp.asarray(leaf)
+
+
+def _is_key(leaf: Any) -> bool:
+    return isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)

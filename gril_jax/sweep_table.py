@@ -1,0 +1,91 @@
+"""The results of a sweep as tables: one line a cell, and one line a policy."""
+
+import csv as csv_format
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from .interquartile import interquartile_interval, interquartile_mean
+
+__all__ = ["Result", "csv", "markdown", "results"]
+
+# What is told of a policy, and how it is headed.
+_COLUMNS = {
+    "success": "success (mean actions)",
+    "success_sampled": "success (samples)",
+    "success_ever": "success at some moment",
+    "score": "score",
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """One policy: its cell and seed, its reward's tau, and its scores after each chunk."""
+
+    cell: int
+    seed: int
+    tau: float | None
+    env_steps: Float[np.ndarray, "chunks"]
+    scores: Mapping[str, Float[np.ndarray, "chunks"]]
+
+
+def results(
+    rows: Sequence[Sequence[int]],
+    taus: Sequence[float | None],
+    curve: Sequence[Mapping[str, Any]],
+) -> list[Result]:
+    """The policies of one program.
+
+    Args:
+      rows: cell and seed of each.
+      taus: of their rewards; None where there is no learned one.
+      curve: the program's lines of metrics.jsonl, whose values have one number for each row.
+    """
+    steps = np.array([line["env_steps"] for line in curve], float)
+    values = {name: np.array([line[name] for line in curve], float) for name in _COLUMNS}
+    return [
+        Result(cell, seed, tau, steps, {name: x[:, i] for name, x in values.items()})
+        for i, ((cell, seed), tau) in enumerate(zip(rows, taus, strict=True))
+    ]
+
+
+def markdown(names: Sequence[str], found: Sequence[Result]) -> str:
+    """Per cell the mean and the interquartile mean over seeds, with its 95 % interval."""
+    lines = [
+        "| | seeds | " + " | ".join(_COLUMNS.values()) + " | tau |",
+        "|---|---|" + "---|" * (len(_COLUMNS) + 1),
+    ]
+    for cell, name in enumerate(names):
+        members = [result for result in found if result.cell == cell]
+        if members:
+            cells = [_spread([r.scores[column][-1] for r in members]) for column in _COLUMNS]
+            taus = [r.tau for r in members if r.tau is not None]
+            tau = f"{np.mean(taus):.3f}" if taus else ""
+            lines.append(f"| {name} | {len(members)} | " + " | ".join(cells) + f" | {tau} |")
+    lines += ["", "Mean; interquartile mean with its 95 % bootstrap interval over seeds."]
+    return "\n".join(lines)
+
+
+def _spread(values: Sequence[float]) -> str:
+    scores = np.asarray(values, np.float32)
+    middle = float(interquartile_mean(scores))
+    low, high = interquartile_interval(jax.random.key(0), scores)
+    return f"{scores.mean():.3f}; {middle:.3f} ({float(low):.3f} to {float(high):.3f})"
+
+
+def csv(names: Sequence[str], found: Sequence[Result]) -> str:
+    """One line a policy, in the order of cells and seeds."""
+    file = io.StringIO()
+    writer = csv_format.writer(file, lineterminator="\n")
+    writer.writerow(["cell", "seed", "env_steps", *_COLUMNS, "tau"])
+    for result in sorted(found, key=lambda r: (r.cell, r.seed)):
+        last = [f"{values[-1]:.6g}" for values in result.scores.values()]
+        tau = "" if result.tau is None else f"{result.tau:.6g}"
+        steps = int(result.env_steps[-1])
+        writer.writerow([names[result.cell], result.seed, steps, *last, tau])
+    return file.getvalue()

@@ -1,0 +1,60 @@
+"""The first signal is a note, the second acts; handlers from before come back."""
+
+import contextlib
+import signal
+import threading
+
+import pytest
+
+from gril_jax import cli
+from gril_jax.errors import RunError
+from gril_jax.interrupt import Interrupted, noticed
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_is_noted_and_nothing_is_raised(number):
+    with noticed() as notice:
+        assert (notice.number, notice.name) == (None, "")
+        signal.raise_signal(number)
+        assert (notice.number, notice.name) == (number, number.name)
+
+
+def test_the_second_signal_acts_as_ever():
+    with noticed() as notice:
+        signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        assert notice.number == signal.SIGTERM
+
+
+def test_handlers_come_back_whatever_happened():
+    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    with contextlib.suppress(RunError), noticed():
+        assert signal.getsignal(signal.SIGINT) not in before
+        raise RunError("the disk is gone")
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_other_threads_leave_signals_alone():
+    before, found = signal.getsignal(signal.SIGINT), []
+
+    def work():
+        with noticed() as notice:
+            found.append((notice.number, signal.getsignal(signal.SIGINT)))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert found == [(None, before)]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_the_command_line_says_one_sentence_and_exits_as_shells_expect(
+    monkeypatch, capsys, number, code
+):
+    def interrupted(_):
+        raise Interrupted("it came, and the run is saved", number)
+
+    monkeypatch.setitem(cli.VERBS, "train", lambda args: lambda: interrupted(args))
+    assert cli.main(["train"]) == code
+    assert capsys.readouterr().err == "gril: it came, and the run is saved.\n"

@@ -1,0 +1,245 @@
+"""A run that is cut off goes on bit for bit; `gril VERB --resume RUN` and what it refuses."""
+
+import contextlib
+import importlib.util
+import os
+import random
+import signal
+import subprocess
+import sys
+import types
+
+import pytest
+
+from gril_jax import cli, run_dir
+from gril_jax.commands import arguments
+from gril_jax.config import DemosConfig, PPOConfig, RunConfig, RunSettings
+from gril_jax.errors import ConfigError, DemoError, RunError
+from gril_jax.run_phases import read_phases, write_phases
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run of gril train that was cut off at once."""
+    path = tmp_path / "run"
+    config = RunConfig(ppo=PPOConfig(num_envs=32), run=RunSettings(seed=7))
+    run_dir.create(path, config, device="cpu", experiment="train").close()
+    return path
+
+
+@pytest.fixture
+def main(monkeypatch):
+    """Puts a stand-in for the experiment of gril train in place and returns the calls."""
+    calls = []
+    module = types.ModuleType("gril_jax.experiments.train")
+    module.main = lambda *args, **kwargs: calls.append((args, kwargs))
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(module.__name__, module, raising=False)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
+    return calls
+
+
+def _fault(capsys, *args):
+    assert cli.main([*map(str, args)]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    return err
+
+
+# --- the command line
+
+
+@pytest.mark.parametrize("verb", ["train", "quickstart"])
+def test_a_run_goes_on_with_its_own_configuration(main, run, verb):
+    assert cli.main([verb, "--resume", str(run)]) == 0
+    assert main == [((run_dir.read_config(run),), {"echo": arguments.echo, "resume": run})]
+
+
+def test_options_that_say_what_the_run_says_are_welcome(main, run):
+    assert cli.main(["train", f"--resume={run}", "--seed", "7", "--ppo.num-envs=32"]) == 0
+    assert main[0][1]["resume"] == run
+
+
+def test_options_that_say_something_else_are_listed(run, capsys):
+    err = _fault(capsys, "train", "--resume", run, "--seed=3", "--ppo.learning-rate", "1e-3")
+    assert "but the command line gives " in err
+    assert "ppo.learning_rate (0.001, not 0.0003), run.seed (3, not 7)" in err
+
+
+def test_another_configuration_is_refused_by_its_fields(run, capsys):
+    err = _fault(capsys, "train", "quickstart", "--resume", run)
+    assert "run.seed (0, not 7)" in err
+    assert "env.targets (['green square'], not ['green star', 'green square'])" in err
+
+
+def test_the_configuration_by_its_own_file_is_welcome(main, run):
+    assert cli.main(["train", str(run / "config.yaml"), "--resume", str(run)]) == 0
+    assert len(main) == 1
+
+
+def test_a_configuration_that_was_edited_is_refused_by_its_fields(run, capsys):
+    file = run / "config.yaml"
+    file.write_text(file.read_text().replace("num_envs: 32", "num_envs: 64"))
+    err = _fault(capsys, "train", "--resume", run)
+    assert "has been changed since the run began: ppo.num_envs (64, not 32)" in err
+
+
+def test_a_run_that_has_finished_is_refused(run, capsys):
+    with run_dir.resume(run) as opened:
+        opened.finish({"success": 1.0})
+    assert "has finished, so there is nothing left" in _fault(capsys, "train", "--resume", run)
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path, capsys):
+    assert "has no config.yaml" in _fault(capsys, "train", "--resume", tmp_path)
+    assert "does not exist" in _fault(capsys, "train", "--resume", tmp_path / "nowhere")
+    assert "--resume is given without a value" in _fault(capsys, "train", "--resume")
+
+
+def test_a_run_of_another_verb_is_refused(run, tmp_path, capsys):
+    assert "was made by gril train, so gril pretrain" in _fault(capsys, "pretrain", "--resume", run)
+    run_dir.create(tmp_path / "other", RunConfig(), device="cpu").close()  # as of gril ablate
+    assert "was made otherwise" in _fault(capsys, "train", "--resume", tmp_path / "other")
+
+
+def test_a_run_that_is_being_written_is_refused(run, capsys):
+    with run_dir.resume(run):
+        err = _fault(capsys, "train", "--resume", run)
+    assert f"is being written by process {os.getpid()}" in err
+    assert (run / "lock").read_text() == f"{os.getpid()}\n"
+
+
+def test_a_run_of_an_older_version_or_with_damaged_phases_is_refused(run, capsys):
+    file = run / "phases.json"
+    file.write_text(file.read_text().replace("train", "trail"))
+    assert "because its phases.json has changed" in _fault(capsys, "train", "--resume", run)
+    file.unlink()
+    assert "because it has no phases.json" in _fault(capsys, "train", "--resume", run)
+
+
+def test_a_missing_package_of_a_sink_is_one_sentence_before_work_starts(monkeypatch, capsys):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    err = _fault(capsys, "train", "--run.sinks", "tensorboard", "wandb")
+    assert "run.sinks names 'tensorboard', but the package tensorboardX is not installed" in err
+
+
+def test_a_sink_that_does_not_exist_is_refused(capsys):
+    err = _fault(capsys, "train", "--run.sinks", "tensorbord")
+    assert "run.sinks is ['tensorbord'], but must be a list of tensorboard and wandb" in err
+    err = _fault(capsys, "train", "--run.sinks", "wandb", "wandb")
+    assert "run.sinks is ['wandb', 'wandb'], but must be a list of" in err
+
+
+def test_a_deterministic_run_sets_the_flag_before_the_imports(monkeypatch):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
+    monkeypatch.setenv("XLA_FLAGS", "--xla_dump_to=x")
+    with arguments.heavy_imports(deterministic=True):
+        flags = os.environ["XLA_FLAGS"]
+    assert flags == "--xla_dump_to=x --xla_gpu_deterministic_ops=true"
+
+
+# --- phases.json
+
+
+def test_finished_phases_are_kept_with_their_results(run):
+    with run_dir.resume(run) as opened:
+        assert opened.finished_phase("reward") is None
+        opened.finish_phase("reward", {"tau": 0.5, "split": {"train": 3}})
+    with run_dir.resume(run) as opened:
+        assert opened.finished_phase("reward") == {"tau": 0.5, "split": {"train": 3}}
+        assert opened.experiment == "train"
+
+
+def test_no_flipped_bit_of_phases_goes_unnoticed(run):
+    phases = read_phases(run)
+    write_phases(run, phases)
+    assert read_phases(run) == phases
+    file, draw = run / "phases.json", random.Random(0)
+    good = file.read_bytes()
+    for _ in range(100):
+        data = bytearray(good)
+        data[draw.randrange(len(good))] ^= 1 << draw.randrange(8)
+        file.write_bytes(data)
+        with contextlib.suppress(RunError):  # white space between the values means nothing
+            assert read_phases(run) == phases
+
+
+def test_a_resumed_configuration_needs_what_a_new_one_needs(tmp_path):
+    path, demos = tmp_path / "run", tmp_path / "demos"
+    config = RunConfig(demos=DemosConfig(path=str(demos)))
+    run_dir.create(path, config, device="cpu", experiment="train").close()
+    with pytest.raises(DemoError, match="does not exist, but must be a folder"):
+        arguments.resumed_config(path, None, [], prog="gril train", experiment="train")
+    with pytest.raises(ConfigError, match="keeps the configuration"):
+        arguments.resumed_config(path, "quickstart", [], prog="gril train", experiment="train")
+
+
+# --- kill -9 in real training
+
+# Runs a command line of gril without the evaluation and the report at its end, and kills itself
+# some time after a run has a given number of rows. What is left out has no part in the state.
+_CHILD = """
+import os, signal, sys, threading
+from gril_jax.cli import main
+from gril_jax.commands.arguments import heavy_imports
+with heavy_imports():
+    from gril_jax.experiments import train
+    from gril_jax import run_dir
+row, delay_s = int(sys.argv[1]), float(sys.argv[2])
+log, timers = run_dir.RunDir.log, []
+def counted(run, **metrics):
+    log(run, **metrics)
+    if row and not timers and len(run_dir.read_rows(run.path / "metrics.jsonl")) >= row:
+        timers.append(threading.Timer(delay_s, os.kill, (os.getpid(), signal.SIGKILL)))
+        timers[0].start()
+run_dir.RunDir.log = counted
+played = {name: 0.0 for name in ("success", "eval_episodes", "success_sampled", "success_random")}
+train.evaluate.play = lambda *_: played
+train.report.write_report = lambda path: path
+sys.exit(main(sys.argv[3:]))
+"""
+
+_SMALL = (
+    *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
+    *("--pretrain.steps", "190", "--pretrain.num-videos", "4", "--pretrain.num-frames", "8"),
+    *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
+    *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "3200"),
+    *("--ppo.hidden", "16", "--run.updates-per-chunk", "1", "--run.checkpoint-every", "0"),
+)
+_ROWS = 19 + 40  # ten steps of the reward's training each, then an update of PPO each
+
+
+def _gril(*args, row=0, delay_s=0.0):
+    command = [sys.executable, "-c", _CHILD, str(row), str(delay_s), *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+def _outcome(path):
+    rows = [
+        {k: v for k, v in row.items() if k not in ("seconds", "env_steps_per_s")}
+        for row in run_dir.read_metrics(path)
+    ]
+    results = run_dir.read_results(path)
+    return results["state_sha256"], results["reward_sha256"], rows
+
+
+@pytest.mark.slow
+def test_kill_9_at_20_random_moments_changes_no_bit_of_the_outcome(tmp_path):
+    whole = tmp_path / "whole"
+    done = _gril("quickstart", *_SMALL, "--out", whole)
+    assert done.returncode == 0, done.stderr
+    wanted = _outcome(whole)
+    assert len(wanted[2]) == _ROWS
+    config, draw = whole / "config.yaml", random.Random(0)
+    for trial in range(4):
+        path = tmp_path / str(trial)
+        command = ("train", config, "--demos", whole / "demos", "--out", path)
+        for row in sorted(draw.sample(range(1, _ROWS - 2), 5)):
+            done = _gril(*command, row=row, delay_s=draw.uniform(0, 0.1))
+            assert done.returncode == -signal.SIGKILL, (row, done.stderr)
+            print(f"killed with {len(run_dir.read_metrics(path))} rows", flush=True)
+            command = ("train", "--resume", path)
+        done = _gril(*command)
+        assert done.returncode == 0, done.stderr
+        assert _outcome(path) == wanted
+        print(f"run {trial} is equal bit for bit", flush=True)
