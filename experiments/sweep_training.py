@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from gril_jax import checkpoint, pretrain, reward, training_loop
+from gril_jax import checkpoint, device_memory, pretrain, reward, training_loop
 from gril_jax.config import RunConfig
 from gril_jax.progress import Progress
 from gril_jax.rl import memory, sharding, training
@@ -136,7 +136,9 @@ def programs(rows: Sequence[Row], num_classes: int, devices: Sequence[Any]) -> l
         if config.run.reward == "learned":
             params = jax.eval_shape(lambda c=config: setup.blank_reward(c, num_classes))
         needed = memory.predict_bytes(algorithm, setup.algorithm_hyper(config), params)
-        each = memory.split(len(members), needed, memory.available_bytes(devices[0]), len(devices))
+        each = memory.split(
+            len(members), needed, device_memory.available_bytes(devices[0]), len(devices)
+        )
         per_update = algorithm.num_envs * algorithm.unroll_length
         updates = -(-setup.policy_config(config).num_timesteps // per_update)
         task = setup.make_env(config.env, training=False)

@@ -22,8 +22,11 @@ PURE = {
     "metrics", "errors", "message_passing", "dense_messages", "box_features", "box_mlp",
     "interaction_network", "pixel_encoder", "cycle_metrics", "interquartile", "subtask_matching",
     "shaping", "subtask_chain", "activity_rule", "learned_reward", "encoder_choices",
+    "audit_scene", "audit_states", "audit_sweeps", "audit_ascent", "audit_measures",
 }  # fmt: skip
-TRAINING = {"pretrain", "pretrain_batch", "pretrain_loss", "pretrain_options", "rl", "sweep"}
+TRAINING = {
+    "pretrain", "pretrain_batch", "pretrain_contrast", "pretrain_loss", "pretrain_options", "rl",
+}  # fmt: skip
 
 # For each layer: the layers of ours that it may import, and the packages of others.
 ARRAYS = {"jax", "jaxtyping"}

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from ..errors import ConfigError
 
-__all__ = ["available_bytes", "predict_bytes", "split"]
+__all__ = ["predict_bytes", "split"]
 
 _COPIES = 3  # of the collected data
 # What the simulator and the encoder hold for one step of one environment, measured on MatchRegions
@@ -43,19 +43,6 @@ def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
         + 4 * layers * batch
         + _STEP_BYTES * static.num_envs
     )
-
-
-def available_bytes(device: Any) -> int | None:
-    """Memory of a device that a program may use; None where the platform does not tell."""
-    if device.platform == "cpu":
-        try:
-            lines = open("/proc/meminfo").read().splitlines()
-        except OSError:
-            return None
-        kilobytes = next(int(x.split()[1]) for x in lines if x.startswith("MemAvailable"))
-        return 1024 * kilobytes
-    stats = device.memory_stats() or {}
-    return stats.get("bytes_limit")
 
 
 def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -> int:

@@ -3,7 +3,7 @@
     layout = mesh(jax.devices(), seeds=8, num_envs=4096)
     state = init(algorithm, layout, keys, hyper)                # each with a leading axis of seeds
     run = advance(algorithm, layout, state, updates=20, evaluation=(env,))
-    state, (metrics, scores) = run(state, hyper, reward_params)
+    state, (metrics, scores) = run(state, hyper, reward_params, count, examine)
 
 Nothing else changes: the program is the one for a single device, and the compiler splits it along
 the axes that are laid out here, so that results agree up to the order of float sums. With several
@@ -12,11 +12,9 @@ hosts (`jax.distributed`), the devices of all of them are one mesh.
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import jax
-import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from ..errors import ConfigError
@@ -38,7 +36,7 @@ def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
             f"{count} devices cannot share {seeds} seeds of {num_envs} environments evenly: the "
             f"seeds must be a multiple of {count}, or num_envs of {count // across}"
         )
-    return Mesh(np.array(devices).reshape(across, -1), ("seeds", "envs"))
+    return jax.make_mesh((across, count // across), ("seeds", "envs"), devices=devices)
 
 
 def shardings(layout: Mesh, state: Any) -> Any:
@@ -72,15 +70,23 @@ def advance(
     state: Any,
     updates: int,
     evaluation: tuple[Any, ...] = (),
-) -> Callable[[Any, Any, Any], tuple[Any, tuple[Any, Any]]]:
-    """`training.chunk` over seeds, compiled once: (state, hyper, reward parameters) -> the same.
+) -> Callable[[Any, Any, Any, Any, Any], tuple[Any, tuple[Any, Any]]]:
+    """`training.chunk` over seeds, compiled once.
 
-    Metrics and scores come back whole to every host. The state is donated.
+    Returns:
+      (state, hyper, reward parameters, count, examine) -> (state, (metrics, scores)), the first
+      three with a leading axis of seeds, and so what it returns. Metrics and scores come back whole
+      to every host. The state is donated.
     """
-    run = jax.vmap(partial(training.chunk, algorithm, updates=updates, evaluation=evaluation))
 
-    def chunk(state, hyper, reward_params):
-        state, metrics, scores = run(state, hyper, reward_params)
+    def chunk(state, hyper, reward_params, count, examine):
+        def one(state, hyper, reward_params):
+            return training.chunk(
+                algorithm, state, hyper, reward_params, updates=updates, evaluation=evaluation,
+                count=count, examine=examine,
+            )  # fmt: skip
+
+        state, metrics, scores = jax.vmap(one)(state, hyper, reward_params)
         return state, (metrics, scores)
 
     everywhere = NamedSharding(layout, PartitionSpec())

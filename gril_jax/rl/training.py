@@ -11,18 +11,19 @@ seeds, hyper-parameters and rewards.
 Shapes use B for environments, T for the control steps of an unroll and V for variants of the task.
 """
 
+import copy
 import dataclasses
 import math
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .env_loop import Episodes, Lane
 from .fleet import Steps
 
-__all__ = ["Algorithm", "Scores", "chunk", "step"]
+__all__ = ["Algorithm", "Scores", "chunk", "rounds", "step"]
 
 
 @runtime_checkable
@@ -71,6 +72,11 @@ def step(
     return algorithm.learn(state, steps, key_learn, hyper, reward_params)
 
 
+def rounds(algorithm: Algorithm) -> int:
+    """Unrolls that an evaluation takes: enough for one whole episode."""
+    return math.ceil(algorithm.episodes.env.episode_length / algorithm.unroll_length)
+
+
 def chunk(
     algorithm: Algorithm,
     state: Any,
@@ -79,36 +85,46 @@ def chunk(
     *,
     updates: int,
     evaluation: tuple[Any, ...] = (),
+    count: Int[Array, ""] | int | None = None,
+    examine: Bool[Array, ""] | bool = True,
 ) -> tuple[Any, dict[str, Float[Array, "updates"]], Scores | None]:
-    """`updates` updates, then one episode of the new policy in each of the B environments.
+    """Updates, then one episode of the new policy in each of the B environments.
 
-    Training goes on afterwards where it stood: an evaluation changes nothing in the state.
+    Training goes on afterwards where it stood: an evaluation changes nothing in the state. How
+    often the loop runs may be traced, so that where a run is cut into chunks changes no bit of it:
+    a compiler that knows the number may unroll a short loop, and round otherwise.
 
     Args:
       algorithm: PPO or SAC.
       state: from its `init`, or the chunk before.
       hyper: its traced parameters.
       reward_params: of its reward.
-      updates: how many, at least 1.
+      updates: room for so many, at least 1.
       evaluation: tasks to evaluate in, which differ in how episodes start only; none leaves the
         evaluation out. The environments are shared out between them: 2 V divides B.
+      count: updates to make, at most and by default `updates`; under a vmap the same for all.
+      examine: whether to evaluate this time; under a vmap the same for all.
 
     Returns:
-      The state, the metrics of each update, and the evaluation.
+      The state, the metrics of each update (0 beyond `count`), and the evaluation: zeros where it
+      has been left out this time, None if there never is one.
     """
+    count = updates if count is None else count
+    algorithm = _traced_once(algorithm)
+    shapes = jax.eval_shape(lambda s: step(algorithm, s, hyper, reward_params)[1], state)
+    rows = jax.tree.map(lambda x: jnp.zeros((updates, *x.shape), x.dtype), shapes)
     if not evaluation:
 
-        def update(state, _):
-            return step(algorithm, state, hyper, reward_params)
+        def update(number, carry):
+            state, rows = carry
+            state, metrics = step(algorithm, state, hyper, reward_params)
+            return state, _write(rows, number, metrics)
 
-        return *jax.lax.scan(update, state, length=updates), None
+        return *jax.lax.fori_loop(0, count, update, (state, rows)), None
 
-    exams = _begin(algorithm, evaluation, jax.random.fold_in(state.key, 1))
-    rounds = math.ceil(algorithm.episodes.env.episode_length / algorithm.unroll_length)
-
-    def move(carry, now):
-        state, exams = carry
-        examining, number = now
+    def move(number, carry):
+        state, exams, rows = carry
+        examining = number >= count
         key, key_collect, key_learn = jax.random.split(state.key, 3)
         # The key of training stays where it is while policies are examined.
         key_collect = _choose(examining, jax.random.fold_in(exams.key, number), key_collect)
@@ -123,22 +139,32 @@ def chunk(
 
         def train():
             learned, metrics = algorithm.learn(after, steps, key_learn, hyper, reward_params)
-            return learned._replace(replay=()), metrics, exams
+            return learned._replace(replay=()), exams, _write(rows, number, metrics)
 
-        def examine():
-            blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(train)[1])
+        def mark():
             marked = _mark(exams._replace(lanes=after.fleet.lanes), steps)
-            return state._replace(replay=()), blank, marked
+            return state._replace(replay=()), marked, rows
 
         # The same for all seeds, so that under a vmap, too, only one of the branches runs.
-        state, metrics, exams = jax.lax.cond(examining, examine, train)
-        return (state._replace(replay=after.replay), exams), metrics
+        state, exams, rows = jax.lax.cond(examining, mark, train)
+        return state._replace(replay=after.replay), exams, rows
 
-    numbers = jnp.arange(updates + rounds)
-    (state, exams), metrics = jax.lax.scan(move, (state, exams), (numbers >= updates, numbers))
+    exams = _begin(algorithm, evaluation, jax.random.fold_in(state.key, 1))
+    until = count + rounds(algorithm) * jnp.asarray(examine, jnp.int32)
+    state, exams, rows = jax.lax.fori_loop(0, until, move, (state, exams, rows))
     shares = (len(evaluation), 2, -1)
-    means = jax.tree.map(lambda x: jnp.mean(x.reshape(shares), axis=-1), exams.marks)
-    return state, jax.tree.map(lambda x: x[:updates], metrics), means
+    return state, rows, jax.tree.map(lambda x: jnp.mean(x.reshape(shares), -1), exams.marks)
+
+
+def _write(rows: Any, number: Int[Array, ""], values: Any) -> Any:
+    return jax.tree.map(lambda row, x: row.at[number].set(x), rows, values)
+
+
+def _traced_once(algorithm: Algorithm) -> Algorithm:
+    """The same algorithm; its halves are traced once, though a chunk looks at them twice."""
+    same = copy.copy(algorithm)
+    same.collect, same.learn = jax.jit(algorithm.collect), jax.jit(algorithm.learn)
+    return same
 
 
 class _Exams(NamedTuple):
