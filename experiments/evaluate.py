@@ -15,11 +15,10 @@ from gril_jax import checkpoint, run_dir, video
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
 from gril_jax.progress import Progress
-from gril_jax.reward import RewardParams
 from gril_jax.rl.evaluate import Evaluation, evaluate
 from gril_jax.rl.policy import Policy
 
-from . import setup
+from . import policy_rewards, policy_setup, setup
 from .make_demos import film
 
 __all__ = ["main", "play"]
@@ -40,14 +39,12 @@ def main(
     """
     config = run_dir.read_config(folder)
     env = setup.make_env(config.env, training=False, variant=variant)
-    algorithm = setup.make_ppo(config, env)
-    state = jax.jit(algorithm.init)(jax.random.key(0), setup.ppo_hyper(config))
-    state = checkpoint.restore(_latest(folder, "policy"), state)
-    blank = setup.blank_reward(config, len(env.classes))
-    reward_params = checkpoint.restore(_latest(folder, "reward"), blank)
+    algorithm = policy_setup.make_algorithm(config, env)
+    blank = policy_rewards.blank(config, env)
+    reward_params = checkpoint.restore(_latest(folder, "policy_reward"), blank)
     found = evaluate(
         algorithm,
-        algorithm.policy(state),
+        policy_setup.restore_policy(folder, config, algorithm),
         reward_params,
         jax.random.key(seed),
         tau=config.pool.tau,
@@ -67,12 +64,12 @@ def play(
     config: RunConfig,
     env,
     policy: Policy,
-    reward_params: RewardParams,
+    reward_params: Any,
     folder: Path,
     progress: Progress,
 ) -> dict[str, Any]:
     """Evaluate at the end of training beside an untrained policy, and film one episode."""
-    algorithm = setup.make_ppo(config, env)
+    algorithm = policy_setup.make_algorithm(config, env)
     episodes = config.run.eval_episodes
     phase = progress.phase("evaluating", total=3 * episodes, unit="episodes")
     keys = jax.random.split(jax.random.fold_in(jax.random.key(config.run.seed), 2), 3)
@@ -92,7 +89,7 @@ def play(
     phase.update(episodes)
     # From one fixed start the mean actions succeed always or never; samples tell more.
     sampled = run(policy, keys[0], False)
-    fresh = jax.jit(algorithm.init)(keys[1], setup.ppo_hyper(config))
+    fresh = jax.jit(algorithm.init)(keys[1], policy_setup.algorithm_hyper(config))
     random = run(algorithm.policy(fresh), keys[2], False)
     shown = int(np.argmax(np.asarray(trained.success)))  # the first success, if there is one
     data = jax.tree.map(lambda x: x[shown], trained.states.data)

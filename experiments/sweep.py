@@ -4,8 +4,8 @@
     gril sweep --resume RUN
 
 Seeds and traced values are mapped in one program, static ones make programs of their own. Writes
-`sweep.md` (mean, interquartile mean and its interval), `sweep.csv`, `sweep.png`, the final policies,
-and one configuration a cell, which `gril train RUN/cells/000.yaml` runs by itself.
+`sweep.md` (mean, interquartile mean and its interval), `sweep.csv`, `sweep.png`, the final
+policies, and one configuration a cell, which `gril train RUN/cells/000.yaml` runs by itself.
 """
 
 import json

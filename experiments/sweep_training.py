@@ -4,6 +4,8 @@ A row is one configuration with one seed. Rows that compile to the same program 
 side by `jax.vmap`; what differs between them are arrays.
 """
 
+import itertools
+import shutil
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple
 
@@ -15,12 +17,20 @@ from gril_jax.config import RunConfig
 from gril_jax.progress import Progress
 from gril_jax.rl import memory, sharding, training
 from gril_jax.run_dir import RunDir
+from gril_jax.types import DemoBatch
 
-from . import demonstrations, setup
+from . import demonstrations, policy_rewards, policy_setup, setup
+from .train import Plan
 
-__all__ = ["Program", "Row", "learn_policies", "learn_rewards", "programs", "reward_key"]
-
-EVALUATIONS = 10  # of each policy while it is trained
+__all__ = [
+    "LearnedReward",
+    "Program",
+    "Row",
+    "learn_policies",
+    "learn_rewards",
+    "programs",
+    "reward_key",
+]
 
 
 class Row(NamedTuple):
@@ -29,6 +39,15 @@ class Row(NamedTuple):
     cell: int
     seed: int
     config: RunConfig
+
+
+class LearnedReward(NamedTuple):
+    """A reward with what it was learned from."""
+
+    params: reward.RewardParams
+    tau: float
+    demos: DemoBatch
+    num_classes: int
 
 
 class Program(NamedTuple):
@@ -53,10 +72,12 @@ def learn_rewards(
     run: RunDir,
     progress: Progress,
     echo: Callable[[str], None],
-) -> dict[Hashable, tuple[reward.RewardParams, float]]:
+) -> dict[Hashable, LearnedReward]:
     """The reward of every row that needs one, each trained once, with its tau."""
     needed = {
-        reward_key(row.config): row.config for row in rows if row.config.run.reward == "learned"
+        reward_key(row.config): row.config
+        for row in rows
+        if row.config.run.reward != "environmental"
     }
     groups: dict[Hashable, list[Hashable]] = {}
     for key, config in needed.items():
@@ -64,14 +85,16 @@ def learn_rewards(
         static = setup.pretrain_config(config, len(demos.demo_set.classes))
         same = (config.env, config.demos, static, config.pretrain.steps)
         groups.setdefault(same, []).append(key)
-    found: dict[Hashable, tuple[reward.RewardParams, float]] = {}
+    found: dict[Hashable, LearnedReward] = {}
     for number, (same, keys) in enumerate(groups.items()):
         configs = [needed[key] for key in keys]
-        params, tau = _encoders(
-            f"reward-{number}", configs, gather(configs[0]), same[2], run, progress, echo
-        )
+        demos = gather(configs[0])
+        num_classes = len(demos.demo_set.classes)
+        name = f"reward-{number}"
+        params, tau = _encoders(name, configs, demos, same[2], run, progress, echo)
         for i, key in enumerate(keys):
-            found[key] = jax.tree.map(lambda x, i=i: x[i], params), float(tau[i])
+            one = jax.tree.map(lambda x, i=i: x[i], params)
+            found[key] = LearnedReward(one, float(tau[i]), demos.batch("train"), num_classes)
     return found
 
 
@@ -122,25 +145,25 @@ def programs(rows: Sequence[Row], num_classes: int, devices: Sequence[Any]) -> l
     groups: dict[Hashable, list[Row]] = {}
     made: dict[Hashable, training.Algorithm] = {}
     for row in rows:
-        chosen = setup.policy_config(row.config)
-        algorithm = setup.make_algorithm(row.config, setup.make_env(row.config.env, training=True))
-        learned = row.config.run.reward == "learned"
-        encoder = setup.encoder_config(row.config, num_classes) if learned else None
-        key = (row.config.env, algorithm.static, encoder, chosen.num_timesteps)
+        chosen = policy_setup.policy_config(row.config)
+        algorithm = policy_setup.make_algorithm(
+            row.config, setup.make_env(row.config.env, training=True)
+        )
+        encoder = setup.encoder_config(row.config, num_classes)
+        kind = (row.config.run.reward, row.config.run.evaluations, chosen.num_timesteps)
+        key = (row.config.env, algorithm.static, encoder, kind)
         made.setdefault(key, algorithm)
         groups.setdefault(key, []).append(row)
     found: list[Program] = []
     for key, members in groups.items():
         algorithm, config = made[key], members[0].config
-        params = None
-        if config.run.reward == "learned":
-            params = jax.eval_shape(lambda c=config: setup.blank_reward(c, num_classes))
-        needed = memory.predict_bytes(algorithm, setup.algorithm_hyper(config), params)
+        params = policy_rewards.blank(config, algorithm.episodes.env)
+        needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
         each = memory.split(
             len(members), needed, device_memory.available_bytes(devices[0]), len(devices)
         )
         per_update = algorithm.num_envs * algorithm.unroll_length
-        updates = -(-setup.policy_config(config).num_timesteps // per_update)
+        updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
         task = setup.make_env(config.env, training=False)
         for start in range(0, len(members), each):
             part = members[start : start + each]
@@ -151,63 +174,77 @@ def programs(rows: Sequence[Row], num_classes: int, devices: Sequence[Any]) -> l
 
 def learn_policies(
     program: Program,
-    rewards: dict[Hashable, tuple[reward.RewardParams, float]],
+    rewards: dict[Hashable, LearnedReward],
     run: RunDir,
     progress: Progress,
     echo: Callable[[str], None],
     devices: Sequence[Any],
 ) -> dict[str, Any]:
-    """Train a program's policies; per row its final scores, and the curve they came by."""
+    """Train a program's policies; their scores while they learn are rows of metrics.jsonl."""
     rows, algorithm = program.rows, program.algorithm
     configs = [row.config for row in rows]
     layout = sharding.mesh(devices, seeds=len(rows), num_envs=algorithm.num_envs)
-    hyper = sharding.place(layout, _stack([setup.algorithm_hyper(config) for config in configs]))
-    params = _stack([_reward_of(config, rewards) for config in configs])
-    params = sharding.place(layout, params)
+    hyper = _stack([policy_setup.algorithm_hyper(config) for config in configs])
+    params = _stack([_policy_reward(config, rewards) for config in configs])
+    hyper, params = sharding.place(layout, hyper), sharding.place(layout, params)
     keys = _keys([config.run.seed for config in configs], 1)
     fresh = sharding.init(algorithm, layout, keys, hyper)
-    updates = max(1, -(-program.updates // EVALUATIONS))
-    advance = sharding.advance(algorithm, layout, fresh, updates, (program.task,))
-    chunks = -(-program.updates // updates)
-    per_chunk = updates * algorithm.num_envs * algorithm.unroll_length
+    begun = training_loop.restore(run, program.name, fresh, tell=echo)
+    # A chunk is an evaluation with the updates before it.
+    chunks = min(configs[0].run.evaluations, program.updates)
+    plan = Plan(program.updates, -(-program.updates // chunks), chunks)
+    advance = sharding.advance(algorithm, layout, fresh, plan.per_chunk, (program.task,))
+    per_update = algorithm.num_envs * algorithm.unroll_length
     phase = progress.phase(
-        f"learning {len(rows)} policies", total=chunks * per_chunk * len(rows), unit="env steps"
+        f"learning {len(rows)} policies",
+        total=program.updates * per_update * len(rows),
+        unit="env steps",
     )
 
     def row(chunk, seconds, metrics):
         _, scores = metrics
-        steps = chunk * per_chunk
+        steps = min(chunk * plan.per_chunk, program.updates) * per_update
         phase.update(steps * len(rows), success=float(scores.success[..., 1].mean()))
-        values = {name: x[:, 0] for name, x in scores._asdict().items()}
-        means = {name: x[..., 0] for name, x in values.items()}
-        samples = {f"{name}_sampled": x[..., 1] for name, x in values.items()}
-        return (
-            {"env_steps": steps, "env_steps_per_s": steps * len(rows) / seconds} | means | samples
-        )
+        found = {"env_steps": steps, "env_steps_per_s": steps * len(rows) / seconds}
+        for name, values in scores._asdict().items():
+            found[name], found[f"{name}_sampled"] = values[:, 0, 0], values[:, 0, 1]
+        return found
+
+    numbers = itertools.count(begun.chunks)
+
+    def step(state):
+        count, _ = plan.arguments(next(numbers))
+        return advance(state, hyper, params, count, jnp.asarray(True))
 
     done = training_loop.run_chunks(
-        lambda state: advance(state, hyper, params),
-        training_loop.restore(run, program.name, fresh, tell=echo),
+        step,
+        begun,
         run=run,
         name=program.name,
-        chunks=chunks,
+        chunks=-(-program.updates // plan.per_chunk),
         row=row,
         every_s=configs[0].run.checkpoint_every,
         keep=configs[0].run.keep_checkpoints,
     )
-    policies = algorithm.policy(done.state)
-    checkpoint.save(run.path / "policies" / program.name, chunks * per_chunk, policies)
+    folder = run.path / "policies" / program.name
+    shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here
+    checkpoint.save(folder, program.updates * per_update, algorithm.policy(done.state))
     return {
         "rows": [(row.cell, row.seed) for row in rows],
-        "taus": [rewards[reward_key(c)][1] if c.run.reward == "learned" else None for c in configs],
+        "taus": [_tau(config, rewards) for config in configs],
         "seconds": done.seconds,
     }
 
 
-def _reward_of(config: RunConfig, rewards) -> Any:
-    if config.run.reward == "learned":
-        return rewards[reward_key(config)][0]
-    return jnp.zeros(())  # the task's own reward takes no parameters, but an axis of rows
+def _policy_reward(config: RunConfig, rewards: dict[Hashable, LearnedReward]) -> Any:
+    if config.run.reward == "environmental":
+        return ()
+    found = rewards[reward_key(config)]
+    return policy_rewards.parameters(config, found.params, found.demos, found.num_classes)
+
+
+def _tau(config: RunConfig, rewards: dict[Hashable, LearnedReward]) -> float | None:
+    return None if config.run.reward == "environmental" else rewards[reward_key(config)].tau
 
 
 def _keys(seeds: Sequence[int], stream: int):

@@ -5,54 +5,70 @@ gril train match_regions           five blocks, sized for a GPU: see README for 
 gril train --resume RUN            go on with a run that was cut off
 """
 
+import itertools
 import shutil
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Int
 
 from gril_jax import checkpoint, report, run_dir, state_leaves, training_loop
 from gril_jax.config import RunConfig
 from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
-from gril_jax.rl.ppo import PPO, TrainState
+from gril_jax.rl import sharding, training
+from gril_jax.rl.policy import Policy
 
-from . import demonstrations, evaluate, setup
+from . import demonstrations, evaluate, policy_rewards, policy_setup, setup
 from . import pretrain as pretraining
 
-__all__ = ["main"]
+__all__ = ["Plan", "main"]
 
 Echo = Callable[[str], None]
 
 
 def main(config: RunConfig, *, resume: Path | None = None, echo: Echo = print) -> Path:
     """Run it, or go on with the run in a folder; returns the run's folder."""
+    env = setup.make_env(config.env, training=False)
+    algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
+    layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
     opened = {"device": setup.device_in_words(), "experiment": "train"}
     with run_dir.create_or_resume(config, resume, **opened) as run, Progress() as progress:
         echo(f"writing to {run.path}")
-        env = setup.make_env(config.env, training=False)
         clock = _Clock()
         demos = demonstrations.gather_once(config, env, run, progress)
         clock.lap("demonstrations")
-        reward_params, results = pretraining.learn(config, env, demos, run, progress, echo=echo)
+        learned, results = pretraining.learn(config, env, demos, run, progress, echo=echo)
+        reward_params = _policy_reward(config, learned, demos, run, len(env.classes))
         clock.lap("reward")
-        algorithm = setup.make_ppo(config, setup.make_env(config.env, training=True))
-        state, learned = _learn_policy(config, algorithm, reward_params, run, progress, echo)
+        policy, found = _learn_policy(config, algorithm, layout, reward_params, run, progress, echo)
         clock.lap("policy")
-        policy = algorithm.policy(state)
         played = evaluate.play(config, env, policy, reward_params, run.path, progress)
         clock.lap("evaluation")
-        results = results | learned | played | {"seconds": clock.seconds}
+        results = results | found | played | {"seconds": clock.seconds}
         run.finish(results)
         writing = progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = report.write_report(run.path)
         writing.update(1)
     echo(_summary(results, page))
     return run.path
+
+
+def _policy_reward(config: RunConfig, learned: RewardParams, demos, run, num_classes: int) -> Any:
+    """The parameters that the policy is trained with, saved once beside the learned reward."""
+    folder = run.path / "policy_reward"
+    params = policy_rewards.parameters(config, learned, demos.batch("train"), num_classes)
+    if run.finished_phase("policy_reward") is None:
+        shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here
+        checkpoint.save(folder, config.pretrain.steps, params)
+        run.finish_phase("policy_reward", {})
+    return checkpoint.restore(folder / f"{config.pretrain.steps:012d}", params)
 
 
 class _Clock:
@@ -69,91 +85,104 @@ class _Clock:
 
 def _learn_policy(
     config: RunConfig,
-    algorithm: PPO,
-    reward_params: RewardParams,
+    algorithm: training.Algorithm,
+    layout: Any,
+    reward_params: Any,
     run: run_dir.RunDir,
     progress: Progress,
     echo: Echo,
-) -> tuple[TrainState, dict[str, Any]]:
-    """Train the policy and save it; returns its state and results, which a run does once."""
-    hyper = setup.ppo_hyper(config)
-    key = jax.random.fold_in(jax.random.key(config.run.seed), 1)
-    fresh = jax.jit(algorithm.init)(key, hyper)
+) -> tuple[Policy, dict[str, Any]]:
+    """Train the policy and save it; returns it with results, which a run does once."""
     results = run.finished_phase("policy")
-    if results is not None:
-        return checkpoint.restore(
-            run.path / "policy" / f"{results['env_steps']:012d}", fresh
-        ), results
-    state, results = _train_policy(
-        config, algorithm, hyper, fresh, reward_params, run, progress, echo
-    )
-    shutil.rmtree(run.path / "policy", ignore_errors=True)  # of a process that was cut off here
-    checkpoint.save(run.path / "policy", results["env_steps"], state)
-    run.finish_phase("policy", results)
-    return state, results
+    if results is None:
+        state, results = _train(config, algorithm, layout, reward_params, run, progress, echo)
+        shutil.rmtree(run.path / "policy", ignore_errors=True)  # of a process that was cut off here
+        checkpoint.save(run.path / "policy", results["env_steps"], algorithm.policy(state))
+        run.finish_phase("policy", results)
+    return policy_setup.restore_policy(run.path, config, algorithm), results
 
 
-def _train_policy(
-    config: RunConfig, algorithm: PPO, hyper, fresh, reward_params, run, progress, echo: Echo
-) -> tuple[TrainState, dict[str, Any]]:
-    """PPO in chunks of compiled updates."""
-    chosen, per_chunk = config.ppo, config.run.updates_per_chunk
-    per_update = chosen.num_envs * chosen.unroll_length
-    updates = -(-chosen.num_timesteps // per_update)
+def _train(
+    config: RunConfig, algorithm, layout, reward_params, run, progress: Progress, echo: Echo
+) -> tuple[Any, dict[str, Any]]:
+    """Chunks of compiled updates, in a program for one seed on all devices."""
+    name, per_chunk = config.run.algorithm, config.run.updates_per_chunk
+    per_update = algorithm.num_envs * algorithm.unroll_length
+    updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
     phase = progress.phase("learning the policy", total=updates * per_update, unit="env steps")
-    begun = training_loop.restore(run, "ppo", fresh, tell=echo)
+    key = jax.random.fold_in(jax.random.key(config.run.seed), 1)
+    one = partial(jax.tree.map, lambda x: x[None])
+    hyper, params = one(policy_setup.algorithm_hyper(config)), one(reward_params)
+    fresh = sharding.init(algorithm, layout, key[None], hyper)
+    begun = training_loop.restore(run, name, fresh, tell=echo)
     started = time.monotonic()
-    advance = _chunk_of_updates(algorithm, per_chunk, updates)
-    advance = advance.lower(begun.state, hyper, reward_params).compile()
+    tasks = (setup.make_env(config.env, training=False),) if _examines(config, algorithm) else ()
+    run_chunk = sharding.advance(algorithm, layout, fresh, per_chunk, tasks)
+    plan = Plan(updates, per_chunk, config.run.evaluations)
+    lowered = run_chunk.lower(begun.state, hyper, params, *plan.arguments(begun.chunks))
+    compiled = lowered.compile()
     compile_s = time.monotonic() - started
     phase.update(min(begun.chunks * per_chunk, updates) * per_update)
+    chunks = itertools.count(begun.chunks)
 
-    def row(chunk, seconds, metrics):
-        done = min(chunk * per_chunk, updates)
-        made = done - (chunk - 1) * per_chunk
-        found = _means({name: values[:made] for name, values in metrics.items()})
-        steps = done * per_update
-        phase.update(steps, success=found["success"], reward=found["reward"])
-        return {**found, "env_steps": steps, "env_steps_per_s": steps / seconds}
+    def advance(state):
+        return compiled(state, hyper, params, *plan.arguments(next(chunks)))
+
+    def row(chunk, seconds, found):
+        metrics, scores = jax.tree.map(lambda x: x[0], found)
+        count, examined = plan.arguments(chunk - 1)
+        means = _means({name: values[: int(count)] for name, values in metrics.items()})
+        steps = min(chunk * per_chunk, updates) * per_update
+        phase.update(steps, success=means["success"], reward=means["reward"])
+        scored = _scores(scores) if scores is not None and bool(examined) else {}
+        return {**means, **scored, "env_steps": steps, "env_steps_per_s": steps / seconds}
 
     trained = training_loop.run_chunks(
-        lambda state: advance(state, hyper, reward_params),
+        advance,
         begun,
         run=run,
-        name="ppo",
+        name=name,
         chunks=-(-updates // per_chunk),
         row=row,
         every_s=config.run.checkpoint_every,
         keep=config.run.keep_checkpoints,
     )
-    return trained.state, {
+    state = jax.tree.map(lambda x: x[0], trained.state)
+    return state, {
         "env_steps": updates * per_update,
         "env_steps_per_s": updates * per_update / trained.seconds,
         "compile_s": compile_s,
         "checkpoint_stall_s": trained.stall_s,
-        "state_sha256": state_leaves.digest(trained.state),
+        "state_sha256": state_leaves.digest(state),
     }
 
 
-def _chunk_of_updates(algorithm: PPO, per_chunk: int, updates: int):
-    """`per_chunk` updates in one call, or what is left of all `updates`.
+def _examines(config: RunConfig, algorithm: training.Algorithm) -> bool:
+    """Half of the environments play mean actions, so there have to be two."""
+    return config.run.evaluations > 0 and algorithm.num_envs % 2 == 0
 
-    How often the loop runs is no constant of the program: were it one, the compiler could unroll
-    a short loop and round differently, and results would depend on where chunks end.
-    """
 
-    def advance(state, hyper, reward_params):
-        def update(i, carry):
-            state, rows = carry
-            state, metrics = algorithm.step(state, hyper, reward_params)
-            return state, jax.tree.map(lambda row, x: row.at[i].set(x), rows, metrics)
+class Plan(NamedTuple):
+    """How many updates each chunk makes, and whether it evaluates."""
 
-        shapes = jax.eval_shape(algorithm.step, state, hyper, reward_params)[1]
-        rows = jax.tree.map(lambda x: jnp.zeros((per_chunk, *x.shape), x.dtype), shapes)
-        count = jnp.minimum(per_chunk, updates - state.updates)
-        return jax.lax.fori_loop(0, count, update, (state, rows))
+    updates: int
+    per_chunk: int
+    evaluations: int
 
-    return jax.jit(advance, donate_argnums=0)
+    def arguments(self, chunk: int) -> tuple[Int[Array, ""], Bool[Array, ""]]:
+        """Of the chunk of this number, counted from 0."""
+        before = min(chunk * self.per_chunk, self.updates)
+        after = min(before + self.per_chunk, self.updates)
+        share = [done * self.evaluations // self.updates for done in (before, after)]
+        return jnp.int32(after - before), jnp.asarray(share[0] != share[1])
+
+
+def _scores(scores: training.Scores) -> dict[str, float]:
+    """An evaluation in the task itself: mean actions, then samples."""
+    found = {}
+    for name, values in scores._asdict().items():
+        found[f"eval/{name}"], found[f"eval/{name}_sampled"] = map(float, values[0])
+    return found
 
 
 def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:

@@ -53,7 +53,7 @@ from jaxtyping import Float
 from . import checkpoint, run_dir
 from .config import RunConfig
 from .errors import RunError, ShapeError
-from .rl import ppo
+from .rl import training
 from .rl.policy import MAX_OBSERVATION, Policy
 
 __all__ = [
@@ -71,7 +71,7 @@ __all__ = [
 
 FORMAT, VERSION = "gril-jax policy", 1
 
-_ACTIVATION = "swish"  # brax's default, which `ppo.PPO` keeps; the last layer has none
+_ACTIVATION = "swish"  # brax's default, which PPO and SAC keep; the last layer has none
 
 
 @runtime_checkable
@@ -92,8 +92,8 @@ def main(
     folder: Path,
     out: Path,
     config: RunConfig,
-    algorithm: ppo.PPO,
-    hyper: ppo.Hyper,
+    algorithm: training.Algorithm,
+    hyper: Any,
     *,
     echo: Callable[[str], None] = print,
 ) -> None:
@@ -111,17 +111,17 @@ def main(
     found = checkpoint.latest(folder / "policy")
     if found is None:
         raise RunError(f"{folder} has no policy, so its run has not got that far yet")
-    state = jax.jit(algorithm.init)(jax.random.key(0), hyper)
-    state = checkpoint.restore(found, state)
-    arrays = policy_arrays(algorithm.policy(state))
+    fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
+    arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise RunError(f"{name} of the policy in {found} is not finite: train it again")
+    episodes = algorithm.episodes
     objects: Sequence[str] = ()
-    if config.ppo.observe_activity:
-        env = algorithm.env
-        objects = [env.classes[i] for i in np.asarray(state.fleet.lanes.state.objects.label[0])]
-    write(out, arrays, describe(config, algorithm.env, arrays, objects))
+    if episodes.observe_activity:
+        labels = fresh.fleet.lanes.state.objects.label[0]
+        objects = [episodes.env.classes[i] for i in np.asarray(labels)]
+    write(out, arrays, describe(config, episodes.env, arrays, objects))
     echo(f"wrote {out}")
 
 

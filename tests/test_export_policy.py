@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments import setup
+from gril_jax.experiments import policy_setup, setup
 from probes import Probe
 
 from gril_jax import checkpoint, cli, export_policy, run_dir
@@ -62,7 +62,7 @@ def _save_run(path, algorithm, config, *, state=None):
     run_dir.create(path, config, device="cpu").close()
     if state is None:
         state = _seasoned(_fresh(algorithm))
-    checkpoint.save(path / "policy", 640, state)
+    checkpoint.save(path / "policy", 640, algorithm.policy(state))
     return state
 
 
@@ -113,7 +113,7 @@ def _compare(algorithm, policy, act):
 
 @pytest.fixture(scope="module")
 def task():
-    return setup.make_ppo(SMALL, setup.make_env(SMALL.env, training=False))
+    return policy_setup.make_ppo(SMALL, setup.make_env(SMALL.env, training=False))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments import setup
+from gril_jax.experiments import policy_setup
 from probes import Probe
 
 from gril_jax.config import RunConfig, RunSettings
@@ -188,7 +188,7 @@ class Chosen(RunSettings):
 @pytest.mark.parametrize(("name", "kind"), [("ppo", ppo), ("sac", sac)])
 def test_the_configuration_chooses_the_algorithm(name, kind):
     config = RunConfig(run=Chosen(algorithm=name))
-    made = setup.make_algorithm(config, Steady())
+    made = policy_setup.make_algorithm(config, Steady())
     assert isinstance(made, ppo.PPO if name == "ppo" else sac.SAC)
-    assert isinstance(setup.algorithm_hyper(config), kind.Hyper)
+    assert isinstance(policy_setup.algorithm_hyper(config), kind.Hyper)
     assert made.num_envs == getattr(config, name).num_envs

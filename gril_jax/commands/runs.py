@@ -158,9 +158,11 @@ def _export_policy(args: list[str]) -> Work:
     def work() -> None:
         with heavy_imports():
             from .. import export_policy
-            from ..experiments import setup
-        algorithm = setup.make_ppo(config, setup.make_env(config.env, training=False))
-        export_policy.main(folder, out, config, algorithm, setup.ppo_hyper(config), echo=echo)
+            from ..experiments import policy_setup, setup
+        env = setup.make_env(config.env, training=False)
+        algorithm = policy_setup.make_algorithm(config, env)
+        hyper = policy_setup.algorithm_hyper(config)
+        export_policy.main(folder, out, config, algorithm, hyper, echo=echo)
 
     return work
 

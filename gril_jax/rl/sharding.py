@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from ..errors import ConfigError
 from . import training
@@ -36,7 +36,8 @@ def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
             f"{count} devices cannot share {seeds} seeds of {num_envs} environments evenly: the "
             f"seeds must be a multiple of {count}, or num_envs of {count // across}"
         )
-    return jax.make_mesh((across, count // across), ("seeds", "envs"), devices=devices)
+    shape, names, auto = (across, count // across), ("seeds", "envs"), (AxisType.Auto,) * 2
+    return jax.make_mesh(shape, names, axis_types=auto, devices=devices)
 
 
 def shardings(layout: Mesh, state: Any) -> Any:

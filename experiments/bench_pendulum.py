@@ -1,0 +1,100 @@
+"""The task on which PPO is compared with brax's: a pendulum, cheap enough to see the trainer.
+
+One definition of the physics serves both sides: `Pendulum` follows this library's protocol, and
+`bench_stock` puts brax's around it. `Setting` has the hyper-parameters, the same for both.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from gril_jax.envs import Objects, State
+
+__all__ = ["Pendulum", "Setting"]
+
+
+class Pendulum:
+    """A rod that hangs and has to be swung up and held, by a motor too weak to lift it.
+
+    The dynamics of Gymnasium's Pendulum-v1: 1 m, 1 kg, at most 2 N m, 20 Hz. The reward of a step
+    is minus the squares of angle, speed and torque, at best 0 and at worst -16.3; about -150 in all
+    is a good episode, and -1,200 that of an idle or a random motor. Its objects are dummies.
+    """
+
+    classes = ("goal", "robot")
+    observation_size = 3  # cosine and sine of the angle from upright, speed / 8
+    action_size = 1  # torque / 2
+    control_hz = 20.0
+    half_extent = 1.2
+    background = (255, 255, 255)
+    episode_length = 200
+
+    def reset(self, key):
+        """Any angle, and up to 1 rad/s."""
+        low, high = jnp.array([-jnp.pi, -1.0]), jnp.array([jnp.pi, 1.0])
+        return self._state(jax.random.uniform(key, (2,), minval=low, maxval=high), jnp.zeros(()))
+
+    def step(self, state, action):
+        """A twentieth of a second."""
+        angle, speed = state.data
+        torque = 2.0 * jnp.clip(action[0], -1.0, 1.0)
+        away = (angle + jnp.pi) % (2 * jnp.pi) - jnp.pi
+        cost = away**2 + 0.1 * speed**2 + 0.001 * torque**2
+        speed = jnp.clip(speed + (15.0 * jnp.sin(angle) + 3.0 * torque) / 20, -8.0, 8.0)
+        return self._state(jnp.stack([angle + speed / 20, speed]), -cost)
+
+    def outlines(self, data):
+        """Nothing to draw."""
+        del data
+        return []
+
+    def _state(self, data, reward):
+        angle, speed = data
+        tip = jnp.stack([jnp.sin(angle), jnp.cos(angle)])
+        upright = (jnp.cos(angle) > 0.9).astype(jnp.float32)
+        return State(
+            data=data,
+            obs=jnp.stack([jnp.cos(angle), jnp.sin(angle), speed / 8]),
+            objects=Objects(
+                center=jnp.stack([jnp.array([0.0, 1.0]), tip]),
+                size=jnp.full((2, 2), 0.1),
+                label=jnp.arange(2),
+                is_robot=jnp.arange(2) == 1,
+            ),
+            moved=jnp.array([False, False]),
+            reward=reward,
+            done=jnp.zeros(()),
+            metrics={"score": upright, "success": upright},
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """The hyper-parameters of both sides, and how long they train."""
+
+    num_timesteps: int = 51_200
+    """Of one run; both sides round it up to whole updates in each part between evaluations."""
+    num_evals: int = 3
+    """Evaluations, of which the first is that of the fresh policy."""
+    num_envs: int = 128
+    unroll_length: int = 20
+    num_minibatches: int = 4
+    num_epochs: int = 4
+    hidden: tuple[int, ...] = (64, 64)
+    learning_rate: float = 1e-3
+    discounting: float = 0.95
+    gae_lambda: float = 0.95
+    entropy_cost: float = 1e-3
+    clipping_epsilon: float = 0.2
+    reward_scaling: float = 0.1
+    max_grad_norm: float = 1.0
+
+    @property
+    def updates(self) -> int:
+        """Updates between two evaluations."""
+        return -(-self.num_timesteps // (self.num_envs * self.unroll_length * self.parts))
+
+    @property
+    def parts(self) -> int:
+        """Parts of the training, each with an evaluation at its end."""
+        return self.num_evals - 1

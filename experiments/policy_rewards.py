@@ -1,0 +1,80 @@
+"""What a policy is trained on: the reward that the configuration names, and its parameters."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from gril_jax import envs, pretrain, reward, subtask_chain, subtask_matching, subtasks
+from gril_jax.config import RunConfig
+from gril_jax.reward import RewardParams
+from gril_jax.rl import rewards
+from gril_jax.types import DemoBatch
+
+from . import setup
+
+__all__ = ["blank", "function", "parameters"]
+
+_MOST = 8  # subtasks of a chain
+# Two demonstrations' boundaries are one if their latents are nearer than this share of the way
+# from start to goal.
+_SAME = 0.3
+
+
+def function(config: RunConfig, num_classes: int) -> rewards.AnyReward:
+    """The reward as the algorithms take it."""
+    chosen = config.run.reward
+    if chosen == "environmental":
+        return rewards.environmental
+    scene = setup.encoder_config(config, num_classes)
+    if chosen == "subtasks":
+        return rewards.subtasks(scene, alpha=config.pool.alpha)
+    if chosen == "sum":
+        return rewards.weighted_sum([rewards.learned(scene), rewards.environmental])
+    return rewards.learned(scene)
+
+
+def parameters(
+    config: RunConfig, learned: RewardParams, demos: DemoBatch | None, num_classes: int
+) -> Any:
+    """Its parameters, from a learned reward and the demonstrations that it was learned from."""
+    chosen = config.run.reward
+    if chosen == "environmental":
+        return ()
+    if chosen == "sum":
+        return jnp.asarray(config.run.reward_weights, jnp.float32), (learned, ())
+    if chosen == "subtasks":
+        assert demos is not None
+        return learned.encoder, _chain(config, learned, demos, num_classes)
+    return learned
+
+
+def blank(config: RunConfig, env: envs.Env) -> Any:
+    """Parameters of the right shapes, to restore a checkpoint into."""
+    learned = setup.blank_reward(config, len(env.classes))
+    if config.run.reward != "subtasks":
+        return parameters(config, learned, None, len(env.classes))
+    goals = jnp.zeros((_MOST, learned.goal.shape[-1]))
+    each = jnp.zeros(_MOST)
+    chain = subtask_chain.ChainParams(goals, each, each, jnp.zeros((), jnp.int32))
+    return learned.encoder, chain
+
+
+def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):
+    """The subtasks that the demonstrations have in common, in their usual order."""
+    static = setup.pretrain_config(config, num_classes)
+    hyper = setup.pretrain_hyper(config)
+
+    @jax.jit
+    def make(learned, demos):
+        latents = pretrain.embed(learned.encoder, demos, hyper, static)
+        profiles = reward.latent_reward(learned, latents)
+        within = jnp.arange(latents.shape[1]) < demos.length[:, None]
+        ends = jax.vmap(subtasks.transitions)(profiles) & within
+        found = jax.vmap(lambda b: subtask_matching.boundary_frames(b, _MOST))(ends)
+        shared = subtask_matching.shared_boundaries(
+            latents, found, demos.length, tolerance=_SAME / learned.scale
+        )
+        return subtask_chain.from_latents(latents, shared.frames, demos.length, kept=shared.kept)
+
+    return make(learned, demos)
