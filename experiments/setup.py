@@ -71,6 +71,8 @@ def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainCon
         noise=config.pool.noise,
         turn_scenes=chosen.turn_scenes,
         touched=chosen.touched,
+        copies=chosen.copies,
+        anchors=chosen.anchors,
     )
 
 
@@ -83,6 +85,12 @@ def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
         soft_dtw_weight=config.loss.soft_dtw_weight,
         gamma=config.loss.gamma,
         warmup=float(config.loss.warmup),
+        contrast=config.loss.contrast,
+        reach=config.loss.reach,
+        idle_cost=config.loss.idle_cost,
+        span=config.loss.span,
+        decay_updates=float(config.pretrain.steps),
+        learning_rate_left=config.pretrain.learning_rate_left,
         alpha=config.pool.alpha,
         tau=config.pool.tau,
     )

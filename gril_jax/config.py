@@ -195,6 +195,14 @@ class LossConfig:
     """Softness of soft-DTW."""
     decoder: Literal["node", "graph"] = "node"
     """What reconstruction decodes: each node's embedding, or the latent."""
+    contrast: float = field(default=1.0, metadata=_at_least(0))
+    """Weight of copies of frames with displaced objects, of which pretrain.copies says how many."""
+    reach: float = field(default=0.5, metadata=_above(0))
+    """Share of its way at which a displaced object costs as much as one that was never moved."""
+    idle_cost: float = field(default=0.5, metadata=_at_least(0))
+    """Cost of displacing what a video does not move, beside that of what it moves."""
+    span: float = field(default=10.0, metadata=_above(0))
+    """Latent distance from first to last frames, where there are copies."""
     warmup: int = field(default=1500, metadata=_at_least(0))
     """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
 
@@ -213,6 +221,12 @@ class PretrainConfig:
     """Frames sampled from each video of a batch."""
     turn_scenes: bool = True
     """Whether each video of a batch is turned and mirrored at random: eightfold variety."""
+    learning_rate_left: float = field(default=1.0, metadata=_between(0, 1))
+    """Share of the learning rate at the end, reached linearly."""
+    copies: int = field(default=0, metadata=_between(0, 1000))
+    """Copies with displaced objects of each frame that is copied; 0 makes none."""
+    anchors: int = field(default=8, metadata=_between(2, 1000))
+    """Frames of each video of a batch that are copied."""
     touched: float = field(default=0.1, metadata=_between(0, 1))
     """Probability that an object of a video counts as moved throughout: no reward for a touch."""
 

@@ -125,7 +125,9 @@ def step(
 
         (total, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
         direction, optimizer = _optimizer().update(gradient, state.optimizer, state.params)
-        direction = jax.tree.map(lambda d: -hyper.learning_rate * d, direction)
+        progress = jnp.minimum(state.num_updates / hyper.decay_updates, 1.0)
+        rate = hyper.learning_rate * (1.0 - (1.0 - hyper.learning_rate_left) * progress)
+        direction = jax.tree.map(lambda d: -rate * d, direction)
         params = optax.apply_updates(state.params, direction)
         values = Metrics(total, *parts, optax.global_norm(gradient))
         return State(params, optimizer, key, state.num_updates + 1), values

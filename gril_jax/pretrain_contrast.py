@@ -89,7 +89,7 @@ def displaced(
     diagonal: Float[Array, "N"],
     active: Bool[Array, "N"],
     of: Journey,
-    extent: Float[Array, ""],
+    extent: Float[Array, ""] | float,
 ) -> Copy:
     """One copy of a frame with at least one object at rest displaced, if there is any.
 
@@ -129,18 +129,19 @@ def contrast(
     hyper: Hyper,
     config: PretrainConfig,
 ) -> Float[Array, ""]:
-    """Mean squared error of the rewards of copies, and of last frames, whose reward should be 0.
+    """Mean squared errors of the rewards of copies, of last frames (0) and of first frames (-1).
 
-    The reward (Eq. 7) has the mean of the batch's last latents as its goal, and is -1 at the mean
-    of the first frames. Of each video the last frame is copied `config.anchors` / 2 times, and as
-    many frames at random times; of those the reward itself is taken as it is.
+    The reward (Eq. 7) has the mean of the batch's last latents as its goal, and `hyper.span` as the
+    latent distance of a reward of -1; were that measured in the batch, a smaller latent space would
+    look like a better one. Of each video the last frame is copied `config.anchors` / 2 times, and
+    as many frames at random times; of those the reward itself is taken as it is.
 
     Args:
       params: of the encoder.
       key: consumed.
       demos: the batch's videos.
       active: their activity bits.
-      hyper: its `alpha`, `reach` and `idle_cost` are used.
+      hyper: its `alpha`, `reach`, `idle_cost` and `span` are used.
       config: its `encoder`, `anchors` and `copies` are used.
     """
     movable = demos.present & ~demos.is_robot
@@ -177,10 +178,8 @@ def contrast(
     keys = jax.random.split(key, demos.length.shape[0])
     anchors, copies, cost, first = jax.vmap(video)(keys, demos, active, movable)
     goal = jnp.mean(anchors[:, 0], axis=0)  # the frame that is copied first is the last one
-    scale = jax.lax.stop_gradient(jnp.mean(safe_norm(first - goal)))
-    scale = jnp.where(scale > 0, scale, 1.0)
-    paid = -safe_norm(anchors - goal) / scale  # (V, A)
-    copied = -safe_norm(copies - goal) / scale  # (V, A, J)
-    worth = paid.at[:, :ends].set(0.0)
-    wanted = jax.lax.stop_gradient(worth)[..., None] - cost
-    return jnp.mean((copied - wanted) ** 2) + jnp.mean(paid[:, :ends] ** 2)
+    distance = safe_norm(anchors - goal) / hyper.span  # (V, A)
+    worth = jax.lax.stop_gradient(distance.at[:, :ends].set(0.0))
+    error = safe_norm(copies - goal) / hyper.span - (worth[..., None] + cost)  # (V, A, J)
+    first = safe_norm(first - goal) / hyper.span - 1.0
+    return jnp.mean(error**2) + jnp.mean(distance[:, :ends] ** 2) + jnp.mean(first**2)

@@ -96,4 +96,7 @@ class Hyper(NamedTuple):
     contrast: Float[Array, ""] | float = 1.0  # weight of copies with displaced objects
     reach: Float[Array, ""] | float = 0.5  # share of its way at which a displaced object costs most
     idle_cost: Float[Array, ""] | float = 0.5  # of what a video does not move, beside what it moves
+    span: Float[Array, ""] | float = 10.0  # latent distance from first to last frames, with copies
+    decay_updates: Float[Array, ""] | float = 1.0  # over which the learning rate falls linearly
+    learning_rate_left: Float[Array, ""] | float = 1.0  # share of it at the end
     warmup: Float[Array, ""] | float = 1500.0  # updates over which the time agreement fades out

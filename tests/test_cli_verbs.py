@@ -182,11 +182,11 @@ def test_report_hands_on_the_run(experiment, run):
 
 
 def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
+    experiment("setup", make_env=lambda config, training: ("env", config, training))
     experiment(
-        "setup",
-        make_env=lambda config, training: ("env", config, training),
-        make_ppo=lambda config, env: ("ppo", config, env),
-        ppo_hyper=lambda config: ("hyper", config),
+        "policy_setup",
+        make_algorithm=lambda config, env: ("ppo", config, env),
+        algorithm_hyper=lambda config: ("hyper", config),
     )
     calls = experiment("export_policy", "gril_jax")
     out = tmp_path / "policy.npz"

@@ -320,7 +320,7 @@ def test_the_newest_policy_is_exported(tmp_path):
     algorithm = _probe()
     old = _save_run(tmp_path / "run", algorithm, RunConfig())
     new = _seasoned(old, seed=5)
-    checkpoint.save(tmp_path / "run" / "policy", 1280, new)
+    checkpoint.save(tmp_path / "run" / "policy", 1280, algorithm.policy(new))
     _main(tmp_path / "run", tmp_path / "policy.npz", algorithm)
     with np.load(tmp_path / "policy.npz") as file:
         np.testing.assert_array_equal(file["observation_mean"], new.normalizer.mean)
