@@ -164,9 +164,9 @@ def learning_curve(
 
     Args:
       rows: of one run or several; each has "env_steps" and some of "success" (from 0 to 1),
-        "reward" and "episodes". Where rows have a "seed", the mean over seeds is drawn, in a
-        band from the lowest to the highest. A value of None is left out, and so is the success
-        of a row in which no episode ended.
+        "reward", "episodes", "eval/success" and "eval/success_sampled". Where rows have a "seed",
+        the mean over seeds is drawn, in a band from the lowest to the highest. A value of None is
+        left out, and so is the success of a row in which no episode ended.
       random_success: success rate of the random policy, a dashed line.
     """
     figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
@@ -183,6 +183,14 @@ def learning_curve(
         if curves:
             _mean_and_band(axes, curves, unit, factor, colour)
         axes.set_xlabel(f"{word}environment steps")
+    for field, marker, label in (
+        ("eval/success", "D", "evaluation, mean actions"),
+        ("eval/success_sampled", "s", "evaluation, actions drawn"),
+    ):
+        for steps, values in _by_seed(rows, field):
+            left.plot(steps / unit, 100 * values, marker, color=INK, markersize=5, label=label,
+                      markerfacecolor=INK if marker == "D" else "white")  # fmt: skip
+            label = None
     if random_success is not None:
         left.axhline(
             100 * random_success, color=GREY, linestyle="--", label="random policy", zorder=1

@@ -150,10 +150,11 @@ def _both_outcomes(run: Inputs) -> Part:
 
 
 def _policy(run: Inputs) -> list[Part]:
-    if not run.rows["ppo"]:
+    rows = run.rows["ppo"] or run.rows["sac"]
+    if not rows:
         return [Part("No policy has been trained in this run.")]
     random = number(run.results, "success_random", "results.json")
-    figure = learning_curve(run.rows["ppo"], random_success=random)
+    figure = learning_curve(rows, random_success=random)
     dashed = " well above the dashed line of a random policy" * (random is not None)
     curve = Part(
         f"Training episodes, in which actions are sampled. Success should rise{dashed}, and "

@@ -34,7 +34,7 @@ __all__ = [
 
 SPLITS = ("train", "validation", "failure")
 _NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
-_STEP = {"pretrain": "step", "ppo": "env_steps"}  # which field counts, by phase
+_STEP = {"pretrain": "step", "ppo": "env_steps", "sac": "env_steps"}  # which field counts, by phase
 _LARGEST = 1e30  # a number beyond it is damage, and would overflow when drawn
 
 
@@ -130,7 +130,7 @@ def _require_shape(path: Path, field: str, array: np.ndarray, shape: tuple) -> N
 
 
 def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """metrics.jsonl by phase, "pretrain" and "ppo"; no rows where there is no file.
+    """metrics.jsonl by phase, "pretrain" and "ppo" or "sac"; no rows where there is no file.
 
     Raises:
       RunError: a line is damaged, or a value in it is no number.
