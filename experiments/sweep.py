@@ -8,13 +8,15 @@ Seeds and traced values are mapped in one program, static ones make programs of 
 policies, and one configuration a cell, which `gril train RUN/cells/000.yaml` runs by itself.
 """
 
+import dataclasses
+import io
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import jax
 
-from gril_jax import run_dir, sweep_table
+from gril_jax import hosts, run_dir, sweep_table
 from gril_jax.config import RunConfig
 from gril_jax.config_files import load, to_yaml
 from gril_jax.errors import RunError
@@ -40,32 +42,57 @@ def main(
 ) -> Path:
     """Run the sweep, or go on with one; returns its folder.
 
+    Of several processes (`gril_jax.hosts`) the first alone keeps what it writes, and speaks.
+
     Raises:
       ConfigError: a cell does not fit into memory, or cannot be shared out over the devices.
       DemoError: the demonstrations do not serve the task.
     """
-    rows = [
+    every = [
         Row(i, k, with_seed(cell.config, k)) for i, cell in enumerate(cells) for k in range(seeds)
     ]
+    same: dict[RunConfig, list[Row]] = {}
+    for row in every:
+        same.setdefault(_what_counts(row.config), []).append(row)
+    rows = [twins[0] for twins in same.values()]
     classes = len(setup.make_env(config.env, training=False).classes)
     plan = programs(rows, classes, jax.devices())  # refuses what cannot run
     opened = {"device": setup.device_in_words(), "experiment": "sweep"}
-    with run_dir.create_or_resume(config, resume, **opened) as run, Progress() as progress:
-        if resume is None:
-            _write_cells(run.path, cells, seeds)
-        echo(f"writing to {run.path}: {len(rows)} policies in {len(plan)} programs")
-        gather = _gatherer(run, progress)
-        rewards = learn_rewards(rows, gather, run, progress, echo)
-        for program in plan:
-            if run.finished_phase(program.name) is None:
-                done = learn_policies(program, rewards, run, progress, echo, jax.devices())
-                run.finish_phase(program.name, done)
-            _write_tables(run, plan, cells)
-        table = _write_tables(run, plan, cells)
-        run.finish({"policies": len(rows), "programs": len(plan)})
+    with hosts.scratch() as scratch:
+        shown = None
+        if scratch is not None:
+            own = dataclasses.replace(config.run, out=str(scratch / "run"), sinks=())
+            config, resume = dataclasses.replace(config, run=own), None
+            echo, shown = _say_nothing, io.StringIO()
+        with (
+            run_dir.create_or_resume(config, resume, **opened) as run,
+            Progress(stream=shown) as progress,
+        ):
+            if resume is None:
+                _write_cells(run.path, cells, seeds)
+            echo(f"writing to {run.path}: {len(rows)} policies in {len(plan)} programs")
+            table = _train(rows, plan, cells, same, run, progress, echo)
+            run.finish({"policies": len(rows), "programs": len(plan)})
     echo(table)
     echo(f"written to {run.path}")
     return run.path
+
+
+def _say_nothing(line: str) -> None:
+    del line
+
+
+def _train(rows, plan, cells, same, run: run_dir.RunDir, progress: Progress, echo: Echo) -> str:
+    """All rewards, then one program after the other; returns the table."""
+    rewards = learn_rewards(rows, _gatherer(run, progress), run, progress, echo)
+    for program in plan:
+        (finished,) = hosts.largest([run.finished_phase(program.name) is not None])
+        if not finished:
+            done = learn_policies(program, rewards, run, progress, echo, jax.devices())
+            run.finish_phase(program.name, done)
+        if hosts.is_first():
+            _write_tables(run, plan, cells, same)
+    return _write_tables(run, plan, cells, same) if hosts.is_first() else ""
 
 
 def read_cells(folder: Path) -> tuple[list[Cell], int]:
@@ -109,7 +136,16 @@ def _gatherer(run: run_dir.RunDir, progress: Progress):
     return gather
 
 
-def _write_tables(run: run_dir.RunDir, plan, cells: Sequence[Cell]) -> str:
+def _what_counts(config: RunConfig) -> RunConfig:
+    """The configuration without what its policy does not depend on: such runs are made once."""
+    if config.run.reward != "environmental":
+        return config
+    usual = RunConfig()
+    unused = {name: getattr(usual, name) for name in ("demos", "encoder", "loss", "pretrain")}
+    return dataclasses.replace(config, **unused)
+
+
+def _write_tables(run: run_dir.RunDir, plan, cells: Sequence[Cell], same) -> str:
     """Tables and figure of what has finished so far; returns the table."""
     found = []
     metrics = run_dir.read_metrics(run.path)
@@ -118,6 +154,12 @@ def _write_tables(run: run_dir.RunDir, plan, cells: Sequence[Cell]) -> str:
         if done is not None:
             curve = [row for row in metrics if row["phase"] == program.name]
             found += sweep_table.results(done["rows"], done["taus"], curve)
+    twins = {(rows[0].cell, rows[0].seed): rows for rows in same.values()}
+    found = [
+        dataclasses.replace(result, cell=row.cell)
+        for result in found
+        for row in twins[result.cell, result.seed]
+    ]
     names = [cell.name for cell in cells]
     table = sweep_table.markdown(names, found)
     with run_dir.writing(run.path):

@@ -7,12 +7,13 @@ side by `jax.vmap`; what differs between them are arrays.
 import itertools
 import shutil
 from collections.abc import Callable, Hashable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from gril_jax import checkpoint, device_memory, pretrain, reward, training_loop
+from gril_jax import checkpoint, device_memory, hosts, pretrain, reward, training_loop
 from gril_jax.config import RunConfig
 from gril_jax.progress import Progress
 from gril_jax.rl import memory, sharding, training
@@ -101,10 +102,15 @@ def learn_rewards(
 def _encoders(name, configs, demos, static, run: RunDir, progress: Progress, echo):
     """Stacked reward parameters and taus of configurations that share one program."""
     train, validation = demos.batch("train"), demos.batch("validation")
+    # Several processes train the same encoders, each on devices of its own.
+    devices = jax.local_devices()
+    layout = sharding.mesh(devices, seeds=len(configs), num_envs=len(devices))
     hyper = _stack([_arrays(setup.pretrain_hyper(config)) for config in configs])
-    keys = _keys([config.run.seed for config in configs], 0)
-    fresh = jax.jit(jax.vmap(lambda key: pretrain.init(key, train, static)))(keys)
-    step = jax.jit(
+    hyper = sharding.place(layout, hyper)
+    keys = sharding.place(layout, _keys([config.run.seed for config in configs], 0))
+    compiled = partial(jax.jit, out_shardings=sharding.by_seed(layout))
+    fresh = compiled(jax.vmap(lambda key: pretrain.init(key, train, static)))(keys)
+    step = compiled(
         jax.vmap(lambda state, hyper: pretrain.step(state, train, hyper, static)), donate_argnums=0
     )
     steps = configs[0].pretrain.steps
@@ -133,7 +139,7 @@ def _encoders(name, configs, demos, static, run: RunDir, progress: Progress, ech
         params = reward.from_demos(encoder, train, static.encoder, alpha=hyper.alpha, active=bits)
         return params, pretrain.evaluate(encoder, validation, train, hyper, static)["tau"]
 
-    return finish(state, hyper)
+    return jax.device_get(finish(state, hyper))
 
 
 def programs(rows: Sequence[Row], num_classes: int, devices: Sequence[Any]) -> list[Program]:
@@ -159,9 +165,7 @@ def programs(rows: Sequence[Row], num_classes: int, devices: Sequence[Any]) -> l
         algorithm, config = made[key], members[0].config
         params = policy_rewards.blank(config, algorithm.episodes.env)
         needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
-        each = memory.split(
-            len(members), needed, device_memory.available_bytes(devices[0]), len(devices)
-        )
+        each = memory.split(len(members), needed, _available_bytes(), len(devices))
         per_update = algorithm.num_envs * algorithm.unroll_length
         updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
         task = setup.make_env(config.env, training=False)
@@ -170,6 +174,16 @@ def programs(rows: Sequence[Row], num_classes: int, devices: Sequence[Any]) -> l
             sharding.mesh(devices, seeds=len(part), num_envs=algorithm.num_envs)
             found.append(Program(f"policy-{len(found)}", part, algorithm, task, updates))
     return found
+
+
+def _available_bytes() -> int | None:
+    """Memory of the device that has least, in whichever process."""
+    found = [device_memory.available_bytes(device) for device in jax.local_devices()]
+    known = [x >> 20 for x in found if x is not None]  # MiB, so that they are small numbers
+    if len(known) < len(found):
+        return None
+    (least,) = hosts.largest([-min(known)])
+    return -least << 20
 
 
 def learn_policies(
@@ -185,7 +199,8 @@ def learn_policies(
     configs = [row.config for row in rows]
     layout = sharding.mesh(devices, seeds=len(rows), num_envs=algorithm.num_envs)
     hyper = _stack([policy_setup.algorithm_hyper(config) for config in configs])
-    params = _stack([_policy_reward(config, rewards) for config in configs])
+    # Each process has learned rewards; rounding may have driven them apart.
+    params = hosts.same_everywhere(_stack([_policy_reward(config, rewards) for config in configs]))
     hyper, params = sharding.place(layout, hyper), sharding.place(layout, params)
     keys = _keys([config.run.seed for config in configs], 1)
     fresh = sharding.init(algorithm, layout, keys, hyper)
@@ -228,7 +243,9 @@ def learn_policies(
     )
     folder = run.path / "policies" / program.name
     shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here
-    checkpoint.save(folder, program.updates * per_update, algorithm.policy(done.state))
+    checkpoint.save(
+        folder, program.updates * per_update, hosts.gathered(algorithm.policy(done.state))
+    )
     return {
         "rows": [(row.cell, row.seed) for row in rows],
         "taus": [_tau(config, rewards) for config in configs],

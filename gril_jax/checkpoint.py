@@ -260,8 +260,14 @@ def _read_arrays(path: Path, entries: list[dict[str, Any]]) -> dict[str, np.ndar
 
 
 def _checkpointer() -> ocp.Checkpointer:
+    # Of several processes that compute together, the one that writes does not wait for the others.
+    me = jax.process_index()
+    alone = ocp.options.MultiprocessingOptions(me, {me}, f"process-{me}")
     # One folder a leaf, so that damage to a file can be told by the leaf's name.
-    return ocp.Checkpointer(ocp.PyTreeCheckpointHandler(use_ocdbt=False, use_zarr3=False))
+    handler = ocp.PyTreeCheckpointHandler(
+        use_ocdbt=False, use_zarr3=False, multiprocessing_options=alone
+    )
+    return ocp.Checkpointer(handler, multiprocessing_options=alone)
 
 
 @contextlib.contextmanager

@@ -26,7 +26,8 @@ Learn a reward from demonstration videos without actions, and a policy from the 
   quickstart                  a small run from demonstrations to a policy, on a laptop
   train [CONFIG]              the same for any configuration
   pretrain [CONFIG]           the learned reward alone
-  sweep [CONFIG] --seeds N    every combination of options with commas, over seeds
+  sweep [CONFIG] --seeds N    every combination of options with commas, over seeds;
+                              --distributed on several hosts
   train|pretrain|sweep --resume RUN   go on with what was cut off, bit for bit
   ablate [CONFIG]             which choices of the reward's training matter, over seeds
   demos make [CONFIG]         scripted demonstrations
@@ -63,7 +64,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return stop.exit_code
     except GrilError as error:
         print(f"gril: {str(error).rstrip('.')}.", file=sys.stderr)
-        return code
+        # What only the task or the devices can refuse is known later, but is a wrong command too.
+        return 2 if isinstance(error, ConfigError) else code
     except KeyboardInterrupt:
         print("gril: interrupted.", file=sys.stderr)
         return 130

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -72,10 +73,10 @@ def markdown(names: Sequence[str], found: Sequence[Result]) -> str:
 
 
 def _spread(values: Sequence[float]) -> str:
-    scores = np.asarray(values, np.float32)
+    scores = jnp.asarray(values, jnp.float32)
     middle = float(interquartile_mean(scores))
     low, high = interquartile_interval(jax.random.key(0), scores)
-    return f"{scores.mean():.3f}; {middle:.3f} ({float(low):.3f} to {float(high):.3f})"
+    return f"{float(scores.mean()):.3f}; {middle:.3f} ({float(low):.3f} to {float(high):.3f})"
 
 
 def csv(names: Sequence[str], found: Sequence[Result]) -> str:

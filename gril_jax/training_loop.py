@@ -5,17 +5,22 @@
 
 The state is any pytree. A run that was cut off, at whatever moment, goes on from its newest
 checkpoint bit for bit: what a chunk does depends on nothing but the state before it.
+
+With several processes (`gril_jax.hosts`) each runs the chunks of one program; the first decides
+when to save, logs, and writes checkpoints of the whole state.
 """
 
+import signal
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 
-from . import checkpoint
+from . import checkpoint, hosts
 from .checkpoint_writer import CheckpointWriter
-from .interrupt import Interrupted, Notice, noticed
+from .interrupt import Interrupted, noticed
 from .run_dir import RunDir
 
 __all__ = ["Begun", "Trained", "restore", "run_chunks"]
@@ -40,7 +45,8 @@ class Trained(NamedTuple):
 def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) -> Begun:
     """The newest undamaged checkpoint of a phase, or a fresh state where there is none.
 
-    Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside.
+    Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside. What is restored
+    goes to the devices on which the fresh state is. The first process alone looks for it.
 
     Args:
       run: the run's folder.
@@ -51,18 +57,26 @@ def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) 
     Raises:
       RunError: a checkpoint is of another structure than the state, or rows have been lost.
     """
-    folder, chunks = run.checkpoints / name, 0
+    found, chunks, seconds = state, 0, 0.0
+    if hosts.is_first():
+        found, chunks = _newest(run.checkpoints / name, state, tell)
+        rows = [row for row in run.cut_metrics(name, chunks) if row.get("phase") == name]
+        seconds = float(rows[-1].get("seconds") or 0.0) if rows else 0.0
+    (chunks,) = hosts.largest([chunks])  # those of the first: others know of none
+    if chunks:
+        state = hosts.placed_like(hosts.same_everywhere(found), state)
+    return Begun(jax.tree.map(_strong, state), chunks, seconds)
+
+
+def _newest(folder: Path, state: Any, tell: Callable[[str], None]) -> tuple[Any, int]:
+    """The newest undamaged checkpoint and its chunks; the fresh state and 0 where there is none."""
     while (path := checkpoint.latest(folder)) is not None:
         try:
-            state = checkpoint.restore(path, state)
-            chunks = int(path.name)
-            break
+            return checkpoint.restore(path, state), int(path.name)
         except checkpoint.DamagedError as error:
             aside = checkpoint.discard(path)
             tell(f"{error}: it is set aside as {aside.name}, and the one before it is taken")
-    rows = [row for row in run.cut_metrics(name, chunks) if row.get("phase") == name]
-    seconds = float(rows[-1].get("seconds") or 0.0) if rows else 0.0
-    return Begun(jax.tree.map(_strong, state), chunks, seconds)
+    return state, 0
 
 
 def run_chunks(
@@ -104,24 +118,29 @@ def run_chunks(
             metrics = jax.device_get(metrics)
             done, now = done + 1, time.monotonic()
             seconds = before_s + now - begun_s
-            run.log(phase=name, seconds=seconds, **row(done, seconds, metrics))
-            last = done == chunks or notice.number is not None
-            # One that is still being written is not waited for: the next chunk will do.
-            if last or (not writer.busy and now - saved_s >= every_s):
-                writer.save(done, state)
+            due = False
+            if hosts.is_first():
+                run.log(phase=name, seconds=seconds, **row(done, seconds, metrics))
+                # One that is still being written is not waited for: the next chunk will do.
+                due = not writer.busy and now - saved_s >= every_s
+            due, number = hosts.largest([due, notice.number or 0])
+            if due or number or done == chunks:
+                whole = hosts.gathered(state)
+                if hosts.is_first():
+                    writer.save(done, whole)
                 saved_s = now
-            if notice.number is not None:
+            if number:
                 writer.wait()
-                raise _interrupted(notice, run, name, done, chunks)
+                raise _interrupted(number, run, name, done, chunks)
     return Trained(state, seconds, writer.longest_stall_s)
 
 
-def _interrupted(notice: Notice, run: RunDir, name: str, done: int, chunks: int) -> Interrupted:
-    assert notice.number is not None
+def _interrupted(number: int, run: RunDir, name: str, done: int, chunks: int) -> Interrupted:
+    how = f"gril {run.experiment} --resume {run.path} goes on with it"
     return Interrupted(
-        f"{notice.name} came, and the run is saved after {done} of {chunks} chunks of phase "
-        f"{name!r}: gril {run.experiment} --resume {run.path} goes on with it",
-        notice.number,
+        f"{signal.Signals(number).name} came, and the run is saved after {done} of {chunks} chunks "
+        f"of phase {name!r}: {how if hosts.is_first() else 'the first process says how to go on'}",
+        number,
     )
 
 

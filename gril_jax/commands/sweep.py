@@ -1,9 +1,11 @@
 """The verb that trains many policies at once."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 from .. import run_dir
+from ..cluster import cluster_of
 from ..config import RunConfig
 from ..config_files import load
 from ..errors import ConfigError, RunError
@@ -15,15 +17,19 @@ __all__ = ["VERBS"]
 _ABOUT = (
     "Train every combination of the values given, over --seeds N seeds (5 by default). An option "
     "whose value has commas is an axis: --reward learned,environmental --lambda 0.1,1. "
-    "--resume RUN goes on with a sweep that was cut off."
+    "--resume RUN goes on with a sweep that was cut off. --distributed makes one of all processes "
+    "of a SLURM or Kubernetes job: see experiments/clusters.md."
 )
 _PROG = "gril sweep"
 
+Connect = Callable[[], None]
+
 
 def _sweep(args: list[str]) -> Work:
+    connect = _connection(args)
     resume = take(args, "--resume")
     if resume is not None:
-        return _resume(Path(resume), args)
+        return _resume(Path(resume), args, connect)
     name, seeds = positional(args), take(args, "--seeds")
     if seeds is not None and (not seeds.isdecimal() or int(seeds) < 1):
         raise ConfigError(f"--seeds is {seeds!r}, but must be a whole number of at least 1")
@@ -31,15 +37,33 @@ def _sweep(args: list[str]) -> Work:
     axes = take_axes(args)
     config = run_config(name, args, _PROG, _ABOUT)
     found = cells(axes, args, lambda options: load(name, options, prog=_PROG))
-    return _work(config, lambda: (found, int(seeds or 5)), None)
+    return _work(config, lambda: (found, int(seeds or 5)), None, connect)
 
 
-def _resume(folder: Path, args: list[str]) -> Work:
+def _connection(args: list[str]) -> Connect | None:
+    """What connects the processes of a job, if --distributed is given; takes it off."""
+    if "--distributed" not in args:
+        return None
+    args.remove("--distributed")
+    cluster = cluster_of(os.environ)
+
+    def connect() -> None:
+        from .. import hosts
+
+        hosts.initialize(cluster)
+
+    return connect
+
+
+def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
     if args:
         raise ConfigError(
             f"--resume takes its options from {folder}, so {args[0]} must not be given beside it"
         )
-    config = run_dir.require_resumable(folder, "sweep")
+    if connect is None:
+        config = run_dir.require_resumable(folder, "sweep")
+    else:  # processes that look at the same time are in each other's way: the first one will
+        config = run_dir.read_config(folder)
     if not (folder / "sweep.json").is_file():
         raise RunError(f"{folder} is not a sweep: it has no sweep.json")
 
@@ -48,12 +72,14 @@ def _resume(folder: Path, args: list[str]) -> Work:
 
         return read_cells(folder)
 
-    return _work(config, read, folder)
+    return _work(config, read, folder, connect)
 
 
-def _work(config: RunConfig, read: Callable, resume: Path | None) -> Work:
+def _work(config: RunConfig, read: Callable, resume: Path | None, connect: Connect | None) -> Work:
     def work() -> None:
         with heavy_imports(deterministic=config.run.deterministic):
+            if connect is not None:  # before anything else touches JAX
+                connect()
             from ..experiments import sweep
         found, seeds = read()
         sweep.main(config, found, seeds, resume=resume, echo=echo)

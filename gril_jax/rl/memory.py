@@ -1,9 +1,9 @@
 """How much memory a training program will need, before it is compiled.
 
-The estimate counts what is surely there at once: the state (twice: while it is replaced), the data
-of an unroll (as collected, in brax's order, and shuffled), and what the networks of one minibatch
-keep for their gradients. Temporaries of the simulator and of the encoder come on top, of all
-environments for one control step; a factor covers them.
+The estimate counts what is surely there at once: the state (twice: while it is replaced; a replay
+once, as it is written in place), the data of an unroll (as collected, in brax's order, and
+shuffled), and what the networks of one minibatch keep for their gradients. What a simulator holds
+during one control step, of all environments, comes on top, as a multiple of its state.
 """
 
 import math
@@ -17,9 +17,10 @@ from ..errors import ConfigError
 __all__ = ["predict_bytes", "split"]
 
 _COPIES = 3  # of the collected data
-# What the simulator and the encoder hold for one step of one environment, measured on MatchRegions
-# with five blocks and an encoder of width 64.
-_STEP_BYTES = 60_000
+# Peak of one control step, as a multiple of the task's physics state. 222 on MatchRegions with five
+# blocks, compiled for a CPU, whatever the number of environments and the length of an unroll; the
+# data of an unroll, counted below, are not there at the same moment.
+_STEP_COPIES = 180
 
 
 def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
@@ -37,16 +38,24 @@ def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
         static.num_envs * static.unroll_length // static.num_minibatches
     )
     layers = 2 * 3 * sum(static.hidden)  # two networks; values, gradients and activations
+    physics = _bytes(state.fleet.lanes.state.data)
     return (
         2 * _bytes(state)
+        - _bytes(state.replay)
         + _COPIES * _bytes(steps)
         + 4 * layers * batch
-        + _STEP_BYTES * static.num_envs
+        + _STEP_COPIES * physics
     )
 
 
 def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -> int:
     """How many seeds to run at once, such that they fit: a multiple of `devices` if possible.
+
+    Args:
+      rows: seeds in all, at least 1.
+      bytes_each: from `predict_bytes`.
+      available: bytes of one device; None where they are not known, and all run at once.
+      devices: how many there are.
 
     Raises:
       ConfigError: not even one seed fits into the memory of all devices together.

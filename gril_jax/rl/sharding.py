@@ -20,7 +20,7 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from ..errors import ConfigError
 from . import training
 
-__all__ = ["advance", "init", "mesh", "place", "shardings"]
+__all__ = ["advance", "by_seed", "init", "mesh", "place", "shardings"]
 
 
 def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
@@ -40,22 +40,26 @@ def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
     return jax.make_mesh(shape, names, axis_types=auto, devices=devices)
 
 
+def by_seed(layout: Mesh) -> NamedSharding:
+    """Where arrays with a leading axis of seeds belong."""
+    return NamedSharding(layout, PartitionSpec("seeds"))
+
+
 def shardings(layout: Mesh, state: Any) -> Any:
     """Where each leaf of a training state with a leading axis of seeds belongs.
 
     Leaves of `state.fleet` have the environments as their second axis; all others are the same for
     all devices that share a seed.
     """
-    by_seed = NamedSharding(layout, PartitionSpec("seeds"))
     by_both = NamedSharding(layout, PartitionSpec("seeds", "envs"))
-    placed = jax.tree.map(lambda _: by_seed, state)
-    lanes = jax.tree.map(lambda x: by_both if x.ndim > 1 else by_seed, state.fleet)
+    placed = jax.tree.map(lambda _: by_seed(layout), state)
+    lanes = jax.tree.map(lambda x: by_both if x.ndim > 1 else by_seed(layout), state.fleet)
     return placed._replace(fleet=lanes)
 
 
 def place(layout: Mesh, tree: Any) -> Any:
     """A tree with a leading axis of seeds, such as hyper-parameters, put where its seeds are."""
-    return jax.device_put(tree, NamedSharding(layout, PartitionSpec("seeds")))
+    return jax.device_put(tree, by_seed(layout))
 
 
 def init(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> Any:

@@ -1,0 +1,53 @@
+"""The figure of a sweep: what is drawn for each cell, and that nothing stops it."""
+
+import numpy as np
+import pytest
+
+from gril_jax.plot_style import COLOURS
+from gril_jax.sweep_plot import figure, write_figure
+from gril_jax.sweep_table import Result
+
+
+def _results(cells, seeds=3):
+    draw = np.random.default_rng(0)
+    return [
+        Result(i, k, None, np.array([1e6, 2e6]), {"success_sampled": draw.uniform(size=2)})
+        for i in range(cells)
+        for k in range(seeds)
+    ]
+
+
+def test_the_line_is_the_mean_over_seeds_and_the_band_its_middle_half():
+    found = _results(2)
+    axes = figure(["a", "b"], found).axes[0]
+    assert [line.get_label() for line in axes.lines] == ["a", "b"]
+    for cell, (line, band) in enumerate(zip(axes.lines, axes.collections, strict=True)):
+        curves = np.array([[0, *r.scores["success_sampled"]] for r in found if r.cell == cell])
+        np.testing.assert_allclose(line.get_xdata(), [0, 1, 2])
+        np.testing.assert_allclose(line.get_ydata(), curves.mean(axis=0))
+        extent = band.get_paths()[0].vertices[:, 1]
+        low, high = np.quantile(curves, [0.25, 0.75], axis=0)
+        np.testing.assert_allclose([extent.min(), extent.max()], [low.min(), high.max()])
+
+
+def test_cells_beyond_the_colours_are_told_apart_by_their_lines():
+    count = 2 * len(COLOURS) + 1
+    axes = figure([f"cell {i}" for i in range(count)], _results(count)).axes[0]
+    looks = [(line.get_color(), line.get_linestyle()) for line in axes.lines]
+    assert len({*looks}) == len(looks) == count
+
+
+def test_a_cell_without_results_is_left_out():
+    axes = figure(["a", "not yet"], _results(1)).axes[0]
+    assert [line.get_label() for line in axes.lines] == ["a"]
+
+
+@pytest.mark.parametrize("cells", [1, 30])
+def test_a_picture_is_written(tmp_path, cells):
+    write_figure(tmp_path / "sweep.png", [f"cell {i}" for i in range(cells)], _results(cells, 1))
+    assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_of_nothing_no_picture_is_written(tmp_path):
+    write_figure(tmp_path / "sweep.png", ["a"], [])
+    assert not (tmp_path / "sweep.png").exists()
