@@ -8,7 +8,7 @@ from typing import Any
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 
-__all__ = ["Compilations", "best_in_turn", "compile_timed", "counted", "without_cache"]
+__all__ = ["Compilations", "compile_timed", "counted", "times_in_turn", "without_cache"]
 
 
 def compile_timed(function: Callable[..., Any], *args: Any, **options: Any) -> tuple[Any, float]:
@@ -18,19 +18,19 @@ def compile_timed(function: Callable[..., Any], *args: Any, **options: Any) -> t
     return compiled, time.perf_counter() - start
 
 
-def best_in_turn(calls: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
-    """Seconds of the fastest of `repeats` calls of each, which take turns after one to warm up.
+def times_in_turn(calls: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, list[float]]:
+    """Seconds of `repeats` calls of each, which take turns after one call to warm up.
 
     They take turns so that a machine that is slow for a while is so for all of them.
     """
-    best = dict.fromkeys(calls, float("inf"))
+    taken: dict[str, list[float]] = {name: [] for name in calls}
     for number in range(repeats + 1):
         for name, call in calls.items():
             start = time.perf_counter()
             jax.block_until_ready(call())
             if number:
-                best[name] = min(best[name], time.perf_counter() - start)
-    return best
+                taken[name].append(time.perf_counter() - start)
+    return taken
 
 
 class Compilations:

@@ -13,9 +13,9 @@ if importlib.metadata.version("jaxlib").startswith("0.10."):
 os.environ.setdefault("XLA_FLAGS", " ".join(FLAGS))
 
 # Files that take longest come first, or one worker would play its last alone.
-LONGEST = """pipeline hosts sharding planar_physics ppo match_regions scripted sampling_planner pretrain_loss
-pretrain encoder planar_mjx soft_dtw contacts examples report export_policy ablate subtasks reward
-magical_replay""".split()
+LONGEST = """pipeline hosts sharding planar_physics ppo match_regions scripted sampling_planner
+pretrain_loss pretrain encoder training sac planar_mjx soft_dtw contacts examples report
+export_policy ablate subtasks reward magical_replay""".split()
 
 
 def pytest_configure(config):

@@ -160,6 +160,8 @@ def heavy_imports(*, deterministic: bool = False) -> Iterator[None]:
     with contextlib.suppress(OSError):  # without a writable cache everything works, only slower
         folder.mkdir(parents=True, exist_ok=True)
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+        # A run has hundreds of small programs: together they take longer than the large ones.
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     # OpenCV's threads cost more than they bring on pictures this small.
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     with contextlib.redirect_stdout(io.StringIO()):

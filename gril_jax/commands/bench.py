@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .. import doctor
+from ..config import Variant
+from ..config_files import load
 from ..errors import ConfigError
 from ..options import parse
 from .arguments import Work, echo, heavy_imports
@@ -33,6 +35,76 @@ class _BenchLosses:
 class _BenchReplay:
     repeats: int = 7
     """Timed calls of each form, whose median counts."""
+
+
+@dataclass(frozen=True)
+class _BenchTrain:
+    lanes: int | None = None
+    """Environments; None is 256 on a CPU and 8,192 elsewhere."""
+    unroll: int | None = None
+    """Control steps of each environment between two updates; None is 20."""
+    updates: int | None = None
+    """Updates of a timed call; None is 1 on a CPU and 5 elsewhere."""
+    seed_lanes: int | None = None
+    """Environments of each of the eight seeds; None is 64 on a CPU and 512 elsewhere."""
+    seed_updates: int | None = None
+    """Updates of each seed's whole training; None is 4 on a CPU and 50 elsewhere."""
+    separate: int | None = None
+    """Seeds that are really run one by one; None is 1 on a CPU and 2 elsewhere."""
+    repeats: int = 5
+    """Timed calls of each program."""
+    variant: Variant = "demo"
+    """What is drawn at the start of an episode."""
+    varied_starts: float = 0.5
+    """Share of episodes that start with the targets somewhere else."""
+    parts: tuple[str, ...] = ("training", "starts", "seeds", "devices")
+    """What to measure."""
+
+
+@dataclass(frozen=True)
+class _BenchCompile:
+    config: str = "quickstart"
+    """Configuration whose programs are compiled."""
+    runs: bool = True
+    """Whether to count what small runs of the whole pipeline compile, too."""
+
+
+@dataclass(frozen=True)
+class _BenchBrax:
+    repeats: int = 3
+    """Short runs of each, in processes of their own, of which the fastest counts."""
+    seeds: int = 3
+    """Long runs of each."""
+    num_timesteps: int = 400_000
+    """Control steps of a long run."""
+
+
+@dataclass(frozen=True)
+class _BenchSac:
+    num_envs: int = 64
+    """Environments of ours that are stepped together."""
+    unroll_length: int = 4
+    """Control steps of each between two rounds of gradient steps."""
+    updates_per_step: int = 8
+    """Gradient steps of such a round."""
+    batch_size: int = 256
+    """Transitions that a gradient step draws."""
+    replay_size: int = 2**17
+    """Transitions that the replay holds."""
+    min_replay: int = 2**12
+    """Transitions before learning begins."""
+    hidden: tuple[int, ...] = (128, 128)
+    """Widths of the hidden layers."""
+    learning_rate: float = 1e-3
+    """Of actor, critics and temperature."""
+    discounting: float = 0.97
+    """Discount of a control step."""
+    repeats: int = 5
+    """Timed calls of each, of which the best counts."""
+    target: float | None = None
+    """Success of training episodes to reach; None measures speeds only."""
+    limit_s: float = 600.0
+    """Seconds after which either gives up."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +165,83 @@ def _bench_replay(args: list[str]) -> Work:
     return work
 
 
+def _bench_train(args: list[str]) -> Work:
+    about = "Training with either reward beside its environment alone, starts and seeds, as JSON."
+    given = parse(_BenchTrain, args, prog="gril bench train", description=about)
+    _require_counts(given, "lanes", "unroll", "updates", "seed_lanes", "seed_updates", "separate",
+                    "repeats")  # fmt: skip
+    known = _BenchTrain.parts
+    for part in given.parts:
+        if part not in known:
+            raise ConfigError(f"--parts has {part!r}, but must be of {', '.join(known)}")
+    options = dict(vars(given))
+    task = {name: options.pop(name) for name in ("variant", "varied_starts")}
+    repeats, parts = options.pop("repeats"), options.pop("parts")
+    sizes = {name: value for name, value in options.items() if value is not None}
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import bench_train
+        bench_train.main(sizes, repeats, parts=parts, echo=echo, **task)
+
+    return work
+
+
+def _bench_compile(args: list[str]) -> Work:
+    about = "Seconds to compile each program of a run, and how many there are, as JSON."
+    given = parse(_BenchCompile, args, prog="gril bench compile", description=about)
+    load(given.config)
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import bench_compile
+        bench_compile.main(config=given.config, runs=given.runs, echo=echo)
+
+    return work
+
+
+def _bench_brax(args: list[str]) -> Work:
+    about = "Our PPO beside brax's own on one pendulum, as JSON."
+    given = parse(_BenchBrax, args, prog="gril bench brax", description=about)
+    _require_counts(given, "repeats", "seeds", "num_timesteps")
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import bench_brax
+        bench_brax.main(**vars(given), echo=echo)
+
+    return work
+
+
+def _bench_sac(args: list[str]) -> Work:
+    about = "Our SAC beside a loop on the host, as users of Gymnasium write it, as JSON."
+    given = parse(_BenchSac, args, prog="gril bench sac", description=about)
+    _require_counts(given, "num_envs", "unroll_length", "updates_per_step", "batch_size", "repeats")
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import bench_sac
+        bench_sac.main(**vars(given), echo=echo)
+
+    return work
+
+
+def _require_counts(given: object, *names: str) -> None:
+    """Numbers of which there is at least one."""
+    for name in names:
+        value = getattr(given, name)
+        if value is not None and value < 1:
+            option = "--" + name.replace("_", "-")
+            raise ConfigError(f"{option} is {value}, but must be at least 1")
+
+
 VERBS: dict[str, Callable[[list[str]], Work]] = {
+    "bench brax": _bench_brax,
+    "bench compile": _bench_compile,
     "bench env": _bench_env,
     "bench losses": _bench_losses,
     "bench replay": _bench_replay,
+    "bench sac": _bench_sac,
+    "bench train": _bench_train,
     "doctor": _doctor,
 }

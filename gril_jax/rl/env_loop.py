@@ -59,7 +59,7 @@ class Episodes:
     @property
     def observation_size(self) -> int:
         """Numbers that the policy sees."""
-        lane = jax.eval_shape(self.begin, jax.random.key(0))
+        lane = jax.eval_shape(lambda: self.begin(jax.random.key(0)))
         return jax.eval_shape(self.observe, lane).shape[0]
 
     def begin(self, key: PRNGKeyArray) -> Lane:

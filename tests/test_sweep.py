@@ -1,0 +1,51 @@
+"""A sweep from the command line to its table, and one that goes on after being cut off."""
+
+import csv
+import json
+
+import pytest
+
+from gril_jax import cli, run_dir
+from gril_jax.errors import RunError
+
+SMALL = [
+    "--reward", "environmental", "--lambda", "0.5,1", "--ppo.discounting", "0.9,0.99",
+    "--seeds", "2", "--ppo.num-envs", "4", "--ppo.num-minibatches", "2",
+    "--ppo.unroll-length", "5", "--ppo.num-timesteps", "60", "--ppo.hidden", "8",
+    "--env.episode-length", "10", "--run.evaluations", "2", "--run.checkpoint-every", "0",
+]  # fmt: skip
+
+
+def test_a_folder_that_is_no_sweep_is_refused(tmp_path):
+    from gril_jax.experiments.sweep import read_cells
+
+    with pytest.raises(RunError, match="is not a sweep"):
+        read_cells(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_sweep_makes_what_differs_once_and_goes_on_where_it_was_cut_off(tmp_path, monkeypatch):
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    assert cli.main(["sweep", "quickstart", *SMALL, "--out", str(whole)]) == 0
+    lines = list(csv.DictReader((whole / "sweep.csv").open()))
+    assert len(lines) == 8  # lambda does not matter to this reward, but has its lines
+    assert run_dir.read_results(whole)["policies"] == 4
+    assert (whole / "sweep.png").stat().st_size > 10_000
+
+    from gril_jax import training_loop
+
+    once = []
+
+    def fail_after_first(self, done, state):
+        original(self, done, state)
+        once.append(done)
+        raise KeyboardInterrupt
+
+    original = training_loop.CheckpointWriter.save
+    monkeypatch.setattr(training_loop.CheckpointWriter, "save", fail_after_first)
+    assert cli.main(["sweep", "quickstart", *SMALL, "--out", str(cut)]) == 130
+    monkeypatch.undo()
+    assert once == [1]
+    assert cli.main(["sweep", "--resume", str(cut)]) == 0
+    assert (cut / "sweep.csv").read_text() == (whole / "sweep.csv").read_text()
+    assert json.loads((cut / "sweep.json").read_text())["seeds"] == 2
