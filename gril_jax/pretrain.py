@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from . import activity, encoder, metrics, pretrain_batch, pretrain_contrast, pretrain_loss, reward
 from .encoder import Params
 from .errors import ConfigError
+from .final_places import final_places
 from .pretrain_options import Hyper, PretrainConfig
 from .types import DemoBatch
 
@@ -91,6 +92,10 @@ def step(
 ) -> tuple[State, Metrics]:
     """`config.updates` gradient updates in one compiled call, without talking to the host."""
     active = activity_bits(demos, hyper, config)
+    places = None
+    if config.copies:
+        classes = config.encoder.num_classes
+        places = final_places(demos, classes, turned=config.turn_scenes)
 
     def update(state, _):
         key, batch_key, turn_key, touch_key = jax.random.split(state.key, 4)
@@ -117,7 +122,7 @@ def step(
             if config.copies:
                 copy_key = jax.random.fold_in(batch_key, 3)
                 apart = pretrain_contrast.contrast(
-                    params.encoder, copy_key, batch, bits, hyper, config
+                    params.encoder, copy_key, batch, bits, places, hyper, config
                 )
                 total = total + hyper.contrast * apart
             values = (parts.consistency, parts.reconstruction, apart)

@@ -2,11 +2,11 @@
 
 Cycle-consistency and reconstruction say nothing about states that no demonstration visits, and a
 policy will find among them those that happen to lie near the goal. Here the reward of made-up
-states is given, too: a copy of a frame in which objects that had come to rest are somewhere else is
-worth less than the frame, by as much of their way as has to be gone again. With K objects that a
-video moves, one that is put back to its start costs 1 / K; one that is put anywhere else costs its
-distance from where the video leaves it, at most that much. An object that the video never moves
-costs a share of it. Positions and activity bits of videos are all it takes: no action, no label.
+states is given, too: a copy of a frame in which objects that had come to rest are somewhere else
+is worth less than the frame, by how far they are out of place (`gril_jax.final_places`). With K
+objects that a video moves, each of them costs 1 / K when it is `reach` or more away from every
+place where some video leaves it, and the root of its share of that when it is nearer; what the
+video never moves costs `idle_cost` of it. Videos are all it takes: no action, no label.
 
 An object is at rest in a frame if it is where the video leaves it. Only such objects are displaced,
 so that no copy can be further on than its frame. Shapes use V for videos, N for objects, A for the
@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from . import encoder
 from .encoder import Params
+from .final_places import FinalPlaces, out_of_place
 from .graphs import safe_norm, scene_graph
 from .pretrain_options import Hyper, PretrainConfig
 from .types import DemoBatch
@@ -34,6 +35,7 @@ _MOVED = (
 # How likely a displaced object goes where: anywhere, back to its start, to the place of another
 # object, or a little way off.
 _PLACES = (0.4, 0.2, 0.2, 0.2)
+_NEARBY = 0.4  # world units, standard deviation
 _MORE = 0.3  # probability of each further object
 _TOUCHED = 0.2  # probability that a bit is set of an object that has not been displaced
 
@@ -43,8 +45,7 @@ class Journey(NamedTuple):
 
     first: Float[Array, "N 2"]
     last: Float[Array, "N 2"]
-    reach: Float[Array, "N"]  # distance from its last place at which an object costs all it can
-    cost: Float[Array, "N"]  # what it costs at most
+    cost: Float[Array, "N"]  # what an object costs at most
     movable: Bool[Array, "N"]  # what may be displaced: not the robot, not padding
 
 
@@ -53,7 +54,7 @@ class Copy(NamedTuple):
 
     center: Float[Array, "N 2"]
     active: Bool[Array, "N"]
-    cost: Float[Array, ""]  # how much less than its frame it is worth, units of reward
+    resting: Bool[Array, "N"]  # what had come to rest in the frame
 
 
 def journey(
@@ -62,7 +63,6 @@ def journey(
     diagonal: Float[Array, "N"],
     movable: Bool[Array, "N"],
     *,
-    reach: Float[Array, ""] | float,
     idle_cost: Float[Array, ""] | float,
 ) -> Journey:
     """Costs of displacing the objects of a video.
@@ -71,16 +71,13 @@ def journey(
       first, last: centres in its first and last frames.
       diagonal: of the objects' boxes.
       movable: objects that may be displaced.
-      reach: as a share of an object's own way; of the mean way for those that did not move.
       idle_cost: of an object that the video does not move, as a share of one that it does.
     """
     way = safe_norm(last - first)
     moved = movable & (way > _MOVED * diagonal)
     count = jnp.maximum(jnp.sum(moved), 1)
-    mean = jnp.sum(jnp.where(moved, way, 0.0)) / count
-    length = jnp.where(moved, way, jnp.where(mean > 0, mean, 1.0))
     cost = jnp.where(moved, 1.0, idle_cost) / count
-    return Journey(first, last, reach * length, jnp.where(movable, cost, 0.0), movable)
+    return Journey(first, last, jnp.where(movable, cost, 0.0), movable)
 
 
 def displaced(
@@ -108,16 +105,15 @@ def displaced(
     anywhere = jax.random.uniform(keys[2], (num, 2), minval=-extent, maxval=extent)
     others = jnp.where(of.movable & ~jnp.eye(num, dtype=bool), 0.0, -1e9)
     swapped = of.last[jax.random.categorical(keys[3], others)]
-    nearby = center + of.reach[:, None] * jax.random.normal(keys[4], (num, 2))
+    nearby = center + _NEARBY * jax.random.normal(keys[4], (num, 2))
     which = jax.random.choice(keys[5], len(_PLACES), (num, 1), p=jnp.array(_PLACES))
     places = [anywhere, of.first, swapped, jnp.clip(nearby, -extent, extent)]
     place = jnp.select([which == i for i in range(len(places))], places)
 
-    share = jnp.minimum(safe_norm(place - of.last) / jnp.maximum(of.reach, 1e-6), 1.0)
     return Copy(
         center=jnp.where(chosen[:, None], place, center),
         active=active | chosen | (of.movable & jax.random.bernoulli(keys[6], _TOUCHED, (num,))),
-        cost=jnp.sum(jnp.where(chosen, of.cost * share, 0.0)),
+        resting=resting,
     )
 
 
@@ -126,6 +122,7 @@ def contrast(
     key: PRNGKeyArray,
     demos: DemoBatch,
     active: Bool[Array, "V T N"],
+    places: FinalPlaces,
     hyper: Hyper,
     config: PretrainConfig,
 ) -> Float[Array, ""]:
@@ -141,6 +138,7 @@ def contrast(
       key: consumed.
       demos: the batch's videos.
       active: their activity bits.
+      places: where all demonstrations leave objects.
       hyper: its `alpha`, `reach`, `idle_cost` and `span` are used.
       config: its `encoder`, `anchors` and `copies` are used.
     """
@@ -159,7 +157,7 @@ def contrast(
         frames = jnp.concatenate([jnp.full((ends,), last), drawn])
         of = journey(
             demo.center[0], demo.center[last], safe_norm(demo.size[last]), movable,
-            reach=hyper.reach, idle_cost=hyper.idle_cost,
+            idle_cost=hyper.idle_cost,
         )  # fmt: skip
 
         def anchor(key, frame):
@@ -167,7 +165,10 @@ def contrast(
 
             def copy(key):
                 made = displaced(key, center, safe_norm(size), bits[frame], of, extent)
-                return encode(demo, made.center, size, made.active), made.cost
+                astray = out_of_place(places, made.center, size, demo.label)
+                share = jnp.sqrt(jnp.minimum(astray / hyper.reach, 1.0))
+                cost = jnp.sum(jnp.where(made.resting, of.cost * share, 0.0))
+                return encode(demo, made.center, size, made.active), cost
 
             copies = jax.vmap(copy)(jax.random.split(key, config.copies))
             return encode(demo, center, size, bits[frame]), *copies

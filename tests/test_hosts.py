@@ -104,6 +104,7 @@ def _port():
         return free.getsockname()[1]
 
 
+@pytest.mark.slow  # two interpreters; test_sharding has the devices
 def test_two_processes_stop_and_go_on_together_and_come_to_what_one_comes_to(tmp_path):
     flags = os.environ["XLA_FLAGS"].replace("level=1", "level=0")  # compiling is what takes time
     flags += " --xla_force_host_platform_device_count=2"

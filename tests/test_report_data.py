@@ -99,7 +99,7 @@ def test_files_that_are_not_there_are_none_or_empty(tmp_path):
     assert read_rollouts(tmp_path) is None
     assert read_finished(tmp_path) is None
     assert read_versions(tmp_path) == {}
-    assert read_rows(tmp_path) == {"pretrain": [], "ppo": []}
+    assert read_rows(tmp_path) == {"pretrain": [], "ppo": [], "sac": []}
 
 
 # --- metrics and numbers
