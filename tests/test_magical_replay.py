@@ -36,6 +36,7 @@ def test_errors_are_distances_over_the_first_steps():
     assert found["first_10"]["blocks"]["p95"] == round(float(np.percentile(moved, 95)), 5)
 
 
+@pytest.mark.slow  # of recordings that a clean clone lacks
 def test_first_steps_follow_the_original(human):
     """Free driving to 0.003, and blocks in the first 20 steps to 0.02 at the median.
 

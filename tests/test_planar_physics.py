@@ -65,7 +65,11 @@ def _drive(robot, iterations):
     return play(state, actions, robot=robot, iterations=iterations)[0]
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+# The medium stick differs from the other two in its length alone.
+DRIVEN = [pytest.param(r, marks=pytest.mark.slow) if r == "medium" else r for r in ROBOTS]
+
+
+@pytest.fixture(scope="module", params=DRIVEN)
 def driving(request):
     """A robot's name and its base's poses (16, 27, 3), lane by lane: see the tests' names."""
     return request.param, _drive(request.param, 10)[:, :, 0]
@@ -164,6 +168,7 @@ def test_a_stick_turns_as_its_servo_and_inertia_say(robot):
     np.testing.assert_allclose(_drive(robot, 10)[1, :11, 0, 2], angles, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_four_sweeps_move_a_free_robot_as_ten_do(gripper):
     np.testing.assert_allclose(_drive("gripper", 4), gripper, atol=2e-3)
 
