@@ -195,9 +195,9 @@ class LossConfig:
     """Softness of soft-DTW."""
     decoder: Literal["node", "graph"] = "node"
     """What reconstruction decodes: each node's embedding, or the latent."""
-    contrast: float = field(default=1.0, metadata=_at_least(0))
+    contrast: float = field(default=10.0, metadata=_at_least(0))
     """Weight of copies of frames with displaced objects, of which pretrain.copies says how many."""
-    reach: float = field(default=1.0, metadata=_above(0))
+    reach: float = field(default=0.4, metadata=_above(0))
     """Distance from its place at which a displaced object costs as much as it can, world units."""
     idle_cost: float = field(default=0.5, metadata=_at_least(0))
     """Cost of displacing what a video does not move, beside that of what it moves."""

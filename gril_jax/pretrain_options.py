@@ -93,8 +93,8 @@ class Hyper(NamedTuple):
     tau: Float[Array, ""] | float = 0.005  # activity threshold in box diagonals (Eq. 4)
     soft_dtw_weight: Float[Array, ""] | float = 1.0  # beside or in place of cycle-consistency
     gamma: Float[Array, ""] | float = 0.1  # of soft-DTW, squared latent distance
-    contrast: Float[Array, ""] | float = 1.0  # weight of copies with displaced objects
-    reach: Float[Array, ""] | float = 1.0  # world units out of place at which an object costs most
+    contrast: Float[Array, ""] | float = 10.0  # weight of copies with displaced objects
+    reach: Float[Array, ""] | float = 0.4  # world units out of place at which an object costs most
     idle_cost: Float[Array, ""] | float = 0.5  # of what a video does not move, beside what it moves
     span: Float[Array, ""] | float = 10.0  # latent distance from first to last frames, with copies
     decay_updates: Float[Array, ""] | float = 1.0  # over which the learning rate falls linearly
