@@ -1,7 +1,9 @@
 """From a configuration to the algorithm that trains a policy, and its traced values."""
 
+import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -28,18 +30,7 @@ __all__ = [
 
 def make_ppo(config: RunConfig, env: envs.Env) -> ppo.PPO:
     """The algorithm on the configuration's reward."""
-    chosen = config.ppo
-    static = ppo.Static(
-        num_envs=chosen.num_envs,
-        unroll_length=chosen.unroll_length,
-        num_minibatches=chosen.num_minibatches,
-        num_epochs=chosen.num_epochs,
-        hidden=chosen.hidden,
-        observe_activity=chosen.observe_activity,
-        window=config.pool.window,
-        smoothing=config.pool.smoothing,
-        noise=config.pool.noise,
-    )
+    static = _static(ppo.Static, config, config.ppo)
     return ppo.PPO(env, policy_rewards.function(config, len(env.classes)), static)
 
 
@@ -49,22 +40,14 @@ def make_sac(config: RunConfig, env: envs.Env) -> sac.SAC:
     Raises:
       ConfigError: the reward cannot be relabelled, but should be.
     """
-    chosen = config.sac
-    static = sac.Static(
-        num_envs=chosen.num_envs,
-        unroll_length=chosen.unroll_length,
-        updates_per_step=chosen.updates_per_step,
-        batch_size=chosen.batch_size,
-        replay_size=chosen.replay_size,
-        min_replay=chosen.min_replay,
-        relabel=chosen.relabel,
-        hidden=chosen.hidden,
-        observe_activity=chosen.observe_activity,
-        window=config.pool.window,
-        smoothing=config.pool.smoothing,
-        noise=config.pool.noise,
-    )
+    static = _static(sac.Static, config, config.sac)
     return sac.SAC(env, policy_rewards.function(config, len(env.classes)), static)
+
+
+def _static(kind: Any, config: RunConfig, chosen: PPOConfig | SACConfig) -> Any:
+    """The fields of an algorithm's static half, from its section or from that of the activity."""
+    known = vars(config.pool) | vars(chosen)
+    return kind(**{field.name: known[field.name] for field in dataclasses.fields(kind)})
 
 
 def make_algorithm(config: RunConfig, env: envs.Env) -> training.Algorithm:
@@ -84,38 +67,18 @@ def policy_config(config: RunConfig) -> PPOConfig | SACConfig:
 
 def ppo_hyper(config: RunConfig) -> ppo.Hyper:
     """The traced half of policy training, as arrays: another value does not recompile."""
-    chosen = config.ppo
-    hyper = ppo.Hyper(
-        learning_rate=chosen.learning_rate,
-        discounting=chosen.discounting,
-        gae_lambda=chosen.gae_lambda,
-        entropy_cost=chosen.entropy_cost,
-        clipping_epsilon=chosen.clipping_epsilon,
-        reward_scaling=chosen.reward_scaling,
-        max_grad_norm=chosen.max_grad_norm,
-        tau=config.pool.tau,
-        decay_updates=math.ceil(chosen.num_timesteps / (chosen.num_envs * chosen.unroll_length)),
-        learning_rate_left=chosen.learning_rate_left,
-        entropy_left=chosen.entropy_left,
-    )
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), hyper)
+    return _hyper(ppo.Hyper, config, config.ppo)
 
 
 def sac_hyper(config: RunConfig) -> sac.Hyper:
     """The same for soft actor-critic."""
-    chosen = config.sac
-    hyper = sac.Hyper(
-        learning_rate=chosen.learning_rate,
-        alpha_learning_rate=chosen.alpha_learning_rate,
-        initial_alpha=chosen.initial_alpha,
-        target_entropy=chosen.target_entropy,
-        discounting=chosen.discounting,
-        soft_update=chosen.soft_update,
-        reward_scaling=chosen.reward_scaling,
-        max_grad_norm=chosen.max_grad_norm,
-        tau=config.pool.tau,
-    )
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), hyper)
+    return _hyper(sac.Hyper, config, config.sac)
+
+
+def _hyper(kind: Any, config: RunConfig, chosen: PPOConfig | SACConfig) -> Any:
+    updates = math.ceil(chosen.num_timesteps / (chosen.num_envs * chosen.unroll_length))
+    known = vars(config.pool) | vars(chosen) | {"decay_updates": updates}
+    return kind(**{name: jnp.asarray(known[name], jnp.float32) for name in kind._fields})
 
 
 def restore_policy(folder: Path, config: RunConfig, algorithm: training.Algorithm) -> Policy:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from gril_jax import checkpoint, device_memory, hosts, pretrain, reward, training_loop
 from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError
 from gril_jax.progress import Progress
 from gril_jax.rl import memory, sharding, training
 from gril_jax.run_dir import RunDir
@@ -146,7 +147,8 @@ def programs(rows: Sequence[Row], num_classes: int, devices: Sequence[Any]) -> l
     """The rows by what they compile, in parts that fit into the devices' memory.
 
     Raises:
-      ConfigError: one seed does not fit, or the devices cannot share a part evenly.
+      ConfigError: one seed does not fit, the devices cannot share a part evenly, or there is an
+        odd number of environments.
     """
     groups: dict[Hashable, list[Row]] = {}
     made: dict[Hashable, training.Algorithm] = {}
@@ -158,6 +160,11 @@ def programs(rows: Sequence[Row], num_classes: int, devices: Sequence[Any]) -> l
         encoder = setup.encoder_config(row.config, num_classes)
         kind = (row.config.run.reward, row.config.run.evaluations, chosen.num_timesteps)
         key = (row.config.env, algorithm.static, encoder, kind)
+        if algorithm.num_envs % 2:
+            raise ConfigError(
+                f"{row.config.run.algorithm}.num_envs is {algorithm.num_envs}, but must be even: "
+                "in the evaluations of a sweep half of the environments play mean actions"
+            )
         made.setdefault(key, algorithm)
         groups.setdefault(key, []).append(row)
     found: list[Program] = []
@@ -206,7 +213,7 @@ def learn_policies(
     fresh = sharding.init(algorithm, layout, keys, hyper)
     begun = training_loop.restore(run, program.name, fresh, tell=echo)
     # A chunk is an evaluation with the updates before it.
-    chunks = min(configs[0].run.evaluations, program.updates)
+    chunks = max(1, min(configs[0].run.evaluations, program.updates))
     plan = Plan(program.updates, -(-program.updates // chunks), chunks)
     advance = sharding.advance(algorithm, layout, fresh, plan.per_chunk, (program.task,))
     per_update = algorithm.num_envs * algorithm.unroll_length

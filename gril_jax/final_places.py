@@ -19,9 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .graphs import safe_norm
 from .types import DemoBatch
 
-__all__ = ["FinalPlaces", "final_places", "out_of_place"]
-
-_MOVED = 0.5  # in box diagonals: what goes further than this from first to last frame has moved
+__all__ = ["FinalPlaces", "final_places", "has_moved", "out_of_place"]
 
 
 class FinalPlaces(NamedTuple):
@@ -30,6 +28,20 @@ class FinalPlaces(NamedTuple):
     reference: Int[Array, "C"]
     offset: Float[Array, "C M 2"]
     known: Bool[Array, "C M"]
+
+
+def has_moved(
+    first: Float[Array, "*batch 2"],
+    last: Float[Array, "*batch 2"],
+    diagonal: Float[Array, "*batch"],
+) -> Bool[Array, "*batch"]:
+    """Whether a demonstration is about moving an object: from first to last frame by half its box.
+
+    Args:
+      first, last: its centres in these frames.
+      diagonal: of its box.
+    """
+    return safe_norm(last - first) > 0.5 * diagonal
 
 
 def final_places(demos: DemoBatch, num_classes: int, *, turned: bool = False) -> FinalPlaces:
@@ -43,9 +55,8 @@ def final_places(demos: DemoBatch, num_classes: int, *, turned: bool = False) ->
     """
     last = demos.length[:, None, None, None] - 1
     center, size = (jnp.take_along_axis(x, last, axis=1)[:, 0] for x in (demos.center, demos.size))
-    way = safe_norm(center - demos.center[:, 0])
     counts = demos.present & ~demos.is_robot
-    moved = counts & (way > _MOVED * safe_norm(size))
+    moved = counts & has_moved(demos.center[:, 0], center, safe_norm(size))
     of_class = (demos.label[:, :, None] == jnp.arange(num_classes)) & counts[
         :, :, None
     ]  # (B, N, C)

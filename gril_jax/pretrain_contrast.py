@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from . import encoder
 from .encoder import Params
-from .final_places import FinalPlaces, out_of_place
+from .final_places import FinalPlaces, has_moved, out_of_place
 from .graphs import safe_norm, scene_graph
 from .pretrain_options import Hyper, PretrainConfig
 from .types import DemoBatch
@@ -29,9 +29,6 @@ from .types import DemoBatch
 __all__ = ["Copy", "Journey", "contrast", "displaced", "journey"]
 
 _REST = 0.05  # in box diagonals: nearer than this to its last place, an object is at rest
-_MOVED = (
-    0.5  # in box diagonals: what goes further from first frame to last is what a video is about
-)
 # How likely a displaced object goes where: anywhere, back to its start, to the place of another
 # object, or a little way off.
 _PLACES = (0.4, 0.2, 0.2, 0.2)
@@ -73,8 +70,7 @@ def journey(
       movable: objects that may be displaced.
       idle_cost: of an object that the video does not move, as a share of one that it does.
     """
-    way = safe_norm(last - first)
-    moved = movable & (way > _MOVED * diagonal)
+    moved = movable & has_moved(first, last, diagonal)
     count = jnp.maximum(jnp.sum(moved), 1)
     cost = jnp.where(moved, 1.0, idle_cost) / count
     return Journey(first, last, jnp.where(movable, cost, 0.0), movable)

@@ -23,6 +23,22 @@ def test_a_folder_that_is_no_sweep_is_refused(tmp_path):
         read_cells(tmp_path)
 
 
+def test_an_odd_number_of_environments_is_refused_before_work_starts(tmp_path, capsys):
+    odd = ["--seeds", "1", "--reward", "environmental", "--ppo.num-envs", "3"]
+    odd += ["--ppo.num-minibatches", "1", "--out", str(tmp_path / "odd")]
+    assert cli.main(["sweep", "quickstart", *odd]) == 2
+    assert "ppo.num_envs is 3, but must be even" in capsys.readouterr().err
+    assert not (tmp_path / "odd").exists()
+
+
+@pytest.mark.slow
+def test_a_sweep_without_evaluations_in_between_has_one_at_its_end(tmp_path):
+    out = tmp_path / "once"
+    few = [*SMALL, "--run.evaluations", "0"]
+    assert cli.main(["sweep", "quickstart", *few, "--out", str(out)]) == 0
+    assert len([r for r in run_dir.read_metrics(out) if r["phase"] == "policy-0"]) == 1
+
+
 @pytest.mark.slow
 def test_a_sweep_makes_what_differs_once_and_goes_on_where_it_was_cut_off(tmp_path, monkeypatch):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
