@@ -8,13 +8,15 @@ here.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import tyro
 
+from .config_rules import above, at_least, between, rule
 from .errors import ConfigError
+from .policy_config import PPOConfig, SACConfig
 
 __all__ = [
     "BLOCK_COLOURS",
@@ -41,29 +43,12 @@ Variant = Literal["demo", "jitter", "layout", "color", "shape", "dynamics", "all
 Places = Literal["demo", "jitter", "layout"]
 
 
-def _rule(holds: Callable[[Any], bool], text: str) -> dict[str, Any]:
-    """Field metadata: what a value has to satisfy, and the same in words after "must be"."""
-    return {"holds": holds, "text": text}
-
-
-def _at_least(low: int | float) -> dict[str, Any]:
-    return _rule(lambda x: low <= x < float("inf"), f"finite and at least {low}")
-
-
-def _above(low: int | float) -> dict[str, Any]:
-    return _rule(lambda x: low < x < float("inf"), f"finite and above {low}")
-
-
-def _between(low: int | float, high: int | float) -> dict[str, Any]:
-    return _rule(lambda x: low <= x <= high, f"from {low} to {high}")
-
-
 def _is_block(name: str) -> bool:
     words = name.split(" ")
     return len(words) == 2 and words[0] in BLOCK_COLOURS and words[1] in BLOCK_SHAPES
 
 
-_BLOCKS = _rule(
+_BLOCKS = rule(
     lambda names: all(map(_is_block, names)),
     "a list of blocks, each a colour and a shape such as 'green star', with a colour of "
     f"{', '.join(BLOCK_COLOURS)} and a shape of {', '.join(BLOCK_SHAPES)}",
@@ -87,7 +72,7 @@ class EnvConfig:
     variant: Variant = "demo"
     """What is drawn at the start: nothing, places (a little: jitter; anywhere: layout), colours,
     shapes, forces, or the last four (all)."""
-    varied_starts: float = field(default=0.5, metadata=_between(0, 1))
+    varied_starts: float = field(default=0.5, metadata=between(0, 1))
     """Share of the training episodes that start with the targets somewhere else."""
     physics: Literal["xmagical", "magical"] = "xmagical"
     """Whose physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
@@ -100,14 +85,14 @@ class EnvConfig:
     reward: Literal["S4", "V5", "S3", "sparse"] = "S4"
     """The task's own reward, which only `ppo.reward environmental` learns from."""
     substeps: int | None = field(
-        default=None, metadata=_rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
+        default=None, metadata=rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
     )
     """Physics steps for each control step; None is the engine's own (10, or 5 with mjx)."""
     iterations: int | None = field(
-        default=None, metadata=_rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
+        default=None, metadata=rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
     )
     """Sweeps of the solver for each physics step; None is the engine's own (6, or 2 with mjx)."""
-    episode_length: int = field(default=120, metadata=_at_least(1))
+    episode_length: int = field(default=120, metadata=at_least(1))
     """Control steps in an episode (8 a second)."""
 
 
@@ -117,15 +102,15 @@ class DemosConfig:
 
     path: str | None = None
     """Folder of a demonstration set; None makes scripted ones."""
-    num: int = field(default=48, metadata=_at_least(2))
+    num: int = field(default=48, metadata=at_least(2))
     """Scripted demonstrations to learn from."""
-    num_validation: int = field(default=8, metadata=_at_least(1))
+    num_validation: int = field(default=8, metadata=at_least(1))
     """Scripted demonstrations kept aside to measure the reward."""
-    num_failures: int = field(default=8, metadata=_at_least(0))
+    num_failures: int = field(default=8, metadata=at_least(0))
     """Scripted failures, which only measure the reward and never train it."""
     variant: Places = "layout"
     """Where things start in the scripted demonstrations."""
-    seed: int = field(default=0, metadata=_between(0, 2**31 - 1))
+    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of the scripted demonstrations."""
 
 
@@ -136,11 +121,11 @@ class EncoderConfig:
     kind: Literal["paper", "interaction", "mlp"] = "paper"
     """The paper's message passing with weighted pooling, or GraphIRL's interaction network or MLP
     with plain mean pooling; rounds and latent belong to the first alone."""
-    width: int = field(default=64, metadata=_at_least(2))
+    width: int = field(default=64, metadata=at_least(2))
     """Width of the hidden layers and of a node's embedding; also of the latent of GraphIRL's."""
-    rounds: int = field(default=2, metadata=_between(0, 16))
+    rounds: int = field(default=2, metadata=between(0, 16))
     """Rounds of message passing."""
-    latent: int = field(default=32, metadata=_at_least(1))
+    latent: int = field(default=32, metadata=at_least(1))
     """Width of the latent."""
     pool_robot: bool = False
     """Whether the robot's node counts in the pooled latent."""
@@ -152,18 +137,18 @@ class EncoderConfig:
 class PoolConfig:
     """Weighted pooling: objects that have moved count more."""
 
-    alpha: float = field(default=5.0, metadata=_above(0))
+    alpha: float = field(default=5.0, metadata=above(0))
     """Weight of an object that has moved; one that has not weighs 1."""
-    tau: float = field(default=0.005, metadata=_at_least(0))
+    tau: float = field(default=0.005, metadata=at_least(0))
     """Displacement within the window that counts as a move, in diagonals of the object's box."""
-    window: int = field(default=40, metadata=_at_least(1))
+    window: int = field(default=40, metadata=at_least(1))
     """Frames over which displacement is measured."""
     smoothing: int = field(
-        default=1, metadata=_rule(lambda x: x >= 1 and x % 2 == 1, "odd and at least 1")
+        default=1, metadata=rule(lambda x: x >= 1 and x % 2 == 1, "odd and at least 1")
     )
     """Frames of the running median of positions, against single bad detections; 1 for none."""
     noise: float | None = field(
-        default=None, metadata=_rule(lambda x: x is None or 0 <= x < float("inf"), "at least 0")
+        default=None, metadata=rule(lambda x: x is None or 0 <= x < float("inf"), "at least 0")
     )
     """Standard deviation of a detected position along one axis, world units: what it explains is no
     move. None for exact positions."""
@@ -174,7 +159,7 @@ class LossConfig:
     """The loss that trains the encoder."""
 
     lambda_: Annotated[float, tyro.conf.arg(name="lambda")] = field(
-        default=1.0, metadata=_at_least(0)
+        default=1.0, metadata=at_least(0)
     )
     """Weight of reconstruction beside temporal cycle-consistency."""
     consistency: Literal["tcc", "soft_dtw", "both"] = "tcc"
@@ -187,23 +172,23 @@ class LossConfig:
     """Cycles of every frame through every other video, or as many drawn at random."""
     similarity: Literal["l2", "cosine"] = "l2"
     """Similarity of two latents in temporal cycle-consistency."""
-    temperature: float = field(default=1.0, metadata=_above(0))
+    temperature: float = field(default=1.0, metadata=above(0))
     """Temperature of the soft nearest neighbours in temporal cycle-consistency."""
-    soft_dtw_weight: float = field(default=1.0, metadata=_at_least(0))
+    soft_dtw_weight: float = field(default=1.0, metadata=at_least(0))
     """Weight of soft-DTW."""
-    gamma: float = field(default=0.1, metadata=_above(0))
+    gamma: float = field(default=0.1, metadata=above(0))
     """Softness of soft-DTW."""
     decoder: Literal["node", "graph"] = "node"
     """What reconstruction decodes: each node's embedding, or the latent."""
-    contrast: float = field(default=10.0, metadata=_at_least(0))
+    contrast: float = field(default=10.0, metadata=at_least(0))
     """Weight of copies of frames with displaced objects, of which pretrain.copies says how many."""
-    reach: float = field(default=0.4, metadata=_above(0))
+    reach: float = field(default=0.4, metadata=above(0))
     """Distance from its place at which a displaced object costs as much as it can, world units."""
-    idle_cost: float = field(default=0.5, metadata=_at_least(0))
+    idle_cost: float = field(default=0.5, metadata=at_least(0))
     """Cost of displacing what a video does not move, beside that of what it moves."""
-    span: float = field(default=10.0, metadata=_above(0))
+    span: float = field(default=10.0, metadata=above(0))
     """Latent distance from first to last frames, where there are copies."""
-    warmup: int = field(default=1500, metadata=_at_least(0))
+    warmup: int = field(default=1500, metadata=at_least(0))
     """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
 
 
@@ -211,119 +196,31 @@ class LossConfig:
 class PretrainConfig:
     """Encoder training."""
 
-    steps: int = field(default=2000, metadata=_at_least(1))
+    steps: int = field(default=2000, metadata=at_least(1))
     """Gradient steps."""
-    learning_rate: float = field(default=1e-3, metadata=_above(0))
+    learning_rate: float = field(default=1e-3, metadata=above(0))
     """Learning rate of Adam."""
-    num_videos: int = field(default=8, metadata=_at_least(2))
+    num_videos: int = field(default=8, metadata=at_least(2))
     """Videos in a batch; each is aligned with each other one."""
-    num_frames: int = field(default=32, metadata=_at_least(2))
+    num_frames: int = field(default=32, metadata=at_least(2))
     """Frames sampled from each video of a batch."""
     turn_scenes: bool = True
     """Whether each video of a batch is turned and mirrored at random: eightfold variety."""
-    learning_rate_left: float = field(default=1.0, metadata=_between(0, 1))
+    learning_rate_left: float = field(default=1.0, metadata=between(0, 1))
     """Share of the learning rate at the end, reached linearly."""
-    copies: int = field(default=0, metadata=_between(0, 1000))
+    copies: int = field(default=0, metadata=between(0, 1000))
     """Copies with displaced objects of each frame that is copied; 0 makes none."""
-    anchors: int = field(default=8, metadata=_between(2, 1000))
+    anchors: int = field(default=8, metadata=between(2, 1000))
     """Frames of each video of a batch that are copied."""
-    touched: float = field(default=0.1, metadata=_between(0, 1))
+    touched: float = field(default=0.1, metadata=between(0, 1))
     """Probability that an object of a video counts as moved throughout: no reward for a touch."""
-
-
-@dataclass(frozen=True)
-class PPOConfig:
-    """Policy training."""
-
-    num_timesteps: int = field(default=1_000_000, metadata=_at_least(1))
-    """Control steps in all, over all environments."""
-    num_envs: int = field(default=64, metadata=_at_least(1))
-    """Environments that are stepped together."""
-    unroll_length: int = field(default=20, metadata=_at_least(1))
-    """Control steps of each environment between two updates."""
-    num_minibatches: int = field(default=4, metadata=_at_least(1))
-    """Parts that an update's data are split into; they divide num_envs."""
-    num_epochs: int = field(default=4, metadata=_at_least(1))
-    """Passes over an update's data."""
-    learning_rate: float = field(default=3e-4, metadata=_above(0))
-    """Learning rate of Adam."""
-    learning_rate_left: float = field(default=1.0, metadata=_between(0, 1))
-    """Share of the learning rate at the end of training, reached linearly."""
-    discounting: float = field(default=0.99, metadata=_between(0, 1))
-    """Discount of a control step."""
-    gae_lambda: float = field(default=0.95, metadata=_between(0, 1))
-    """Lambda of generalised advantage estimation."""
-    entropy_cost: float = field(default=1e-2, metadata=_at_least(0))
-    """Weight of the policy's entropy."""
-    entropy_left: float = field(default=1.0, metadata=_between(0, 1))
-    """Share of that weight at the end of training, reached linearly."""
-    clipping_epsilon: float = field(default=0.2, metadata=_between(0.001, 1))
-    """Clipping range of the probability ratio."""
-    reward_scaling: float = field(default=1.0, metadata=_above(0))
-    """Factor on the reward before it reaches the value function."""
-    max_grad_norm: float = field(default=1.0, metadata=_above(0))
-    """Gradients whose global norm is larger are scaled down to it."""
-    hidden: tuple[int, ...] = field(
-        default=(64, 64),
-        metadata=_rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
-    )
-    """Widths of the hidden layers of policy and value function."""
-    observe_activity: bool = True
-    """Whether the policy sees which objects have moved, as the reward does."""
-
-
-@dataclass(frozen=True)
-class SACConfig:
-    """Policy training by soft actor-critic."""
-
-    num_timesteps: int = field(default=500_000, metadata=_at_least(1))
-    """Control steps in all, over all environments."""
-    num_envs: int = field(default=64, metadata=_at_least(1))
-    """Environments that are stepped together."""
-    unroll_length: int = field(default=4, metadata=_at_least(1))
-    """Control steps of each environment between two rounds of gradient steps."""
-    updates_per_step: int = field(default=8, metadata=_at_least(1))
-    """Gradient steps of such a round."""
-    batch_size: int = field(default=256, metadata=_at_least(1))
-    """Transitions that a gradient step draws from the replay."""
-    replay_size: int = field(default=2**17, metadata=_at_least(1))
-    """Transitions that the replay holds; a multiple of num_envs x unroll_length."""
-    min_replay: int = field(default=2**13, metadata=_at_least(0))
-    """Transitions before learning begins; until then actions are random."""
-    relabel: bool = False
-    """Whether the reward is computed when a batch is drawn, not when a step is taken."""
-    learning_rate: float = field(default=3e-4, metadata=_above(0))
-    """Learning rate of Adam for actor and critics."""
-    alpha_learning_rate: float = field(default=3e-4, metadata=_at_least(0))
-    """The same for the logarithm of the temperature; 0 keeps the temperature."""
-    initial_alpha: float = field(default=1.0, metadata=_above(0))
-    """Temperature at first: what a nat of entropy is worth in scaled reward."""
-    target_entropy: float = field(
-        default=-0.5, metadata=_rule(lambda x: abs(x) < float("inf"), "finite")
-    )
-    """Entropy that the temperature steers to, nats for each number of an action."""
-    discounting: float = field(default=0.99, metadata=_between(0, 1))
-    """Discount of a control step."""
-    soft_update: float = field(default=0.005, metadata=_between(0, 1))
-    """Share of the critics that enters their target with each gradient step."""
-    reward_scaling: float = field(default=1.0, metadata=_above(0))
-    """Factor on the reward before it reaches the critics."""
-    max_grad_norm: float = field(default=10.0, metadata=_above(0))
-    """Gradients whose norm is larger are scaled down to it: actor, critics and temperature each."""
-    hidden: tuple[int, ...] = field(
-        default=(128, 128),
-        metadata=_rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
-    )
-    """Widths of the hidden layers of actor and critics."""
-    observe_activity: bool = True
-    """Whether the policy sees which objects have moved, as the reward does."""
 
 
 @dataclass(frozen=True)
 class RunSettings:
     """The run as a whole."""
 
-    seed: int = field(default=0, metadata=_between(0, 2**31 - 1))
+    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of everything but the scripted demonstrations."""
     algorithm: Literal["ppo", "sac"] = "ppo"
     """What trains the policy; its options are those of the section of its name."""
@@ -332,26 +229,26 @@ class RunSettings:
     subtasks, or the first two together."""
     reward_weights: tuple[float, float] = field(
         default=(1.0, 0.1),
-        metadata=_rule(lambda x: all(abs(w) < float("inf") for w in x), "two finite numbers"),
+        metadata=rule(lambda x: all(abs(w) < float("inf") for w in x), "two finite numbers"),
     )
     """Of the learned and of the task's own reward in their sum."""
-    evaluations: int = field(default=8, metadata=_at_least(0))
+    evaluations: int = field(default=8, metadata=at_least(0))
     """Evaluations while a policy is trained, in the training program itself."""
     out: str | None = field(
-        default=None, metadata=_rule(lambda x: x is None or bool(x.strip()), "a folder or None")
+        default=None, metadata=rule(lambda x: x is None or bool(x.strip()), "a folder or None")
     )
     """Folder to create for the results; None names one after the time, under runs/."""
-    eval_episodes: int = field(default=100, metadata=_at_least(1))
+    eval_episodes: int = field(default=100, metadata=at_least(1))
     """Episodes of an evaluation."""
-    updates_per_chunk: int = field(default=10, metadata=_at_least(1))
+    updates_per_chunk: int = field(default=10, metadata=at_least(1))
     """Updates in one compiled call, after which the host logs and may save; changes no result."""
-    checkpoint_every: float = field(default=60.0, metadata=_at_least(0))
+    checkpoint_every: float = field(default=60.0, metadata=at_least(0))
     """Seconds from one checkpoint to the next; 0 saves after each call."""
-    keep_checkpoints: int = field(default=3, metadata=_at_least(1))
+    keep_checkpoints: int = field(default=3, metadata=at_least(1))
     """Newest checkpoints that stay, for each phase."""
     sinks: tuple[str, ...] = field(
         default=(),
-        metadata=_rule(
+        metadata=rule(
             lambda x: {*x} <= {"tensorboard", "wandb"} and len({*x}) == len(x),
             "a list of tensorboard and wandb, or of one of them",
         ),
@@ -375,8 +272,8 @@ class RunConfig:
     pool: PoolConfig = PoolConfig()
     loss: LossConfig = LossConfig()
     pretrain: PretrainConfig = PretrainConfig()
-    ppo: PPOConfig = PPOConfig()
-    sac: SACConfig = SACConfig()
+    ppo: PPOConfig = field(default=PPOConfig())
+    sac: SACConfig = field(default=SACConfig())
     run: RunSettings = RunSettings()
 
     def __post_init__(self) -> None:
