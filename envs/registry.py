@@ -2,10 +2,11 @@
 
 from .base import Env
 from .match_regions import MatchRegions
+from .shoes_in_box import shoes_in_box
 
 __all__ = ["make", "names"]
 
-_TASKS = {"match_regions": MatchRegions}
+_TASKS = {"match_regions": MatchRegions, "shoes_in_box": shoes_in_box}
 
 
 def names() -> tuple[str, ...]:

@@ -1,0 +1,257 @@
+"""A Panda at a table: the environment that all tabletop tasks share.
+
+Control runs at 20 Hz over physics of 5 ms. The base of the arm is the origin, x points forward,
+y to its left, z up, and the table is at z = 0; lengths are metres. What a task adds (things,
+their starts and stages) is a `Task`: a value with a few pure functions, no class to inherit from.
+
+Actions: see `panda_control`. Observation: see `tabletop_observation`.
+Objects: left finger, right finger, hand, then the task's; their boxes are those of the front view
+(`tabletop_boxes`). `world_boxes` gives the same boxes in space.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from . import panda_control as control
+from . import panda_kinematics as kinematics
+from . import panda_model
+from . import tabletop_boxes as boxes
+from . import tabletop_observation as observations
+from . import tabletop_reward as rewards
+from .base import Objects, Outline, State
+from .tabletop_boxes import Boxes
+from .tabletop_frames import Frame
+from .tabletop_model import Scene, build
+from .tabletop_physics import Motion, Physics
+from .tabletop_reward import Progress, Record
+from .tabletop_start import Start
+
+__all__ = ["Tabletop", "TabletopData", "Task", "View"]
+
+CONTROL_HZ = 20.0
+_ROBOT = ("left finger", "right finger", "hand")
+_ARM_NOISE = 0.02  # rad, standard deviation at reset (ManiSkill's)
+_COLOURS = (
+    (90, 90, 96), (90, 90, 96), (60, 60, 66), (176, 120, 70), (206, 158, 104), (58, 96, 176),
+    (176, 62, 58), (76, 140, 84), (150, 96, 160),
+)  # fmt: skip
+
+
+class View(NamedTuple):
+    """What a task's functions read of a scene."""
+
+    hand: Frame  # of the tool centre point
+    pads: Boxes  # of both fingertips, (2, ...)
+    joints: Float[Array, "J"]  # positions of the task's joints
+    rates: Float[Array, "W"]  # their velocities
+    fixtures: Float[Array, "M 7"]  # position and quaternion of what stands still
+    reached: Bool[Array, "K"]  # stages that have held at some time of the episode
+
+
+class Task(NamedTuple):
+    """What a task adds to the arm and the table."""
+
+    things: tuple[str, ...]  # names, in the order of `boxes`
+    stages: tuple[str, ...]  # names
+    scene: Scene
+    home: tuple[float, ...]  # the arm's joints at reset
+    start: Callable[[PRNGKeyArray, float], Start]  # (key, share of the ranges) -> start
+    boxes: Callable[[View], Boxes]  # of the things, (N, ...)
+    progress: Callable[[View, Boxes], Progress]
+    episode_length: int
+
+
+class TabletopData(NamedTuple):
+    """What an episode must remember."""
+
+    motion: Motion
+    target: Float[Array, "8"]  # the servos' aims: joints, opening of a finger
+    fixtures: Float[Array, "M 7"]
+    action: Float[Array, "A"]  # the last one
+    record: Record
+    time: Int[Array, ""]  # control steps since reset
+    unplaced: Bool[Array, ""]  # the start found no free place
+
+
+class Tabletop:
+    """A task on the table; see the module's text for actions and observations.
+
+    Args:
+      task: what is on the table.
+      controller: one of `panda_control.CONTROLLERS`.
+      reward: one of `tabletop_reward.REWARDS`.
+      jitter: share of the ranges of the start's randomness, from 0 to 1.
+      substeps: physics steps a control step.
+      iterations, ls_iterations: of the contact solver and its line search.
+      max_contacts: most contacts that a substep resolves; the deepest count.
+
+    Raises:
+      ValueError: a name or a number is out of range.
+    """
+
+    control_hz = CONTROL_HZ
+    half_extent = boxes.HALF_EXTENT
+    background = (236, 236, 232)
+
+    def __init__(
+        self,
+        task: Task,
+        *,
+        controller: str = "ee_delta_yaw",
+        reward: str = "staged",
+        jitter: float = 1.0,
+        episode_length: int | None = None,
+        substeps: int = 10,
+        iterations: int = 4,
+        ls_iterations: int = 6,
+        max_contacts: int = 24,
+    ):
+        length = task.episode_length if episode_length is None else episode_length
+        _check_name("controller", controller, control.CONTROLLERS)
+        _check_name("reward", reward, rewards.REWARDS)
+        if not 0 <= jitter <= 1:
+            raise ValueError(f"jitter is {jitter}, but must be between 0 and 1")
+        _check_counts(
+            episode_length=length, substeps=substeps, iterations=iterations,
+            ls_iterations=ls_iterations, max_contacts=max_contacts,
+        )  # fmt: skip
+        self.task, self.controller, self.jitter = task, controller, jitter
+        self.episode_length, self._reward = length, reward
+        self.classes = (*_ROBOT, *task.things)
+        self.action_names = control.ACTION_NAMES[controller]
+        self.action_size = len(self.action_names)
+        self.stage_names = task.stages
+        self._home = np.array(task.home, np.float32)
+        model = build(
+            task.scene, timestep=1 / (CONTROL_HZ * substeps), iterations=iterations,
+            ls_iterations=ls_iterations, max_contacts=max_contacts,
+        )  # fmt: skip
+        self.physics = Physics(model, substeps=substeps)
+        self.observation_names = observations.names(
+            task.things, self.stage_names, self.action_names, rates=model.nv - panda_model.DOFS
+        )
+        self.observation_size = len(self.observation_names)
+
+    # ---------------------------------------------------------------- episode
+
+    def reset(self, key: PRNGKeyArray) -> State:
+        """A new episode; the key is consumed."""
+        key_start, key_arm = jax.random.split(key)
+        start = self.task.start(key_start, self.jitter)
+        noise = self.jitter * _ARM_NOISE * jax.random.normal(key_arm, (7,))
+        arm = jnp.asarray(self._home) + noise
+        return self.reset_to(arm, start, opening=kinematics.FINGER_RANGE[1])
+
+    def reset_to(
+        self, arm: Float[Array, "7"], start: Start, *, opening: Float[Array, ""] | float
+    ) -> State:
+        """An episode that begins at rest with given joints, things, and opening of each finger."""
+        fingers = jnp.full((2,), opening)
+        motion = self.physics.start(jnp.concatenate([arm, fingers, start.joints]))
+        data = TabletopData(
+            motion, jnp.concatenate([arm, fingers[:1]]), start.fixtures,
+            jnp.zeros(self.action_size), rewards.no_record(len(self.stage_names)),
+            jnp.zeros((), jnp.int32), start.unplaced,
+        )  # fmt: skip
+        return self._observe(data, data)
+
+    def step(self, state: State, action: Float[Array, "A"]) -> State:
+        """One control step: 50 ms under a held aim."""
+        before = state.data
+        action = jnp.clip(action, -1.0, 1.0)
+        target = control.aim(
+            self.controller, before.target, before.motion.qpos[:7], action,
+            rest=jnp.asarray(self._home), dt=self.physics.dt,
+        )  # fmt: skip
+        motion = self.physics.step(before.motion, target, before.fixtures)
+        return self._observe(
+            before,
+            before._replace(motion=motion, target=target, action=action, time=before.time + 1),
+        )
+
+    # ---------------------------------------------------------------- what is seen
+
+    def view(self, data: TabletopData) -> View:
+        """What can be read of a scene without asking the simulator."""
+        robot, own = jnp.split(data.motion.qpos, [panda_model.DOFS])
+        hand = kinematics.hand(robot[:7])
+        pads = [
+            boxes.box(
+                kinematics.finger(hand, robot[7 + i], side),
+                panda_model.PAD_CENTER, panda_model.PAD_HALF,
+            )
+            for i, side in enumerate((1, -1))
+        ]  # fmt: skip
+        tcp = hand.position + kinematics.TCP * hand.rotation[:, 2]
+        return View(
+            Frame(tcp, hand.rotation), jax.tree.map(lambda *x: jnp.stack(x), *pads), own,
+            data.motion.qvel[panda_model.DOFS :], data.fixtures, data.record.reached,
+        )  # fmt: skip
+
+    def world_boxes(self, data: TabletopData) -> Boxes:
+        """Boxes in space of left finger, right finger, hand, and the task's things."""
+        robot = data.motion.qpos[: panda_model.DOFS]
+        hand = kinematics.hand(robot[:7])
+        own = [
+            boxes.box(kinematics.finger(hand, robot[7], 1), *panda_model.TIP_BOX),
+            boxes.box(kinematics.finger(hand, robot[8], -1), *panda_model.TIP_BOX),
+            boxes.box(hand, *panda_model.HAND_BOX),
+        ]
+        own = jax.tree.map(lambda *x: jnp.stack(x), *own)
+        things = self.task.boxes(self.view(data))
+        return Boxes(*(jnp.concatenate(x) for x in zip(own, things, strict=True)))
+
+    def _observe(self, before: TabletopData, data: TabletopData) -> State:
+        """The state after a step that began at `before`; the record is brought up to date."""
+        view = self.view(data)
+        things = self.task.boxes(view)
+        progress = self.task.progress(view, things)
+        data = data._replace(record=rewards.record(before.record, progress, data.time))
+        center, size = boxes.front_view(self.world_boxes(data))
+        count = len(self.classes)
+        change = data.action - before.action
+        stages = {
+            f"stage {name}": held.astype(jnp.float32)
+            for name, held in zip(self.stage_names, progress.done, strict=True)
+        }
+        success = data.record.success.astype(jnp.float32)
+        return State(
+            data=data,
+            obs=observations.observe(
+                data.motion, data.target, view.hand, things, data.record.reached, data.action
+            ),
+            objects=Objects(center, size, jnp.arange(count), jnp.arange(count) < len(_ROBOT)),
+            moved=jnp.zeros(count, bool),
+            reward=rewards.reward(self._reward, before.record, data.record, progress, change),
+            done=jnp.zeros(()),
+            metrics={
+                "score": jnp.maximum(jnp.mean(progress.done.astype(jnp.float32)), success),
+                "success": success,
+                "unplaced": data.unplaced.astype(jnp.float32),
+                **stages,
+            },
+        )
+
+    def outlines(self, data: TabletopData) -> list[Outline]:
+        """What to paint for one moment (host side): every box's outline in the front view."""
+        seen = jax.tree.map(np.asarray, self.world_boxes(data))
+        return [
+            Outline(boxes.outline(*thing), _COLOURS[i % len(_COLOURS)], (30, 30, 30))
+            for i, thing in enumerate(zip(*seen, strict=True))
+        ]
+
+
+def _check_name(what: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise ValueError(f"{what} is {value!r}, but must be one of {', '.join(known)}")
+
+
+def _check_counts(**options: int) -> None:
+    for what, count in options.items():
+        if count < 1:
+            raise ValueError(f"{what} is {count}, but must be at least 1")

@@ -1,0 +1,81 @@
+"""Positions and rotations in space, as small pure functions.
+
+Rotations are matrices whose columns are the turned axes; quaternions are (w, x, y, z) and of length
+one. Products are sums of elementwise products: a matrix product of a graphics processor may round
+its factors to ten bits.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+__all__ = [
+    "Frame",
+    "about_z",
+    "compose",
+    "into",
+    "out_of",
+    "quaternion_about_z",
+    "rotation",
+    "small_turn",
+    "turned",
+]
+
+
+class Frame(NamedTuple):
+    """Where something is and how it is turned, in the world."""
+
+    position: Float[Array, "*B 3"]  # metres
+    rotation: Float[Array, "*B 3 3"]
+
+
+def turned(matrix: Float[Array, "*B 3 3"], vector: Float[Array, "*B 3"]) -> Float[Array, "*B 3"]:
+    """A vector given in a turned frame, in the world's axes."""
+    return jnp.sum(matrix * vector[..., None, :], axis=-1)
+
+
+def compose(a: Float[Array, "*B 3 3"], b: Float[Array, "*B 3 3"]) -> Float[Array, "*B 3 3"]:
+    """The rotation `b` within the rotation `a`: the product a b."""
+    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
+
+
+def out_of(frame: Frame, point: Float[Array, "*B 3"]) -> Float[Array, "*B 3"]:
+    """A point given in a frame, in the world."""
+    return frame.position + turned(frame.rotation, point)
+
+
+def into(frame: Frame, point: Float[Array, "*B 3"]) -> Float[Array, "*B 3"]:
+    """A point of the world, as seen from a frame."""
+    away = point - frame.position
+    return jnp.sum(frame.rotation * away[..., :, None], axis=-2)
+
+
+def rotation(quaternion: Float[Array, "*B 4"]) -> Float[Array, "*B 3 3"]:
+    """The matrix of a quaternion of length one."""
+    w, x, y, z = jnp.moveaxis(quaternion, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def about_z(angle: Float[Array, "*B"]) -> Float[Array, "*B 3 3"]:
+    """A turn about the vertical, rad."""
+    return rotation(quaternion_about_z(angle))
+
+
+def quaternion_about_z(angle: Float[Array, "*B"]) -> Float[Array, "*B 4"]:
+    """The same as a quaternion."""
+    zero = jnp.zeros_like(angle)
+    return jnp.stack([jnp.cos(angle / 2), zero, zero, jnp.sin(angle / 2)], axis=-1)
+
+
+def small_turn(start: Float[Array, "*B 3 3"], goal: Float[Array, "*B 3 3"]) -> Float[Array, "*B 3"]:
+    """What turns `start` into `goal`: axis times the sine of the angle, world axes.
+
+    It is the mean of the cross products of corresponding axes, and exact to second order.
+    """
+    return 0.5 * jnp.sum(jnp.cross(start, goal, axis=-2), axis=-1)

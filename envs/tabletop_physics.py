@@ -1,0 +1,74 @@
+"""One control step of a tabletop scene in MuJoCo MJX, from and to the few arrays that matter.
+
+What an episode must remember is joint positions and velocities and the solver's last accelerations;
+the rest of MuJoCo's data is made anew in each substep, which spares the memory of thousands of
+environments.
+
+On CPUs jaxlib 0.10's newer code generator computes the arm's kinematics thousands of times too
+slowly: it repeats each link's chain for each number that depends on it. There, compile with
+`jax.jit(..., compiler_options={"xla_cpu_use_fusion_emitters": False})`, or set the same flag in
+XLA_FLAGS.
+"""
+
+import contextlib
+import io
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mujoco
+from jaxtyping import Array, Float
+
+with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
+    from mujoco import mjx
+
+__all__ = ["Motion", "Physics"]
+
+
+class Motion(NamedTuple):
+    """What moves, Q positions and V velocities: the arm's nine joints, then the task's."""
+
+    qpos: Float[Array, "Q"]  # rad, metres; a free joint has its position and quaternion
+    qvel: Float[Array, "V"]
+    warmstart: Float[Array, "V"]  # accelerations with which the solver begins
+
+
+class Physics:
+    """A compiled scene.
+
+    Args:
+      model: of `tabletop_model.build`.
+      substeps: physics steps a control step.
+    """
+
+    def __init__(self, model: mujoco.MjModel, *, substeps: int):
+        self.mj_model, self.substeps = model, substeps
+        self.dt = model.opt.timestep * substeps
+        self._model = mjx.put_model(model)
+        self._blank = mjx.make_data(self._model)
+
+    def start(self, qpos: Float[Array, "Q"]) -> Motion:
+        """Everything at rest."""
+        rest = jnp.zeros(self.mj_model.nv)
+        return Motion(qpos, rest, rest)
+
+    def step(self, motion: Motion, aim: Float[Array, "U"], fixtures: Float[Array, "M 7"]) -> Motion:
+        """One control step.
+
+        Args:
+          motion: before it.
+          aim: of the servos, held throughout.
+          fixtures: position and quaternion of each mocap body, which no contact moves.
+        """
+
+        def substep(motion, _):
+            data = self._blank.replace(
+                qpos=motion.qpos, qvel=motion.qvel, qacc_warmstart=motion.warmstart, ctrl=aim,
+                mocap_pos=fixtures[:, :3], mocap_quat=fixtures[:, 3:],
+            )  # fmt: skip
+            data = mjx.step(self._model, data)
+            return Motion(data.qpos, data.qvel, data.qacc_warmstart), None
+
+        # On graphics processors products may otherwise be rounded to ten bits.
+        with jax.default_matmul_precision("highest"):
+            return jax.lax.scan(substep, motion, length=self.substeps)[0]

@@ -1,0 +1,66 @@
+"""Boxes in space: touch, views and outlines against sampled points."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gril_jax.envs import tabletop_boxes as boxes
+from gril_jax.envs import tabletop_frames as frames
+
+RNG = np.random.default_rng(0)
+QUATS = RNG.normal(size=(5, 4)).astype(np.float32)
+QUATS /= np.linalg.norm(QUATS, axis=1, keepdims=True)
+THINGS = boxes.Boxes(
+    jnp.asarray(RNG.uniform(-0.3, 0.6, (5, 3)), jnp.float32),
+    frames.rotation(jnp.asarray(QUATS)),
+    jnp.asarray(RNG.uniform(0.01, 0.2, (5, 3)), jnp.float32),
+)
+
+
+def _corners(i):
+    signs = np.array(list(itertools.product((-1, 1), repeat=3)))
+    place, turn, half = (np.asarray(x[i], np.float64) for x in THINGS)
+    return place + (signs * half) @ turn.T
+
+
+def test_the_front_view_bounds_all_corners():
+    center, size = boxes.front_view(THINGS)
+    for i in range(5):
+        seen = _corners(i)[:, 1:] - [0, 0.4]
+        np.testing.assert_allclose(center[i] - size[i] / 2, seen.min(axis=0), atol=1e-6)
+        np.testing.assert_allclose(center[i] + size[i] / 2, seen.max(axis=0), atol=1e-6)
+        np.testing.assert_allclose(boxes.lowest(THINGS)[i], _corners(i)[:, 2].min(), atol=1e-6)
+
+
+def test_an_outline_is_the_hull_of_the_corners():
+    for i in range(5):
+        outline = boxes.outline(*(np.asarray(x[i]) for x in THINGS))
+        seen = _corners(i)[:, 1:] - [0, 0.4]
+        for vertex in outline:
+            assert np.linalg.norm(seen - vertex, axis=1).min() < 1e-5
+        edges = np.roll(outline, -1, axis=0) - outline
+        away = seen[:, None] - outline
+        assert (edges[:, 0] * away[..., 1] - edges[:, 1] * away[..., 0] > -1e-6).all()
+
+
+def _box(place, yaw=0.0, half=(0.1, 0.05, 0.02)):
+    return boxes.Boxes(
+        jnp.array(place, jnp.float32), frames.about_z(jnp.float32(yaw)), jnp.array(half)
+    )
+
+
+def test_touch_begins_where_faces_meet():
+    small = (0.01, 0.01, 0.01)
+    for gap, touch in ((-0.002, True), (0.001, True), (0.003, False)):
+        other = _box((0.0, 0.06 + gap, 0.0), half=small)
+        assert bool(boxes.touching(other, _box((0, 0, 0)))) == touch
+    assert bool(boxes.touching(_box((0.5, 0.56, 0), 1.0, small), _box((0.5, 0.5, 0), 0.1)))
+
+
+def test_a_thing_is_free_if_neither_pad_touches_it():
+    far, near = _box((0, 0.3, 0), half=(0.01,) * 3), _box((0, 0.05, 0), half=(0.01,) * 3)
+    thing = _box((0, 0, 0))
+    both = lambda *pads: jax.tree.map(lambda *x: jnp.stack(x), *pads)  # noqa: E731
+    assert bool(boxes.free(both(far, far), thing))
+    assert not bool(boxes.free(both(far, near), thing))
