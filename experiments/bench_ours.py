@@ -1,32 +1,35 @@
-"""Our side of the comparison with brax's PPO: `train` has the shape of `bench_stock.train`."""
+"""Our side of the comparison with brax's PPO and SAC: `train` has the shape of brax's there.
+
+Seeds can be vmapped over: `chunks` and `sac_chunks` hand out pure functions.
+"""
 
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
 
-from gril_jax.rl import ppo, rewards, training
+from gril_jax.rl import ppo, rewards, sac, training
 
-from .bench_pendulum import Pendulum, Setting
+from .bench_pendulum import Pendulum, SacSetting, Setting
 
-__all__ = ["chunks", "train"]
+__all__ = ["all_returns", "chunks", "sac_chunks", "train"]
+
+_SEEING = {"observe_activity": False, "window": 1}
 
 
-def chunks(setting: Setting):
-    """The algorithm, its hyper-parameters, and the one program: (state, count, examine) -> all."""
+def chunks(setting: Setting, task: Any = None):
+    """PPO's two programs: seed -> state, and (state, count, examine) -> what `chunk` returns."""
     static = ppo.Static(
         num_envs=setting.num_envs,
         unroll_length=setting.unroll_length,
         num_minibatches=setting.num_minibatches,
         num_epochs=setting.num_epochs,
         hidden=setting.hidden,
-        observe_activity=False,
-        window=1,
+        **_SEEING,
     )
-    task = Pendulum()
-    algorithm = ppo.PPO(task, rewards.environmental, static)
     hyper = ppo.Hyper(
         learning_rate=setting.learning_rate,
         discounting=setting.discounting,
@@ -36,11 +39,42 @@ def chunks(setting: Setting):
         reward_scaling=setting.reward_scaling,
         max_grad_norm=setting.max_grad_norm,
     )
+    task = Pendulum() if task is None else task
+    algorithm = ppo.PPO(task, rewards.environmental, static)
+    return _programs(algorithm, hyper, task, setting.updates)
 
+
+def sac_chunks(setting: SacSetting, task: Any):
+    """The same of SAC, with what brax has fixed."""
+    static = sac.Static(
+        num_envs=setting.num_envs,
+        unroll_length=1,
+        updates_per_step=setting.updates_per_step,
+        batch_size=setting.batch_size,
+        replay_size=setting.replay_size,
+        min_replay=setting.min_replay,
+        hidden=setting.hidden,
+        **_SEEING,
+    )
+    hyper = sac.Hyper(
+        learning_rate=setting.learning_rate,
+        alpha_learning_rate=3e-4,
+        initial_alpha=1.0,
+        target_entropy=-0.5,
+        discounting=setting.discounting,
+        soft_update=setting.soft_update,
+        reward_scaling=setting.reward_scaling,
+        max_grad_norm=float("inf"),
+    )
+    algorithm = sac.SAC(task, rewards.environmental, static)
+    return _programs(algorithm, hyper, task, setting.updates)
+
+
+def _programs(algorithm: training.Algorithm, hyper: Any, task: Any, updates: int):
     @partial(jax.jit, donate_argnums=0)
     def run(state, count, examine):
         return training.chunk(
-            algorithm, state, hyper, None, updates=setting.updates, evaluation=(task,),
+            algorithm, state, hyper, None, updates=updates, evaluation=(task,),
             count=count, examine=examine,
         )  # fmt: skip
 
@@ -54,7 +88,7 @@ def chunks(setting: Setting):
 def train(
     seed: int, setting: Setting, progress: Callable[[int, float, float], None] = lambda *_: None
 ) -> list[float]:
-    """Returns of sampled actions at each evaluation.
+    """Returns of PPO's sampled actions on the pendulum at each evaluation.
 
     Args:
       seed: of the run.
@@ -73,3 +107,17 @@ def train(
         steps = count * setting.num_envs * setting.unroll_length
         progress(part * steps, returns[-1], steps / (time.perf_counter() - start))
     return returns
+
+
+def all_returns(setting: Setting | SacSetting, task: Any, seeds: int) -> list[list[float]]:
+    """Returns of mean actions, for each seed one at each evaluation; the seeds are one program."""
+    make = sac_chunks if isinstance(setting, SacSetting) else chunks
+    init, run = make(setting, task)
+    state = jax.vmap(init)(np.arange(seeds))
+    run = jax.jit(jax.vmap(run, in_axes=(0, None, None)), donate_argnums=0)
+    returns = []
+    for part in range(setting.num_evals):
+        count = np.int32(setting.updates if part else 0)
+        state, _, scores = run(state, count, np.bool_(True))
+        returns.append(np.asarray(scores.reward)[:, 0, 0])
+    return np.stack(returns, axis=1).tolist()

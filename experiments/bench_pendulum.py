@@ -1,7 +1,8 @@
-"""The task on which PPO is compared with brax's: a pendulum, cheap enough to see the trainer.
+"""The task on which trainers are compared with brax's: a pendulum, cheap enough to see them.
 
 One definition of the physics serves both sides: `Pendulum` follows this library's protocol, and
-`bench_stock` puts brax's around it. `Setting` has the hyper-parameters, the same for both.
+`bench_stock` puts brax's around it. `Setting` has the hyper-parameters of PPO, the same for both
+sides, and `SacSetting` those of SAC.
 """
 
 import dataclasses
@@ -10,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from gril_jax.envs import Objects, State
 
-__all__ = ["Pendulum", "Setting"]
+__all__ = ["Pendulum", "SacSetting", "Setting"]
 
 
 class Pendulum:
@@ -98,3 +99,29 @@ class Setting:
     def parts(self) -> int:
         """Parts of the training, each with an evaluation at its end."""
         return self.num_evals - 1
+
+
+@dataclasses.dataclass(frozen=True)
+class SacSetting:
+    """The hyper-parameters of both sides in soft actor-critic, and how long they train."""
+
+    num_timesteps: int = 20_480
+    """Of one run, those before learning begins included."""
+    num_evals: int = 3
+    """Evaluations, of which the first is that of the fresh policy."""
+    num_envs: int = 32
+    updates_per_step: int = 32
+    """Gradient steps for each control step of all environments."""
+    batch_size: int = 256
+    replay_size: int = 2**17
+    min_replay: int = 1024
+    hidden: tuple[int, ...] = (64, 64)
+    learning_rate: float = 1e-3
+    discounting: float = 0.98
+    soft_update: float = 0.005
+    reward_scaling: float = 1.0
+
+    @property
+    def updates(self) -> int:
+        """Control steps of each environment between two evaluations."""
+        return -(-self.num_timesteps // (self.num_envs * (self.num_evals - 1)))

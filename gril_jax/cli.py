@@ -43,6 +43,7 @@ Learn a reward from demonstration videos without actions, and a policy from the 
   bench train                 training with and without the learned reward, as JSON
   bench compile               seconds to compile each program of a run, and how many there are
   bench brax, bench sac       our PPO beside brax's own, our SAC beside a loop on the host
+  bench known                 PPO and SAC where good returns are known, beside brax's and published
   bench env                   how many control steps a second the task makes here, as JSON
   doctor                      what is installed and what works on this machine
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gril_jax.experiments import bench_clock
 from gril_jax.experiments.bench_pendulum import Pendulum, Setting
-from gril_jax.experiments.bench_stock import BraxPendulum, stand_in
+from gril_jax.experiments.bench_stock import BraxTask, stand_in
 
 
 def test_calls_take_turns_and_the_first_of_each_is_left_out():
@@ -45,7 +45,7 @@ def test_the_cache_is_as_it_was_after_it_has_been_off():
 
 
 def test_both_wrappings_of_the_pendulum_move_alike():
-    ours, theirs = Pendulum(), BraxPendulum()
+    ours, theirs = Pendulum(), BraxTask(Pendulum())
     key, action = jax.random.key(0), jnp.array([0.7])
 
     def both(key):

@@ -203,10 +203,19 @@ _SMALL = (
     *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
     *("--pretrain.steps", "190", "--pretrain.num-videos", "4", "--pretrain.num-frames", "8"),
     *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
-    *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "3200"),
-    *("--ppo.hidden", "16", "--run.updates-per-chunk", "1", "--run.checkpoint-every", "0"),
+    *("--run.updates-per-chunk", "1", "--run.checkpoint-every", "0"),
 )
-_ROWS = 19 + 40  # ten steps of the reward's training each, then an update of PPO each
+_PPO = (
+    *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "3200"),
+    *("--ppo.hidden", "16"),
+)
+_SAC = (  # whose replay is full after half of the run, and overwritten from then on
+    *("--algorithm", "sac", "--sac.num-envs", "16", "--sac.unroll-length", "5"),
+    *("--sac.num-timesteps", "3200", "--sac.replay-size", "1600", "--sac.min-replay", "320"),
+    *("--sac.batch-size", "32", "--sac.updates-per-step", "2", "--sac.hidden", "16"),
+)
+_REWARD, _POLICY = 19, 40  # rows: ten steps of the reward's training each, then an update each
+_ROWS = _REWARD + _POLICY
 
 
 def _gril(*args, row=0, delay_s=0.0):
@@ -224,17 +233,24 @@ def _outcome(path):
 
 
 @pytest.mark.slow
-def test_kill_9_at_20_random_moments_changes_no_bit_of_the_outcome(tmp_path):
+@pytest.mark.parametrize(
+    ("policy", "runs", "kills", "first"),
+    [(_PPO, 4, 5, 1), (_SAC, 1, 7, _REWARD)],
+    ids=["ppo_20_times", "sac_7_times"],
+)
+def test_kill_9_at_random_moments_changes_no_bit_of_the_outcome(
+    tmp_path, policy, runs, kills, first
+):
     whole = tmp_path / "whole"
-    done = _gril("quickstart", *_SMALL, "--out", whole)
+    done = _gril("quickstart", *_SMALL, *policy, "--out", whole)
     assert done.returncode == 0, done.stderr
     wanted = _outcome(whole)
     assert len(wanted[2]) == _ROWS
     config, draw = whole / "config.yaml", random.Random(0)
-    for trial in range(4):
+    for trial in range(runs):
         path = tmp_path / str(trial)
         command = ("train", config, "--demos", whole / "demos", "--out", path)
-        for row in sorted(draw.sample(range(1, _ROWS - 2), 5)):
+        for row in sorted(draw.sample(range(first, _ROWS - 2), kills)):
             done = _gril(*command, row=row, delay_s=draw.uniform(0, 0.1))
             assert done.returncode == -signal.SIGKILL, (row, done.stderr)
             print(f"killed with {len(run_dir.read_metrics(path))} rows", flush=True)

@@ -80,6 +80,18 @@ class _BenchBrax:
 
 
 @dataclass(frozen=True)
+class _BenchKnown:
+    tasks: tuple[str, ...] = ("pendulum", "inverted_pendulum", "reacher")
+    """Tasks to train on."""
+    algorithms: tuple[str, ...] = ("ppo", "sac")
+    """Algorithms to train with."""
+    seeds: int = 3
+    """Runs of each."""
+    jobs: int | None = None
+    """Processes at a time; None is one for each two processor cores."""
+
+
+@dataclass(frozen=True)
 class _BenchSac:
     num_envs: int = 64
     """Environments of ours that are stepped together."""
@@ -170,10 +182,7 @@ def _bench_train(args: list[str]) -> Work:
     given = parse(_BenchTrain, args, prog="gril bench train", description=about)
     _require_counts(given, "lanes", "unroll", "updates", "seed_lanes", "seed_updates", "separate",
                     "repeats")  # fmt: skip
-    known = _BenchTrain.parts
-    for part in given.parts:
-        if part not in known:
-            raise ConfigError(f"--parts has {part!r}, but must be of {', '.join(known)}")
+    _require_known(given, "parts")
     options = dict(vars(given))
     task = {name: options.pop(name) for name in ("variant", "varied_starts")}
     repeats, parts = options.pop("repeats"), options.pop("parts")
@@ -213,6 +222,20 @@ def _bench_brax(args: list[str]) -> Work:
     return work
 
 
+def _bench_known(args: list[str]) -> Work:
+    about = "PPO and SAC where good returns are known, beside brax's own and published, as JSON."
+    given = parse(_BenchKnown, args, prog="gril bench known", description=about)
+    _require_counts(given, "seeds", "jobs")
+    _require_known(given, "tasks", "algorithms")
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import bench_known
+        bench_known.main(**vars(given), echo=echo)
+
+    return work
+
+
 def _bench_sac(args: list[str]) -> Work:
     about = "Our SAC beside a loop on the host, as users of Gymnasium write it, as JSON."
     given = parse(_BenchSac, args, prog="gril bench sac", description=about)
@@ -235,10 +258,19 @@ def _require_counts(given: object, *names: str) -> None:
             raise ConfigError(f"{option} is {value}, but must be at least 1")
 
 
+def _require_known(given: object, *names: str) -> None:
+    """Lists of which each entry is one of the default."""
+    for name in names:
+        known = getattr(type(given), name)
+        if stray := [value for value in getattr(given, name) if value not in known]:
+            raise ConfigError(f"--{name} has {stray[0]!r}, but must be of {', '.join(known)}")
+
+
 VERBS: dict[str, Callable[[list[str]], Work]] = {
     "bench brax": _bench_brax,
     "bench compile": _bench_compile,
     "bench env": _bench_env,
+    "bench known": _bench_known,
     "bench losses": _bench_losses,
     "bench replay": _bench_replay,
     "bench sac": _bench_sac,

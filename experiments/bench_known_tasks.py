@@ -1,0 +1,190 @@
+"""Two small tasks of Gymnasium's MuJoCo suite in MJX, on which good returns are published.
+
+`InvertedPendulum` ends early and `Reacher` never does, so that ends of the task and time limits
+both matter. Masses, gears, rewards and starts are those of InvertedPendulum-v5 and Reacher-v5; they
+are integrated implicitly here, and by Runge-Kutta there. Their objects are dummies.
+"""
+
+import contextlib
+import io
+
+import jax
+import jax.numpy as jnp
+from gril_jax.envs import Objects, State
+from jaxtyping import Array, Float, PRNGKeyArray
+
+with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
+    import mujoco
+    from mujoco import mjx
+
+__all__ = ["InvertedPendulum", "Reacher"]
+
+# One Newton iteration needs no loop, and there is at most one limit of a joint to satisfy.
+_OPTION = """
+<option timestep="{timestep}" integrator="implicitfast" iterations="1" ls_iterations="4">
+  <flag contact="disable" eulerdamp="disable"/>
+</option>
+"""
+_CART = """
+<mujoco>{option}
+  <worldbody>
+    <body>
+      <joint type="slide" axis="1 0 0" damping="1" limited="true" range="-1 1" name="rail"/>
+      <geom type="capsule" size="0.1" fromto="-0.1 0 0 0.1 0 0"/>
+      <body>
+        <joint type="hinge" axis="0 1 0" damping="1"/>
+        <geom type="capsule" size="0.049" fromto="0 0 0 0.001 0 0.6"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="rail" gear="100"/></actuator>
+</mujoco>
+"""
+_ARM = """
+<mujoco>{option}
+  <compiler angle="radian"/>
+  <default><joint type="hinge" axis="0 0 1" armature="1" damping="1"/></default>
+  <worldbody>
+    <body>
+      <joint name="shoulder"/>
+      <geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0"/>
+      <body pos="0.1 0 0">
+        <joint name="elbow" limited="true" range="-3 3"/>
+        <geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0"/>
+        <geom type="sphere" size="0.01" pos="0.11 0 0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="shoulder" gear="200"/><motor joint="elbow" gear="200"/></actuator>
+</mujoco>
+"""
+
+
+class _Simulated:
+    """What both have in common: positions and velocities that MJX moves on."""
+
+    classes = ("goal", "robot")
+    half_extent = 1.2
+    background = (255, 255, 255)
+
+    def __init__(self, xml: str, *, timestep: float, substeps: int):
+        self.mj_model = mujoco.MjModel.from_xml_string(
+            xml.format(option=_OPTION.format(timestep=timestep))
+        )
+        self._model, self._substeps = mjx.put_model(self.mj_model), substeps
+        self._blank = mjx.make_data(self._model)
+
+    def outlines(self, data):
+        """Nothing to draw."""
+        del data
+        return []
+
+    def _moved(self, position, velocity, control):
+        """Both, some substeps later."""
+
+        def substep(data, _):
+            return mjx.step(self._model, data), None
+
+        begun = self._blank.replace(qpos=position, qvel=velocity, ctrl=control)
+        data, _ = jax.lax.scan(substep, begun, length=self._substeps)
+        return data.qpos, data.qvel
+
+    def _state(self, data, obs, centers, reward, success, done) -> State:
+        return State(
+            data=data,
+            obs=obs,
+            objects=Objects(
+                center=jnp.stack(centers),
+                size=jnp.full((2, 2), 0.1),
+                label=jnp.arange(2),
+                is_robot=jnp.arange(2) == 1,
+            ),
+            moved=jnp.array([False, False]),
+            reward=reward,
+            done=done,
+            metrics={"score": success, "success": success},
+        )
+
+
+class InvertedPendulum(_Simulated):
+    """A pole on a cart is kept upright; the task ends when it leans by more than 0.2 rad.
+
+    Observation (4,): the cart's place (m), the pole's lean (rad), and their rates (per second).
+    Action (1,): force on the cart, of 300 N. The reward is 1 for each step that ends upright, at 25
+    Hz, so that 1,000 is the best return.
+    """
+
+    observation_size = 4
+    action_size = 1
+    control_hz = 25.0
+    episode_length = 1000
+
+    def __init__(self):
+        super().__init__(_CART, timestep=0.02, substeps=2)
+
+    def reset(self, key: PRNGKeyArray) -> State:
+        """Nearly upright and nearly at rest: every number within 0.01."""
+        numbers = jax.random.uniform(key, (2, 2), minval=-0.01, maxval=0.01)
+        return self._now(numbers[0], numbers[1])
+
+    def step(self, state: State, action: Float[Array, "1"]) -> State:
+        """A twenty-fifth of a second."""
+        return self._now(*self._moved(*state.data, 3.0 * jnp.clip(action, -1.0, 1.0)))
+
+    def _now(self, position, velocity) -> State:
+        place, lean = position
+        upright = (jnp.abs(lean) <= 0.2).astype(jnp.float32)
+        cart = jnp.stack([place, jnp.zeros(())])
+        tip = cart + 0.6 * jnp.stack([jnp.sin(lean), jnp.cos(lean)])
+        obs = jnp.concatenate([position, velocity])
+        return self._state(
+            (position, velocity), obs, (cart, tip), upright, upright, done=1.0 - upright
+        )
+
+
+class Reacher(_Simulated):
+    """An arm of two links brings its fingertip to a target on the table. It never ends by itself.
+
+    Observation (10,): cosines and sines of both angles, the target's place (m), both angular
+    speeds (rad/s), and the way from target to fingertip (m). Action (2,): torques at the joints, of
+    200 N m. The reward of a step is minus the fingertip's distance and minus the squares of the
+    action; an idle arm gets about -10 in its 50 steps of 20 ms, and -4 is good.
+    """
+
+    observation_size = 10
+    action_size = 2
+    control_hz = 50.0
+    episode_length = 50
+
+    def __init__(self):
+        super().__init__(_ARM, timestep=0.01, substeps=2)
+
+    def reset(self, key: PRNGKeyArray) -> State:
+        """Nearly straight and at rest; the target is anywhere within 0.2 m of the shoulder."""
+        key_angle, key_speed, key_target = jax.random.split(key, 3)
+        position = jax.random.uniform(key_angle, (2,), minval=-0.1, maxval=0.1)
+        velocity = jax.random.uniform(key_speed, (2,), minval=-0.005, maxval=0.005)
+        share, turn = jax.random.uniform(key_target, (2,))
+        direction = jnp.stack([jnp.cos(2 * jnp.pi * turn), jnp.sin(2 * jnp.pi * turn)])
+        target = 0.2 * jnp.sqrt(share) * direction  # as many in each piece of the disc
+        return self._now(position, velocity, target, effort=0.0)
+
+    def step(self, state: State, action: Float[Array, "2"]) -> State:
+        """A fiftieth of a second."""
+        position, velocity, target = state.data
+        action = jnp.clip(action, -1.0, 1.0)
+        return self._now(
+            *self._moved(position, velocity, action), target, effort=jnp.sum(action**2)
+        )
+
+    def _now(self, position, velocity, target, effort) -> State:
+        first, both = position[0], position[0] + position[1]
+        tip = 0.1 * jnp.stack([jnp.cos(first), jnp.sin(first)])
+        tip = tip + 0.11 * jnp.stack([jnp.cos(both), jnp.sin(both)])
+        distance = jnp.sqrt(jnp.sum((tip - target) ** 2))
+        near = (distance < 0.02).astype(jnp.float32)
+        obs = jnp.concatenate(
+            [jnp.cos(position), jnp.sin(position), target, velocity, tip - target]
+        )
+        data = (position, velocity, target)
+        return self._state(data, obs, (target, tip), -distance - effort, near, done=jnp.zeros(()))
