@@ -61,6 +61,7 @@ class MatchRegions:
         ("dynamics"), or the last four together ("all").
       varied_starts: share of episodes that begin with the robot anywhere, and of those two in three
         with one target already in the region. For training; 0 is the task itself.
+      on_the_way: in those, how likely a target that is not in the region is on its way there.
       turn: "original" or "smooth"; see above.
       observation: "rich" or "xmagical".
       reward: the task's own reward: "S4", "V5", "S3" or "sparse".
@@ -83,6 +84,7 @@ class MatchRegions:
         distractors: tuple[str, ...] = DISTRACTORS,
         variant: str = "demo",
         varied_starts: float = 0.0,
+        on_the_way: float = 0.0,
         turn: str = "original",
         observation: str = "rich",
         reward: str = "S4",
@@ -96,12 +98,12 @@ class MatchRegions:
         )  # fmt: skip
         options.check_engine(engine, robot, physics, variant)
         options.check_blocks(targets, distractors, variant)
-        if not 0 <= varied_starts <= 1:
-            raise ValueError(f"varied_starts is {varied_starts}, but must be between 0 and 1")
+        options.check_shares(varied_starts=varied_starts, on_the_way=on_the_way)
         options.check_counts(episode_length=episode_length)
         self.blocks = (*targets, *distractors)
         self.num_targets, self.variant = len(targets), variant
-        self.varied_starts, self.episode_length = varied_starts, episode_length
+        self.varied_starts, self.on_the_way = varied_starts, on_the_way
+        self.episode_length = episode_length
         self.turn_gain = actions.TURN_GAIN[turn]
         self.robot, self.physics = robots.robot(robot), physics
         self.action_size = 3 if self.robot.has_fingers else 2
@@ -143,15 +145,16 @@ class MatchRegions:
         within = dict(robot=self.robot, radii=radii, arena=self.arena)
         layout = starts.places(keys[3], self.variant, self.blocks, **within)
         start = states.distances(layout.blocks[: self.num_targets], layout.goal[:2])
-        layout, vary, placed = starts.varied(
-            keys[4:], layout, share=self.varied_starts, targets=self.num_targets, **within
-        )
+        layout, vary, moved = starts.varied(
+            keys[4:], layout, share=self.varied_starts, on_the_way=self.on_the_way,
+            targets=self.num_targets, **within,
+        )  # fmt: skip
         pose = jnp.concatenate([starts.robot_pose(self.robot, layout.robot), layout.blocks])
         nearest = states.distances(layout.blocks[: self.num_targets], layout.robot[:2])
         data = PlanarData(
             pose, jnp.zeros_like(pose), jnp.asarray(self._rest), shape, colour,
             jnp.stack(strengths), layout.goal, start, nearest, layout.unplaced,
-            vary.astype(jnp.float32), placed,
+            vary.astype(jnp.float32), moved,
         )  # fmt: skip
         return self._observe(data)
 
@@ -186,7 +189,7 @@ class MatchRegions:
         data = PlanarData(
             pose, velocity, memory, jnp.asarray(self._shape), jnp.asarray(self._colour),
             jnp.stack(strengths), goal, start, states.distances(targets, pose[0, :2]),
-            jnp.zeros((), bool), jnp.zeros(()), jnp.full((), -1, jnp.int32),
+            jnp.zeros((), bool), jnp.zeros(()), jnp.zeros(len(self.blocks), bool),
         )  # fmt: skip
         return self._observe(data)
 
@@ -220,12 +223,11 @@ class MatchRegions:
         progress = states.progress(data, parts=self._parts, targets=self.num_targets)
         score = rewards.score(progress)
         seen = observations.Scene(data.pose, data.velocity, data.goal, progress.inside)
-        block = jnp.arange(2 + len(self.blocks))
         return State(
             data=data,
             obs=observations.observe(self._kind, seen, parts=self._parts, targets=self.num_targets),
             objects=states.objects(data, self.robot),
-            moved=block == jnp.where(data.placed < 0, -1, 2 + data.placed),
+            moved=jnp.concatenate([jnp.zeros(2, bool), data.moved]),
             reward=rewards.reward(self._reward, progress),
             done=jnp.zeros(()),
             metrics={

@@ -76,6 +76,13 @@ def check_counts(**options: int) -> None:
             raise ValueError(f"{what} is {count}, but must be at least 1")
 
 
+def check_shares(**options: float) -> None:
+    """Raises ValueError for the first share that is not between 0 and 1."""
+    for what, share in options.items():
+        if not 0 <= share <= 1:
+            raise ValueError(f"{what} is {share}, but must be between 0 and 1")
+
+
 def solving(engine: str, substeps: int | None, iterations: int | None) -> tuple[int, int]:
     """Substeps and iterations, the engine's own where they are None; ValueError below one."""
     own = _SOLVING[engine]

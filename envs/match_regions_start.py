@@ -15,12 +15,16 @@ from .robots import Robot
 __all__ = ["Varied", "looks", "places", "robot_pose", "strengths", "varied"]
 
 
+_CANDIDATES = 16
+_ASIDE = 0.15  # arena units, standard deviation of a block's place from the straight way
+
+
 class Varied(NamedTuple):
     """A start that may have been varied for training."""
 
     layout: layouts.Layout
     marked: Bool[Array, ""]  # whether it was
-    placed: Int[Array, ""]  # the block that was put into the region, or -1
+    moved: Bool[Array, "B"]  # the blocks that were
 
 
 def looks(
@@ -78,18 +82,21 @@ def varied(
     layout: layouts.Layout,
     *,
     share: float,
+    on_the_way: float,
     targets: int,
     robot: Robot,
     radii: Float[Array, "B"],
     arena: float,
 ) -> Varied:
-    """In a `share` of the episodes the robot anywhere and, two times in three, one target inside.
+    """In a `share` of the episodes the robot anywhere and targets further on.
 
+    Two times in three one target is in the region; of the other targets each is somewhere on its
+    way there with probability `on_the_way`, so that what is left to do is short now and then.
     Takes two keys; the first `targets` blocks are the targets.
     """
-    none = jnp.full((), -1, jnp.int32)
+    never = jnp.zeros(len(radii), bool)
     if not share:
-        return Varied(layout, jnp.zeros((), bool), none)
+        return Varied(layout, jnp.zeros((), bool), never)
     vary = jax.random.uniform(keys[0]) < share
     key_robot, key_some, key_which, key_where = jax.random.split(keys[1], 4)
     which = jax.random.randint(key_which, (), 0, targets, jnp.int32)
@@ -98,13 +105,35 @@ def varied(
     goal = layout.goal
     inside = jnp.concatenate([goal[:2] + 0.35 * goal[2:] * unit[:2], jnp.pi * unit[2:]])
     blocks = jnp.where(some, layout.blocks.at[which].set(inside), layout.blocks)
+    moved = never.at[which].set(some)
+    for target in range(targets if on_the_way else 0):
+        key_use, key_way = jax.random.split(jax.random.fold_in(key_where, target))
+        pose, free = _on_its_way(key_way, target, blocks, goal, radii, arena)
+        there = vary & free & ~moved[target] & jax.random.bernoulli(key_use, on_the_way)
+        blocks = jnp.where(there, blocks.at[target].set(pose), blocks)
+        moved = moved.at[target].set(moved[target] | there)
     pose, unplaced = layouts.place_robot(key_robot, robot, blocks, radii, None, arena=arena)
     layout = layout._replace(
         robot=jnp.where(vary, pose, layout.robot),
         blocks=blocks,
         unplaced=layout.unplaced | (vary & unplaced),
     )
-    return Varied(layout, vary, jnp.where(some, which, none))
+    return Varied(layout, vary, moved)
+
+
+def _on_its_way(key, block, blocks, goal, radii, arena):
+    """A pose between a block's own and the region's middle, and whether it is free."""
+    key_share, key_aside, key_angle = jax.random.split(key, 3)
+    share = jax.random.uniform(key_share, (_CANDIDATES, 1))
+    aside = _ASIDE * jax.random.normal(key_aside, (_CANDIDATES, 2))
+    places = goal[:2] + share * (blocks[block, :2] - goal[:2]) + aside
+    limit = arena - radii[block]
+    away = jnp.sum((places[:, None] - blocks[:, :2]) ** 2, axis=-1)
+    clear = (away > (radii[block] + radii) ** 2) | (jnp.arange(len(radii)) == block)
+    free = clear.all(axis=1) & (jnp.abs(places) <= limit).all(axis=1)
+    angle = jax.random.uniform(key_angle, (1,), minval=-jnp.pi, maxval=jnp.pi)
+    pose = jnp.concatenate([places[jnp.argmax(free)], angle])
+    return pose, free.any()
 
 
 def robot_pose(robot: Robot, base: Float[Array, "3"]) -> Float[Array, "P 3"]:

@@ -27,7 +27,7 @@ class PlanarData(NamedTuple):
     nearest: Float[Array, "K"]  # of each target to the robot since reset
     unplaced: Bool[Array, ""]  # the layout found no free place for something
     varied: Float[Array, ""]  # 1 in an episode that began with a varied start
-    placed: Int[Array, ""]  # the block that such a start put into the region, or -1
+    moved: Bool[Array, "B"]  # the blocks that such a start put elsewhere
 
 
 def distances(points: Float[Array, "K C"], center: Float[Array, "2"]) -> Float[Array, "K"]:

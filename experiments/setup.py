@@ -31,6 +31,7 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
     options = dataclasses.asdict(config) | {
         "variant": variant or config.variant,
         "varied_starts": config.varied_starts if training else 0.0,
+        "on_the_way": config.on_the_way if training else 0.0,
     }
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
@@ -49,7 +50,7 @@ def encoder_config(config: RunConfig, num_classes: int) -> encoder.GraphConfig:
     if chosen.kind == "interaction":
         return encoder.InteractionConfig(num_classes, width=chosen.width, **robot)
     sizes = {"width": chosen.width, "rounds": chosen.rounds, "latent": chosen.latent}
-    return encoder.EncoderConfig(num_classes, **sizes, **robot)
+    return encoder.EncoderConfig(num_classes, relations=chosen.relations, **sizes, **robot)
 
 
 def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainConfig:
@@ -73,6 +74,7 @@ def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainCon
         touched=chosen.touched,
         copies=chosen.copies,
         anchors=chosen.anchors,
+        ascents=chosen.ascents,
     )
 
 
@@ -86,8 +88,10 @@ def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
         gamma=config.loss.gamma,
         warmup=float(config.loss.warmup),
         contrast=config.loss.contrast,
-        reach=config.loss.reach,
+        near=config.loss.near,
         idle_cost=config.loss.idle_cost,
+        touch=config.loss.touch,
+        tail=config.loss.tail,
         span=config.loss.span,
         decay_updates=float(config.pretrain.steps),
         learning_rate_left=config.pretrain.learning_rate_left,

@@ -30,6 +30,8 @@ Learn a reward from demonstration videos without actions, and a policy from the 
                               --distributed on several hosts
   train|pretrain|sweep --resume RUN   go on with what was cut off, bit for bit
   ablate [CONFIG]             which choices of the reward's training matter, over seeds
+  soundness [CONFIG]          the same by audits and by policies, and whether audits tell success;
+                              --resume RUN goes on, --join RUN,RUN makes one table
   demos make [CONFIG]         scripted demonstrations
   demos import-magical DIR    a demonstration set from MAGICAL's public demonstrations
   demos import-videos DIR     a demonstration set from a folder of videos

@@ -73,7 +73,9 @@ class EnvConfig:
     """What is drawn at the start: nothing, places (a little: jitter; anywhere: layout), colours,
     shapes, forces, or the last four (all)."""
     varied_starts: float = field(default=0.5, metadata=between(0, 1))
-    """Share of the training episodes that start with the targets somewhere else."""
+    """Share of the training episodes that start with the robot anywhere and some targets moved."""
+    on_the_way: float = field(default=0.0, metadata=between(0, 1))
+    """In those, how likely a target that is not in the region yet is on its way there."""
     physics: Literal["xmagical", "magical"] = "xmagical"
     """Whose physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
     engine: Literal["impulse", "mjx"] = "impulse"
@@ -127,6 +129,8 @@ class EncoderConfig:
     """Rounds of message passing."""
     latent: int = field(default=32, metadata=at_least(1))
     """Width of the latent."""
+    relations: bool = False
+    """Whether edges also say how far a box sticks out of the other, and is apart from it."""
     pool_robot: bool = False
     """Whether the robot's node counts in the pooled latent."""
     robot_messages: bool = False
@@ -182,10 +186,14 @@ class LossConfig:
     """What reconstruction decodes: each node's embedding, or the latent."""
     contrast: float = field(default=10.0, metadata=at_least(0))
     """Weight of copies of frames with displaced objects, of which pretrain.copies says how many."""
-    reach: float = field(default=0.4, metadata=above(0))
-    """Distance from its place at which a displaced object costs as much as it can, world units."""
+    near: float = field(default=0.5, metadata=between(0, 1))
+    """Share of an object's cost that is due as soon as it is out of place by half its box."""
     idle_cost: float = field(default=0.5, metadata=at_least(0))
-    """Cost of displacing what a video does not move, beside that of what it moves."""
+    """Cost of what lies where it does not belong, beside that of what is out of place."""
+    touch: float = field(default=0.04, metadata=between(0, 1))
+    """Share of the cost of what is to be moved that is gone once it has been touched."""
+    tail: float = field(default=1.0, metadata=at_least(0))
+    """Weight of the fourth power of the copies' errors, beside their squares."""
     span: float = field(default=10.0, metadata=above(0))
     """Latent distance from first to last frames, where there are copies."""
     warmup: int = field(default=1500, metadata=at_least(0))
@@ -210,8 +218,10 @@ class PretrainConfig:
     """Share of the learning rate at the end, reached linearly."""
     copies: int = field(default=0, metadata=between(0, 1000))
     """Copies with displaced objects of each frame that is copied; 0 makes none."""
-    anchors: int = field(default=8, metadata=between(2, 1000))
+    anchors: int = field(default=8, metadata=between(1, 1000))
     """Frames of each video of a batch that are copied."""
+    ascents: int = field(default=0, metadata=between(0, 100))
+    """Steps of each copy towards where the reward overrates it most."""
     touched: float = field(default=0.1, metadata=between(0, 1))
     """Probability that an object of a video counts as moved throughout: no reward for a touch."""
 

@@ -50,6 +50,8 @@ class EncoderConfig:
     """Size of the latent."""
     absolute: bool = True
     """Nodes know their absolute centre; if not, position enters by the edges' offsets alone."""
+    relations: bool = False
+    """Edges also say how far the receiver's box sticks out of the sender's, or lies apart."""
     pool_robot: bool = False
     """The robot counts in the pooling (the paper's "with robot" ablation)."""
     robot_messages: bool = False
@@ -118,7 +120,10 @@ class _Messages(nn.Module):
         audible = nodes.present
         if not config.robot_messages:
             audible = audible & ~nodes.is_robot
-        edges = graph.edges / config.length_unit
+        edges = graph.edges
+        if config.relations:
+            edges = jnp.concatenate([edges, _relations(graph)], axis=-1)
+        edges = edges / config.length_unit
         if self.form != "jraph":
             edges = square_edges(edges, nodes.label.shape[0])
         graph = graph._replace(edges=edges)
@@ -173,6 +178,15 @@ class _Head(nn.Module):
     def __call__(self, pooled):
         hidden = nn.relu(nn.Dense(self.config.width)(pooled))
         return nn.Dense(self.config.latent)(hidden)
+
+
+def _relations(graph) -> Float[Array, "E 4"]:
+    """For each edge, along x and y: how far the receiver's box sticks out of the sender's, and how
+    far the two boxes are apart; 0 where it lies inside, or where they overlap."""
+    half = graph.nodes.size / 2
+    sender, receiver = half[graph.senders], half[graph.receivers]
+    away = jnp.abs(graph.edges[:, :2])
+    return jax.nn.relu(jnp.concatenate([away + receiver - sender, away - receiver - sender], -1))
 
 
 def _node_features(nodes, config):

@@ -61,11 +61,14 @@ class PretrainConfig:
     none."""
     anchors: int = 8
     """Frames of each video of a batch that are copied."""
+    ascents: int = 0
+    """Steps of each copy towards where it is overrated most."""
 
     def __post_init__(self):
         least = {
             "copies": 0,
-            "anchors": 2,
+            "anchors": 1,
+            "ascents": 0,
             "updates": 1,
             "num_videos": 2,
             "num_frames": 2,
@@ -94,8 +97,10 @@ class Hyper(NamedTuple):
     soft_dtw_weight: Float[Array, ""] | float = 1.0  # beside or in place of cycle-consistency
     gamma: Float[Array, ""] | float = 0.1  # of soft-DTW, squared latent distance
     contrast: Float[Array, ""] | float = 10.0  # weight of copies with displaced objects
-    reach: Float[Array, ""] | float = 0.4  # world units out of place at which an object costs most
-    idle_cost: Float[Array, ""] | float = 0.5  # of what a video does not move, beside what it moves
+    near: Float[Array, ""] | float = 0.5  # share of an object's cost that is due at once
+    idle_cost: Float[Array, ""] | float = 0.5  # of what is where it must not be
+    touch: Float[Array, ""] | float = 0.04  # share of that that is for moving it at all
+    tail: Float[Array, ""] | float = 1.0  # weight of the fourth power of errors of copies
     span: Float[Array, ""] | float = 10.0  # latent distance from first to last frames, with copies
     decay_updates: Float[Array, ""] | float = 1.0  # over which the learning rate falls linearly
     learning_rate_left: Float[Array, ""] | float = 1.0  # share of it at the end

@@ -51,6 +51,7 @@ def _gril(*args, cwd):
         (["export-policy", "--help"], "policy.npz"),
         (["export-reward", "--help"], "reward.npz"),
         (["ablate", "--help"], "--seeds"),
+        (["soundness", "--help"], "--rows"),
     ],
 )
 def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):

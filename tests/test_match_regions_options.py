@@ -20,6 +20,7 @@ from gril_jax import envs
         ({"observation": "state"}, ["observation", "'state'", "rich, xmagical"]),
         ({"reward": "sparce"}, ["reward", "'sparce'", "did you mean 'sparse'"]),
         ({"varied_starts": 1.5}, ["varied_starts", "1.5", "between 0 and 1"]),
+        ({"on_the_way": -0.5}, ["on_the_way", "-0.5", "between 0 and 1"]),
         ({"substeps": 0}, ["substeps", "0", "at least 1"]),
         ({"iterations": 0}, ["iterations", "0", "at least 1"]),
         ({"episode_length": 0}, ["episode_length", "0", "at least 1"]),
@@ -36,7 +37,7 @@ def test_a_wrong_option_is_one_sentence_that_names_it(options, words):
 
 
 def test_an_unknown_task_is_one_sentence_with_the_known_ones():
-    with pytest.raises(ValueError, match=r"^task 'reach' is not one of match_regions$"):
+    with pytest.raises(ValueError, match=r"^task 'reach' is not one of match_regions, shoes_in_box$"):
         envs.make("reach")
 
 

@@ -88,20 +88,23 @@ def test_reward_of_a_start_is_the_same_in_every_variant(demo, jittered, scattere
         np.testing.assert_allclose(state.reward, demo.reward[0], atol=1e-4)
 
 
-@pytest.fixture(scope="module", params=[0.5, 1.0])
+@pytest.fixture(scope="module", params=[(0.5, 0.0), (1.0, 0.5)])
 def varied(request):
-    return (request.param, *lanes.starts(varied_starts=request.param))
+    share, on_the_way = request.param
+    return (request.param, *lanes.starts(varied_starts=share, on_the_way=on_the_way))
 
 
 def test_varied_starts_come_in_their_share_and_are_marked(varied):
-    share, _, state = varied
+    (share, on_the_way), _, state = varied
     marked = np.asarray(state.data.varied)
     assert marked.mean() == pytest.approx(share, abs=0.1)
     np.testing.assert_array_equal(state.metrics["varied"], marked)
-    placed = np.asarray(state.data.placed)
-    assert (placed[marked == 0] == -1).all()
-    assert (placed[marked == 1] >= 0).mean() == pytest.approx(2 / 3, abs=0.1)
-    assert set(placed) == {-1, STAR, SQUARE}
+    moved = np.asarray(state.data.moved)
+    assert not moved[marked == 0].any()
+    # Each is inside one time in three, and else on its way.
+    expected = 1 / 3 + 2 / 3 * on_the_way
+    assert moved[marked == 1][:, [STAR, SQUARE]].mean() == pytest.approx(expected, abs=0.1)
+    assert not moved[:, 2:].any()
 
 
 def test_ordinary_starts_among_varied_ones_are_the_tasks_own(varied, demo):
@@ -112,15 +115,28 @@ def test_ordinary_starts_among_varied_ones_are_the_tasks_own(varied, demo):
     assert not state.moved[own].any()
 
 
-def test_only_the_placed_block_counts_as_moved_and_is_in_the_region(varied):
-    _, _, state = varied
-    for i, placed in enumerate(np.asarray(state.data.placed)):
-        expected = [False] * 7
-        if placed >= 0:
-            expected[2 + placed] = True
-        assert state.moved[i].tolist() == expected
-        assert (np.asarray(state.obs[i])[14 + 11 :: 12] > 0).tolist() == expected[2:]
-        assert float(state.metrics["score"][i]) == (0.5 if placed >= 0 else 0.0)
+def test_moved_targets_count_as_moved_and_are_in_the_region_or_on_their_way(varied, demo):
+    (_, on_the_way), _, state = varied
+    moved = np.asarray(state.data.moved)
+    assert not np.asarray(state.moved)[:, :2].any()
+    np.testing.assert_array_equal(state.moved[:, 2:], moved)
+    inside = np.asarray(state.obs)[:, 14 + 11 :: 12] > 0
+    assert moved[inside].all()
+    blocks = np.asarray(state.data.pose)[:, -moved.shape[1] :, :2]
+    before = np.asarray(demo.data.pose)[0, -moved.shape[1] :, :2]
+    stay = np.broadcast_to(before, blocks.shape)[~moved]
+    np.testing.assert_allclose(blocks[~moved], stay, atol=1e-6)
+    goal = np.asarray(state.data.goal)[:, None, :2]
+    nearer = np.linalg.norm(blocks - goal, axis=2) < np.linalg.norm(before - goal, axis=2) + 0.3
+    assert nearer[moved].all()
+    score = np.asarray(state.metrics["score"])
+    assert score[~moved.any(axis=1)].max() == 0
+    if on_the_way:
+        assert {0.0, 0.5, 1.0} == {*score[moved.any(axis=1)]}
+        assert (score == 1).mean() < 0.3  # most still have something left to do
+    else:
+        np.testing.assert_array_equal(inside, moved)
+        assert (score[moved.any(axis=1)] == 0.5).all()
 
 
 def test_varied_starts_put_the_robot_anywhere_but_on_no_block(varied):

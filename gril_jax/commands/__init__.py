@@ -1,7 +1,7 @@
 """The verbs of the command line, by what they are about."""
 
-from . import audit, bench, demos, runs, sweep
+from . import audit, bench, demos, runs, soundness, sweep
 
 __all__ = ["VERBS"]
 
-VERBS = runs.VERBS | demos.VERBS | bench.VERBS | audit.VERBS | sweep.VERBS
+VERBS = runs.VERBS | demos.VERBS | bench.VERBS | audit.VERBS | sweep.VERBS | soundness.VERBS

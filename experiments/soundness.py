@@ -1,0 +1,221 @@
+"""Which choices of encoder training make a reward sound, and whether an audit tells success.
+
+    gril soundness match_regions --seeds 5 --out RUN
+    gril soundness --resume RUN
+    gril soundness --join RUN,RUN --out FOLDER       tables of runs with different rows as one
+
+For each row (`gril_jax.experiments.soundness_settings.ROWS`) and each seed an encoder is trained,
+audited from Demo and from Layout starts, and a policy is trained with its reward. Seeds and traced
+values share a program, and policies of all rows whose encoders have one shape do. Writes
+`soundness.csv` (a line an encoder), `soundness.md` (a line a row, and the correlation of each
+figure with success) and `soundness.png`. A run that is cut off goes on where it stood.
+"""
+
+import dataclasses
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from gril_jax import envs, run_dir, sweep_table
+from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.plot_style import png
+from gril_jax.progress import Progress
+from gril_jax.rl import sharding
+from gril_jax.run_phases import changed_fields
+from gril_jax.sweep_grid import with_seed
+
+from . import demonstrations, setup, soundness_audit, soundness_plot, soundness_table
+from .ablate import changed
+from .soundness_settings import Settings, write_settings
+from .sweep_training import (
+    LearnedReward,
+    Program,
+    Row,
+    learn_policies,
+    learn_rewards,
+    programs,
+    reward_key,
+)
+
+__all__ = ["join", "main"]
+
+Echo = Callable[[str], None]
+Rewards = Mapping[Hashable, LearnedReward]
+
+_CSV = "soundness.csv"
+
+
+def main(
+    config: RunConfig, settings: Settings, *, resume: Path | None = None, echo: Echo = print
+) -> Path:
+    """Run it, or go on with the run in a folder; returns the run's folder.
+
+    Args:
+      config: with the budget of a policy; rows change fields of it.
+      settings: what is compared.
+      resume: folder of a run with this configuration and these settings.
+      echo: takes what is said on the way.
+
+    Raises:
+      ConfigError: a row's value is out of range, or a policy does not fit into memory.
+      DemoError: the demonstrations do not serve the task.
+      RunError: the run cannot be made, or cannot go on.
+    """
+    rows = [
+        Row(cell, seed, with_seed(changed(config, change), seed))
+        for cell, change in enumerate(settings.rows.values())
+        for seed in range(settings.seeds)
+    ]
+    env, variants = setup.make_env(config.env, training=False), soundness_audit.tasks(config.env)
+    classes = len(env.classes)
+    plan = _programs(rows, classes, settings.policies_at_once) if settings.policies else []
+    opened = {"device": setup.device_in_words(), "experiment": "soundness"}
+    with run_dir.create_or_resume(config, resume, **opened) as run, Progress() as progress:
+        if resume is None:
+            write_settings(run.path, settings)
+        count = sum(len(program.rows) for program in plan)
+        echo(
+            f"writing to {run.path}: {len(rows)} encoders, and {count} policies in {len(plan)} "
+            "programs"
+        )
+        demos = demonstrations.gather_once(config, env, run, progress)
+        rewards = learn_rewards(rows, lambda config: demos, run, progress, echo)
+        _audit(variants, settings, rows, rewards, run, progress)
+        table = _write(run.path, _lines(run, settings, rows, rewards, plan))
+        for program in plan:
+            if run.finished_phase(program.name) is None:
+                done = learn_policies(program, dict(rewards), run, progress, echo, jax.devices())
+                run.finish_phase(program.name, done)
+                table = _write(run.path, _lines(run, settings, rows, rewards, plan))
+        run.finish({"encoders": len(rows), "policies": count})
+    echo(table)
+    echo(f"written to {run.path}")
+    return run.path
+
+
+def join(folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:
+    """Tables and figure of several runs as one, such as of runs with different rows.
+
+    Args:
+      folders: of the runs, finished or not.
+      out: folder to create.
+      echo: takes the table.
+
+    Raises:
+      ConfigError: the runs differ in their configurations, or have an encoder in common.
+      RunError: a folder is no such run, or has no table yet.
+    """
+    first = run_dir.read_config(folders[0])
+    lines: list[dict[str, Any]] = []
+    for folder in folders:
+        own = run_dir.read_config(folder)
+        if other := changed_fields(first, dataclasses.replace(own, run=first.run)):
+            raise ConfigError(f"{folder} cannot be joined with {folders[0]}: {', '.join(other)}")
+        try:
+            lines += soundness_table.read_csv((folder / _CSV).read_text(encoding="utf-8"))
+        except (OSError, ValueError, KeyError, TypeError):
+            raise RunError(f"{folder} has no table yet: its {_CSV} is missing or damaged") from None
+    known = [(line["row"], line["seed"]) for line in lines]
+    twice = next((one for one in known if known.count(one) > 1), None)
+    if twice is not None:
+        raise ConfigError(f"row {twice[0]!r} with seed {twice[1]} is in two of the runs to join")
+    run_dir.require_new(out)
+    with run_dir.writing(out):
+        out.mkdir(parents=True)
+    echo(_write(out, lines))
+    echo(f"written to {out}")
+
+
+def _programs(rows: Sequence[Row], num_classes: int, at_once: int) -> list[Program]:
+    """The programs of a sweep, in parts of at most `at_once` policies."""
+    found: list[Program] = []
+    for program in programs(rows, num_classes, jax.devices()):
+        parts = -(-len(program.rows) // at_once)
+        each = -(-len(program.rows) // parts)
+        for start in range(0, len(program.rows), each):
+            part = program.rows[start : start + each]
+            sharding.mesh(jax.devices(), seeds=len(part), num_envs=program.algorithm.num_envs)
+            found.append(program._replace(name=f"policy-{len(found)}", rows=part))
+    return found
+
+
+def _audit(
+    variants: Mapping[str, envs.Env],
+    settings: Settings,
+    rows: Sequence[Row],
+    rewards: Rewards,
+    run: run_dir.RunDir,
+    progress: Progress,
+) -> None:
+    """The figures of every row, as a phase of the run each."""
+    left = [cell for cell in range(len(settings.rows)) if not run.finished_phase(f"audit-{cell}")]
+    if not left:
+        return
+    phase = progress.phase("auditing", total=len(left), unit="rows")
+    on = soundness_audit.ground(variants, starts=settings.starts)
+    for done, cell in enumerate(left, 1):
+        members = [row for row in rows if row.cell == cell]
+        found = [rewards[reward_key(row.config)] for row in members]
+        params = jax.tree.map(lambda *x: jnp.stack(x), *(one.params for one in found))
+        encoder = setup.encoder_config(members[0].config, found[0].num_classes)
+        figures = soundness_audit.measure(encoder, params, on, ascents=settings.ascents)
+        run.finish_phase(f"audit-{cell}", {name: x.tolist() for name, x in figures.items()})
+        phase.update(done)
+
+
+def _write(folder: Path, lines: Sequence[soundness_table.Line]) -> str:
+    """Tables and figure of what is known so far; returns the table."""
+    table = soundness_table.markdown(lines)
+    with run_dir.writing(folder):
+        (folder / "soundness.md").write_text(table + "\n", encoding="utf-8")
+        (folder / _CSV).write_text(soundness_table.csv(lines), encoding="utf-8")
+        if any("success" in line for line in lines):
+            (folder / "soundness.png").write_bytes(png(soundness_plot.figure(lines)))
+    return table
+
+
+def _lines(
+    run: run_dir.RunDir,
+    settings: Settings,
+    rows: Sequence[Row],
+    rewards: Rewards,
+    plan: Sequence[Program],
+) -> list[dict[str, Any]]:
+    """What is known of each encoder, in the order of rows and seeds."""
+    scores = _scores(run, plan)
+    lines: list[dict[str, Any]] = []
+    for row in rows:
+        figures = run.finished_phase(f"audit-{row.cell}") or {}
+        tau = rewards[reward_key(row.config)].tau
+        lines.append(
+            {"row": [*settings.rows][row.cell], "seed": row.config.run.seed, "tau": tau}
+            | {name: _number(values[row.seed]) for name, values in figures.items()}
+            | scores.get((row.cell, row.seed), {})
+        )
+    return lines
+
+
+def _scores(
+    run: run_dir.RunDir, plan: Sequence[Program]
+) -> dict[tuple[int, int], dict[str, float]]:
+    """Final scores of the policies that have finished, by row and seed."""
+    finished = {program.name: run.finished_phase(program.name) for program in plan}
+    metrics = run_dir.read_metrics(run.path) if any(finished.values()) else []
+    found = {}
+    for name, done in finished.items():
+        if done is None:
+            continue
+        curve = [line for line in metrics if line["phase"] == name]
+        for result in sweep_table.results(done["rows"], done["taus"], curve):
+            last = {score: float(values[-1]) for score, values in result.scores.items()}
+            found[result.cell, result.seed] = {"env_steps": float(result.env_steps[-1])} | last
+    return found
+
+
+def _number(value: float | None) -> float:
+    """What was not finite is null in a run's files."""
+    return float("nan") if value is None else float(value)

@@ -1,0 +1,88 @@
+"""The verb that compares ways of training encoders by what their rewards can be cheated of."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from .. import run_dir
+from ..config import RunConfig
+from ..errors import ConfigError
+from .arguments import Work, echo, heavy_imports, positional, run_config, take
+
+__all__ = ["VERBS"]
+
+_ABOUT = (
+    "Train encoders in several ways (--rows A,B; all by default) with --seeds N seeds each (5 by "
+    "default), audit them from --starts N starts (4) with --ascents N ascents (1000), and train a "
+    "policy with each, of --steps-per-policy N control steps (the configuration's own; 0 trains "
+    "none), at most --policies-at-once N in one program (25). --resume RUN goes on with a run that "
+    "was cut off; --join A,B --out FOLDER makes one table of runs with different rows."
+)
+
+
+def _soundness(args: list[str]) -> Work:
+    # Names and numbers only: it imports neither JAX nor MuJoCo.
+    from ..experiments import soundness_settings as known
+
+    resume = take(args, "--resume")
+    if resume is not None:
+        folder = Path(resume)
+        if args:
+            raise ConfigError(
+                f"--resume takes its options from {folder}, so {args[0]} must not be given beside "
+                "it"
+            )
+        config = run_dir.require_resumable(folder, "soundness")
+        return _work(config, known.read_settings(folder), folder)
+    joined = take(args, "--join")
+    if joined is not None:
+        return _join([Path(name) for name in joined.split(",")], take(args, "--out"), args)
+    name, steps = positional(args), _number(args, "--steps-per-policy", None, least=0)
+    usual = known.Settings()
+    settings = known.Settings(
+        rows=known.chosen_rows(take(args, "--rows")),
+        seeds=_number(args, "--seeds", usual.seeds),
+        policies=steps != 0,
+        policies_at_once=_number(args, "--policies-at-once", usual.policies_at_once),
+        ascents=_number(args, "--ascents", usual.ascents),
+        starts=_number(args, "--starts", usual.starts),
+    )
+    config = known.with_budget(run_config(name, args, "gril soundness", _ABOUT), steps)
+    return _work(config, settings, None)
+
+
+def _join(folders: list[Path], out: str | None, args: list[str]) -> Work:
+    if args:
+        raise ConfigError(f"--join takes --out alone, so {args[0]} must not be given beside it")
+    if out is None:
+        raise ConfigError("--out is missing, but must name the folder to make for the joined table")
+    for folder in folders:
+        run_dir.read_config(folder)
+    run_dir.require_new(Path(out))
+
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import soundness
+        soundness.join(folders, Path(out), echo=echo)
+
+    return work
+
+
+def _number(args: list[str], option: str, usual: int | None, least: int = 1):
+    text = take(args, option)
+    if text is None:
+        return usual
+    if not text.isdecimal() or int(text) < least:
+        raise ConfigError(f"{option} is {text!r}, but must be a whole number of at least {least}")
+    return int(text)
+
+
+def _work(config: RunConfig, settings, resume: Path | None) -> Work:
+    def work() -> None:
+        with heavy_imports(deterministic=config.run.deterministic):
+            from ..experiments import soundness
+        soundness.main(config, settings, resume=resume, echo=echo)
+
+    return work
+
+
+VERBS: dict[str, Callable[[list[str]], Work]] = {"soundness": _soundness}
