@@ -5,8 +5,8 @@ y to its left, z up, and the table is at z = 0; lengths are metres. What a task 
 their starts and stages) is a `Task`: a value with a few pure functions, no class to inherit from.
 
 Actions: see `panda_control`. Observation: see `tabletop_observation`.
-Objects: left finger, right finger, hand, then the task's; their boxes are those of the front view
-(`tabletop_boxes`). `world_boxes` gives the same boxes in space.
+Objects: left finger, right finger, hand, then the task's; their boxes are those of whole things in
+the camera's picture (`tabletop_camera`). `world_boxes` gives the same boxes in space.
 """
 
 from collections.abc import Callable
@@ -21,6 +21,7 @@ from . import panda_control as control
 from . import panda_kinematics as kinematics
 from . import panda_model
 from . import tabletop_boxes as boxes
+from . import tabletop_camera as cameras
 from . import tabletop_observation as observations
 from . import tabletop_reward as rewards
 from .base import Objects, Outline, State
@@ -95,7 +96,8 @@ class Tabletop:
     """
 
     control_hz = CONTROL_HZ
-    half_extent = boxes.HALF_EXTENT
+    half_extent = cameras.HALF_EXTENT
+    camera = cameras.CAMERA
     background = (236, 236, 232)
 
     def __init__(
@@ -212,7 +214,7 @@ class Tabletop:
         things = self.task.boxes(view)
         progress = self.task.progress(view, things)
         data = data._replace(record=rewards.record(before.record, progress, data.time))
-        center, size = boxes.front_view(self.world_boxes(data))
+        center, size = cameras.project(self.camera, self.world_boxes(data))
         count = len(self.classes)
         change = data.action - before.action
         stages = {
@@ -238,11 +240,13 @@ class Tabletop:
         )
 
     def outlines(self, data: TabletopData) -> list[Outline]:
-        """What to paint for one moment (host side): every box's outline in the front view."""
-        seen = jax.tree.map(np.asarray, self.world_boxes(data))
+        """What to paint for one moment (host side): boxes as the camera sees them, far to near."""
+        seen = [*zip(*jax.tree.map(np.asarray, self.world_boxes(data)), strict=True)]
+        away = [np.linalg.norm(place - np.array(self.camera.place)) for place, *_ in seen]
+        shapes = [cameras.outline(self.camera, *thing) for thing in seen]
         return [
-            Outline(boxes.outline(*thing), _COLOURS[i % len(_COLOURS)], (30, 30, 30))
-            for i, thing in enumerate(zip(*seen, strict=True))
+            Outline(shapes[i], _COLOURS[i % len(_COLOURS)], (30, 30, 30))
+            for i in np.argsort(away)[::-1]
         ]
 
 

@@ -76,7 +76,8 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
             f"{source}: its class names are not those of {config.env.name}; import the videos "
             "again for this task"
         )
-    demo_set = select_objects(demo_set, ("goal", "robot", *env.blocks))
+    wanted = ("goal", "robot", *env.blocks) if hasattr(env, "blocks") else env.classes
+    demo_set = select_objects(demo_set, tuple(wanted))
     good = [e.name for e in demo_set.entries if e.outcome != "failure"]
     if len(good) < 3:
         raise DemoError(f"{source}: holds {len(good)} demonstrations, but at least 3 are needed")

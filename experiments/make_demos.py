@@ -21,13 +21,14 @@ from gril_jax.errors import DemoError
 from gril_jax.interop.import_demos import Imported, import_videos
 from gril_jax.progress import Progress
 
-from . import setup
+from . import setup, shoes_demos
 
 __all__ = ["film", "main", "make"]
 
 _SPARE = 2  # successes played for each that is kept: the brisker half, as a person would choose
 _ROUNDS = 8  # batches of episodes before giving up on an expert that fails
 _AFTER = 12  # frames that a video goes on once the task is done
+_JITTER = {"demo": 0.0, "jitter": 0.5, "layout": 1.0}  # of starts on a table, by the variant
 
 
 def main(config: MakeDemosConfig, out: Path, echo: Callable[[str], None] = print) -> None:
@@ -41,9 +42,21 @@ def main(config: MakeDemosConfig, out: Path, echo: Callable[[str], None] = print
 def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> list[Imported]:
     """Play the expert, film it, and import the videos into a demonstration set at `out`.
 
+    A task on a table has an expert, a camera and a detector of its own: see `shoes_demos`.
+
     Raises:
       DemoError: the expert fails so often that the demonstrations wanted cannot be collected.
     """
+    if config.env.name == "shoes_in_box":
+        chosen = config.demos
+        return shoes_demos.make(
+            out,
+            progress,
+            num=chosen.num + chosen.num_validation,
+            failures=chosen.num_failures,
+            seed=chosen.seed,
+            jitter=_JITTER[chosen.variant],
+        )
     # The gripper demonstrates, whichever robot will learn: the reward does not see the robot.
     scene = dataclasses.replace(config.env, robot="gripper", observation="rich")
     env = setup.make_env(scene, training=False, variant=config.demos.variant)

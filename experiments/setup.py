@@ -22,6 +22,10 @@ __all__ = [
 ]
 
 
+# What a task on a table takes of the section `env`.
+_ON_A_TABLE = ("name", "reward", "substeps", "iterations", "episode_length")
+
+
 def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -> envs.Env:
     """The task; varied starts belong to training alone.
 
@@ -33,6 +37,8 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
         "varied_starts": config.varied_starts if training else 0.0,
         "on_the_way": config.on_the_way if training else 0.0,
     }
+    if config.name == "shoes_in_box":
+        options = {k: options[k] for k in _ON_A_TABLE if options[k] is not None}
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
             return envs.make(options.pop("name"), **options)

@@ -59,8 +59,9 @@ _BLOCKS = rule(
 class EnvConfig:
     """The task in the simulator."""
 
-    name: Literal["match_regions"] = "match_regions"
-    """The task."""
+    name: Literal["match_regions", "shoes_in_box"] = "match_regions"
+    """The task. Of the options here shoes_in_box takes reward, substeps, iterations and
+    episode_length; the others are those of match_regions."""
     robot: Literal["gripper", "short", "medium", "long"] = "gripper"
     """The robot: a gripper with two fingers, or a stick of this length."""
     targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
@@ -84,8 +85,9 @@ class EnvConfig:
     """How an action turns the robot: the original saturating law, or a proportional one."""
     observation: Literal["rich", "xmagical"] = "rich"
     """What the policy sees: all that matters, or x-magical's state vector in its exact order."""
-    reward: Literal["S4", "V5", "S3", "sparse"] = "S4"
-    """The task's own reward, which only `ppo.reward environmental` learns from."""
+    reward: Literal["S4", "V5", "S3", "sparse", "staged", "stages"] = "S4"
+    """The task's own reward, which only `run.reward environmental` learns from: match_regions has
+    the first four, shoes_in_box the last three."""
     substeps: int | None = field(
         default=None, metadata=rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
     )

@@ -33,6 +33,7 @@ from gril_jax.errors import DemoError
 from gril_jax.types import DemoBatch
 
 __all__ = [
+    "ROBOTS",
     "Demo",
     "DemoSet",
     "demo_batch",
@@ -43,6 +44,7 @@ __all__ = [
     "trim_static_tail",
 ]
 
+ROBOTS = ("robot", "left finger", "right finger", "hand")  # classes that are parts of a robot
 _NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
 _MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
 
@@ -79,7 +81,7 @@ def trim_static_tail(
       A number of frames, from 2 (or all, if there are fewer) to all.
     """
     kinds = [classes[label] for label in tracks.label]
-    blocks = [i for i, kind in enumerate(kinds) if kind not in ("robot", "goal")]
+    blocks = [i for i, kind in enumerate(kinds) if kind not in ("goal", *ROBOTS)]
     away = np.linalg.norm(tracks.center[:, blocks] - tracks.center[-1:, blocks], axis=-1)
     travelling = np.flatnonzero((away > tolerance).any(axis=1))
     arrived = int(travelling[-1]) + 1 if len(travelling) else 0
@@ -214,7 +216,7 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
             )
     length = np.array([len(track.center) for track in tracks], np.int32)
     label = np.stack([track.label for track in tracks])
-    robot = [i for i, name in enumerate(demo_set.classes) if name == "robot"]
+    robot = [i for i, name in enumerate(demo_set.classes) if name in ROBOTS]
     return DemoBatch(
         center=jnp.asarray(_padded([track.center for track in tracks])),
         size=jnp.asarray(_padded([track.size for track in tracks])),

@@ -37,7 +37,8 @@ def test_a_wrong_option_is_one_sentence_that_names_it(options, words):
 
 
 def test_an_unknown_task_is_one_sentence_with_the_known_ones():
-    with pytest.raises(ValueError, match=r"^task 'reach' is not one of match_regions, shoes_in_box$"):
+    expected = "^task 'reach' is not one of match_regions, shoes_in_box$"
+    with pytest.raises(ValueError, match=expected):
         envs.make("reach")
 
 

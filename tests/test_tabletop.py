@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs import panda_control as control
+from gril_jax.envs import tabletop_camera as cameras
 
 from gril_jax import envs
 
@@ -47,13 +48,15 @@ def test_boxes_in_space_and_in_the_view_are_in_the_order_of_the_classes(layout):
     boxes = env.world_boxes(state.data)
     assert boxes.position.shape == (len(env.classes), 3)
     assert state.objects.is_robot.tolist() == [True] * 3 + [False] * 4
-    np.testing.assert_allclose(state.objects.center[:, 0], boxes.position[:, 1], atol=1e-6)
+    seen = cameras.project(env.camera, boxes)
+    np.testing.assert_allclose(state.objects.center, seen[0], atol=1e-5)
+    np.testing.assert_allclose(state.objects.size, seen[1], atol=1e-5)
     hand, shoe = env.classes.index("hand"), env.classes.index("shoe B")
     np.testing.assert_allclose(boxes.position[hand, :2], [0.5, 0.05], atol=2e-3)
     np.testing.assert_allclose(boxes.position[shoe], [0.48, 0.27, 0.025], atol=1e-6)
     outlines = env.outlines(state.data)
     assert len(outlines) == len(env.classes)
-    assert (np.abs(outlines[shoe].vertices) <= env.half_extent).all()
+    assert all((np.abs(outline.vertices) <= env.half_extent).all() for outline in outlines)
 
 
 def test_observed_places_are_from_the_hand(layout):
