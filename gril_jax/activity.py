@@ -153,6 +153,10 @@ def trajectory(
     """The activity bits of every frame of one recording; all False in the first.
 
     Arguments and errors are those of `init` and `step`.
+
+    >>> center = jnp.array([[[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0], [1.2, 0.0]]])  # the second moves
+    >>> trajectory(center, jnp.ones((2, 2, 2)), tau=0.1).tolist()
+    [[False, False], [False, True]]
     """
     _check_boxes(center, size, (*center.shape[:-1], 2))
     _check_frames(window, smoothing)

@@ -64,7 +64,11 @@ class MLPConfig:
 
 
 def init(key: PRNGKeyArray, config: MLPConfig) -> Params:
-    """Fresh parameters: a dict of the layers. The key is consumed."""
+    """Fresh parameters: a dict of the layers. The key is consumed.
+
+    >>> sorted(init(jax.random.key(0), MLPConfig(num_classes=3, width=8)))
+    ['agent', 'boxes', 'latent']
+    """
     count = config.flat_nodes or 1
     flag = jnp.zeros(count, bool)
     boxes = jnp.zeros((count, 2))

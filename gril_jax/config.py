@@ -192,7 +192,7 @@ class LossConfig:
     """Share of an object's cost that is due as soon as it is out of place by half its box."""
     idle_cost: float = field(default=0.5, metadata=at_least(0))
     """Cost of what lies where it does not belong, beside that of what is out of place."""
-    touch: float = field(default=0.04, metadata=between(0, 1))
+    touch: float = field(default=0.0, metadata=between(0, 1))
     """Share of the cost of what is to be moved that is gone once it has been touched."""
     tail: float = field(default=1.0, metadata=at_least(0))
     """Weight of the fourth power of the copies' errors, beside their squares."""

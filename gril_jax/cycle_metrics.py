@@ -20,6 +20,10 @@ def two_way_cycle_consistency(
 ) -> Float[Array, ""]:
     """Share of frames that come back from another video, mean over all ordered pairs.
 
+    >>> twice = jnp.tile(jnp.arange(4.0)[:, None], (2, 1, 1))  # a video and itself
+    >>> two_way_cycle_consistency(twice, tolerance=0)
+    Array(1., dtype=float32)
+
     Args:
       latents: of each video's frames.
       length: frames before padding; all if left out.
@@ -76,6 +80,10 @@ def nearest_frames(
 
     Entry (u, v, t) is the frame of v nearest to frame t of u, by squared distance; the first if
     several are.
+
+    >>> videos = jnp.array([[[0.0], [1.0], [2.0]], [[2.1], [1.1], [0.1]]])  # one backwards
+    >>> nearest_frames(videos)[0, 1].tolist()
+    [2, 1, 0]
     """
     length = _lengths(latents, length)
     valid = jnp.arange(latents.shape[1]) < length[:, None]

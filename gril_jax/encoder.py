@@ -52,6 +52,11 @@ _MODULES = {
 def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
     """Fresh parameters: a dict of dicts of arrays. The key is consumed.
 
+    >>> config = MLPConfig(num_classes=3, width=8)
+    >>> params = init(jax.random.key(0), config)
+    >>> sorted(params)
+    ['agent', 'boxes', 'latent']
+
     Raises:
       ConfigError: there is no encoder for this kind of config.
     """

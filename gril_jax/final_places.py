@@ -46,6 +46,9 @@ def has_moved(
 ) -> Bool[Array, "*batch"]:
     """Whether a demonstration is about moving an object: from first to last frame by half its box.
 
+    >>> has_moved(jnp.zeros(2), jnp.array([0.3, 0.4]), jnp.float32(0.9)).item()
+    True
+
     Args:
       first, last: its centres in these frames.
       diagonal: of its box.

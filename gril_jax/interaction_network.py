@@ -83,7 +83,12 @@ class InteractionConfig:
 
 
 def init(key: PRNGKeyArray, config: InteractionConfig) -> Params:
-    """Fresh parameters: a dict of the blocks. The key is consumed."""
+    """Fresh parameters: a dict of the blocks. The key is consumed.
+
+    >>> params = init(jax.random.key(0), InteractionConfig(num_classes=3, width=8))
+    >>> sorted(params)
+    ['affector_1', 'affector_2', 'relation', 'self']
+    """
     flag = jnp.zeros(1, bool)
     nodes = Nodes(jnp.zeros((1, 2)), jnp.zeros((1, 2)), jnp.zeros(1, jnp.int32), flag, flag, flag)
     if config.history > 1:

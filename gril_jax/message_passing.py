@@ -70,7 +70,11 @@ class EncoderConfig:
 
 
 def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
-    """Fresh parameters: a dict with the parts `messages` and `head`. The key is consumed."""
+    """Fresh parameters: a dict with the parts `messages` and `head`. The key is consumed.
+
+    >>> sorted(init(jax.random.key(0), EncoderConfig(num_classes=3, width=8, latent=4)))
+    ['head', 'messages']
+    """
     keys = jax.random.split(key)
     flags = jnp.zeros(2, bool)
     graph = scene_graph(jnp.zeros((2, 2)), jnp.zeros((2, 2)), jnp.zeros(2, jnp.int32), flags, flags)

@@ -99,7 +99,7 @@ class Hyper(NamedTuple):
     contrast: Float[Array, ""] | float = 10.0  # weight of copies with displaced objects
     near: Float[Array, ""] | float = 0.5  # share of an object's cost that is due at once
     idle_cost: Float[Array, ""] | float = 0.5  # of what is where it must not be
-    touch: Float[Array, ""] | float = 0.04  # share of that that is for moving it at all
+    touch: Float[Array, ""] | float = 0.0  # share of that which is for moving it at all
     tail: Float[Array, ""] | float = 1.0  # weight of the fourth power of errors of copies
     span: Float[Array, ""] | float = 10.0  # latent distance from first to last frames, with copies
     decay_updates: Float[Array, ""] | float = 1.0  # over which the learning rate falls linearly

@@ -99,6 +99,10 @@ def latent_reward(
 ) -> Float[Array, "*batch"]:
     """The reward of latents that the encoder has already made.
 
+    >>> params = RewardParams({}, goal=jnp.zeros(2), scale=jnp.float32(0.2), alpha=jnp.float32(5))
+    >>> latent_reward(params, jnp.array([[3.0, 4.0], [0.0, 0.0]])).tolist()
+    [-1.0, -0.0]
+
     Args:
       params: its `goal` and `scale` are used.
       latent: with any leading axes.
@@ -133,6 +137,10 @@ def from_latents(
     goal: Goal = "mean",
 ) -> RewardParams:
     """A reward from the latents of the demonstrations' first and last frames.
+
+    >>> params = from_latents({}, first=jnp.array([[4.0]]), last=jnp.array([[2.0]]))
+    >>> params.goal.tolist(), float(params.scale)
+    ([2.0], 0.5)
 
     Args:
       encoder_params: what the latents were made with.

@@ -130,6 +130,12 @@ def trajectory(
     """The reward and the number of finished subtasks after every frame of one recording.
 
     It is `step` from `init` on; arguments and errors are the same.
+
+    >>> goals, ones = jnp.array([[1.0], [2.0]]), jnp.ones(2)
+    >>> chain = ChainParams(goals, scale=ones, radius=0.1 * ones, count=jnp.int32(2))
+    >>> rewards, index = trajectory(chain, jnp.array([[0.0], [0.5], [1.0], [1.5], [2.0]]))
+    >>> rewards.tolist(), index.tolist()
+    ([-1.0, -0.75, -0.5, -0.25, 0.0], [0, 0, 1, 1, 2])
     """
 
     def one(progress, latent):

@@ -70,6 +70,13 @@ def decode_graph(
     same order, as `gril_jax.types.DemoBatch` does. Node i's class is then the same in every
     frame, and its logits are easily learned; the boxes are what the vector must carry. A robot
     that has no weight in the pooling cannot be decoded; take it out of `present` in the loss.
+
+    >>> from gril_jax.encoder import EncoderConfig
+    >>> config = EncoderConfig(num_classes=3, latent=8)
+    >>> params = init_graph(jax.random.key(0), config, num_nodes=5)
+    >>> box, logits = decode_graph(params, jnp.zeros(8), config, num_nodes=5)
+    >>> box.shape, logits.shape
+    ((5, 4), (5, 3))
     """
     out = _Decoder(config, num_nodes).apply({"params": params}, vector)
     out = out.reshape(num_nodes, 4 + config.num_classes)

@@ -25,6 +25,9 @@ def pairwise_cost(
     first frame, since digits are lost when features lie far from zero. Frames beyond the lengths
     count as that frame, whatever they hold.
 
+    >>> pairwise_cost(jnp.array([[0.0], [1.0]]), jnp.array([[0.0], [3.0]])).tolist()
+    [[0.0, 9.0], [1.0, 4.0]]
+
     Raises:
       ShapeError: the batches or the features differ.
     """

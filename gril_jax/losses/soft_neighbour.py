@@ -104,6 +104,9 @@ def closeness(
     A softmax over the keys cancels that constant, which is the query's own square; leaving it
     out saves a pass over the largest array, and digits when latents lie far from zero.
 
+    >>> closeness(jnp.array([[1.0]]), jnp.array([[1.0], [3.0]])).tolist()  # up to a constant
+    [[1.0, -3.0]]
+
     Args:
       query: from `prepare`.
       keys: from `prepare`.

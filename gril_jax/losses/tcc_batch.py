@@ -31,6 +31,11 @@ def mean_cycle_consistency(
 ) -> Float[Array, ""]:
     """Mean of `cycle_consistency` over all ordered pairs of different videos: the TCC loss.
 
+    >>> twice = 9.0 * jnp.tile(jnp.eye(4), (2, 1, 1))  # a video and itself: every frame comes home
+    >>> times = jnp.tile(jnp.arange(4.0) / 4, (2, 1))
+    >>> round(float(mean_cycle_consistency(twice, times, temperature=0.1)), 6)
+    0.0
+
     Args:
       latents: of each video's frames.
       times: of those frames, see `frame_times`.

@@ -32,6 +32,10 @@ def draw_cycles(
 
     Videos without a valid frame are drawn only if the others do not suffice. The key is consumed.
 
+    >>> videos, frames = draw_cycles(jax.random.key(0), jnp.ones((3, 5), bool), num_cycles=4)
+    >>> videos.shape, frames.shape
+    ((4, 2), (4,))
+
     Args:
       key: of the draw.
       valid: False for padding.
