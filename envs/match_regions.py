@@ -62,6 +62,7 @@ class MatchRegions:
       varied_starts: share of episodes that begin with the robot anywhere, and of those two in three
         with one target already in the region. For training; 0 is the task itself.
       on_the_way: in those, how likely a target that is not in the region is on its way there.
+      facing: in those, how likely the robot stands before such a target and faces it.
       turn: "original" or "smooth"; see above.
       observation: "rich" or "xmagical".
       reward: the task's own reward: "S4", "V5", "S3" or "sparse".
@@ -85,6 +86,7 @@ class MatchRegions:
         variant: str = "demo",
         varied_starts: float = 0.0,
         on_the_way: float = 0.0,
+        facing: float = 0.0,
         turn: str = "original",
         observation: str = "rich",
         reward: str = "S4",
@@ -98,11 +100,11 @@ class MatchRegions:
         )  # fmt: skip
         options.check_engine(engine, robot, physics, variant)
         options.check_blocks(targets, distractors, variant)
-        options.check_shares(varied_starts=varied_starts, on_the_way=on_the_way)
+        options.check_shares(varied_starts=varied_starts, on_the_way=on_the_way, facing=facing)
         options.check_counts(episode_length=episode_length)
         self.blocks = (*targets, *distractors)
         self.num_targets, self.variant = len(targets), variant
-        self.varied_starts, self.on_the_way = varied_starts, on_the_way
+        self.varied_starts, self.on_the_way, self.facing = varied_starts, on_the_way, facing
         self.episode_length = episode_length
         self.turn_gain = actions.TURN_GAIN[turn]
         self.robot, self.physics = robots.robot(robot), physics
@@ -147,7 +149,7 @@ class MatchRegions:
         start = states.distances(layout.blocks[: self.num_targets], layout.goal[:2])
         layout, vary, moved = starts.varied(
             keys[4:], layout, share=self.varied_starts, on_the_way=self.on_the_way,
-            targets=self.num_targets, **within,
+            facing=self.facing, targets=self.num_targets, **within,
         )  # fmt: skip
         pose = jnp.concatenate([starts.robot_pose(self.robot, layout.robot), layout.blocks])
         nearest = states.distances(layout.blocks[: self.num_targets], layout.robot[:2])

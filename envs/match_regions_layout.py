@@ -47,6 +47,7 @@ DEMO_BLOCKS = {
 DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
 RADII = np.array([0.156, 0.1525, 0.138, 0.12], np.float32)  # of star, square, pentagon, circle
 _CANDIDATES = 64
+_FACING = (0.55, 0.75, 0.4)  # distances from which a robot faces a point, and rad off it
 _DYNAMICS = Strengths((3.2, 5.5), (0.7, 1.5), (2.5, 4.5), (1.0, 1.8), (0.07, 0.15))
 
 
@@ -114,10 +115,13 @@ def place_robot(
     goal: Float[Array, "4"] | None,
     *,
     arena: float,
+    facing: Float[Array, "2"] | None = None,
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
     """A pose for the robot that is clear of walls, blocks and region (None: may stand in it), and
-    whether there was none."""
-    poses = _candidates(key, arena - 0.05)
+    whether there was none; anywhere, or a little before a point and about `facing` it."""
+    poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
+    if facing is not None:
+        poses = _before(poses, facing)
     points = _turn(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
     free = (jnp.abs(points) < arena).all(axis=(1, 2))
     if goal is not None:
@@ -126,6 +130,15 @@ def place_robot(
         apart = jnp.sum((points[:, :, None] - blocks[:, :2]) ** 2, axis=-1)
         free &= (apart > radii**2).all(axis=(1, 2))
     return _first(free, poses)
+
+
+def _before(unit: Float[Array, "C 3"], point: Float[Array, "2"]) -> Float[Array, "C 3"]:
+    """Poses around a point, from candidates with x and y in [-1, 1]."""
+    nearest, furthest, aside = _FACING
+    angle = unit[:, 2]
+    away = nearest + (furthest - nearest) * (unit[:, :1] + 1.0) / 2
+    forward = jnp.stack([-jnp.sin(angle), jnp.cos(angle)], axis=1)  # a robot's y axis
+    return jnp.concatenate([point - away * forward, angle[:, None] + aside * unit[:, 1:2]], axis=1)
 
 
 def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena: float) -> Layout:

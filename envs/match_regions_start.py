@@ -83,6 +83,7 @@ def varied(
     *,
     share: float,
     on_the_way: float,
+    facing: float,
     targets: int,
     robot: Robot,
     radii: Float[Array, "B"],
@@ -91,7 +92,8 @@ def varied(
     """In a `share` of the episodes the robot anywhere and targets further on.
 
     Two times in three one target is in the region; of the other targets each is somewhere on its
-    way there with probability `on_the_way`, so that what is left to do is short now and then.
+    way there with probability `on_the_way`, so that what is left to do is short now and then; and
+    with probability `facing` the robot is not anywhere but before a target that is not in it.
     Takes two keys; the first `targets` blocks are the targets.
     """
     never = jnp.zeros(len(radii), bool)
@@ -113,6 +115,15 @@ def varied(
         blocks = jnp.where(there, blocks.at[target].set(pose), blocks)
         moved = moved.at[target].set(moved[target] | there)
     pose, unplaced = layouts.place_robot(key_robot, robot, blocks, radii, None, arena=arena)
+    if facing:
+        key_use, key_left, key_pose = jax.random.split(jax.random.fold_in(key_robot, 1), 3)
+        left = jax.random.randint(key_left, (), 0, targets, jnp.int32)
+        left = jnp.where(some & (left == which), (left + 1) % targets, left)
+        stand, none = layouts.place_robot(
+            key_pose, robot, blocks, radii, None, arena=arena, facing=blocks[left, :2]
+        )
+        use = ~none & jax.random.bernoulli(key_use, facing)
+        pose, unplaced = jnp.where(use, stand, pose), unplaced & ~use
     layout = layout._replace(
         robot=jnp.where(vary, pose, layout.robot),
         blocks=blocks,

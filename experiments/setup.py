@@ -36,6 +36,7 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
         "variant": variant or config.variant,
         "varied_starts": config.varied_starts if training else 0.0,
         "on_the_way": config.on_the_way if training else 0.0,
+        "facing": config.facing if training else 0.0,
     }
     if config.name == "shoes_in_box":
         options = {k: options[k] for k in _ON_A_TABLE if options[k] is not None}

@@ -77,6 +77,8 @@ class EnvConfig:
     """Share of the training episodes that start with the robot anywhere and some targets moved."""
     on_the_way: float = field(default=0.0, metadata=between(0, 1))
     """In those, how likely a target that is not in the region yet is on its way there."""
+    facing: float = field(default=0.0, metadata=between(0, 1))
+    """In those, how likely the robot stands before such a target, facing it."""
     physics: Literal["xmagical", "magical"] = "xmagical"
     """Whose physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
     engine: Literal["impulse", "mjx"] = "impulse"

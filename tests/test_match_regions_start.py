@@ -148,6 +148,21 @@ def test_varied_starts_put_the_robot_anywhere_but_on_no_block(varied):
     assert _overhang(env, state) < 1e-3
 
 
+def test_a_robot_that_faces_a_target_stands_right_before_one_that_is_not_in_the_region():
+    env, state = lanes.starts(varied_starts=1.0, facing=1.0)
+    pose = np.asarray(state.data.pose)
+    robot, targets = pose[:, 0], pose[:, -5:-3, :2]
+    forward = np.stack([-np.sin(robot[:, 2]), np.cos(robot[:, 2])], axis=1)
+    offset = targets - robot[:, None, :2]
+    distance = np.linalg.norm(offset, axis=2)
+    ahead = np.einsum("nkd,nd->nk", offset, forward) > np.cos(0.45) * distance
+    inside = np.asarray(state.obs)[:, 14 + 11 :: 12][:, :2] > 0
+    before = ahead & (distance > 0.5) & (distance < 0.8) & ~inside
+    assert before.any(axis=1).mean() > 0.9  # where there is room
+    assert _clearances(env, state).min() > -1e-3
+    assert _overhang(env, state) < 1e-3
+
+
 def test_reward_of_a_varied_start_is_that_of_the_same_scene_reached_from_the_demo_start(
     varied, demo
 ):
