@@ -2,12 +2,13 @@
 
     gril pretrain quickstart           about a minute on two CPU cores
     gril pretrain --resume RUN         go on with a run that was cut off
+    gril pretrain quickstart --hard-negatives RUN    learn from what RUN's policy was overpaid for
 
 Writes a run folder with the demonstrations, the reward, and its profile along each of them.
 """
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,26 +26,42 @@ from gril_jax import (
     subtasks,
     training_loop,
 )
+from gril_jax.audit_scene import Scene
 from gril_jax.config import RunConfig
 from gril_jax.demos import demo_batch
 from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
 
-from . import demonstrations, setup
+from . import cheats, demonstrations, setup
 
 __all__ = ["learn", "main"]
 
 Echo = Callable[[str], None]
 
 
-def main(config: RunConfig, *, resume: Path | None = None, echo: Echo = print) -> Path:
-    """Run it, or go on with the run in a folder; returns the run's folder."""
+def main(
+    config: RunConfig,
+    *,
+    resume: Path | None = None,
+    hard_negatives: Sequence[Path] = (),
+    echo: Echo = print,
+) -> Path:
+    """Run it, or go on with the run in a folder; returns the run's folder.
+
+    Args:
+      config: a resumed run's is its own.
+      resume: its folder.
+      hard_negatives: runs whose policies give them; a resumed run has noted its own.
+      echo: says what happens.
+    """
+    policies = cheats.load(hard_negatives)
     opened = {"device": setup.device_in_words(), "experiment": "pretrain"}
     with run_dir.create_or_resume(config, resume, **opened) as run, Progress() as progress:
         echo(f"writing to {run.path}")
         env = setup.make_env(config.env, training=False)
+        cheats.note(run, policies)
         demos = demonstrations.gather_once(config, env, run, progress)
-        _, results = learn(config, env, demos, run, progress, echo=echo)
+        _, results = learn(config, env, demos, run, progress, policies=policies, echo=echo)
         run.finish(results)
     page = report.write_report(run.path)
     echo(f"Kendall's tau on held-out demonstrations: {results['tau']:.3f}; report: {page}")
@@ -58,23 +75,31 @@ def learn(
     run: run_dir.RunDir,
     progress: Progress,
     *,
+    policies: Sequence[cheats.Cheat] = (),
     echo: Echo = print,
 ) -> tuple[RewardParams, dict[str, Any]]:
-    """Train the encoder, save the reward and its profiles; returns both, which a run does once."""
+    """Train the encoder, save the reward and its profiles; returns both, which a run does once.
+
+    What the `policies` of earlier runs were overpaid for is learned from, too.
+    """
     results = run.finished_phase("reward")
     if results is None:
-        results = _learn(config, env, demos, run, progress, echo)
+        train = demos.batch("train")
+        pool = cheats.gather_once(policies, config, train, run, progress, echo=echo)
+        results = _learn(config, env, demos, pool, run, progress, echo)
         run.finish_phase("reward", results)
     # From the folder in any case: a resumed run has nothing else.
     blank = setup.blank_reward(config, len(env.classes))
     return checkpoint.restore(_folder(run) / f"{config.pretrain.steps:012d}", blank), results
 
 
-def _learn(config: RunConfig, env, demos, run, progress: Progress, echo: Echo) -> dict[str, Any]:
+def _learn(
+    config: RunConfig, env, demos, pool: Scene | None, run, progress: Progress, echo: Echo
+) -> dict[str, Any]:
     static = setup.pretrain_config(config, len(env.classes))
     hyper = setup.pretrain_hyper(config)
     train, validation = demos.batch("train"), demos.batch("validation")
-    state = _train_encoder(config, train, hyper, static, run, progress, echo)
+    state = _train_encoder(config, train, pool, hyper, static, run, progress, echo)
     params = reward.from_demos(
         state.params.encoder,
         train,
@@ -89,13 +114,14 @@ def _learn(config: RunConfig, env, demos, run, progress: Progress, echo: Echo) -
     return {name: float(value) for name, value in measured.items()} | {
         "demonstrations": {split: len(names) for split, names in demos.names.items()},
         "trimmed_frames": demos.trimmed,
+        "hard_negatives": 0 if pool is None else len(pool.label),
         "reward_sha256": state_leaves.digest(params),
         "state_sha256": state_leaves.digest(state),
     }
 
 
 def _train_encoder(
-    config: RunConfig, train, hyper, static, run, progress: Progress, echo: Echo
+    config: RunConfig, train, pool, hyper, static, run, progress: Progress, echo: Echo
 ) -> pretrain.State:
     """All gradient steps, `static.updates` in a chunk."""
     phase = progress.phase("learning the reward", total=config.pretrain.steps)
@@ -108,7 +134,7 @@ def _train_encoder(
         return {"step": chunk * static.updates, **means}
 
     return training_loop.run_chunks(
-        lambda state: pretrain.step(state, train, hyper, static),
+        lambda state: pretrain.step(state, train, hyper, static, pool),
         training_loop.restore(run, "pretrain", fresh, tell=echo),
         run=run,
         name="pretrain",

@@ -3,12 +3,13 @@
 gril quickstart                    one block, about 4 minutes on two CPU cores
 gril train match_regions           five blocks, sized for a GPU: see README for both results
 gril train --resume RUN            go on with a run that was cut off
+gril train quickstart --hard-negatives RUN    with a reward that knows what RUN's policy did
 """
 
 import itertools
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from gril_jax.reward import RewardParams
 from gril_jax.rl import sharding, training
 from gril_jax.rl.policy import Policy
 
-from . import demonstrations, evaluate, policy_rewards, policy_setup, setup
+from . import cheats, demonstrations, evaluate, policy_rewards, policy_setup, setup
 from . import pretrain as pretraining
 
 __all__ = ["Plan", "main"]
@@ -33,8 +34,18 @@ __all__ = ["Plan", "main"]
 Echo = Callable[[str], None]
 
 
-def main(config: RunConfig, *, resume: Path | None = None, echo: Echo = print) -> Path:
-    """Run it, or go on with the run in a folder; returns the run's folder."""
+def main(
+    config: RunConfig,
+    *,
+    resume: Path | None = None,
+    hard_negatives: Sequence[Path] = (),
+    echo: Echo = print,
+) -> Path:
+    """Run it, or go on with the run in a folder; returns the run's folder.
+
+    Arguments are those of `gril_jax.experiments.pretrain.main`.
+    """
+    policies = cheats.load(hard_negatives)
     env = setup.make_env(config.env, training=False)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
@@ -42,9 +53,12 @@ def main(config: RunConfig, *, resume: Path | None = None, echo: Echo = print) -
     with run_dir.create_or_resume(config, resume, **opened) as run, Progress() as progress:
         echo(f"writing to {run.path}")
         clock = _Clock()
+        cheats.note(run, policies)
         demos = demonstrations.gather_once(config, env, run, progress)
         clock.lap("demonstrations")
-        learned, results = pretraining.learn(config, env, demos, run, progress, echo=echo)
+        learned, results = pretraining.learn(
+            config, env, demos, run, progress, policies=policies, echo=echo
+        )
         reward_params = _policy_reward(config, learned, demos, run, len(env.classes))
         clock.lap("reward")
         policy, found = _learn_policy(config, algorithm, layout, reward_params, run, progress, echo)

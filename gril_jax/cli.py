@@ -29,6 +29,7 @@ Learn a reward from demonstration videos without actions, and a policy from the 
   sweep [CONFIG] --seeds N    every combination of options with commas, over seeds;
                               --distributed on several hosts
   train|pretrain|sweep --resume RUN   go on with what was cut off, bit for bit
+  train|pretrain --hard-negatives RUN[,RUN]   learn from what earlier policies were overpaid for
   ablate [CONFIG]             which choices of the reward's training matter, over seeds
   soundness [CONFIG]          the same by audits and by policies, and whether audits tell success;
                               --resume RUN goes on, --join RUN,RUN makes one table

@@ -19,6 +19,7 @@ import optax
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import activity, encoder, metrics, pretrain_batch, pretrain_contrast, pretrain_loss, reward
+from .audit_scene import Scene
 from .encoder import Params
 from .errors import ConfigError
 from .final_places import final_places
@@ -61,7 +62,7 @@ class Metrics(NamedTuple):
     loss: Float[Array, "updates"]  # Eq. 6, plus the fading time agreement
     consistency: Float[Array, "updates"]  # squared error of normalised time, or soft-DTW
     reconstruction: Float[Array, "updates"]
-    contrast: Float[Array, "updates"]  # 0 without displaced copies
+    contrast: Float[Array, "updates"]  # 0 without copies and pool
     gradient_norm: Float[Array, "updates"]
 
 
@@ -88,12 +89,26 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: PretrainConfig) -> State:
 
 @jax.jit
 def step(
-    state: State, demos: DemoBatch, hyper: Hyper, config: PretrainConfig
+    state: State,
+    demos: DemoBatch,
+    hyper: Hyper,
+    config: PretrainConfig,
+    pool: Scene | None = None,
 ) -> tuple[State, Metrics]:
-    """`config.updates` gradient updates in one compiled call, without talking to the host."""
+    """`config.updates` gradient updates in one compiled call, without talking to the host.
+
+    Args:
+      state: replaced by the one that is returned.
+      demos: the training demonstrations.
+      hyper: traced choices.
+      config: static ones.
+      pool: scenes that an earlier reward overrated (`gril_jax.hard_negatives`), leaves (P, N, ...);
+        they teach distances as copies do, also where `config.copies` is 0.
+    """
     active = activity_bits(demos, hyper, config)
     places = None
-    if config.copies:
+    apart_too = config.copies > 0 or pool is not None
+    if apart_too:
         classes = config.encoder.num_classes
         places = final_places(demos, classes, turned=config.turn_scenes)
 
@@ -119,10 +134,10 @@ def step(
             )
             total = parts.consistency + hyper.lambda_ * parts.reconstruction
             apart = jnp.zeros(())
-            if config.copies:
+            if apart_too:
                 copy_key = jax.random.fold_in(batch_key, 3)
                 apart = pretrain_contrast.contrast(
-                    params.encoder, copy_key, batch, bits, places, hyper, config
+                    params.encoder, copy_key, batch, bits, places, hyper, config, pool
                 )
                 total = total + hyper.contrast * apart
             values = (parts.consistency, parts.reconstruction, apart)

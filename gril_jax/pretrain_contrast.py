@@ -7,19 +7,22 @@ from it as `gril_jax.final_places.misplacement` says, which knows from the last 
 demonstrations what belongs where. Videos are all it takes: no action, no label.
 
 With `ascents` the copies go where the present encoder overrates them most, before it learns from
-them: the same that a policy would do (adversarial training, Madry et al., ICLR 2018).
+them: the same that a policy would do (adversarial training, Madry et al., ICLR 2018). What a policy
+has really done with an earlier reward can be learned from in the same way, beside copies or without
+any: a pool of such scenes (`gril_jax.hard_negatives`), of which each batch draws some.
 
-Shapes use V for videos, N for objects, A for the frames of a video that are copied and J for the
-copies of each.
+Shapes use V for videos, N for objects, A for the frames of a video that are copied, J for the
+copies of each and P for the scenes of a pool.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import encoder
+from . import encoder, pretrain_batch
+from .audit_scene import Scene
 from .encoder import Params
 from .final_places import FinalPlaces, misplacement
 from .graphs import safe_norm, scene_graph
@@ -93,12 +96,14 @@ def contrast(
     places: FinalPlaces,
     hyper: Hyper,
     config: PretrainConfig,
+    pool: Scene | None = None,
 ) -> Float[Array, ""]:
-    """Mean squared error of the rewards of copied frames, of their copies and of last frames (0).
+    """Mean squared error of the rewards of made-up scenes, of frames, and of last frames (0).
 
-    The reward (Eq. 7) has the mean of the batch's last latents as its goal, and `hyper.span` as the
-    latent distance of a reward of -1; were that measured in the batch, a smaller latent space would
-    look like a better one.
+    The made-up scenes are copies of these frames, or come from a pool, or both; of each kind the
+    mean is taken by itself. The reward (Eq. 7) has the mean of the batch's last latents as its
+    goal, and `hyper.span` as the latent distance of a reward of -1; were that measured in the
+    batch, a smaller latent space would look like a better one.
 
     Args:
       params: of the encoder.
@@ -107,51 +112,52 @@ def contrast(
       active: their activity bits.
       places: where all demonstrations leave objects.
       hyper: its `alpha`, `near`, `idle_cost`, `touch`, `tail` and `span` are used.
-      config: its `encoder`, `anchors`, `copies` and `ascents` are used.
+      config: its `encoder`, `anchors`, `copies`, `ascents` and `turn_scenes` are used.
+      pool: scenes, leaves (P, N, ...); V `anchors` are drawn, and turned as videos are.
     """
     extent = jnp.max(jnp.abs(demos.center))
 
-    def encode(params, demo, center, size, bits):
-        graph = scene_graph(center, size, demo.label, demo.is_robot, bits, demo.present)
+    def encode(params, scene, present):
+        graph = scene_graph(*scene, present)
         return encoder.apply(params, graph, config.encoder, alpha=hyper.alpha)
 
     def final(demo, bits):
-        at = demo.length - 1
-        return encode(params, demo, demo.center[at], demo.size[at], bits[at])
+        return encode(params, _frame(demo, bits, demo.length - 1), demo.present)
 
     last = jax.vmap(final)(demos, active)
     goal = jnp.mean(last, axis=0)
 
-    def excess(params, goal, demo, center, size, bits):
+    def excess(params, goal, scene, present):
         """Latent distance beyond what is due."""
+        counted = present & ~scene.is_robot
         due = misplacement(
-            places, center, size, demo.label, demo.present & ~demo.is_robot, bits,
+            places, scene.center, scene.size, scene.label, counted, scene.active,
             near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch,
         )  # fmt: skip
-        return safe_norm(encode(params, demo, center, size, bits) - goal) / hyper.span - due
+        return safe_norm(encode(params, scene, present) - goal) / hyper.span - due
 
-    def ascended(demo, made, size):
+    def ascended(scene, moved, present):
         now = jax.lax.stop_gradient((params, goal))
-        slope = jax.grad(lambda c: excess(*now, demo, c, size, made.active))
-        center = made.center
+        slope = jax.grad(lambda c: excess(*now, scene._replace(center=c), present))
+        center = scene.center
         for length in jnp.geomspace(_ASCENT, _ASCENT / 4, config.ascents) if config.ascents else ():
             down = slope(center)
             step = length * down / jnp.maximum(safe_norm(down)[:, None], 1e-6)
             there = jnp.clip(center - step, -extent, extent)
-            center = jnp.where(made.moved[:, None], there, center)
-        return center
+            center = jnp.where(moved[:, None], there, center)
+        return scene._replace(center=center)
 
     def anchor(key, demo, bits):
         key_frame, key_copies = jax.random.split(key)
-        at = jax.random.randint(key_frame, (), 0, demo.length)
-        center, size = demo.center[at], demo.size[at]
+        frame = _frame(demo, bits, jax.random.randint(key_frame, (), 0, demo.length))
 
         def copy(key):
-            made = displaced(key, center, size, bits[at], demo, places, extent)
-            return excess(params, goal, demo, ascended(demo, made, size), size, made.active)
+            made = displaced(key, frame.center, frame.size, frame.active, demo, places, extent)
+            scene = frame._replace(center=made.center, active=made.active)
+            return excess(params, goal, ascended(scene, made.moved, demo.present), demo.present)
 
         copies = jax.vmap(copy)(jax.random.split(key_copies, config.copies))
-        return excess(params, goal, demo, center, size, bits[at]), copies
+        return excess(params, goal, frame, demo.present), copies
 
     def video(key, demo, bits):
         keys = jax.random.split(key, config.anchors)
@@ -159,7 +165,33 @@ def contrast(
 
     plain, copies = jax.vmap(video)(jax.random.split(key, len(last)), demos, active)
     ends = safe_norm(last - goal) / hyper.span
-    return sum(jnp.mean(_penalty(x, hyper.tail)) for x in (copies, plain, ends))
+    errors = [copies, plain, ends] if config.copies else [plain, ends]
+    if pool is not None:
+        key_drawn = jax.random.fold_in(key, len(last))  # the videos have 0 to V - 1
+        drawn = _drawn(key_drawn, pool, plain.size, turned=config.turn_scenes)
+        everything = jnp.ones(pool.label.shape[1:], bool)
+        errors.append(jax.vmap(lambda scene: excess(params, goal, scene, everything))(drawn))
+    return sum(jnp.mean(_penalty(x, hyper.tail)) for x in errors)
+
+
+def _frame(demo: DemoBatch, bits: Bool[Array, "T N"], at: Int[Array, ""]) -> Scene:
+    """A frame of one video as a scene."""
+    return Scene(demo.center[at], demo.size[at], demo.label, demo.is_robot, bits[at])
+
+
+def _drawn(key: PRNGKeyArray, pool: Scene, num: int, *, turned: bool) -> Scene:
+    """Scenes of a pool, with replacement; each as a symmetry of the square where they may turn."""
+    key_draw, key_turn = jax.random.split(key)
+    at = jax.random.randint(key_draw, (num,), 0, pool.label.shape[0])
+    scenes = jax.tree.map(lambda x: x[at], pool)
+    if not turned:
+        return scenes
+    still = DemoBatch(  # videos of one frame
+        scenes.center[:, None], scenes.size[:, None], scenes.label, scenes.is_robot,
+        present=jnp.ones(scenes.label.shape, bool), length=jnp.ones(num, jnp.int32),
+    )  # fmt: skip
+    still = pretrain_batch.turn(key_turn, still)
+    return scenes._replace(center=still.center[:, 0], size=still.size[:, 0])
 
 
 def _penalty(error, tail):

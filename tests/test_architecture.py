@@ -23,7 +23,7 @@ PURE = {
     "interaction_network", "pixel_encoder", "cycle_metrics", "interquartile", "subtask_matching",
     "shaping", "subtask_chain", "activity_rule", "learned_reward", "encoder_choices",
     "audit_scene", "audit_states", "audit_sweeps", "audit_ascent", "audit_measures",
-    "final_places",
+    "final_places", "hard_negatives",
 }  # fmt: skip
 TRAINING = {
     "pretrain", "pretrain_batch", "pretrain_contrast", "pretrain_loss", "pretrain_options", "rl",

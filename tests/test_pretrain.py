@@ -9,6 +9,7 @@ import pytest
 from kinematic_demos import kinematic_demos
 
 from gril_jax import activity, encoder, pretrain, reward
+from gril_jax.audit_scene import Scene
 from gril_jax.encoder import EncoderConfig
 from gril_jax.errors import ConfigError
 from gril_jax.graphs import scene_graph
@@ -156,3 +157,15 @@ def test_more_videos_in_a_batch_than_demonstrations_is_refused(demos):
 def test_config_out_of_range_is_refused_by_name(field, value):
     with pytest.raises(ConfigError, match=rf"pretrain\.{field} is {value}"):
         dataclasses.replace(SMALL, **{field: value})
+
+
+def test_a_pool_of_scenes_is_learned_from_without_copies(state, demos, stepped):
+    first = Scene(
+        demos.center[:, 0], demos.size[:, 0], demos.label, demos.is_robot,
+        jnp.zeros(demos.label.shape, bool),
+    )  # fmt: skip
+    after, metrics = pretrain.step(state, demos, Hyper(), SMALL, first)
+    assert (np.asarray(stepped[1].contrast) == 0).all()
+    assert (np.asarray(metrics.contrast) > 0).all()
+    assert np.isfinite(np.asarray(metrics.loss)).all()
+    assert not np.allclose(*(jax.tree.leaves(s.params.encoder)[0] for s in (after, stepped[0])))

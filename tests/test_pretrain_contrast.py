@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gril_jax import encoder, pretrain_contrast, reward
+from gril_jax.audit_scene import Scene
 from gril_jax.encoder import EncoderConfig
 from gril_jax.final_places import final_places, misplacement
 from gril_jax.pretrain_options import Hyper, PretrainConfig
@@ -87,11 +88,14 @@ def test_some_copies_are_close_to_the_reference_on_all_sides(made):
         assert (close & (offset * sign > 0).all(axis=1)).any()
 
 
-def _contrast(params, demos, places, config=CONFIG, **hyper):
+def _contrast(params, demos, places, config=CONFIG, pool=None, **hyper):
     active = jnp.zeros(demos.center.shape[:3], bool)
     return pretrain_contrast.contrast(
-        params, jax.random.key(3), demos, active, places, Hyper(**hyper), config
+        params, jax.random.key(3), demos, active, places, Hyper(**hyper), config, pool
     )
+
+
+_compiled = jax.jit(_contrast)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +125,7 @@ def test_the_loss_of_undisplaced_frames_is_plain_arithmetic(params, demos, place
     blind = jax.tree.map(jnp.zeros_like, params)
     hyper = {"tail": 0.5, "near": 0.6, "touch": 0.1}
     config = dataclasses.replace(CONFIG, anchors=200, copies=1)
-    found = float(_contrast(blind, demos, places, config, **hyper))
+    found = float(_compiled(blind, demos, places, config, **hyper))
     counted = jnp.arange(5) < 4
     counted = counted.at[1].set(False)
     due = [
@@ -138,12 +142,82 @@ def test_the_loss_of_undisplaced_frames_is_plain_arithmetic(params, demos, place
     assert max(due) == pytest.approx(1.1 * 0.9 + 0.1 * 0.1, abs=0.15)
 
 
-def test_ascents_make_the_copies_harder(params, demos, places):
-    climbing = dataclasses.replace(CONFIG, ascents=4)
-    plain, harder = (
-        np.mean([float(_contrast(params, demos, places, c, span=s)) for s in (1.0, 2.0)])
-        for c in (CONFIG, climbing)
-    )
-    assert harder != plain
-    slope = jax.grad(_contrast)(params, demos, places, climbing)
+def test_ascents_go_where_copies_are_overrated(params, demos, places):
+    """An encoder that tells nothing apart overrates most what is furthest out of place."""
+    blind = jax.tree.map(jnp.zeros_like, params)
+    climbing = dataclasses.replace(CONFIG, ascents=1)
+    plain = float(_compiled(blind, demos, places, CONFIG, tail=0.0))
+    harder, slope = jax.jit(jax.value_and_grad(_contrast))(blind, demos, places, climbing, tail=0.0)
+    assert float(harder) > 1.05 * plain
     assert all(np.isfinite(np.asarray(x)).all() for x in jax.tree.leaves(slope))
+
+
+# --- a pool of scenes
+
+HYPER = {"tail": 0.5, "near": 0.6, "touch": 0.1}
+
+
+def _pool(*centers):
+    """Scenes without padding, in which the block has been moved."""
+    shape = (len(centers), 4)
+    label = jnp.broadcast_to(jnp.arange(4), shape)
+    center = jnp.asarray(np.stack(centers)[:, :4], jnp.float32)
+    return Scene(center, jnp.full((*shape, 2), 0.2), label, label == 1, label == 2)
+
+
+def _due(scene, places):
+    return float(
+        misplacement(
+            places, scene.center, scene.size, scene.label, ~scene.is_robot, scene.active,
+            near=0.6, touch=0.1, idle_cost=Hyper().idle_cost,
+        )
+    )  # fmt: skip
+
+
+def test_a_pool_adds_the_mean_error_of_its_scenes(params, demos, places):
+    """By an encoder that tells nothing apart, whose error is what is due."""
+    blind = jax.tree.map(jnp.zeros_like, params)
+    config = dataclasses.replace(CONFIG, copies=1, anchors=100)
+    pool = _pool(FIRST, LAST)
+    without, both = (
+        float(_compiled(blind, demos, places, config, pool=p, **HYPER)) for p in (None, pool)
+    )
+    due = [_due(jax.tree.map(lambda x: x[i], pool), places) for i in range(2)]  # noqa: B023
+    assert due[0] > 0.5
+    assert due[1] == pytest.approx(0.0, abs=1e-6)
+    wanted = np.mean([d**2 * (1 + 0.5 * (d / 0.1) ** 2) for d in due])
+    assert both - without == pytest.approx(wanted, rel=0.2)  # 300 are drawn, either as often
+
+
+def test_scenes_of_a_pool_are_turned_where_videos_are(params, demos):
+    """Their cost is that of a symmetric box, whichever way they are turned; their latent is not."""
+    symmetric = final_places(demos, 4, turned=True)
+    still = dataclasses.replace(CONFIG, copies=0)
+    turning = dataclasses.replace(still, turn_scenes=True)
+    blind = jax.tree.map(jnp.zeros_like, params)
+    (blind_still, still), (blind_turned, turned) = (
+        [float(_compiled(p, demos, symmetric, c, _pool(FIRST), **HYPER)) for p in (blind, params)]
+        for c in (still, turning)
+    )
+    assert blind_turned == pytest.approx(blind_still, rel=1e-4)
+    assert turned != pytest.approx(still, rel=1e-4)
+
+
+def test_the_gradient_of_a_pool_is_that_of_finite_differences(params, demos, places):
+    alone = dataclasses.replace(CONFIG, copies=0)
+    # Away from where fresh biases are 0, which is a kink of the activations.
+    keys = iter(jax.random.split(jax.random.key(5), 100))
+    params = jax.tree.map(lambda p: p + 0.1 * jax.random.normal(next(keys), p.shape), params)
+
+    @jax.jit
+    def both(params):
+        loss = lambda p: _contrast(p, demos, places, alone, pool=_pool(FIRST), tail=0.0)  # noqa: E731
+        return jax.value_and_grad(loss)(params)
+
+    slope = both(params)[1]
+    size = jnp.sqrt(sum(jnp.sum(x**2) for x in jax.tree.leaves(slope)))
+    ahead, behind = (
+        float(both(jax.tree.map(lambda p, g: p + step * g / size, params, slope))[0])  # noqa: B023
+        for step in (1e-2, -1e-2)
+    )
+    assert (ahead - behind) / 2e-2 == pytest.approx(float(size), rel=1e-2)

@@ -208,6 +208,7 @@ def _follow(actions, starts):
     return states
 
 
+@pytest.mark.slow
 def test_mjx_grasps_and_lifts_as_c_mujoco_does(starts):
     """Open loop: the actions of a grasp in C MuJoCo, replayed."""
     plays = [scenes.InC(_env(), _lane(starts, i)) for i in range(LANES)]

@@ -20,6 +20,7 @@ __all__ = [
     "demo_set_to_write",
     "echo",
     "existing_folder",
+    "hard_negatives",
     "heavy_imports",
     "in_full",
     "positional",
@@ -28,6 +29,8 @@ __all__ = [
     "run_config",
     "take",
 ]
+
+_ROUNDS = 2  # of hard negatives
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood
 
@@ -80,6 +83,37 @@ def resumed_config(
         )
     check_surroundings(config)
     return config
+
+
+def hard_negatives(names: str, config: RunConfig) -> list[Path]:
+    """The folders of the runs whose policies give a new run hard negatives.
+
+    Args:
+      names: of one or two folders, with a comma between them.
+      config: the new run's.
+
+    Raises:
+      ConfigError: these are more than two, or a run is of another task or other blocks.
+      RunError: a folder is no run, or its run has no policy yet.
+    """
+    folders = [Path(name) for name in names.split(",") if name]
+    if not 1 <= len(folders) <= _ROUNDS:
+        raise ConfigError(
+            f"--hard-negatives names {len(folders)} runs, but must be one run, or two with a comma "
+            "between them"
+        )
+    for folder in folders:
+        of = run_dir.read_config(folder).env
+        for field in ("name", "targets", "distractors"):
+            theirs, ours = getattr(of, field), getattr(config.env, field)
+            if theirs != ours:
+                raise ConfigError(
+                    f"--hard-negatives: {folder} has env.{field} {theirs!r}, but must have that of "
+                    f"the new run, {ours!r}"
+                )
+        if not any(folder.glob("policy/[0-9]*/manifest.json")):
+            raise RunError(f"{folder} has no policy, so its run has not got that far yet")
+    return folders
 
 
 def in_full(args: list[str]) -> list[str]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -14,6 +14,7 @@ from ..options import parse
 from .arguments import (
     Work,
     echo,
+    hard_negatives,
     heavy_imports,
     positional,
     require_new_file,
@@ -79,12 +80,21 @@ def _resumes(args: list[str]) -> bool:
 
 def _plan(experiment: str, name: str | None, args: list[str], prog: str, about: str) -> Work:
     """A new run, or with --resume one that was cut off."""
-    resume = take(args, "--resume")
-    extra: dict[str, Path] = {}
+    resume, cheats = take(args, "--resume"), take(args, "--hard-negatives")
+    extra: dict[str, Any] = {}
     if resume is None:
-        about = f"{about} --resume RUN goes on with a run that was cut off."
+        about = (
+            f"{about} --resume RUN goes on with a run that was cut off. --hard-negatives RUN,RUN "
+            "learns the reward from what the policies of one or two runs were overpaid for, too."
+        )
         config = run_config(name, args, prog, about)
+        if cheats is not None:
+            extra["hard_negatives"] = hard_negatives(cheats, config)
     else:
+        if cheats is not None:
+            raise ConfigError(
+                "--hard-negatives is given beside --resume, but a run that goes on has its own"
+            )
         extra["resume"] = folder = Path(resume)
         config = resumed_config(folder, name, args, prog=prog, experiment=experiment)
 
