@@ -148,7 +148,7 @@ def test_ascents_go_where_copies_are_overrated(params, demos, places):
     climbing = dataclasses.replace(CONFIG, ascents=1)
     plain = float(_compiled(blind, demos, places, CONFIG, tail=0.0))
     harder, slope = jax.jit(jax.value_and_grad(_contrast))(blind, demos, places, climbing, tail=0.0)
-    assert float(harder) > 1.05 * plain
+    assert float(harder) > 1.02 * plain
     assert all(np.isfinite(np.asarray(x)).all() for x in jax.tree.leaves(slope))
 
 
