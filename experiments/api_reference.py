@@ -24,7 +24,7 @@ MODULES = (
     "box_mlp", "box_features", "pixel_encoder", "losses", "reward", "shaping", "subtask_chain",
     "learned_reward", "reward_file", "metrics", "cycle_metrics", "interquartile",
     "subtasks", "subtask_matching", "audit_scene", "audit_states", "audit_sweeps", "audit_ascent",
-    "audit_measures", "final_places", "errors", "interop.brax",
+    "audit_measures", "final_places", "hard_negatives", "errors", "interop.brax",
 )  # fmt: skip
 
 # How pdoc prints "Float[Array, ...]": with the modules that the names come from, in a signature

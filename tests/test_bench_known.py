@@ -37,6 +37,7 @@ def _walk(task, actions, nudge):
     return begun, ours, theirs, data
 
 
+@pytest.mark.slow
 def test_the_pole_falls_as_in_mujoco_and_ends_the_episode():
     task = InvertedPendulum()
     np.testing.assert_allclose(task.mj_model.body_mass[1:], [10.47, 5.02], atol=0.01)
@@ -53,6 +54,7 @@ def test_the_pole_falls_as_in_mujoco_and_ends_the_episode():
     assert (begun.done, ours[-1].done) == (0, 1)
 
 
+@pytest.mark.slow
 def test_the_arm_moves_as_in_mujoco_and_pays_for_distance_and_effort():
     actions = [[1.0, -2.0], [-0.3, 0.5], [0.1, 0.9]]
     begun, ours, theirs, data = _walk(Reacher(), actions, np.zeros(2))

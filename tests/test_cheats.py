@@ -69,6 +69,7 @@ def _gather(policies, run, said=None):
     return cheats.gather_once(policies, CONFIG, _demos(), run, Progress(), echo=echo)
 
 
+@pytest.mark.slow
 def test_the_scenes_are_played_once_and_then_read_from_the_folder(cheat, run):
     said = []
     cheats.note(run, [cheat])

@@ -159,6 +159,7 @@ def test_config_out_of_range_is_refused_by_name(field, value):
         dataclasses.replace(SMALL, **{field: value})
 
 
+@pytest.mark.slow
 def test_a_pool_of_scenes_is_learned_from_without_copies(state, demos, stepped):
     first = Scene(
         demos.center[:, 0], demos.size[:, 0], demos.label, demos.is_robot,

@@ -189,6 +189,7 @@ def test_a_pool_adds_the_mean_error_of_its_scenes(params, demos, places):
     assert both - without == pytest.approx(wanted, rel=0.2)  # 300 are drawn, either as often
 
 
+@pytest.mark.slow
 def test_scenes_of_a_pool_are_turned_where_videos_are(params, demos):
     """Their cost is that of a symmetric box, whichever way they are turned; their latent is not."""
     symmetric = final_places(demos, 4, turned=True)
@@ -203,6 +204,7 @@ def test_scenes_of_a_pool_are_turned_where_videos_are(params, demos):
     assert turned != pytest.approx(still, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_gradient_of_a_pool_is_that_of_finite_differences(params, demos, places):
     alone = dataclasses.replace(CONFIG, copies=0)
     # Away from where fresh biases are 0, which is a kink of the activations.

@@ -241,6 +241,7 @@ def _play(starts, steps, seed=0):
         yield states[-1]
 
 
+@pytest.mark.slow
 def test_random_and_extreme_actions_leave_everything_finite(starts):
     _bounded(list(_play(starts, 25)), limit=3.0)
 
