@@ -65,8 +65,8 @@ def _drive(robot, iterations):
     return play(state, actions, robot=robot, iterations=iterations)[0]
 
 
-# The medium stick differs from the other two in its length alone.
-DRIVEN = [pytest.param(r, marks=pytest.mark.slow) if r == "medium" else r for r in ROBOTS]
+# Sticks differ from each other in their length alone.
+DRIVEN = [pytest.param(r, marks=pytest.mark.slow) if r in ("medium", "long") else r for r in ROBOTS]
 
 
 @pytest.fixture(scope="module", params=DRIVEN)
@@ -153,7 +153,10 @@ def test_fingers_stay_on_their_pivots(gripper):
             assert np.linalg.norm(pose[1:3, :2] - pivots, axis=1).max() < 5e-3
 
 
-@pytest.mark.parametrize("robot", ["short", "medium", "long"])
+@pytest.mark.parametrize(
+    "robot",
+    ["short", *(pytest.param(r, marks=pytest.mark.slow) for r in ("medium", "long"))],
+)
 def test_a_stick_turns_as_its_servo_and_inertia_say(robot):
     """The servo aims at the commanded offset less the turn since; a torque of 1 limits it."""
     spin = angle = 0.0
@@ -240,6 +243,7 @@ def test_sticks_push_three_blocks_and_stall_on_four(robot):
     np.testing.assert_allclose(steps[3, 16:], 0.0, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_four_blocks_creep_a_little_with_the_default_sweeps(pushing_by_default):
     """Fewer sweeps bring less of the robot's push to the table; what is left is half a unit."""
     steps = np.diff(_base(pushing_by_default[:4]), axis=1)

@@ -38,10 +38,12 @@ def _lanes(array, failure):
     return np.asarray(array)[start : start + NUM]
 
 
+@pytest.mark.slow
 def test_a_stick_pushes_the_target_into_the_region(played):
     assert _lanes(played[0].metrics["success"], "none")[:, -1].mean() == 1.0
 
 
+@pytest.mark.slow
 def test_what_is_solved_stays_so_and_the_stick_rests(played):
     success = _lanes(played[0].metrics["success"], "none")
     pose = _lanes(played[0].data.pose, "none")
@@ -52,21 +54,25 @@ def test_what_is_solved_stays_so_and_the_stick_rests(played):
 
 
 @pytest.mark.parametrize("failure", ["wrong_block", "wrong_place", "drops"])
+@pytest.mark.slow
 def test_a_failure_fails(played, failure):
     assert _lanes(played[0].metrics["success"], failure)[:, -1].mean() == 0.0
 
 
+@pytest.mark.slow
 def test_stopping_early_leaves_the_scene_at_rest(played):
     pose = _lanes(played[0].data.pose, "stops_early")
     assert np.ptp(pose[:, 44:], axis=1).max() < 2e-2
 
 
+@pytest.mark.slow
 def test_wrong_block_moves_the_distractor_and_drops_moves_the_target(played):
     for failure, block in (("wrong_block", 2), ("drops", 1)):
         pose = _lanes(played[0].data.pose, failure)[:, :, block, :2]
         assert (np.linalg.norm(pose[:, -1] - pose[:, 0], axis=-1) > 0.2).mean() >= 0.5
 
 
+@pytest.mark.slow
 def test_stages_count_what_is_done(played):
     stages = _lanes(played[1], "none")
     assert stages.shape == (NUM, STEPS + 1)
@@ -74,6 +80,7 @@ def test_stages_count_what_is_done(played):
     assert (stages[:, -1] == 1).all()
 
 
+@pytest.mark.slow
 def test_an_episode_is_its_key(played):
     pose = np.asarray(played[0].data.pose)
     np.testing.assert_array_equal(pose[0], pose[-1])
