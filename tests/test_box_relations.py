@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+
 from gril_jax import message_passing
 from gril_jax.encoder import EncoderConfig
 from gril_jax.graphs import scene_graph
