@@ -1,6 +1,9 @@
 """What a policy sees in MatchRegions: two vectors to choose from, each with a name for each number.
 
 "rich" holds what the task's dynamics and reward depend on, in the robot's frame where that helps.
+"sorted" holds the same, but targets come in the order in which they are due: those outside the
+region first, the nearest to the robot before the others. What is learned of bringing one target
+then serves for the next.
 "xmagical" is x-magical's state vector in its exact order, so that a policy can be carried over.
 Lengths are in arena units.
 """
@@ -16,7 +19,9 @@ from .robots import FINGER_OPEN
 
 __all__ = ["OBSERVATIONS", "Scene", "names", "observe"]
 
-OBSERVATIONS = ("rich", "xmagical")
+OBSERVATIONS = ("rich", "sorted", "xmagical")
+
+_FAR = 100.0  # more than any squared distance in an arena
 
 
 class Scene(NamedTuple):
@@ -33,7 +38,8 @@ def _turn(angle: Float[Array, ""], xy: Float[Array, "*N 2"]) -> Float[Array, "*N
     return jnp.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1)
 
 
-def _rich(scene: Scene, parts: int) -> Float[Array, "O"]:
+def _rich(scene: Scene, parts: int, due: int = 0) -> Float[Array, "O"]:
+    """`due` targets are put in the order in which they are due; 0 keeps all in place."""
     x_y, yaw, velocity = scene.pose[0, :2], scene.pose[0, 2], scene.velocity[0]
     robot = [
         x_y,
@@ -45,15 +51,28 @@ def _rich(scene: Scene, parts: int) -> Float[Array, "O"]:
         robot.append((scene.pose[1:2, 2] - scene.pose[2:3, 2]) / (2 * FINGER_OPEN))
     robot += [_turn(-yaw, scene.goal[:2] - x_y), scene.goal]
     blocks, speed = scene.pose[parts:], scene.velocity[parts:]
+    local = _turn(-yaw, blocks[:, :2] - x_y)
     each = [
-        _turn(-yaw, blocks[:, :2] - x_y),
+        local,
         blocks[:, :2],
         blocks[:, :2] - scene.goal[:2],
         speed[:, :2],
         jnp.stack([jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1),
         scene.inside.astype(jnp.float32)[:, None],
     ]
-    return jnp.concatenate([*robot, jnp.concatenate(each, axis=1).reshape(-1)])
+    each = jnp.concatenate(each, axis=1)
+    if not due:
+        return jnp.concatenate([*robot, each.reshape(-1)])
+    order = _order(local[:due], scene.inside[:due])
+    first = jnp.sum(jnp.where(order[:, :, None], each[:due], 0.0), axis=1)  # exact, and no gather
+    each = jnp.concatenate([first, each[due:]])
+    return jnp.concatenate([*robot, each.reshape(-1), order.astype(jnp.float32).reshape(-1)])
+
+
+def _order(local: Float[Array, "K 2"], inside: Bool[Array, "K"]) -> Bool[Array, "K K"]:
+    """Row k marks the target that is due as the k-th."""
+    due = jnp.sum(local**2, axis=-1) + _FAR * inside
+    return jnp.argsort(due)[:, None] == jnp.arange(len(due))
 
 
 def _xmagical(scene: Scene, parts: int, targets: int) -> Float[Array, "O"]:
@@ -70,12 +89,14 @@ def _xmagical(scene: Scene, parts: int, targets: int) -> Float[Array, "O"]:
 
 def observe(kind: str, scene: Scene, *, parts: int, targets: int) -> Float[Array, "O"]:
     """The observation of that kind, one of `OBSERVATIONS`."""
-    return _rich(scene, parts) if kind == "rich" else _xmagical(scene, parts, targets)
+    if kind == "xmagical":
+        return _xmagical(scene, parts, targets)
+    return _rich(scene, parts, targets if kind == "sorted" else 0)
 
 
 def names(kind: str, blocks: tuple[str, ...], *, fingers: bool, targets: int) -> tuple[str, ...]:
     """One name for each number; equal names in a row are one quantity."""
-    if kind == "rich":
+    if kind != "xmagical":
         robot = {
             "robot position": 2,
             "robot heading, cosine and sine": 2,
@@ -95,7 +116,13 @@ def names(kind: str, blocks: tuple[str, ...], *, fingers: bool, targets: int) ->
             "turn rate / 10": 1,
             "inside the region": 1,
         }
-        parts = [*robot.items(), *((f"{b}: {p}", n) for b in blocks for p, n in block.items())]
+        rows, order = blocks, []
+        if kind == "sorted":
+            due = [f"target {k + 1} in turn" for k in range(targets)]
+            rows = (*due, *blocks[targets:])
+            order = [(f"{row} is {b}", 1) for row in due for b in blocks[:targets]]
+        each = ((f"{b}: {p}", n) for b in rows for p, n in block.items())
+        parts = [*robot.items(), *each, *order]
     else:
         numbered = [f"block {k + 1} ({b})" for k, b in enumerate(blocks)]
         parts = [("robot position", 2), *((f"{b} centre", 2) for b in numbered)]

@@ -85,8 +85,9 @@ class EnvConfig:
     """What solves it: our impulses, or MuJoCo MJX (only the gripper, "xmagical", fixed shapes)."""
     turn: Literal["original", "smooth"] = "original"
     """How an action turns the robot: the original saturating law, or a proportional one."""
-    observation: Literal["rich", "xmagical"] = "rich"
-    """What the policy sees: all that matters, or x-magical's state vector in its exact order."""
+    observation: Literal["rich", "sorted", "xmagical"] = "rich"
+    """What the policy sees: all that matters; that with the targets in the order in which they are
+    due; or x-magical's state vector in its exact order."""
     reward: Literal["S4", "V5", "S3", "sparse", "staged", "stages"] = "S4"
     """The task's own reward, which only `run.reward environmental` learns from: match_regions has
     the first four, shoes_in_box the last three."""
