@@ -1,6 +1,6 @@
 """Which choices of encoder training matter: each changed alone, over several seeds, as a table.
 
-    gril ablate match_regions --demos DEMOS --seeds 5
+    gril ablate match_regions_fast --demos DEMOS --seeds 5
 
 Seeds and traced values are vmapped in one program; each static choice compiles one. Writes
 `ablation.json`, `ablation.md` and `ablation.png`. On a GPU it takes minutes, on two CPU cores

@@ -49,6 +49,7 @@ def test_cases_of_one_program_are_measured_together():
     assert ["static tails not trimmed"] in groups.values()
 
 
+@pytest.mark.slow
 def test_a_case_is_what_a_run_by_itself_with_its_seed_gives(train):
     found = ablate.measure(CONFIG, ["as configured", "alpha 20"], train, train, 7, 2)
     assert {name: row["tau"].shape for name, row in found.items()} == {

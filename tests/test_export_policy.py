@@ -207,8 +207,10 @@ def test_an_export_reads_the_run_only_leaves_no_other_file_and_repeats_to_the_by
 # --- folding
 
 
-@pytest.mark.parametrize("hidden", [(), (8,), (8, 6, 4)])
-@pytest.mark.parametrize("bits", [True, False])
+@pytest.mark.parametrize(
+    ("bits", "hidden"),
+    [(True, ()), (False, (8, 6, 4)), pytest.param(True, (8,), marks=pytest.mark.slow)],
+)
 def test_every_depth_with_and_without_activity_bits_acts_alike(bits, hidden, tmp_path, monkeypatch):
     algorithm = _probe(bits=bits, hidden=hidden)
     state = _seasoned(_fresh(algorithm))

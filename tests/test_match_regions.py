@@ -19,11 +19,9 @@ from gril_jax import envs
 
 EXTREME = [-1e30, -1e3, -1.0, 0.0, 1.0, 1e3, 1e30]
 FEW = {"targets": ("green star",), "distractors": ("yellow circle",)}
-ROLLOUTS = [
+ROLLOUTS = [  # what moves differently plays in the tests of physics, too
     {"robot": "short", "variant": "all", "reward": "V5", "observation": "xmagical"},
     {"physics": "magical", "variant": "all", "observation": "xmagical", "reward": "V5"},
-]
-SLOW = [  # they differ from the short one in their width, which the tests of physics play
     {"robot": "medium", "variant": "all", "reward": "S3"},
     {"robot": "long", "variant": "all", "reward": "sparse"},
 ]
@@ -66,7 +64,7 @@ def _label(options):
 
 
 @pytest.mark.parametrize(
-    "options", ROLLOUTS + [pytest.param(o, marks=pytest.mark.slow) for o in SLOW], ids=_label
+    "options", [pytest.param(o, marks=pytest.mark.slow) for o in ROLLOUTS], ids=_label
 )
 def test_episodes_of_every_robot_stay_finite_and_in_the_arena_and_compile_once(options):
     env = envs.make("match_regions", **options, **FEW)

@@ -17,7 +17,7 @@ from gril_jax import envs
         ({"targets": ()}, ["targets", "at least one"]),
         ({"robot": "sticks"}, ["robot", "'sticks'", "gripper, short, medium, long"]),
         ({"physics": "mujoco"}, ["physics", "'mujoco'", "xmagical, magical"]),
-        ({"observation": "state"}, ["observation", "'state'", "rich, xmagical"]),
+        ({"observation": "state"}, ["observation", "'state'", "rich, sorted, xmagical"]),
         ({"reward": "sparce"}, ["reward", "'sparce'", "did you mean 'sparse'"]),
         ({"varied_starts": 1.5}, ["varied_starts", "1.5", "between 0 and 1"]),
         ({"on_the_way": -0.5}, ["on_the_way", "-0.5", "between 0 and 1"]),

@@ -96,6 +96,7 @@ def _contrast(params, demos, places, config=CONFIG, pool=None, **hyper):
 
 
 _compiled = jax.jit(_contrast)
+_misplaced = jax.jit(misplacement)
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +131,7 @@ def test_the_loss_of_undisplaced_frames_is_plain_arithmetic(params, demos, place
     counted = counted.at[1].set(False)
     due = [
         float(
-            misplacement(
+            _misplaced(
                 places, c, jnp.full((5, 2), 0.2), demos.label[0], counted, jnp.zeros(5, bool),
                 near=0.6, touch=0.1, idle_cost=Hyper().idle_cost,
             )
@@ -167,7 +168,7 @@ def _pool(*centers):
 
 def _due(scene, places):
     return float(
-        misplacement(
+        _misplaced(
             places, scene.center, scene.size, scene.label, ~scene.is_robot, scene.active,
             near=0.6, touch=0.1, idle_cost=Hyper().idle_cost,
         )

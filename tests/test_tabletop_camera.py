@@ -18,6 +18,7 @@ THINGS = Boxes(
     jnp.asarray(RNG.uniform(0.01, 0.2, (5, 3)), jnp.float32),
 )
 CAMERA = cameras.CAMERA
+project = jax.jit(cameras.project, static_argnums=0)
 
 
 def _pinhole(point, camera=CAMERA):
@@ -38,7 +39,7 @@ def _corners(i):
 
 
 def test_a_box_bounds_the_corners_that_a_pinhole_shows():
-    center, size = cameras.project(CAMERA, THINGS)
+    center, size = project(CAMERA, THINGS)
     for i in range(5):
         corners = _corners(i)
         np.testing.assert_allclose(center[i] - size[i] / 2, corners.min(axis=0), atol=1e-5)
@@ -52,7 +53,7 @@ def test_any_camera_keeps_the_horizon_level_and_shows_its_target_in_the_middle()
     assert y[2] > 0
     np.testing.assert_allclose(np.linalg.det(np.stack([x, y, -forward])), 1, atol=1e-5)
     point = Boxes(jnp.array(camera.target), jnp.eye(3), jnp.zeros(3))
-    center, size = cameras.project(camera, point)
+    center, size = project(camera, point)
     np.testing.assert_allclose(np.concatenate([center, size]), 0, atol=1e-6)
     np.testing.assert_allclose(_pinhole((0.4, 0.2, 0.5), camera), cameras.project(
         camera, point._replace(position=jnp.array([0.4, 0.2, 0.5])))[0], atol=1e-5)  # fmt: skip
@@ -61,7 +62,7 @@ def test_any_camera_keeps_the_horizon_level_and_shows_its_target_in_the_middle()
 def test_the_robots_left_is_on_the_right_and_what_is_nearer_is_larger():
     place = jnp.array([[0.4, 0.2, 0.1], [0.4, -0.2, 0.1], [0.8, -0.2, 0.1]])
     cubes = Boxes(place, jnp.broadcast_to(jnp.eye(3), (3, 3, 3)), jnp.full((3, 3), 0.03))
-    center, size = cameras.project(CAMERA, cubes)
+    center, size = project(CAMERA, cubes)
     assert center[0, 0] > 0 > center[1, 0]
     assert (size[2] > 1.2 * size[1]).all()
 
@@ -76,7 +77,7 @@ def test_projection_jits_maps_and_has_finite_gradients_even_behind_the_camera():
     def width(position):
         return cameras.project(CAMERA, behind._replace(position=position))[1].sum()
 
-    assert jnp.isfinite(jax.grad(width)(behind.position)).all()
+    assert jnp.isfinite(jax.jit(jax.grad(width))(behind.position)).all()
 
 
 def test_an_outline_is_the_hull_of_the_corners():

@@ -42,7 +42,7 @@ def test_things_are_apart_only_with_a_gap_of_a_centimetre():
 def test_a_group_moves_as_one_within_its_ranges():
     layout = jnp.array([[0.5, -0.15, 0.0], [0.48, 0.14, 0.2]])
     keys = jax.random.split(jax.random.key(0), 200)
-    found = np.asarray(jax.vmap(lambda k: starts.group(k, layout, share=1.0))(keys))
+    found = np.asarray(jax.jit(jax.vmap(lambda k: starts.group(k, layout, share=1.0)))(keys))
     gap = np.linalg.norm(found[:, 0, :2] - found[:, 1, :2], axis=1)
     np.testing.assert_allclose(gap, np.linalg.norm(layout[0, :2] - layout[1, :2]), atol=1e-6)
     turn = found[:, 0, 2]
@@ -63,11 +63,12 @@ def test_things_are_placed_apart_or_said_not_to_be():
         return Footprint(places, half), unplaced
 
     keys = jax.random.split(jax.random.key(1), 50)
-    found, unplaced = jax.vmap(lambda k: draw(k, 0.1))(keys)
+    many = jax.jit(jax.vmap(draw, (0, None)))
+    found, unplaced = many(keys, 0.1)
     pick = lambda i: jax.tree.map(lambda x: x[:, i], found)  # noqa: E731
     assert not unplaced.any()
-    assert jax.vmap(starts.apart)(pick(0), pick(1)).all()
-    _, unplaced = jax.vmap(lambda k: draw(k, 0.0))(keys)
+    assert jax.jit(jax.vmap(starts.apart))(pick(0), pick(1)).all()
+    _, unplaced = many(keys, 0.0)
     assert unplaced.all()
 
 

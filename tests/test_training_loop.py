@@ -219,6 +219,8 @@ def row(done, seconds, metrics):
     if chunk and not begun and t.checkpoint.steps(path / "checkpoints" / "walk")[-1:] >= [chunk]:
         begun.append(done)
         threading.Timer(delay_s, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    if begun and done == t.MANY:
+        signal.pause()  # not done before the timer, however slow the machine
     return t._row(done, seconds, metrics)
 print(t.digest(t._train(path, row=row, chunks=t.MANY)[0].state))
 """
