@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from gril_jax.plot_style import COLOURS, GREY, INK, WIDTH, shortened, styled
+from gril_jax.plot_style import COLOURS, GREY, WIDTH, shortened, styled
 
 __all__ = ["Situation", "View", "reward_maps", "state_pictures"]
 
@@ -97,18 +97,23 @@ def _map(axes: Axes, situation: Situation, row: int, index: int, low, high, half
 def state_pictures(views: Sequence[View], names: Sequence[str], *, half_extent: float) -> Figure:
     """States side by side as boxes; thick ones have their activity bit set."""
     side = WIDTH / max(len(views), 3)
-    figure = Figure(figsize=(side * len(views), side * 1.15), layout="constrained")
+    figure = Figure(figsize=(side * len(views), side * 1.3), layout="constrained")
     for axes, view in zip(figure.subplots(1, len(views), squeeze=False)[0], views, strict=True):
-        for i, name in enumerate(names):
-            colour = COLOURS[i % len(COLOURS)]
-            _box(axes, view, i, color=colour, linewidth=2.6 if view.active[i] else 0.9)
-            axes.annotate(
-                shortened(name, 14), view.center[i], ha="center", va="center", fontsize=7,
-                color=INK, weight="bold" if view.active[i] else "normal",
-            )  # fmt: skip
+        for i in range(len(names)):
+            _box(axes, view, i, linewidth=2.6 if view.active[i] else 0.9, **_look(i))
         axes.set_title(view.title, fontsize=9)
         _plane(axes, half_extent)
+    known = [
+        Rectangle((0, 0), 1, 1, fill=False, linewidth=1.6, **_look(i)) for i in range(len(names))
+    ]
+    figure.legend(known, map(shortened, names), loc="outside lower center", ncols=4)
     return figure
+
+
+def _look(index: int) -> dict[str, str]:
+    """Colour and line of an object's box, distinct for twice as many as there are colours."""
+    line = "--" if index // len(COLOURS) % 2 else "-"
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": line}
 
 
 def _box(axes: Axes, view: View, index: int, **look) -> None:

@@ -150,7 +150,7 @@ def success_failure(
         plural = "es" if word == "success" else "s"
         axes.set_title(f"{len(traces)} {word}{plural if len(traces) > 1 else ''}")
         axes.set_xlabel("frame")
-        axes.legend(loc="lower right")
+        axes.legend(loc="upper left")
     panels[0].set_ylabel("learned reward")
     panels[0].margins(x=0.02, y=0.08)
     return figure

@@ -40,9 +40,16 @@ def test_many_objects_take_several_rows():
     assert sum(axes.get_visible() and bool(axes.get_images()) for axes in figure.axes) == 8
 
 
+def test_boxes_of_a_state_look_different_however_many_there_are():
+    crowd = View("", np.zeros((12, 2)), np.ones((12, 2)), np.zeros(12, bool))
+    figure = state_pictures([crowd], [f"block {i}" for i in range(12)], half_extent=1.0)
+    looks = {(p.get_edgecolor(), p.get_linestyle()) for p in figure.axes[0].patches}
+    assert len(looks) == 12
+
+
 def test_a_state_has_thick_boxes_where_bits_are_set():
     figure = state_pictures([_view("before"), _view("after")], NAMES, half_extent=1.0)
     assert [axes.get_title("left") for axes in figure.axes] == ["before", "after"]
     widths = [p.get_linewidth() for p in figure.axes[0].patches]
     assert widths[1] > widths[0] == widths[2]
-    assert [t.get_text() for t in figure.axes[0].texts] == list(NAMES)
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == list(NAMES)
