@@ -89,8 +89,10 @@ def play(
     phase.update(episodes)
     # From one fixed start the mean actions succeed always or never; samples tell more.
     sampled = run(policy, keys[0], False)
-    fresh = jax.jit(algorithm.init)(keys[1], policy_setup.algorithm_hyper(config))
-    random = run(algorithm.policy(fresh), keys[2], False)
+    # Through the host it loses its weak types, or the program would be compiled once more.
+    random = run(
+        jax.device_get(policy_setup.fresh_policy(config, algorithm, keys[1])), keys[2], False
+    )
     shown = int(np.argmax(np.asarray(trained.success)))  # the first success, if there is one
     data = jax.tree.map(lambda x: x[shown], trained.states.data)
     video.write_video(folder / "rollout.mp4", film(env, data), env.control_hz)

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import PRNGKeyArray
 
 from gril_jax import checkpoint, envs
 from gril_jax.config import PPOConfig, RunConfig, SACConfig
@@ -18,6 +19,7 @@ from . import policy_rewards
 
 __all__ = [
     "algorithm_hyper",
+    "fresh_policy",
     "make_algorithm",
     "make_ppo",
     "make_sac",
@@ -90,5 +92,10 @@ def restore_policy(folder: Path, config: RunConfig, algorithm: training.Algorith
     found = checkpoint.latest(folder / "policy")
     if found is None:
         raise RunError(f"{folder} has no policy, so its run has not got that far yet")
-    fresh = jax.jit(algorithm.init)(jax.random.key(0), algorithm_hyper(config))
-    return checkpoint.restore(found, algorithm.policy(fresh))
+    return checkpoint.restore(found, fresh_policy(config, algorithm, jax.random.key(0)))
+
+
+def fresh_policy(config: RunConfig, algorithm: training.Algorithm, key: PRNGKeyArray) -> Policy:
+    """A policy that has learned nothing; of `init` only what makes it is compiled."""
+    make = jax.jit(lambda key, hyper: algorithm.policy(algorithm.init(key, hyper)))
+    return make(key, algorithm_hyper(config))
