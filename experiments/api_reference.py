@@ -21,9 +21,10 @@ __all__ = ["MODULES", "main"]
 MODULES = (
     "types", "graphs", "activity", "activity_rule", "pooling",
     "encoder", "encoder_choices", "message_passing", "dense_messages", "interaction_network",
-    "box_mlp", "box_features", "pixel_encoder", "losses", "reward", "shaping", "subtask_chain",
-    "learned_reward", "reward_file", "metrics", "cycle_metrics", "interquartile",
-    "subtasks", "subtask_matching", "audit_scene", "audit_states", "audit_sweeps", "audit_ascent",
+    "box_mlp", "box_features", "pixel_encoder", "pixel_videos", "pixel_reward", "losses", "reward",
+    "shaping", "subtask_chain", "learned_reward", "reward_file", "metrics", "cycle_metrics",
+    "interquartile", "separation", "subtasks", "subtask_matching", "subtask_agreement",
+    "audit_scene", "audit_states", "audit_sweeps", "audit_ascent",
     "audit_measures", "final_places", "hard_negatives", "errors", "interop.brax",
 )  # fmt: skip
 

@@ -25,6 +25,7 @@ from gril_jax.audit_measures import Audit, States, make_states
 from gril_jax.audit_report import Findings, write_report
 from gril_jax.audit_scene import Scene, scene_reward
 from gril_jax.config import EnvConfig
+from gril_jax.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.learned_reward import LearnedReward
 from gril_jax.reward_file import load_reward
@@ -112,7 +113,9 @@ def main(
 
 def _subject(source: Path, task: str | None, variant: str | None, starts: int, seed: int):
     if source.is_dir():
-        chosen = run_dir.read_config(source).env
+        config = run_dir.read_config(source)
+        setup.require_boxes(config, "an audit, which moves boxes")
+        chosen = config.env
         if task not in (None, chosen.name):
             raise ConfigError(f"{source} was trained for {chosen.name}, but --task is {task}")
         with tempfile.TemporaryDirectory() as folder:
@@ -121,6 +124,8 @@ def _subject(source: Path, task: str | None, variant: str | None, starts: int, s
             learned = load_reward(file)
     else:
         learned = load_reward(source)
+        if isinstance(learned.config, PixelConfig):
+            raise ConfigError(f"{source} takes pictures, but an audit moves boxes")
         chosen = _env_of(learned, task or EnvConfig.name)
     env = setup.make_env(chosen, training=False, variant=variant)
     if getattr(env, "stages", None) is None:

@@ -34,7 +34,7 @@ from gril_jax.types import DemoBatch
 
 from . import policy_rewards, policy_setup, setup
 
-__all__ = ["Cheat", "gather_once", "load", "note"]
+__all__ = ["Cheat", "gather_once", "load", "noted"]
 
 _FILE = "hard_negatives.npz"
 _EACH = 256  # scenes of each run; a batch of eight videos draws 64
@@ -62,11 +62,11 @@ def load(folders: Sequence[Path]) -> list[Cheat]:
     return [_load(folder) for folder in folders]
 
 
-def note(run: run_dir.RunDir, policies: Sequence[Cheat]) -> None:
-    """Notes in a new run's folder whose scenes it learns from, should it be cut off before."""
-    if policies:
-        folders = [str(cheat.folder.resolve()) for cheat in policies]
-        run.finish_phase("hard_negatives_of", {"runs": folders})
+def noted(policies: Sequence[Cheat]) -> dict[str, dict[str, Any]]:
+    """What a new run notes as it is created: whose scenes it learns from, should it be cut off."""
+    if not policies:
+        return {}
+    return {"hard_negatives_of": {"runs": [str(cheat.folder.resolve()) for cheat in policies]}}
 
 
 def gather_once(
@@ -84,7 +84,7 @@ def gather_once(
       policies: of `load`; a run that goes on loads those that it noted if it has to.
       config: the run's own.
       demos: those that the run trains on, whose last frames say what belongs where.
-      run: open for writing; `note` has been called.
+      run: open for writing; it has what `noted` gave.
       progress: shows the playing.
       echo: says how many there are.
 
@@ -95,11 +95,11 @@ def gather_once(
       ConfigError: see `load`.
       RunError: the file has changed.
     """
-    noted = run.finished_phase("hard_negatives_of")
-    if noted is None:
+    known = run.finished_phase("hard_negatives_of")
+    if known is None:
         return None
     if run.finished_phase("hard_negatives") is None:
-        policies = policies or load([Path(name) for name in noted["runs"]])
+        policies = policies or load([Path(name) for name in known["runs"]])
         found = [_overrated(cheat, config, demos, progress) for cheat in policies]
         pool = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
         digest = _save(run.path / _FILE, pool)

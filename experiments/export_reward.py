@@ -51,11 +51,19 @@ def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> Non
             "smoothing": config.pool.smoothing,
             "noise": config.pool.noise,
         },
-        half_extent=float(env.half_extent),
+        half_extent=_half_extent(config, env.half_extent),
         unit=f"world units of {config.env.name}",
         provenance=_provenance(folder, config),
     )
     echo(f"wrote {out}")
+
+
+def _half_extent(config: RunConfig, whole: float) -> float:
+    """What the encoder sees: for pictures without their border."""
+    if config.encoder.kind != "pixels":
+        return float(whole)
+    pixels = config.encoder.pixels
+    return float(whole) * pixels / (pixels + 2 * setup.picture_border(pixels))
 
 
 def _provenance(folder: Path, config: RunConfig) -> dict:

@@ -1,12 +1,15 @@
 """What a policy is trained on: the reward that the configuration names, and its parameters."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, UInt8
 
 from gril_jax import envs, pretrain, reward, subtask_chain, subtask_matching, subtasks
 from gril_jax.config import RunConfig
+from gril_jax.encoder import PixelConfig
 from gril_jax.reward import RewardParams
 from gril_jax.rl import rewards
 from gril_jax.types import DemoBatch
@@ -27,11 +30,26 @@ def function(config: RunConfig, num_classes: int) -> rewards.AnyReward:
     if chosen == "environmental":
         return rewards.environmental
     scene = setup.encoder_config(config, num_classes)
+    if isinstance(scene, PixelConfig):
+        several = jax.device_count() > 1
+        learned = rewards.pixels(scene, _picture(config, scene.pixels), side_by_side=several)
+        if chosen == "sum":
+            return rewards.weighted_sum([learned, rewards.environmental])
+        return learned
     if chosen == "subtasks":
         return rewards.subtasks(scene, alpha=config.pool.alpha)
     if chosen == "sum":
         return rewards.weighted_sum([rewards.learned(scene), rewards.environmental])
+    if chosen == "shaped":
+        return rewards.shaped(rewards.learned(scene))
     return rewards.learned(scene)
+
+
+def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P P 3"]]:
+    """The task's own picture of a moment, with smooth edges as in the videos of demonstrations."""
+    env, border = setup.make_env(config.env, training=False), setup.picture_border(pixels)
+    inner = slice(border, border + pixels)
+    return lambda data: env.render(data, size=pixels + 2 * border, antialias=True)[inner, inner]
 
 
 def parameters(
@@ -43,6 +61,10 @@ def parameters(
         return ()
     if chosen == "sum":
         return jnp.asarray(config.run.reward_weights, jnp.float32), (learned, ())
+    if chosen == "shaped":
+        weights = jnp.asarray(config.run.reward_weights, jnp.float32)
+        learner = config.sac if config.run.algorithm == "sac" else config.ppo
+        return weights, jnp.float32(learner.discounting), learned
     if chosen == "subtasks":
         assert demos is not None
         return learned.encoder, _chain(config, learned, demos, num_classes)

@@ -18,7 +18,6 @@ import numpy as np
 
 from gril_jax import (
     checkpoint,
-    pretrain,
     report,
     reward,
     run_dir,
@@ -32,9 +31,9 @@ from gril_jax.demos import demo_batch
 from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
 
-from . import cheats, demonstrations, setup
+from . import cheats, demonstrations, learners, setup
 
-__all__ = ["learn", "main"]
+__all__ = ["check_cheats", "learn", "main"]
 
 Echo = Callable[[str], None]
 
@@ -55,11 +54,15 @@ def main(
       echo: says what happens.
     """
     policies = cheats.load(hard_negatives)
+    check_cheats(config, policies)
     opened = {"device": setup.device_in_words(), "experiment": "pretrain"}
-    with run_dir.create_or_resume(config, resume, **opened) as run, Progress() as progress:
+    begun = cheats.noted(policies)
+    with (
+        run_dir.create_or_resume(config, resume, begun=begun, **opened) as run,
+        Progress() as progress,
+    ):
         echo(f"writing to {run.path}")
         env = setup.make_env(config.env, training=False)
-        cheats.note(run, policies)
         demos = demonstrations.gather_once(config, env, run, progress)
         _, results = learn(config, env, demos, run, progress, policies=policies, echo=echo)
         run.finish(results)
@@ -93,24 +96,26 @@ def learn(
     return checkpoint.restore(_folder(run) / f"{config.pretrain.steps:012d}", blank), results
 
 
+def check_cheats(config: RunConfig, policies: Sequence[Any]) -> None:
+    """Refuses policies (`cheats.Cheat`) to learn from where a reward of pictures is involved.
+
+    Raises:
+      ConfigError: the encoder of the run, or of one that they come from, takes pictures.
+    """
+    for each in (config, *(cheat.config for cheat in policies)) if policies else ():
+        setup.require_boxes(each, "--hard-negatives, in the new run and in those that it names")
+
+
 def _learn(
     config: RunConfig, env, demos, pool: Scene | None, run, progress: Progress, echo: Echo
 ) -> dict[str, Any]:
-    static = setup.pretrain_config(config, len(env.classes))
-    hyper = setup.pretrain_hyper(config)
-    train, validation = demos.batch("train"), demos.batch("validation")
-    state = _train_encoder(config, train, pool, hyper, static, run, progress, echo)
-    params = reward.from_demos(
-        state.params.encoder,
-        train,
-        static.encoder,
-        alpha=hyper.alpha,
-        active=pretrain.activity_bits(train, hyper, static),
-    )
+    learner, hyper = learners.learner(config, demos, pool), setup.pretrain_hyper(config)
+    state = _train_encoder(config, learner, hyper, run, progress, echo)
+    params = learner.reward(state, learner.data, hyper)
     shutil.rmtree(_folder(run), ignore_errors=True)  # of a process that was cut off right here
     checkpoint.save(_folder(run), config.pretrain.steps, params)
-    measured = pretrain.evaluate(state.params.encoder, validation, train, hyper, static)
-    _save_profiles(run.path, params, demos, hyper, static)
+    measured = learner.measure(state, learner.data, hyper)
+    _save_profiles(run.path, params, demos, hyper, learner)
     return {name: float(value) for name, value in measured.items()} | {
         "demonstrations": {split: len(names) for split, names in demos.names.items()},
         "trimmed_frames": demos.trimmed,
@@ -121,24 +126,25 @@ def _learn(
 
 
 def _train_encoder(
-    config: RunConfig, train, pool, hyper, static, run, progress: Progress, echo: Echo
-) -> pretrain.State:
-    """All gradient steps, `static.updates` in a chunk."""
+    config: RunConfig, learner: learners.Learner, hyper, run, progress: Progress, echo: Echo
+) -> Any:
+    """All gradient steps, `updates` of the static configuration in a chunk."""
+    updates = learner.static.updates
     phase = progress.phase("learning the reward", total=config.pretrain.steps)
     key = jax.random.fold_in(jax.random.key(config.run.seed), 0)
-    fresh = pretrain.init(key, train, static)
+    fresh = learner.init(key, learner.data)
 
     def row(chunk, seconds, metrics):
         means = {name: float(value.mean()) for name, value in metrics._asdict().items()}
-        phase.update(chunk * static.updates, loss=means["loss"])
-        return {"step": chunk * static.updates, **means}
+        phase.update(chunk * updates, loss=means["loss"])
+        return {"step": chunk * updates, **means}
 
     return training_loop.run_chunks(
-        lambda state: pretrain.step(state, train, hyper, static, pool),
+        lambda state: learner.step(state, learner.data, hyper),
         training_loop.restore(run, "pretrain", fresh, tell=echo),
         run=run,
         name="pretrain",
-        chunks=config.pretrain.steps // static.updates,
+        chunks=config.pretrain.steps // updates,
         row=row,
         every_s=config.run.checkpoint_every,
         keep=config.run.keep_checkpoints,
@@ -149,12 +155,13 @@ def _folder(run: run_dir.RunDir) -> Path:
     return run.path / "reward"
 
 
-def _save_profiles(folder: Path, params: RewardParams, demos, hyper, static) -> None:
+def _save_profiles(folder: Path, params: RewardParams, demos, hyper, learner) -> None:
     """The reward along every demonstration, with the ends of its stages marked."""
     owners = [(name, split) for split, names in demos.names.items() for name in names]
     # All in one batch: each length by itself would compile programs of its own.
-    batch = demo_batch(demos.demo_set, [name for name, _ in owners])
-    profiles = reward.latent_reward(params, pretrain.embed(params.encoder, batch, hyper, static))
+    names = [name for name, _ in owners]
+    batch = demo_batch(demos.demo_set, names)
+    profiles = reward.latent_reward(params, learner.latents(params.encoder, names, hyper))
     last = jnp.asarray(batch.length)[:, None] - 1
     frames = jnp.arange(profiles.shape[1])
     # A trace that goes on standing where it ends has the same boundaries, and none after its end.

@@ -6,8 +6,9 @@ import io
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from gril_jax import encoder, envs, pretrain
+from gril_jax import encoder, envs, pixel_pretrain, pretrain
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.reward import RewardParams
@@ -17,8 +18,11 @@ __all__ = [
     "device_in_words",
     "encoder_config",
     "make_env",
+    "picture_border",
+    "pixel_pretrain_config",
     "pretrain_config",
     "pretrain_hyper",
+    "require_boxes",
 ]
 
 
@@ -47,9 +51,11 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
         raise ConfigError(f"env: {error}") from error
 
 
-def encoder_config(config: RunConfig, num_classes: int) -> encoder.GraphConfig:
+def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
     """The encoder's sizes and options."""
     chosen = config.encoder
+    if chosen.kind == "pixels":
+        return encoder.PixelConfig(chosen.latent, pixels=chosen.pixels)
     robot = {"pool_robot": chosen.pool_robot}
     if chosen.kind == "mlp":
         return encoder.MLPConfig(num_classes, width=chosen.width, **robot)
@@ -61,9 +67,13 @@ def encoder_config(config: RunConfig, num_classes: int) -> encoder.GraphConfig:
 
 
 def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainConfig:
-    """The static half of encoder training; `updates` is one call's share of all steps."""
+    """The static half of encoder training; `updates` is one call's share of all steps.
+
+    Raises:
+      ConfigError: the encoder takes pictures.
+    """
+    require_boxes(config, "training on boxes")
     chosen = config.pretrain
-    updates = next(n for n in (100, 50, 20, 10, 5, 2, 1) if chosen.steps % n == 0)
     return pretrain.PretrainConfig(
         encoder=encoder_config(config, num_classes),
         consistency=config.loss.consistency,
@@ -71,7 +81,7 @@ def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainCon
         matching=config.loss.matching,
         similarity=config.loss.similarity,
         decoder=config.loss.decoder,
-        updates=updates,
+        updates=_updates(config),
         num_videos=chosen.num_videos,
         num_frames=chosen.num_frames,
         window=config.pool.window,
@@ -83,6 +93,45 @@ def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainCon
         anchors=chosen.anchors,
         ascents=chosen.ascents,
     )
+
+
+def pixel_pretrain_config(config: RunConfig) -> pixel_pretrain.PixelPretrainConfig:
+    """The same for an encoder of pictures."""
+    chosen = config.pretrain
+    return pixel_pretrain.PixelPretrainConfig(
+        encoder=encoder.PixelConfig(config.encoder.latent, pixels=config.encoder.pixels),
+        form=config.loss.form,
+        matching=config.loss.matching,
+        similarity=config.loss.similarity,
+        updates=_updates(config),
+        num_videos=chosen.num_videos,
+        num_frames=chosen.num_frames,
+        turn_scenes=chosen.turn_scenes,
+    )
+
+
+def _updates(config: RunConfig) -> int:
+    return next(n for n in (100, 50, 20, 10, 5, 2, 1) if config.pretrain.steps % n == 0)
+
+
+def picture_border(pixels: int) -> int:
+    """Pixels that pictures leave out on each side beyond their own: those of the arena's wall.
+
+    It is drawn broader in the videos than on the device, and would tell one from the other.
+    """
+    return max(1, round(pixels / 64))
+
+
+def require_boxes(config: RunConfig, purpose: str) -> None:
+    """Refuses an encoder of pictures for what needs the objects' boxes.
+
+    Raises:
+      ConfigError: the encoder takes pictures.
+    """
+    if config.encoder.kind == "pixels":
+        raise ConfigError(
+            f"encoder.kind is 'pixels', but must be 'paper', 'interaction' or 'mlp' for {purpose}"
+        )
 
 
 def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
@@ -111,9 +160,9 @@ def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
     """Reward parameters of the right shapes, to restore a checkpoint into."""
     chosen = encoder_config(config, num_classes)
     zero = jnp.zeros((), jnp.float32)
-    return RewardParams(
-        encoder.init(jax.random.key(0), chosen), jnp.zeros(chosen.latent), zero, zero
-    )
+    shapes = jax.eval_shape(lambda: encoder.init(jax.random.key(0), chosen))
+    blank = jax.tree.map(lambda x: jnp.asarray(np.zeros(x.shape, x.dtype)), shapes)  # no compiling
+    return RewardParams(blank, jnp.zeros(chosen.latent), zero, zero)
 
 
 def device_in_words() -> str:

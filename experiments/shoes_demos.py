@@ -168,4 +168,5 @@ def _demo(film: _Film, run: expert.Run, name: str, rng: np.random.Generator) -> 
     center, size, visible = detector.carried(seen)
     tracks = Tracks(center, size, np.arange(len(classes), dtype=np.int32), visible)
     outcome = "success" if run.succeeded else "failure"
-    return Demo(name, np.stack([p.frame for p in pictures]), tracks, 0, outcome)
+    stages = dict(zip(film.env.stage_names, run.stage_time.tolist(), strict=True))
+    return Demo(name, np.stack([p.frame for p in pictures]), tracks, 0, outcome, stages)

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 
-from gril_jax import envs, run_dir, sweep_table
+from gril_jax import run_dir, sweep_table
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.plot_style import png
@@ -84,7 +83,8 @@ def main(
         )
         demos = demonstrations.gather_once(config, env, run, progress)
         rewards = learn_rewards(rows, lambda config: demos, run, progress, echo)
-        _audit(variants, settings, rows, rewards, run, progress)
+        chosen = {"starts": settings.starts, "ascents": settings.ascents}
+        soundness_audit.audit(variants, rows, rewards, run, progress, **chosen)
         table = _write(run.path, _lines(run, settings, rows, rewards, plan))
         for program in plan:
             if run.finished_phase(program.name) is None:
@@ -141,30 +141,6 @@ def _programs(rows: Sequence[Row], num_classes: int, at_once: int) -> list[Progr
             sharding.mesh(jax.devices(), seeds=len(part), num_envs=program.algorithm.num_envs)
             found.append(program._replace(name=f"policy-{len(found)}", rows=part))
     return found
-
-
-def _audit(
-    variants: Mapping[str, envs.Env],
-    settings: Settings,
-    rows: Sequence[Row],
-    rewards: Rewards,
-    run: run_dir.RunDir,
-    progress: Progress,
-) -> None:
-    """The figures of every row, as a phase of the run each."""
-    left = [cell for cell in range(len(settings.rows)) if not run.finished_phase(f"audit-{cell}")]
-    if not left:
-        return
-    phase = progress.phase("auditing", total=len(left), unit="rows")
-    on = soundness_audit.ground(variants, starts=settings.starts)
-    for done, cell in enumerate(left, 1):
-        members = [row for row in rows if row.cell == cell]
-        found = [rewards[reward_key(row.config)] for row in members]
-        params = jax.tree.map(lambda *x: jnp.stack(x), *(one.params for one in found))
-        encoder = setup.encoder_config(members[0].config, found[0].num_classes)
-        figures = soundness_audit.measure(encoder, params, on, ascents=settings.ascents)
-        run.finish_phase(f"audit-{cell}", {name: x.tolist() for name, x in figures.items()})
-        phase.update(done)
 
 
 def _write(folder: Path, lines: Sequence[soundness_table.Line]) -> str:

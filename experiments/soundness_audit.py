@@ -4,7 +4,7 @@ Demo starts are the scene that policies are evaluated in; Layout starts have eve
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -12,17 +12,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gril_jax import audit_measures, envs
+from gril_jax import audit_measures, envs, run_dir
 from gril_jax.audit_measures import States, make_states
 from gril_jax.audit_scene import Scene, scene_reward
 from gril_jax.config import EnvConfig
 from gril_jax.encoder import GraphConfig
 from gril_jax.errors import ConfigError
+from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
 
 from . import setup
+from .sweep_training import LearnedReward, Row, reward_key
 
-__all__ = ["FIGURES", "VARIANTS", "Ground", "ground", "measure", "tasks"]
+__all__ = ["FIGURES", "VARIANTS", "Ground", "audit", "ground", "measure", "tasks"]
 
 VARIANTS = ("demo", "layout")
 
@@ -61,7 +63,7 @@ def ground(variants: Mapping[str, envs.Env], *, starts: int) -> Ground:
     for number, (variant, env) in enumerate(variants.items()):
         keys = jax.random.split(jax.random.key(number), 2 * starts)
         found[variant] = jax.jit(functools.partial(_states, env))(keys[:starts], keys[starts:])
-    return Ground(variants[VARIANTS[0]].stages, found)
+    return Ground(next(iter(variants.values())).stages, found)
 
 
 def _states(env: envs.Env, reset_keys, state_keys) -> States:
@@ -88,6 +90,43 @@ def measure(
         for variant, found in ((v, program(params, states)) for v, states in on.states.items())
         for name, field in FIGURES.items()
     }
+
+
+def audit(
+    variants: Mapping[str, envs.Env],
+    rows: Sequence[Row],
+    rewards: Mapping[Hashable, LearnedReward],
+    run: run_dir.RunDir,
+    progress: Progress,
+    *,
+    starts: int,
+    ascents: int,
+) -> None:
+    """The figures of each cell's rewards, as a phase of the run that is named after the cell.
+
+    Args:
+      variants: from `tasks`, all or some of them.
+      rows: of which those of one cell have encoders of one shape.
+      rewards: by `sweep_training.reward_key`.
+      run: keeps the figures; what it has already is not done again.
+      progress: shows how far it is.
+      starts: that an audit begins from, of each variant.
+      ascents: as for `measure`.
+    """
+    cells = dict.fromkeys(row.cell for row in rows)
+    left = [cell for cell in cells if run.finished_phase(f"audit-{cell}") is None]
+    if not left:
+        return
+    phase = progress.phase("auditing", total=len(left), unit="rows")
+    on = ground(variants, starts=starts)
+    for done, cell in enumerate(left, 1):
+        members = [row for row in rows if row.cell == cell]
+        found = [rewards[reward_key(row.config)] for row in members]
+        params = jax.tree.map(lambda *x: jnp.stack(x), *(one.params for one in found))
+        encoder = setup.encoder_config(members[0].config, found[0].num_classes)
+        figures = measure(encoder, params, on, ascents=ascents)
+        run.finish_phase(f"audit-{cell}", {name: x.tolist() for name, x in figures.items()})
+        phase.update(done)
 
 
 @functools.cache

@@ -5,16 +5,15 @@ values. Neither JAX nor MuJoCo is imported here: the command line looks at the r
 """
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from gril_jax.config import RunConfig
-from gril_jax.errors import ConfigError, RunError
-from gril_jax.options import nearest
-from gril_jax.safe_files import write_whole, writing
+from gril_jax.errors import ConfigError
+
+from . import named_rows
 
 __all__ = ["ROWS", "Settings", "chosen_rows", "read_settings", "with_budget", "write_settings"]
 
@@ -27,25 +26,28 @@ _PAPER: dict[str, Any] = {
     "pretrain.touched": 0.0,
     "pretrain.copies": 0,
     "pretrain.ascents": 0,
+    "loss.warmup": 0,
     "loss.contrast": 30.0,  # these act on copies alone
     "loss.near": 0.8,
     "loss.tail": 1.0,
 }
 _TURNED = {"pretrain.turn_scenes": True}
 _TOUCHED = {"pretrain.touched": 0.1}
+_AGREED = {"loss.warmup": 1500}
 _RELATIONS = {"encoder.relations": True}
 _COPIES = {"pretrain.copies": 4}
-_VARIED = _PAPER | _TURNED | _TOUCHED
+_VARIED = _PAPER | _TURNED | _TOUCHED | _AGREED
 _ALL = _VARIED | _COPIES | _RELATIONS | {"pretrain.ascents": 2}
 
 ROWS: dict[str, dict[str, Any]] = {
     "paper": _PAPER,
     "turned scenes": _PAPER | _TURNED,
     "touched": _PAPER | _TOUCHED,
+    "agreed times": _PAPER | _AGREED,
     "relations": _PAPER | _RELATIONS,
     "copies": _PAPER | _COPIES,
-    "turned + touched": _VARIED,
-    "turned + touched + copies": _VARIED | _COPIES,
+    "turned + touched + agreed": _VARIED,
+    "turned + touched + agreed + copies": _VARIED | _COPIES,
     "all but ascents": _ALL | {"pretrain.ascents": 0},
     "all": _ALL,
     "all but relations": _ALL | {"encoder.relations": False},
@@ -77,23 +79,13 @@ class Settings:
     """Starts that an audit begins from, of each kind."""
 
 
-def chosen_rows(names: str | None) -> dict[str, dict[str, Any]]:
+def chosen_rows(names: str | None) -> named_rows.Rows:
     """Rows by their names with commas between; all where there is no choice.
 
     Raises:
       ConfigError: there is no row of this name, or one is named twice.
     """
-    if names is None:
-        return ROWS
-    wanted = [name.strip() for name in names.split(",")]
-    for name in wanted:
-        if name not in ROWS:
-            hint = nearest(name, [*ROWS])
-            known = ", ".join(ROWS)
-            raise ConfigError(f"--rows names {name!r}{hint}, but the rows are: {known}")
-        if wanted.count(name) > 1:
-            raise ConfigError(f"--rows names {name!r} twice, but a row is made once")
-    return {name: ROWS[name] for name in wanted}
+    return named_rows.chosen_rows(names, ROWS)
 
 
 def with_budget(config: RunConfig, steps: int | None) -> RunConfig:
@@ -115,9 +107,7 @@ def with_budget(config: RunConfig, steps: int | None) -> RunConfig:
 
 def write_settings(folder: Path, settings: Settings) -> None:
     """Beside the run's configuration, for `read_settings`."""
-    with writing(folder):
-        text = json.dumps(dataclasses.asdict(settings), indent=1)
-        write_whole(folder / _FILE, text + "\n")
+    named_rows.write_settings(folder / _FILE, settings)
 
 
 def read_settings(folder: Path) -> Settings:
@@ -126,9 +116,4 @@ def read_settings(folder: Path) -> Settings:
     Raises:
       RunError: the file is missing or damaged.
     """
-    try:
-        return Settings(**json.loads((folder / _FILE).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
-        raise RunError(
-            f"{folder} is no ablation of soundness: its {_FILE} is missing or damaged"
-        ) from None
+    return named_rows.read_settings(folder / _FILE, Settings, "ablation of soundness")

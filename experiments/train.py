@@ -46,14 +46,18 @@ def main(
     Arguments are those of `gril_jax.experiments.pretrain.main`.
     """
     policies = cheats.load(hard_negatives)
+    pretraining.check_cheats(config, policies)
     env = setup.make_env(config.env, training=False)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
     opened = {"device": setup.device_in_words(), "experiment": "train"}
-    with run_dir.create_or_resume(config, resume, **opened) as run, Progress() as progress:
+    begun = cheats.noted(policies)
+    with (
+        run_dir.create_or_resume(config, resume, begun=begun, **opened) as run,
+        Progress() as progress,
+    ):
         echo(f"writing to {run.path}")
         clock = _Clock()
-        cheats.note(run, policies)
         demos = demonstrations.gather_once(config, env, run, progress)
         clock.lap("demonstrations")
         learned, results = pretraining.learn(

@@ -33,11 +33,16 @@ Learn a reward from demonstration videos without actions, and a policy from the 
   ablate [CONFIG]             which choices of the reward's training matter, over seeds
   soundness [CONFIG]          the same by audits and by policies, and whether audits tell success;
                               --resume RUN goes on, --join RUN,RUN makes one table
+  table1 [CONFIG]             the paper's Table I and Figure 2: policies with rewards of all kinds;
+                              --quick on a laptop, --resume RUN goes on
+  table2 [CONFIG]             the paper's Table II: rewards that tell success from failure; --quick,
+                              --resume RUN
   demos make [CONFIG]         scripted demonstrations
   demos import-magical DIR    a demonstration set from MAGICAL's public demonstrations
   demos import-videos DIR     a demonstration set from a folder of videos
   eval RUN                    success rate and return of a run's policy
   audit RUN|REWARD            how a reward could be cheated, before a policy finds it
+  subtasks RUN                stages found in a run's learned reward, and demonstrations cut at them
   report RUN                  figures and tables of a run
   export-policy RUN           a run's policy as plain NumPy arrays
   export-reward RUN           a run's reward as one file that load_reward reads

@@ -125,15 +125,20 @@ class DemosConfig:
 class EncoderConfig:
     """The encoder."""
 
-    kind: Literal["paper", "interaction", "mlp"] = "paper"
-    """The paper's message passing with weighted pooling, or GraphIRL's interaction network or MLP
-    with plain mean pooling; rounds and latent belong to the first alone."""
+    kind: Literal["paper", "interaction", "mlp", "pixels"] = "paper"
+    """The paper's message passing with weighted pooling, GraphIRL's interaction network or MLP with
+    plain mean pooling, or XIRL's ResNet-18 on the frames themselves. Rounds belong to the first
+    alone, latent to the first and the last. Pixels know no boxes: they learn by temporal
+    cycle-consistency alone, and of width, relations, pool_robot, robot_messages, the section pool,
+    reconstruction, copies, ascents and touched they use nothing."""
     width: int = field(default=64, metadata=at_least(2))
     """Width of the hidden layers and of a node's embedding; also of the latent of GraphIRL's."""
     rounds: int = field(default=2, metadata=between(0, 16))
     """Rounds of message passing."""
     latent: int = field(default=32, metadata=at_least(1))
     """Width of the latent."""
+    pixels: int = field(default=64, metadata=between(16, 1024))
+    """Width and height of the frames that pixels see."""
     relations: bool = False
     """Whether edges also say how far a box sticks out of the other, and is apart from it."""
     pool_robot: bool = False
@@ -239,14 +244,14 @@ class RunSettings:
     """Seed of everything but the scripted demonstrations."""
     algorithm: Literal["ppo", "sac"] = "ppo"
     """What trains the policy; its options are those of the section of its name."""
-    reward: Literal["learned", "environmental", "subtasks", "sum"] = "learned"
+    reward: Literal["learned", "environmental", "subtasks", "sum", "shaped"] = "learned"
     """What the policy maximises: the learned reward, the task's own, the chain of the learned
-    subtasks, or the first two together."""
+    subtasks, the first two together, or the task's own with the learned one as its potential."""
     reward_weights: tuple[float, float] = field(
         default=(1.0, 0.1),
         metadata=rule(lambda x: all(abs(w) < float("inf") for w in x), "two finite numbers"),
     )
-    """Of the learned and of the task's own reward in their sum."""
+    """Of the learned and of the task's own reward in their sum, or in the shaped one."""
     evaluations: int = field(default=8, metadata=at_least(0))
     """Evaluations while a policy is trained, in the training program itself."""
     out: str | None = field(
@@ -352,6 +357,8 @@ def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
 
 def _check_sizes(config: RunConfig) -> None:
     ppo, demos, pretrain = config.ppo, config.demos, config.pretrain
+    if config.encoder.kind == "pixels":
+        _check_pixels(config)
     if config.encoder.kind == "mlp":
         if config.loss.decoder == "node":
             raise ConfigError(
@@ -380,6 +387,31 @@ def _check_sizes(config: RunConfig) -> None:
             f"pretrain.num_videos is {pretrain.num_videos}, but must be at most demos.num, "
             f"which is {demos.num}"
         )
+
+
+def _check_pixels(config: RunConfig) -> None:
+    """What boxes are needed for is refused where it decides what is learned."""
+    run = config.run
+    learned = run.reward != "environmental"
+    found = {
+        "env.name": (config.env.name, config.env.name == "match_regions", "'match_regions'"),
+        "loss.consistency": (config.loss.consistency, config.loss.consistency == "tcc", "'tcc'"),
+        "run.reward": (
+            run.reward,
+            run.reward in ("learned", "environmental", "sum"),
+            "'learned', 'environmental' or 'sum'",
+        ),
+        "sac.relabel": (
+            config.sac.relabel,
+            not (config.sac.relabel and run.algorithm == "sac" and learned),
+            "False",
+        ),
+    }
+    for path, (value, holds, text) in found.items():
+        if not holds:
+            raise ConfigError(
+                f"{path} is {value!r}, but must be {text}, because encoder.kind is 'pixels'"
+            )
 
 
 def _check_replay(sac: SACConfig) -> None:

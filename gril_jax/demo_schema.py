@@ -48,6 +48,12 @@ class DemoEntry:
     objects: list[str]  # class names, in the order of the tracks
     video_sha256: str
     tracks_sha256: str
+    # Frame at which each stage of the task was first finished, -1 never; None: not known.
+    stages: dict[str, int] | None = None
+
+
+# What every entry has. Stages came later: a set without them is read, and older readers skip them.
+_ENTRY = {field: kind for field, kind in DemoEntry.__annotations__.items() if field != "stages"}
 
 
 def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
@@ -71,8 +77,10 @@ def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
         raise DemoError(f"{where}: demos is empty; a demo set needs at least 1 demonstration.")
     entries = []
     for i, entry in enumerate(header["demos"]):
-        _check_fields(entry, DemoEntry.__annotations__, f"{where}, demos[{i}]")
-        entries.append(DemoEntry(**{field: entry[field] for field in DemoEntry.__annotations__}))
+        _check_fields(entry, _ENTRY, f"{where}, demos[{i}]")
+        _check_stages(entry.get("stages"), f"{where}, demos[{i}]")
+        found = {field: entry[field] for field in _ENTRY}
+        entries.append(DemoEntry(**found, stages=entry.get("stages")))
         _check_entry(entries[-1], header["classes"], f"{where}, demos[{i}]")
     names = [entry.name for entry in entries]
     if len(set(names)) < len(names):
@@ -107,6 +115,16 @@ def _check_entry(entry: DemoEntry, classes: list[str], where: str) -> None:
     for name in entry.objects:
         if name not in classes:
             raise DemoError(f"{where}: the object {name!r} is not one of the set's classes.")
+
+
+def _check_stages(stages: object, where: str) -> None:
+    if stages is None:
+        return
+    if not isinstance(stages, dict) or not stages:
+        raise DemoError(f"{where}: stages must give each stage's frame by its name.")
+    for name, frame in stages.items():
+        if type(frame) is not int or frame < -1:
+            raise DemoError(f"{where}: stage {name!r} must have a frame or -1, not {frame!r:.60}.")
 
 
 def check_tracks(

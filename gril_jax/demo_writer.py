@@ -37,6 +37,7 @@ class Demo(NamedTuple):
     tracks: Tracks  # of the same T frames
     trimmed: int = 0  # frames already cut from the static tail
     outcome: str = "unknown"  # or "success", "failure"
+    stages: dict[str, int] | None = None  # frames, see `DemoEntry`
 
 
 def save_demo_set(
@@ -74,7 +75,7 @@ def save_demo_set(
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
         entries = [
-            asdict(_write(part, folder, number, demo, classes, fps))
+            _fields(_write(part, folder, number, demo, classes, fps))
             for number, demo in enumerate(demos)
         ]
         if not entries:
@@ -97,6 +98,12 @@ def save_demo_set(
     finally:
         if part is not None:
             shutil.rmtree(part, ignore_errors=True)
+
+
+def _fields(entry: DemoEntry) -> dict[str, object]:
+    """An entry as the header has it: stages only where they are known."""
+    fields = asdict(entry)
+    return fields if entry.stages else {k: v for k, v in fields.items() if k != "stages"}
 
 
 def _move_into_place(part: pathlib.Path, folder: pathlib.Path) -> None:
@@ -138,4 +145,5 @@ def _write(
         objects=[classes[label] for label in demo.tracks.label],
         video_sha256=digest(part / video),
         tracks_sha256=digest(part / tracks),
+        stages=demo.stages,
     )

@@ -14,12 +14,12 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray, UInt8
 
 from .errors import ConfigError, ShapeError
 from .message_passing import Params
 
-__all__ = ["STAGES", "PixelConfig", "apply", "apply_train", "init"]
+__all__ = ["STAGES", "PixelConfig", "apply", "apply_train", "floats", "init"]
 
 # Channels and first stride of the four stages, each of two blocks of two 3 x 3 convolutions.
 STAGES = ((64, 1), (128, 2), (256, 2), (512, 2))
@@ -32,10 +32,14 @@ class PixelConfig:
 
     latent: int = 32
     """Size of the latent."""
+    pixels: int | None = None
+    """Width and height of the frames that it is trained and used with; None takes any."""
 
     def __post_init__(self):
         if self.latent < 1:
             raise ConfigError(f"encoder.latent is {self.latent}; it must be at least 1.")
+        if self.pixels is not None and self.pixels < 1:
+            raise ConfigError(f"encoder.pixels is {self.pixels}; it must be at least 1, or None.")
 
 
 def init(key: PRNGKeyArray, config: PixelConfig) -> Params:
@@ -56,9 +60,10 @@ def apply(
     """Latents of frames, by the running statistics: a frame's latent is its own affair.
 
     Raises:
-      ShapeError: `frames` is not floating, or not of shape (..., height, width, 3).
+      ShapeError: `frames` is not floating, not of shape (..., height, width, 3), or not of the
+        config's size.
     """
-    flat = _flat(frames)
+    flat = _flat(frames, config)
     latents = _Network(config).apply(_variables(params), flat, train=False)
     return latents.reshape(*frames.shape[:-3], config.latent)
 
@@ -72,14 +77,24 @@ def apply_train(
       Latents, and `params` with the statistics moved a tenth of the way to those of these frames.
 
     Raises:
-      ShapeError: `frames` is not floating, or not of shape (..., height, width, 3).
+      ShapeError: `frames` is not floating, not of shape (..., height, width, 3), or not of the
+        config's size.
     """
     latents, moved = _Network(config).apply(
-        _variables(params), _flat(frames), train=True, mutable=["batch_stats"]
+        _variables(params), _flat(frames, config), train=True, mutable=["batch_stats"]
     )
     statistics = jax.lax.stop_gradient(moved["batch_stats"]["trunk"])
     latents = latents.reshape(*frames.shape[:-3], config.latent)
     return latents, {**params, "statistics": statistics}
+
+
+def floats(frames: UInt8[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+    """Frames of 8 bits a channel as the encoder takes them.
+
+    >>> [round(x, 3) for x in floats(jnp.array([0, 51, 255], jnp.uint8)).tolist()]
+    [0.0, 0.2, 1.0]
+    """
+    return frames.astype(jnp.float32) / 255.0
 
 
 def _variables(params):
@@ -87,11 +102,16 @@ def _variables(params):
     return {"params": params["weights"], "batch_stats": {"trunk": statistics}}
 
 
-def _flat(frames):
+def _flat(frames, config):
     shape = frames.shape
     if len(shape) < 3 or shape[-1] != 3 or 0 in shape:
         raise ShapeError(
             f"frames has shape {shape}; it must be (..., height, width, 3), and not empty."
+        )
+    if config.pixels is not None and shape[-3:-1] != (config.pixels,) * 2:
+        raise ShapeError(
+            f"frames has shape {shape}; with encoder.pixels {config.pixels} height and width must "
+            f"be {config.pixels}."
         )
     if not jnp.issubdtype(frames.dtype, jnp.floating):
         raise ShapeError(f"frames has type {frames.dtype}; it must be floating, RGB in [0, 1].")

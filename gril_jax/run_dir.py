@@ -161,6 +161,7 @@ def create(
     device: str,
     command: Sequence[str] | None = None,
     experiment: str | None = None,
+    begun: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> RunDir:
     """Creates a run's folder, which must not exist, and opens it for writing.
 
@@ -170,6 +171,7 @@ def create(
       device: what the run computes on, in words.
       command: how the process was started; `sys.argv` where None.
       experiment: what can go on with the run if it is cut off; None if nothing can.
+      begun: phases that have finished before the run began, with what they came to.
 
     Raises:
       RunError: the folder exists, cannot be written, or the disk is full.
@@ -191,7 +193,8 @@ def create(
             require_new(path)
         lock = _take_lock(path)
         write_whole(path / "versions.json", json.dumps(versions, indent=2) + "\n")
-        phases = Phases(experiment, to_yaml(config))
+        finished = {name: dict(results) for name, results in (begun or {}).items()}
+        phases = Phases(experiment, to_yaml(config), finished)
         write_phases(path, phases)
         write_whole(path / "config.yaml", phases.config)  # last: it makes the folder a run
     return RunDir(path, lock, phases, config)
@@ -241,9 +244,16 @@ def _read_unchanged(path: Path) -> tuple[RunConfig, Phases]:
 
 
 def create_or_resume(
-    config: RunConfig, folder: Path | None, *, device: str, experiment: str
+    config: RunConfig,
+    folder: Path | None,
+    *,
+    device: str,
+    experiment: str,
+    begun: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> RunDir:
     """The run in a folder, opened to go on with; a new one at `config.run.out` where that is None.
+
+    A run that goes on has its own `begun`.
 
     Raises:
       RunError: see `create`, `require_resumable` and `resume`.
@@ -252,7 +262,7 @@ def create_or_resume(
         require_resumable(folder, experiment)
         return resume(folder)
     out = Path(config.run.out) if config.run.out else default_path(config.run.seed)
-    return create(out, config, device=device, experiment=experiment)
+    return create(out, config, device=device, experiment=experiment, begun=begun)
 
 
 def require_new(path: Path) -> None:

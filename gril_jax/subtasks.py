@@ -29,7 +29,7 @@ def transitions(
     *,
     prominence: Float[Array, ""] | float = 0.1,
     smoothing: int = 5,
-    patience: int = 8,
+    patience: Int[Array, ""] | int = 8,
 ) -> Bool[Array, "T"]:
     """Frames at which a rise of the reward ends.
 

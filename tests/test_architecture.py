@@ -23,10 +23,12 @@ PURE = {
     "interaction_network", "pixel_encoder", "cycle_metrics", "interquartile", "subtask_matching",
     "shaping", "subtask_chain", "activity_rule", "learned_reward", "encoder_choices",
     "audit_scene", "audit_states", "audit_sweeps", "audit_ascent", "audit_measures",
-    "final_places", "hard_negatives",
+    "final_places", "hard_negatives", "separation", "subtask_agreement", "pixel_videos",
+    "pixel_reward",
 }  # fmt: skip
 TRAINING = {
-    "pretrain", "pretrain_batch", "pretrain_contrast", "pretrain_loss", "pretrain_options", "rl",
+    "pretrain", "pretrain_batch", "pretrain_contrast", "pretrain_loss", "pretrain_options",
+    "pixel_pretrain", "rl",
 }  # fmt: skip
 
 # For each layer: the layers of ours that it may import, and the packages of others.

@@ -13,7 +13,7 @@ from gril_jax.experiments import audit, setup
 from run_folders import save_run
 
 from gril_jax import cli, encoder
-from gril_jax.config import EnvConfig
+from gril_jax.config import EncoderConfig, EnvConfig, RunConfig
 from gril_jax.errors import ConfigError, RunError, ShapeError
 from gril_jax.learned_reward import LearnedReward
 from gril_jax.reward import RewardParams
@@ -67,6 +67,14 @@ def test_help_lists_the_options(capsys):
 
 
 # --- refused once the reward is read
+
+
+def test_a_reward_of_pictures_is_refused(tmp_path):
+    pictures = RunConfig(encoder=EncoderConfig(kind="pixels"))
+    with pytest.raises(ConfigError, match=r"'pixels', but must be 'paper', .* for an audit"):
+        audit.main(save_run(tmp_path / "run", config=pictures))
+    with pytest.raises(ConfigError, match="takes pictures, but an audit moves boxes"):
+        audit.main(_save(tmp_path / "reward.npz", encoder.PixelConfig(3)))
 
 
 def test_another_task_is_refused(tmp_path):

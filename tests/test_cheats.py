@@ -1,5 +1,7 @@
 """Scenes of earlier policies: how a run gets them, keeps them, and what it refuses."""
 
+import contextlib
+import dataclasses
 import shutil
 import sys
 import types
@@ -9,10 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments import cheats, policy_setup, setup
+from gril_jax.experiments import cheats, policy_setup, pretrain, setup
 from probes import Probe
 
-from gril_jax import cli, run_dir
+from gril_jax import cli, run_dir, run_phases
 from gril_jax.audit_scene import Scene
 from gril_jax.commands import arguments
 from gril_jax.config import EncoderConfig, EnvConfig, PPOConfig, RunConfig, RunSettings
@@ -30,6 +32,16 @@ CONFIG = RunConfig(
 
 
 PROBE = jnp.array([[0.5, 0.5], [-0.5, 0.0], [0.0, 0.0]])  # where its episodes begin
+
+
+def test_a_reward_of_pictures_learns_from_no_policy(tmp_path):
+    pictures = dataclasses.replace(CONFIG, encoder=EncoderConfig(kind="pixels"))
+    pretrain.check_cheats(pictures, [])
+    for new, old in ((pictures, CONFIG), (CONFIG, pictures)):
+        cheat = types.SimpleNamespace(config=old)
+        with pytest.raises(ConfigError, match=r"must be 'paper', .* for --hard-negatives"):
+            pretrain.check_cheats(new, [cheat])
+    pretrain.check_cheats(CONFIG, [types.SimpleNamespace(config=CONFIG)])
 
 
 def _demos():
@@ -59,9 +71,16 @@ def cheat():
 
 
 @pytest.fixture
-def run(tmp_path):
-    with run_dir.create(tmp_path / "new", CONFIG, device="cpu", experiment="pretrain") as opened:
-        yield opened
+def begin(tmp_path):
+    """Creates a run that learns from some policies."""
+    with contextlib.ExitStack() as opened:
+
+        def create(policies):
+            known = {"experiment": "pretrain", "begun": cheats.noted(policies)}
+            run = run_dir.create(tmp_path / "new", CONFIG, device="cpu", **known)
+            return opened.enter_context(run)
+
+        yield create
 
 
 def _gather(policies, run, said=None):
@@ -70,9 +89,9 @@ def _gather(policies, run, said=None):
 
 
 @pytest.mark.slow
-def test_the_scenes_are_played_once_and_then_read_from_the_folder(cheat, run):
+def test_the_scenes_are_played_once_and_then_read_from_the_folder(cheat, begin):
     said = []
-    cheats.note(run, [cheat])
+    run = begin([cheat])
     pool = _gather([cheat], run, said)
     num = len(pool.label)
     assert 1 < num <= 6 * 13
@@ -88,23 +107,29 @@ def test_the_scenes_are_played_once_and_then_read_from_the_folder(cheat, run):
     assert run.finished_phase("hard_negatives")["scenes"] == [num]
 
 
-def test_a_reward_that_pays_less_than_is_due_gives_no_scenes(cheat, run):
+def test_a_reward_that_pays_less_than_is_due_gives_no_scenes(cheat, begin):
     strict = cheat.learned._replace(goal=jnp.full(2, 10.0))
-    cheats.note(run, [cheat])
+    run = begin([cheat])
     assert _gather([cheat._replace(learned=strict)], run) is None
     assert run.finished_phase("hard_negatives")["scenes"] == [0]
     assert _gather([], run) is None
 
 
-def test_a_run_that_noted_none_gathers_none(run):
-    cheats.note(run, [])
+def test_a_run_that_noted_none_gathers_none(begin):
+    run = begin([])
     assert _gather([], run) is None
     assert not (run.path / "hard_negatives.npz").exists()
 
 
-def test_scenes_that_were_changed_or_lost_are_refused(cheat, run, monkeypatch):
+def test_a_run_notes_them_as_it_is_created(cheat, begin):
+    run = begin([cheat])
+    noted = run_phases.read_phases(run.path).finished["hard_negatives_of"]
+    assert noted == {"runs": [str(Path("gone").resolve())]}
+
+
+def test_scenes_that_were_changed_or_lost_are_refused(cheat, begin, monkeypatch):
     monkeypatch.setattr(cheats, "_overrated", lambda *_: _two_scenes())
-    cheats.note(run, [cheat, cheat])
+    run = begin([cheat, cheat])
     assert len(_gather([cheat, cheat], run).label) == 4
     file = run.path / "hard_negatives.npz"
     whole = file.read_bytes()
@@ -121,8 +146,8 @@ def _two_scenes():
     return Scene(np.zeros((2, 3, 2)), np.ones((2, 3, 2)), np.zeros((2, 3), int), no, no)
 
 
-def test_a_run_that_was_cut_off_before_it_had_them_needs_the_noted_run(cheat, run):
-    cheats.note(run, [cheat])
+def test_a_run_that_was_cut_off_before_it_had_them_needs_the_noted_run(cheat, begin):
+    run = begin([cheat])
     with pytest.raises(ConfigError, match=r"--hard-negatives: .*gone does not exist"):
         _gather([], run)
 

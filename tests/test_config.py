@@ -10,7 +10,14 @@ import sys
 import pytest
 
 from gril_jax import config as schema
-from gril_jax.config import DemosConfig, EnvConfig, MakeDemosConfig, PPOConfig, RunConfig
+from gril_jax.config import (
+    DemosConfig,
+    EncoderConfig,
+    EnvConfig,
+    MakeDemosConfig,
+    PPOConfig,
+    RunConfig,
+)
 from gril_jax.errors import ConfigError
 from gril_jax.options import options
 
@@ -39,6 +46,7 @@ def _with(path, value):
         ("demos.num_failures", -1),
         ("encoder.width", 0),
         ("encoder.rounds", 17),
+        ("encoder.pixels", 15),
         ("pool.alpha", 0.0),
         ("pool.alpha", math.inf),
         ("pool.tau", -0.001),
@@ -111,6 +119,33 @@ def test_a_block_without_a_place_in_the_original_scene_needs_the_layout_variant(
     assert RunConfig(env=everywhere).env == everywhere
     with pytest.raises(ConfigError, match=r"demos\.variant is 'demo'"):
         RunConfig(env=everywhere, demos=DemosConfig(variant="demo"))
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "right"),
+    [
+        ("loss.consistency", "both", "'tcc'"),
+        ("env.name", "shoes_in_box", "'match_regions'"),
+        ("run.reward", "subtasks", "'learned', 'environmental' or 'sum'"),
+        ("sac.relabel", True, "False"),
+    ],
+)
+def test_pixels_refuse_what_needs_boxes(path, value, right):
+    section, name = path.split(".")
+    parts = dict(SECTIONS, encoder=EncoderConfig(kind="pixels"))
+    parts["run"] = dataclasses.replace(parts["run"], algorithm="sac")
+    assert RunConfig(**parts).encoder.pixels == 64
+    parts[section] = dataclasses.replace(parts[section], **{name: value})
+    with pytest.raises(ConfigError) as caught:
+        RunConfig(**parts)
+    sentence = f"{path} is {value!r}, but must be {right}, because encoder.kind is 'pixels'"
+    assert str(caught.value) == sentence
+
+
+def test_what_pixels_do_not_use_they_leave_alone():
+    box = schema.PretrainConfig(copies=4, ascents=2)
+    config = RunConfig(encoder=EncoderConfig(kind="pixels", relations=True), pretrain=box)
+    assert config.pretrain.copies == 4  # so that a sweep over encoder.kind has one base
 
 
 def test_minibatches_divide_the_environments():

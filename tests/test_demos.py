@@ -93,6 +93,32 @@ def test_the_header_is_readable_and_its_digests_are_sha256(saved):
         assert entry[digest] == hashlib.sha256(contents).hexdigest()
 
 
+def test_stages_are_kept_where_they_are_known_and_older_sets_have_none(tmp_path, saved):
+    stages = {"lid open": 2, "shoe in": -1}
+    save_demo_set(tmp_path / "new", [demo("a", stages=stages), demo("b")], **OPTIONS)
+    assert [e.stages for e in load_demo_set(tmp_path / "new").entries] == [stages, None]
+    header = json.loads((tmp_path / "new" / "demos.json").read_text())
+    assert header["schema_version"] == 1
+    assert "stages" not in header["demos"][1]
+    assert load_demo_set(saved).entries[0].stages is None
+
+
+@pytest.mark.parametrize(
+    ("stages", "words"),
+    [
+        ([3], "stages must give each stage's frame by its name"),
+        ({}, "stages must give each stage's frame by its name"),
+        ({"lid": 1.5}, "stage 'lid' must have a frame or -1, not 1.5"),
+        ({"lid": -2}, "stage 'lid' must have a frame or -1, not -2"),
+        ({"lid": True}, "stage 'lid' must have a frame or -1, not True"),
+    ],
+)
+def test_malformed_stages_are_named(saved, stages, words):
+    edit(saved, lambda h: h["demos"][0].update(stages=stages))
+    with pytest.raises(DemoError, match=words):
+        load_demo_set(saved)
+
+
 def test_saving_again_replaces_the_whole_set_and_leaves_nothing_beside_it(saved):
     save_demo_set(saved, [demo("c")], **OPTIONS)
     assert [entry.name for entry in load_demo_set(saved).entries] == ["c"]

@@ -8,8 +8,8 @@ import pytest
 from gril_jax.experiments import policy_setup, setup
 from probes import Probe
 
-from gril_jax import device_memory
-from gril_jax.config import RunConfig
+from gril_jax import device_memory, encoder
+from gril_jax.config import EncoderConfig, RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.rl import memory, ppo, rewards, sac, training
 
@@ -67,6 +67,21 @@ def test_environments_and_unrolls_cost_memory_and_a_replay_costs_its_size_once()
     assert found[1] - found[0] == row * (2**20 - 2**12)
 
 
+def test_pictures_cost_memory_with_their_area_and_the_number_of_environments():
+    params = setup.blank_reward(RunConfig(encoder=EncoderConfig(kind="pixels")), 3)
+
+    def predict(pixels, num_envs):
+        picture = jnp.zeros((pixels, pixels, 3), jnp.uint8)
+        reward = rewards.pixels(encoder.PixelConfig(pixels=pixels), lambda data: picture)
+        static = ppo.Static(num_minibatches=2, **SIZES | {"num_envs": num_envs})
+        return memory.predict_bytes(ppo.PPO(Probe(), reward, static), HYPER, params)
+
+    small, large, many = predict(64, 1024), predict(128, 1024), predict(128, 2048)
+    assert large - small == 1024 * 3 * 4 * 64 * (64**2 - 32**2)  # outputs of the first layer
+    assert 1.9 < many / large < 2
+    assert large > 3 * GIB
+
+
 @pytest.mark.parametrize(
     ("rows", "gib_each", "gib", "devices", "at_once"),
     [
@@ -88,7 +103,7 @@ def test_seeds_are_split_into_even_parts_that_fit(rows, gib_each, gib, devices, 
 
 
 def test_a_seed_that_cannot_fit_is_refused_and_the_two_knobs_that_help_are_named():
-    sentence = "needs about 9.0 GiB but there are 8.0 GiB: lower num_envs or unroll_length"
+    sentence = "needs about 9.0 GiB but there are 8.0 GiB: lower num_envs or unroll_length, and enc"
     with pytest.raises(ConfigError, match=sentence):
         memory.split(1, 9 * GIB, 4 * GIB, 2)
 

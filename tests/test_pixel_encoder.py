@@ -150,12 +150,12 @@ def test_the_common_interface_takes_frames(params):
 @pytest.mark.parametrize("shape", [(3,), (8, 3), (8, 8, 4), (0, 8, 8, 3), (0, 8, 3)])
 def test_frames_of_another_shape_are_refused(params, shape):
     with pytest.raises(ShapeError, match=r"frames has shape .* \(\.\.\., height, width, 3\)"):
-        pixel_encoder._flat(jnp.zeros(shape))
+        pixel_encoder._flat(jnp.zeros(shape), CONFIG)
 
 
 def test_integer_frames_are_refused():
     with pytest.raises(ShapeError, match=r"frames has type uint8; .* RGB in \[0, 1\]"):
-        pixel_encoder._flat(jnp.zeros((4, 4, 3), jnp.uint8))
+        pixel_encoder._flat(jnp.zeros((4, 4, 3), jnp.uint8), CONFIG)
 
 
 def test_latent_below_one_is_refused():

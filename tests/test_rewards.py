@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gril_jax.envs import Objects
 
-from gril_jax import encoder, graphs, reward, subtask_chain
+from gril_jax import encoder, graphs, reward, shaping, subtask_chain
 from gril_jax.rl import rewards
 from gril_jax.rl.rewards import Reward
 
@@ -22,6 +22,13 @@ class Moment(NamedTuple):
 
     objects: Objects
     reward: jax.Array
+    done: jax.Array
+
+
+class _Pictured(NamedTuple):
+    """As much of a task's state as a reward of pictures looks at."""
+
+    data: jax.Array
 
 
 def _moments():
@@ -35,7 +42,7 @@ def _moments():
         is_robot=jnp.tile(jnp.arange(3) == 1, (FRAMES, 1)),
     )
     active = jnp.zeros((FRAMES, 3), bool).at[2:, 2].set(True)
-    return Moment(objects, 2.0 * x), active
+    return Moment(objects, 2.0 * x, jnp.zeros(FRAMES)), active
 
 
 def _run(rule, params):
@@ -116,6 +123,68 @@ def test_a_weighted_sum_pays_the_sum_and_shows_every_memory():
     expected = np.asarray(_moments()[0].reward) + 10 * 0.5 * count - 2 * count
     np.testing.assert_allclose(values, expected, rtol=1e-6)
     np.testing.assert_array_equal(seen, np.stack([count, count], axis=1))
+
+
+def test_a_shaped_reward_adds_the_potential_s_steps_which_telescope_over_an_episode(encoded):
+    params, latents = encoded
+    learned = reward.RewardParams(params, latents[2], jnp.float32(2.0), jnp.float32(ALPHA))
+    rule, weights = rewards.shaped(rewards.learned(CONFIG)), jnp.array([3.0, 0.5])
+    moments, active = _moments()
+
+    def run(discount, done):
+        def move(memory, now):
+            return rule.step((weights, discount, learned), memory, *now)
+
+        return jax.lax.scan(move, rule.init(), (moments._replace(done=done), active))[1]
+
+    discounts = jnp.array([0.9, 1.0, 0.9])
+    done = jnp.zeros((3, FRAMES)).at[2, -1].set(1.0)
+    found = np.asarray(jax.jit(jax.vmap(run))(discounts, done))
+    own = 0.5 * np.asarray(moments.reward)
+    potential = -2.0 * np.linalg.norm(latents - latents[2], axis=1)
+    for discount, values in zip((0.9, 1.0), found, strict=False):
+        before = np.concatenate([[-1.0], potential[:-1]])
+        np.testing.assert_allclose(values, 3.0 * (discount * potential - before) + own, atol=1e-4)
+        later = shaping.episode(jnp.asarray(potential), discount=discount)
+        np.testing.assert_allclose(values[1:], 3.0 * later + own[1:], atol=1e-4)
+        total = discount ** np.arange(FRAMES) @ (values - own)
+        ends = 3.0 * (discount**FRAMES * potential[-1] + 1.0)  # nothing of what lies between
+        np.testing.assert_allclose(total, ends, atol=1e-4)
+    # Where the task ends, its last potential counts as nothing.
+    np.testing.assert_allclose(found[2, :-1], found[0, :-1], atol=1e-5)
+    np.testing.assert_allclose(found[2, -1], -3.0 * potential[-2] + own[-1], atol=1e-4)
+    assert rule.observe(rule.init()).shape == (0,)
+
+
+def _fake_value(params, frames, config):
+    """In place of a network, which takes long to compile: the mean of the picture decides."""
+    assert frames.shape[-3:] == (config.pixels, config.pixels, 3)
+    return -params.scale * jnp.abs(frames.mean((-3, -2, -1)) - params.goal[0])
+
+
+@pytest.mark.parametrize("side_by_side", [False, True])
+def test_pictures_of_many_lanes_and_seeds_are_paid_as_each_by_itself(monkeypatch, side_by_side):
+    monkeypatch.setattr(rewards, "latent_goal_reward", _fake_value)
+    config = encoder.PixelConfig(1, pixels=4)
+    rule = rewards.pixels(config, lambda data: jnp.tile(data, (4, 4, 1)), side_by_side=side_by_side)
+
+    def one(params, data):
+        return rule(params, _Pictured(data), jnp.zeros(1, bool))
+
+    data = jax.random.randint(jax.random.key(0), (3, 5, 3), 0, 256).astype(jnp.uint8)
+    scale, zero = jnp.array([1.0, 2.0, 3.0]), jnp.zeros(3)
+    params = reward.RewardParams({}, jnp.array([[0.1], [0.5], [0.9]]), scale, zero)
+    lanes = jax.vmap(one, (None, 0))
+    found = jax.jit(jax.vmap(lanes))(params, data)
+    shared = jax.jit(jax.vmap(lanes, (0, None)))(params, data[0])  # the same pictures for all
+    for s in range(3):
+        own = jax.tree.map(lambda x, s=s: x[s], params)
+        for lane in range(5):
+            mean = np.asarray(data)[s, lane].mean() / 255
+            expected = -scale[s] * abs(mean - params.goal[s, 0])
+            np.testing.assert_allclose(found[s, lane], expected, rtol=1e-5, atol=1e-6)
+            np.testing.assert_allclose(found[s, lane], one(own, data[s, lane]), atol=1e-5)
+            np.testing.assert_allclose(shared[s, lane], one(own, data[0, lane]), atol=1e-5)
 
 
 def test_weights_can_be_swept_by_a_vmap():

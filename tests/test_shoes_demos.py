@@ -38,6 +38,12 @@ def test_a_set_has_successes_and_failures_named_after_their_kind(made):
     assert [r.frames for r in report] == [e.frames for e in demos.entries]
     assert (demos.task, demos.half_extent, demos.fps) == ("shoes_in_box", 1.0, 20.0)
     assert demos.entries[0].objects == list(demos.classes)
+    success, lid_only, _ = (e.stages for e in demos.entries)
+    assert [*success] == ["lid open", "shoe A in", "shoe B in"]
+    assert 0 < success["lid open"] < min(success["shoe A in"], success["shoe B in"])
+    assert max(success.values()) < demos.entries[0].frames
+    assert lid_only["lid open"] > 0
+    assert lid_only["shoe A in"] == lid_only["shoe B in"] == -1
 
 
 def test_frames_and_boxes_belong_together_in_units_of_the_picture(made):

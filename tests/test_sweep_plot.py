@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from gril_jax.plot_style import COLOURS
-from gril_jax.sweep_plot import figure, write_figure
+from gril_jax.sweep_plot import draw_spread, figure, write_figure
 from gril_jax.sweep_table import Result
 
 
@@ -17,17 +18,29 @@ def _results(cells, seeds=3):
     ]
 
 
-def test_the_line_is_the_mean_over_seeds_and_the_band_its_middle_half():
-    found = _results(2)
+def test_the_line_is_the_interquartile_mean_over_seeds_and_the_band_its_middle_half():
+    found = _results(2, seeds=5)
     axes = figure(["a", "b"], found).axes[0]
     assert [line.get_label() for line in axes.lines] == ["a", "b"]
     for cell, (line, band) in enumerate(zip(axes.lines, axes.collections, strict=True)):
         curves = np.array([[0, *r.scores["success_sampled"]] for r in found if r.cell == cell])
         np.testing.assert_allclose(line.get_xdata(), [0, 1, 2])
-        np.testing.assert_allclose(line.get_ydata(), curves.mean(axis=0))
+        middle = np.sort(curves, axis=0)[1:4].mean(axis=0)  # of five, one off at each end
+        np.testing.assert_allclose(line.get_ydata(), middle, rtol=1e-6)
         extent = band.get_paths()[0].vertices[:, 1]
         low, high = np.quantile(curves, [0.25, 0.75], axis=0)
         np.testing.assert_allclose([extent.min(), extent.max()], [low.min(), high.max()])
+
+
+@pytest.mark.parametrize("seeds", [1, 2, 3, 4, 5, 6, 7, 10])
+def test_the_line_lies_inside_its_band_whatever_single_seeds_do(seeds):
+    curves = np.random.default_rng(seeds).uniform(size=(seeds, 40)) ** 8  # most near 0, few near 1
+    axes = Figure().add_subplot()
+    draw_spread(axes, np.arange(40.0), curves, number=0, label="a")
+    low, high = np.quantile(curves, [0.25, 0.75], axis=0)
+    line = axes.lines[0].get_ydata()
+    assert (line >= low - 1e-6).all()
+    assert (line <= high + 1e-6).all()
 
 
 def test_cells_beyond_the_colours_are_told_apart_by_their_lines():

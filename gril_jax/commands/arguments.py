@@ -5,10 +5,11 @@ import dataclasses
 import io
 import os
 from collections.abc import Callable, Iterator
+from importlib import metadata
 from pathlib import Path
 
 from .. import run_dir
-from ..config import RunConfig
+from ..config import MakeDemosConfig, RunConfig
 from ..config_files import load
 from ..errors import ConfigError, DemoError, RunError
 from ..metric_sinks import require_installed
@@ -28,6 +29,7 @@ __all__ = [
     "resumed_config",
     "run_config",
     "take",
+    "whole_number",
 ]
 
 _ROUNDS = 2  # of hard negatives
@@ -150,6 +152,20 @@ def take(args: list[str], option: str) -> str | None:
     return value
 
 
+def whole_number(args: list[str], option: str, usual: int | None, least: int = 1) -> int | None:
+    """Takes an option off the arguments that is a whole number; what is usual where it lacks.
+
+    Raises:
+      ConfigError: it is something else, or below the least.
+    """
+    text = take(args, option)
+    if text is None:
+        return usual
+    if not text.isdecimal() or int(text) < least:
+        raise ConfigError(f"{option} is {text!r}, but must be a whole number of at least {least}")
+    return int(text)
+
+
 def existing_folder(name: str) -> Path:
     path = Path(name)
     if not path.is_dir():
@@ -178,18 +194,29 @@ def demo_set_to_write(name: str) -> Path:
     return path
 
 
+def _xla_flags(config: RunConfig | MakeDemosConfig) -> list[str]:
+    flags = []
+    if isinstance(config, RunConfig) and config.run.deterministic:
+        flags.append("--xla_gpu_deterministic_ops=true")
+    # With the newer code generator for CPUs an arm in MJX is a thousand times slower. XLA aborts
+    # over a flag that it does not know: hence the version.
+    if config.env.name == "shoes_in_box" and metadata.version("jaxlib").startswith("0.10."):
+        flags.append("--xla_cpu_use_fusion_emitters=false")
+    return flags
+
+
 @contextlib.contextmanager
-def heavy_imports(*, deterministic: bool = False) -> Iterator[None]:
-    """Around imports of JAX and MuJoCo: sets the compilation cache and threads, keeps stdout clean.
+def heavy_imports(config: RunConfig | MakeDemosConfig | None = None) -> Iterator[None]:
+    """Around imports of JAX and MuJoCo: sets XLA's options and threads, and keeps stdout clean.
 
     MJX reports on stdout, while it is imported, that optional parts are missing.
 
     Args:
-      deterministic: whether a GPU sums in a fixed order, slower and with the same bits each time.
+      config: of what is to be done, where it may need other options than usual.
     """
-    if deterministic:
-        flags = os.environ.get("XLA_FLAGS", "").split()
-        os.environ["XLA_FLAGS"] = " ".join([*flags, "--xla_gpu_deterministic_ops=true"])
+    flags = [] if config is None else _xla_flags(config)
+    if flags:
+        os.environ["XLA_FLAGS"] = " ".join([*os.environ.get("XLA_FLAGS", "").split(), *flags])
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
     with contextlib.suppress(OSError):  # without a writable cache everything works, only slower
         folder.mkdir(parents=True, exist_ok=True)

@@ -57,7 +57,7 @@ def _make_demos(args: list[str]) -> Work:
     folder = demo_set_to_write(out)
 
     def work() -> None:
-        with heavy_imports():
+        with heavy_imports(config):
             from ..experiments import make_demos
         make_demos.main(config, folder, echo=echo)
 

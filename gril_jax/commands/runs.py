@@ -99,7 +99,7 @@ def _plan(experiment: str, name: str | None, args: list[str], prog: str, about: 
         config = resumed_config(folder, name, args, prog=prog, experiment=experiment)
 
     def work() -> None:
-        with heavy_imports(deterministic=config.run.deterministic):
+        with heavy_imports(config):
             if experiment == "train":
                 from ..experiments import train as chosen
             else:
@@ -117,7 +117,7 @@ def _ablate(args: list[str]) -> Work:
     config = run_config(name, args, "gril ablate", about)
 
     def work() -> None:
-        with heavy_imports(deterministic=config.run.deterministic):
+        with heavy_imports(config):
             from ..experiments import ablate
         ablate.main(config, int(seeds or 5), echo=echo)
 
@@ -131,10 +131,10 @@ def _eval(args: list[str]) -> Work:
     if not 0 <= given.seed < 2**31:
         raise ConfigError(f"--seed is {given.seed}, but must be from 0 to {2**31 - 1}")
     folder = Path(given.run)
-    run_dir.read_config(folder)
+    config = run_dir.read_config(folder)
 
     def work() -> None:
-        with heavy_imports():
+        with heavy_imports(config):
             from ..experiments import evaluate
         evaluate.main(
             folder, episodes=given.episodes, seed=given.seed, variant=given.variant, echo=echo
@@ -166,7 +166,7 @@ def _export_policy(args: list[str]) -> Work:
     require_new_file(out)
 
     def work() -> None:
-        with heavy_imports():
+        with heavy_imports(config):
             from .. import export_policy
             from ..experiments import policy_setup, setup
         env = setup.make_env(config.env, training=False)

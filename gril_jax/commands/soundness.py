@@ -6,7 +6,7 @@ from pathlib import Path
 from .. import run_dir
 from ..config import RunConfig
 from ..errors import ConfigError
-from .arguments import Work, echo, heavy_imports, positional, run_config, take
+from .arguments import Work, echo, heavy_imports, positional, run_config, take, whole_number
 
 __all__ = ["VERBS"]
 
@@ -36,15 +36,15 @@ def _soundness(args: list[str]) -> Work:
     joined = take(args, "--join")
     if joined is not None:
         return _join([Path(name) for name in joined.split(",")], take(args, "--out"), args)
-    name, steps = positional(args), _number(args, "--steps-per-policy", None, least=0)
+    name, steps = positional(args), whole_number(args, "--steps-per-policy", None, least=0)
     usual = known.Settings()
     settings = known.Settings(
         rows=known.chosen_rows(take(args, "--rows")),
-        seeds=_number(args, "--seeds", usual.seeds),
+        seeds=whole_number(args, "--seeds", usual.seeds),
         policies=steps != 0,
-        policies_at_once=_number(args, "--policies-at-once", usual.policies_at_once),
-        ascents=_number(args, "--ascents", usual.ascents),
-        starts=_number(args, "--starts", usual.starts),
+        policies_at_once=whole_number(args, "--policies-at-once", usual.policies_at_once),
+        ascents=whole_number(args, "--ascents", usual.ascents),
+        starts=whole_number(args, "--starts", usual.starts),
     )
     config = known.with_budget(run_config(name, args, "gril soundness", _ABOUT), steps)
     return _work(config, settings, None)
@@ -67,18 +67,9 @@ def _join(folders: list[Path], out: str | None, args: list[str]) -> Work:
     return work
 
 
-def _number(args: list[str], option: str, usual: int | None, least: int = 1):
-    text = take(args, option)
-    if text is None:
-        return usual
-    if not text.isdecimal() or int(text) < least:
-        raise ConfigError(f"{option} is {text!r}, but must be a whole number of at least {least}")
-    return int(text)
-
-
 def _work(config: RunConfig, settings, resume: Path | None) -> Work:
     def work() -> None:
-        with heavy_imports(deterministic=config.run.deterministic):
+        with heavy_imports(config):
             from ..experiments import soundness
         soundness.main(config, settings, resume=resume, echo=echo)
 

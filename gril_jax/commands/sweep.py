@@ -77,7 +77,7 @@ def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
 
 def _work(config: RunConfig, read: Callable, resume: Path | None, connect: Connect | None) -> Work:
     def work() -> None:
-        with heavy_imports(deterministic=config.run.deterministic):
+        with heavy_imports(config):
             if connect is not None:  # before anything else touches JAX
                 connect()
             from ..experiments import sweep

@@ -3,14 +3,17 @@
 The estimate counts what is surely there at once: the state (twice: while it is replaced; a replay
 once, as it is written in place), the data of an unroll (as collected, in brax's order, and
 shuffled), and what the networks of one minibatch keep for their gradients. What a simulator holds
-during one control step, of all environments, comes on top, as a multiple of its state.
+during one control step, of all environments, comes on top, as a multiple of its state; and what
+the reward's own arrays take then, of which those of a picture's encoder are many times larger.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import jaxprs_in_params
 
 from ..errors import ConfigError
 
@@ -21,6 +24,9 @@ _COPIES = 3  # of the collected data
 # blocks, compiled for a CPU, whatever the number of environments and the length of an unroll; the
 # data of an unroll, counted below, are not there at the same moment.
 _STEP_COPIES = 180
+# Arrays of the size of its largest one that a reward holds at once, of all environments: a layer's
+# input, its output, and what the output becomes before the next layer.
+_REWARD_ARRAYS = 3
 
 
 def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
@@ -39,12 +45,14 @@ def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
     )
     layers = 2 * 3 * sum(static.hidden)  # two networks; values, gradients and activations
     physics = _bytes(state.fleet.lanes.state.data)
+    seen = _REWARD_ARRAYS * algorithm.num_envs * _largest(algorithm, state, reward_params)
     return (
         2 * _bytes(state)
         - _bytes(state.replay)
         + _COPIES * _bytes(steps)
+        + _bytes(reward_params)
         + 4 * layers * batch
-        + _STEP_COPIES * physics
+        + max(_STEP_COPIES * physics, seen)  # the simulator is done when the reward begins
     )
 
 
@@ -67,12 +75,32 @@ def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -
         gib = 2**30
         raise ConfigError(
             f"one seed needs about {bytes_each / gib:.1f} GiB but there are "
-            f"{available * devices / gib:.1f} GiB: lower num_envs or unroll_length"
+            f"{available * devices / gib:.1f} GiB: lower num_envs or unroll_length, and "
+            "encoder.pixels where encoder.kind is 'pixels'"
         )
     parts = math.ceil(rows / min(rows, fit))
     each = math.ceil(rows / parts)
     rounded = math.ceil(each / devices) * devices
     return rounded if rounded <= fit else each
+
+
+def _largest(algorithm: Any, state: Any, reward_params: Any) -> int:
+    """Bytes of the largest array that the reward of one environment makes."""
+    lanes = state.fleet.lanes
+    one = jax.tree.map(
+        lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype),
+        (lanes.reward_memory, lanes.state, lanes.memory.active),
+    )
+    program = jax.make_jaxpr(algorithm.episodes.reward.step)(reward_params, *one)
+    return max((_bytes(x.aval) for x in _made(program.jaxpr)), default=0)
+
+
+def _made(program: Any) -> Iterator[Any]:
+    """Every value that a program makes, and the programs in it."""
+    for equation in program.eqns:
+        yield from equation.outvars
+        for inner in jaxprs_in_params(equation.params):
+            yield from _made(inner)
 
 
 def _bytes(tree: Any) -> int:

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, UInt8
 
-from .. import encoder, subtask_chain
-from ..encoder import GraphConfig
+from .. import encoder, pixel_encoder, shaping, subtask_chain
+from ..encoder import GraphConfig, PixelConfig
 from ..graphs import SceneGraph, scene_graph
 from ..reward import latent_goal_reward
 
@@ -24,6 +24,8 @@ __all__ = [
     "as_reward",
     "environmental",
     "learned",
+    "pixels",
+    "shaped",
     "subtasks",
     "weighted_sum",
 ]
@@ -74,6 +76,50 @@ def learned(config: GraphConfig) -> RewardFn:
     return reward
 
 
+def pixels(
+    config: PixelConfig,
+    render: Callable[[Any], UInt8[Array, "P P 3"]],
+    *,
+    side_by_side: bool = False,
+) -> RewardFn:
+    """XIRL's reward: the latent-goal reward (Eq. 7) of a picture of each moment.
+
+    Its parameters are a `RewardParams`, as those of `learned`. The activity bits do not count.
+
+    Args:
+      config: of the encoder.
+      render: from the simulator's data to the picture, of the size of the encoder's frames.
+      side_by_side: what a vmap over parameters, as over the seeds of a sweep, becomes: grouped
+        convolutions, which can be spread over devices; else one encoder after the other, which is
+        faster on a device and needs the memory of one.
+    """
+
+    @jax.custom_batching.custom_vmap
+    def value(params, frames):
+        return jnp.asarray(latent_goal_reward(params, frames, config))
+
+    @value.def_vmap
+    def _(size, batched, params, frames):
+        params_batched, frames_batched = batched
+        if not any(jax.tree.leaves(params_batched)):
+            return value(params, frames), True  # one more axis of frames
+        each = jax.tree.map(
+            lambda x, has: x if has else jnp.broadcast_to(x, (size, *x.shape)),
+            (params, frames),
+            (params_batched, frames_batched),
+        )
+        return jax.lax.map(lambda pair: value(*pair), each), True
+
+    def reward(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
+        del active
+        frame = pixel_encoder.floats(render(state.data))
+        if side_by_side:
+            return jnp.asarray(latent_goal_reward(params, frame, config))
+        return value(params, frame)
+
+    return reward
+
+
 def subtasks(
     config: GraphConfig,
     *,
@@ -100,6 +146,27 @@ def subtasks(
         step=step,
         observe=lambda memory: memory[1][None],
     )
+
+
+def shaped(potential: RewardFn) -> Reward:
+    """The task's own reward, with a learned one as a potential that guides to it.
+
+    Of a step from s to s' it is `w0 * (discount * phi(s') - phi(s)) + w1 * own`, where phi is the
+    potential (`gril_jax.shaping`): the best policies are those of the task's own reward.
+    Its parameters are `(weights (2,), the learner's discount, those of the potential)`.
+
+    A reward does not see the state that an episode begins in, so the first potential counts as -1,
+    which a learned reward is on average where demonstrations begin. As a constant it depends on
+    no action, and so it keeps the best policies too (Devlin and Kudenko, AAMAS 2012).
+    """
+
+    def step(params, before, state, active):
+        weights, discount, own = params
+        after = potential(own, state, active)
+        guide = shaping.step(before, after, state.done, discount=discount)
+        return after, weights[0] * guide + weights[1] * state.reward
+
+    return Reward(init=lambda: -jnp.ones(()), step=step, observe=lambda memory: jnp.zeros((0,)))
 
 
 def weighted_sum(rewards: Sequence[AnyReward]) -> Reward:

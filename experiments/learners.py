@@ -1,0 +1,118 @@
+"""An encoder's training, on boxes or on frames, behind one interface.
+
+    one = learner(config, demos)
+    state = one.init(key, one.data)
+    state, metrics = one.step(state, one.data, hyper)      # `one.static.updates` updates
+    params = one.reward(state, one.data, hyper)
+
+The demonstrations' arrays are arguments and no constants: frames are too many for a program.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from gril_jax import pixel_pretrain, pixel_reward, pretrain, reward
+from gril_jax.audit_scene import Scene
+from gril_jax.config import RunConfig
+from gril_jax.demo_frames import frame_batch
+from gril_jax.demos import demo_batch
+from gril_jax.encoder import Params
+from gril_jax.pixel_pretrain import PixelPretrainConfig
+from gril_jax.pretrain import Hyper, PretrainConfig
+from gril_jax.reward import RewardParams
+
+from . import demonstrations, setup
+
+__all__ = ["Learner", "learner", "static_config"]
+
+
+class Learner(NamedTuple):
+    """Pure functions of a state, of the data and of the traced choices; all can be vmapped."""
+
+    static: PretrainConfig | PixelPretrainConfig
+    data: Any  # of the training and of the held-out demonstrations, and scenes to learn from, too
+    init: Callable[[PRNGKeyArray, Any], Any]
+    step: Callable[[Any, Any, Hyper], tuple[Any, Any]]
+    reward: Callable[[Any, Any, Hyper], RewardParams]
+    measure: Callable[[Any, Any, Hyper], dict[str, Float[Array, ""]]]
+    # Names of demonstrations to the latents of their frames (B, T, D); reads files, so not pure.
+    latents: Callable[[Params, Sequence[str], Hyper], Float[Array, "B T D"]]
+
+
+def static_config(config: RunConfig, num_classes: int) -> PretrainConfig | PixelPretrainConfig:
+    """The static half of the training that the configuration asks for."""
+    if config.encoder.kind == "pixels":
+        return setup.pixel_pretrain_config(config)
+    return setup.pretrain_config(config, num_classes)
+
+
+def learner(
+    config: RunConfig, demos: demonstrations.Demonstrations, pool: Scene | None = None
+) -> Learner:
+    """The training of the configuration's encoder on some demonstrations.
+
+    Args:
+      config: a valid one.
+      demos: of `demonstrations.gather`.
+      pool: scenes that earlier policies were overpaid for; for boxes alone.
+
+    Raises:
+      ConfigError: a batch would hold more videos than there are.
+      DemoError: a video cannot be read, or is not square.
+    """
+    if config.encoder.kind == "pixels":
+        return _of_frames(config, demos)
+    return _of_boxes(config, demos, pool)
+
+
+def _of_boxes(config, demos, pool) -> Learner:
+    static = setup.pretrain_config(config, len(demos.demo_set.classes))
+
+    def learned(state, data, hyper):
+        bits = pretrain.activity_bits(data[0], hyper, static)
+        encoder = state.params.encoder
+        return reward.from_demos(encoder, data[0], static.encoder, alpha=hyper.alpha, active=bits)
+
+    def latents(params, names, hyper):
+        return pretrain.embed(params, demo_batch(demos.demo_set, names), hyper, static)
+
+    return Learner(
+        static,
+        (demos.batch("train"), demos.batch("validation"), pool),
+        lambda key, data: pretrain.init(key, data[0], static),
+        lambda state, data, hyper: pretrain.step(state, data[0], hyper, static, data[2]),
+        learned,
+        lambda state, data, hyper: pretrain.evaluate(
+            state.params.encoder, data[1], data[0], hyper, static
+        ),
+        latents,
+    )
+
+
+def _of_frames(config, demos) -> Learner:
+    static = setup.pixel_pretrain_config(config)
+    env, pixels = setup.make_env(config.env, training=False), config.encoder.pixels
+    # What the pictures show that the policy is paid for.
+    half_extent = env.half_extent * pixels / (pixels + 2 * setup.picture_border(pixels))
+
+    def frames(names):
+        found = frame_batch(demos.demo_set, names, pixels=pixels, half_extent=half_extent)
+        return jax.tree.map(jnp.asarray, found)
+
+    def latents(params, names, hyper):
+        del hyper
+        return pixel_reward.embed(params, frames(names), static.encoder)
+
+    return Learner(
+        static,
+        (frames(demos.names["train"]), frames(demos.names["validation"])),
+        lambda key, data: pixel_pretrain.init(key, data[0], static),
+        lambda state, data, hyper: pixel_pretrain.step(state, data[0], hyper, static),
+        lambda state, data, hyper: pixel_reward.from_videos(state.params, data[0], static.encoder),
+        lambda state, data, hyper: pixel_pretrain.evaluate(state.params, data[1], data[0], static),
+        latents,
+    )

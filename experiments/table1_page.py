@@ -1,0 +1,106 @@
+"""Table I and its figures as one HTML page."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from gril_jax.headline import Tile
+from gril_jax.plot_style import png
+from gril_jax.plots import success_failure
+from gril_jax.report_page import Part, Section, render
+from gril_jax.spread_plot import spread
+
+from .table1_rows import PAPER
+from .table1_table import Line, columns
+
+__all__ = ["page"]
+
+
+def page(
+    lines: Sequence[Line],
+    table: str,
+    figure: bytes,
+    profiles: Mapping[str, Mapping[str, Any]],
+    about: Mapping[str, Any],
+) -> str:
+    """The page, which needs no other file.
+
+    Args:
+      lines: of the policies that have finished; at least one.
+      table: as Markdown.
+      figure: Figure 2 as PNG.
+      profiles: of each row's learned reward, from `table1_profiles.measure`.
+      about: what was run, as in versions.json.
+    """
+    facts = {k: str(x) for k, x in about.items() if not isinstance(x, Mapping)}
+    versions = {str(k): str(x) for k, x in about.get("packages", {}).items()}
+    return render(
+        title="Table I: rewards for MatchRegions",
+        summary=(
+            "Policies trained alike on rewards of several kinds: success at the end of the episode "
+            "with actions drawn, from Demo starts, mean over seeds and over the evaluations in the "
+            "last tenth of training. Below are all columns of the table, and what they mean."
+        ),
+        tiles=_tiles(lines),
+        sections=[
+            Section("Success", [_success(lines), _figure2(figure)]),
+            Section("The learned rewards", _profiles(profiles)),
+        ],
+        facts=facts,
+        tables=columns(lines) | {"Package versions": versions},
+        listings={"Table I as Markdown": table},
+    )
+
+
+def _of(lines: Sequence[Line], name: str) -> dict[str, np.ndarray]:
+    rows = dict.fromkeys(line["row"] for line in lines)
+    return {row: np.array([m[name] for m in lines if m["row"] == row], float) for row in rows}
+
+
+def _tiles(lines: Sequence[Line]) -> list[Tile]:
+    tiles = []
+    for row, values in _of(lines, "success_sampled").items():
+        paper = f"; the paper has {PAPER[row]:.1f}%" if row in PAPER else ""
+        note = f"{100 * values.min():.1f}% to {100 * values.max():.1f}% over {len(values)} seeds"
+        tiles.append(Tile(f"{100 * values.mean():.1f}%", row, note + paper))
+    return tiles
+
+
+def _success(lines: Sequence[Line]) -> Part:
+    figure = spread(_of(lines, "success_sampled"), "success, actions drawn, Demo starts")
+    return Part(
+        "A dot for each seed, and a bar at their mean; the dotted line is the first row's mean.",
+        png(figure),
+        "Success of each row's policies",
+    )
+
+
+def _figure2(figure: bytes) -> Part:
+    return Part(
+        "Figure 2: the interquartile mean over seeds within the band from their lower to their "
+        "upper quartile. Seconds are those of a program with all its policies, compilation "
+        "included.",
+        figure,
+        "Success against env steps and against seconds for each row",
+    )
+
+
+def _profiles(profiles: Mapping[str, Mapping[str, Any]]) -> list[Part]:
+    parts = []
+    for row, found in profiles.items():
+        success, failure = (
+            [np.array(x, float) for x in found[k] if len(x)] for k in ("success", "failure")
+        )
+        if not success or not failure:
+            parts.append(Part(f"{row}: there are no failed demonstrations to compare with."))
+            continue
+        parts.append(
+            Part(
+                f"{row}: the reward along demonstrations kept aside, successful (left) and failed "
+                "(right), of the first seed. Successes should end near the top, failures below.",
+                png(success_failure(success, failure)),
+                f"Rewards along demonstrations: {row}",
+            )
+        )
+    return parts or [Part("No reward was learned from graphs.")]

@@ -1,0 +1,84 @@
+"""The verb that makes the paper's Table I and Figure 2."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from .. import run_dir
+from ..config import RunConfig
+from ..errors import ConfigError
+from .arguments import (
+    Work,
+    echo,
+    heavy_imports,
+    in_full,
+    positional,
+    run_config,
+    take,
+    whole_number,
+)
+
+__all__ = ["VERBS"]
+
+_ABOUT = (
+    "Train policies with rewards of several kinds (--rows A,B; all by default), --seeds N of each "
+    "(5), alike in all else: the paper's Table I and Figure 2. Learned rewards are audited with "
+    "--ascents N ascents (1000) from --starts N starts (4). --steps-per-encoder N trains all "
+    "encoders for N gradient steps, instead of each as its row says. --quick makes two rows with "
+    "two seeds of the configuration quickstart. --resume RUN goes on with a run that was cut off."
+)
+_PROG = "gril table1"
+
+
+def _table1(args: list[str]) -> Work:
+    # Names and numbers only: it imports neither JAX nor MuJoCo.
+    from ..experiments import table1_rows as known
+
+    resume = take(args, "--resume")
+    if resume is not None:
+        folder = Path(resume)
+        if args:
+            raise ConfigError(
+                f"--resume takes its options from {folder}, so {args[0]} must not be given beside "
+                "it"
+            )
+        config = run_dir.require_resumable(folder, "table1")
+        return _work(config, known.read_settings(folder), folder)
+    quick = "--quick" in args
+    if quick:
+        args.remove("--quick")
+    name = positional(args) or ("quickstart" if quick else "match_regions")
+    rows = take(args, "--rows") or (known.QUICK if quick else None)
+    steps = whole_number(args, "--steps-per-encoder", known.QUICK_STEPS if quick else None)
+    usual = known.Settings()
+    settings = known.Settings(
+        rows=known.chosen_rows(rows, encoder_steps=steps),
+        seeds=whole_number(args, "--seeds", known.QUICK_SEEDS if quick else usual.seeds),
+        ascents=whole_number(args, "--ascents", usual.ascents),
+        starts=whole_number(args, "--starts", usual.starts),
+    )
+    _check_options(args, known.paths(settings.rows))
+    evaluations = known.QUICK_EVALUATIONS if quick else known.EVALUATIONS
+    args = ["--run.evaluations", str(evaluations), *args]  # of two the later one counts
+    config = run_config(name, args, _PROG, _ABOUT)
+    known.check(config)
+    return _work(config, settings, None)
+
+
+def _check_options(args: list[str], taken: set[str]) -> None:
+    """Refuses to choose for all rows what each of them says for itself."""
+    for option in (arg.partition("=")[0] for arg in in_full(args)):
+        path = option.removeprefix("--").replace("-", "_")
+        if path in taken or f"{path}_" in taken:
+            raise ConfigError(f"{option} is given, but each row of the table sets it for itself")
+
+
+def _work(config: RunConfig, settings, resume: Path | None) -> Work:
+    def work() -> None:
+        with heavy_imports(config):
+            from ..experiments import table1
+        table1.main(config, settings, resume=resume, echo=echo)
+
+    return work
+
+
+VERBS: dict[str, Callable[[list[str]], Work]] = {"table1": _table1}
