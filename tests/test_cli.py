@@ -52,6 +52,9 @@ def _gril(*args, cwd):
         (["export-reward", "--help"], "reward.npz"),
         (["ablate", "--help"], "--seeds"),
         (["soundness", "--help"], "--rows"),
+        (["table1", "--help"], "--rows"),
+        (["table2", "--help"], "--rows"),
+        (["subtasks", "--help"], "--sets"),
     ],
 )
 def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):

@@ -13,7 +13,7 @@ import pytest
 
 from gril_jax import cli, run_dir
 from gril_jax.commands import arguments
-from gril_jax.config import DemosConfig, PPOConfig, RunConfig, RunSettings
+from gril_jax.config import DemosConfig, EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.run_phases import read_phases, write_phases
 
@@ -133,9 +133,21 @@ def test_a_sink_that_does_not_exist_is_refused(capsys):
 def test_a_deterministic_run_sets_the_flag_before_the_imports(monkeypatch):
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
     monkeypatch.setenv("XLA_FLAGS", "--xla_dump_to=x")
-    with arguments.heavy_imports(deterministic=True):
+    with arguments.heavy_imports(RunConfig(run=RunSettings(deterministic=True))):
         flags = os.environ["XLA_FLAGS"]
     assert flags == "--xla_dump_to=x --xla_gpu_deterministic_ops=true"
+
+
+def test_an_arm_on_a_cpu_is_compiled_by_the_older_generator(monkeypatch):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
+    for task, flags in (
+        ("match_regions", "a"),
+        ("shoes_in_box", "a --xla_cpu_use_fusion_emitters=false"),
+    ):
+        monkeypatch.setenv("XLA_FLAGS", "a")
+        monkeypatch.setattr(arguments.metadata, "version", lambda name: "0.10.2")
+        with arguments.heavy_imports(RunConfig(env=EnvConfig(name=task))):
+            assert os.environ["XLA_FLAGS"] == flags
 
 
 # --- phases.json
