@@ -10,6 +10,7 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 FLAGS = ["--xla_backend_optimization_level=1"]
 if importlib.metadata.version("jaxlib").startswith("0.10."):
     FLAGS.append("--xla_cpu_use_fusion_emitters=false")
+    FLAGS.append("--xla_cpu_parallel_codegen_split_count=1")  # both cores have a worker already
 os.environ.setdefault("XLA_FLAGS", " ".join(FLAGS))
 
 # Files that take longest come first, or one worker would play its last alone.

@@ -19,7 +19,7 @@ AWAY = [(0.9, 0.9, 0), (-0.9, 0.9, 0), (-0.9, -0.9, 0), (0.9, -0.9, 0), (0.93, 0
 
 
 @functools.cache
-def task(robot="gripper", iterations=4):
+def task(robot="gripper", iterations=10):
     """The Demo task with that robot; 10 iterations are the original's."""
     return envs.make("match_regions", robot=robot, iterations=iterations)
 
@@ -63,14 +63,14 @@ def _roll(robot, iterations):
     return jax.jit(lambda state, actions: jax.lax.scan(move, state, actions))
 
 
-def begin(pose, velocity=None, *, robot="gripper", iterations=4):
+def begin(pose, velocity=None, *, robot="gripper", iterations=10):
     """States of 16 lanes at given poses (16, E, 3)."""
     velocity = np.zeros_like(pose) if velocity is None else velocity
     as_floats = [jnp.asarray(f, jnp.float32) for f in (pose, velocity)]
     return _begin(robot, iterations)(*as_floats)
 
 
-def play(state, actions, *, robot="gripper", iterations=4):
+def play(state, actions, *, robot="gripper", iterations=10):
     """Poses (16, 27, E, 3) under actions (26, 16, A), the reset's first, and all later states."""
     _, states = _roll(robot, iterations)(state, jnp.asarray(actions, jnp.float32))
     poses = np.concatenate([np.asarray(state.data.pose)[None], np.asarray(states.data.pose)])

@@ -72,7 +72,7 @@ def test_the_box_holds_all_ends_but_a_tenth_on_each_side(demos, places):
 
 
 def test_turned_scenes_have_a_box_with_the_symmetries_of_the_square(demos):
-    turned = final_places(demos, 5, turned=True)
+    turned = jax.jit(lambda demos: final_places(demos, 5, turned=True))(demos)
     low, high = np.asarray(turned.low[BLOCK]), np.asarray(turned.high[BLOCK])
     np.testing.assert_allclose(high, high[::-1], atol=1e-6)
     np.testing.assert_allclose(low, -high, atol=1e-6)

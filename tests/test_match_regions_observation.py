@@ -114,4 +114,4 @@ def test_all_in_one_place_is_finite_with_a_finite_gradient():
         total = lambda p, k=kind: observations.observe(  # noqa: E731
             k, scene._replace(pose=p), parts=3, targets=2
         ).sum()
-        assert np.isfinite(jax.grad(total)(pose)).all()
+        assert np.isfinite(jax.jit(jax.grad(total))(pose)).all()

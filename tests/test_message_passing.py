@@ -72,6 +72,7 @@ def test_names_in_the_parameters_are_those_of_saved_rewards():
     assert without_bias == {"Dense_1", "Dense_3", "Dense_6", "Dense_8"}
 
 
+@pytest.mark.slow
 def test_the_benchmark_compares_forms_that_agree():
     result = measure(3, 4, repeats=1, config=dataclasses.replace(CONFIG, rounds=1))
     assert result["difference"] < 1e-4

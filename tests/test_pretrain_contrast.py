@@ -175,6 +175,7 @@ def _due(scene, places):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_pool_adds_the_mean_error_of_its_scenes(params, demos, places):
     """By an encoder that tells nothing apart, whose error is what is due."""
     blind = jax.tree.map(jnp.zeros_like, params)
