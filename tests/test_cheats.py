@@ -107,6 +107,7 @@ def test_the_scenes_are_played_once_and_then_read_from_the_folder(cheat, begin):
     assert run.finished_phase("hard_negatives")["scenes"] == [num]
 
 
+@pytest.mark.slow
 def test_a_reward_that_pays_less_than_is_due_gives_no_scenes(cheat, begin):
     strict = cheat.learned._replace(goal=jnp.full(2, 10.0))
     run = begin([cheat])

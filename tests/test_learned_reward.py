@@ -45,6 +45,7 @@ def test_the_reward_of_a_moment_is_that_of_its_graph(kind):
     np.testing.assert_allclose(value, expected, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_reward_of_a_picture_is_that_of_the_encoder():
     learned = _learned("pixel")
     frame = moment(learned.config)

@@ -9,7 +9,7 @@ from gril_jax.envs import scripted
 
 from gril_jax import envs
 
-NUM = 32  # successes; each way to fail gets half as many
+NUM = 16  # successes; each way to fail gets half as many
 BUMPING = 8  # episodes, the last ones, that run into a distractor first
 
 
