@@ -30,15 +30,9 @@ from gril_jax.sweep_grid import with_seed
 from . import demonstrations, setup, soundness_audit, soundness_plot, soundness_table
 from .ablate import changed
 from .soundness_settings import Settings, write_settings
-from .sweep_training import (
-    LearnedReward,
-    Program,
-    Row,
-    learn_policies,
-    learn_rewards,
-    programs,
-    reward_key,
-)
+from .sweep_rewards import LearnedReward, learn_rewards, reward_key
+from .sweep_rows import Row
+from .sweep_training import Program, learn_policies, programs
 
 __all__ = ["join", "main"]
 

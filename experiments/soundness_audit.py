@@ -22,7 +22,8 @@ from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
 
 from . import setup
-from .sweep_training import LearnedReward, Row, reward_key
+from .sweep_rewards import LearnedReward, reward_key
+from .sweep_rows import Row
 
 __all__ = ["FIGURES", "VARIANTS", "Ground", "audit", "ground", "measure", "tasks"]
 
@@ -107,7 +108,7 @@ def audit(
     Args:
       variants: from `tasks`, all or some of them.
       rows: of which those of one cell have encoders of one shape.
-      rewards: by `sweep_training.reward_key`.
+      rewards: by `sweep_rewards.reward_key`.
       run: keeps the figures; what it has already is not done again.
       progress: shows how far it is.
       starts: that an audit begins from, of each variant.

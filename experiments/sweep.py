@@ -25,7 +25,9 @@ from gril_jax.sweep_grid import Cell, with_seed
 from gril_jax.sweep_plot import write_figure
 
 from . import demonstrations, setup
-from .sweep_training import Row, learn_policies, learn_rewards, programs
+from .sweep_rewards import learn_rewards
+from .sweep_rows import Row
+from .sweep_training import learn_policies, programs
 
 __all__ = ["main", "read_cells"]
 

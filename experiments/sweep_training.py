@@ -1,55 +1,29 @@
-"""The two halves of a sweep: many encoders in one program, then many policies in one.
+"""The second half of a sweep: the policies of all rows, many in one program.
 
-A row is one configuration with one seed. Rows that compile to the same program are trained side by
-side by `jax.vmap`; what differs between them are arrays.
+Rows that compile to the same program are trained side by side by `jax.vmap`; what differs between
+them are arrays.
 """
 
 import itertools
 import shutil
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from gril_jax import checkpoint, device_memory, hosts, reward, training_loop
+from gril_jax import checkpoint, device_memory, hosts, training_loop
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.progress import Progress
 from gril_jax.rl import memory, sharding, training
 from gril_jax.run_dir import RunDir
-from gril_jax.types import DemoBatch
 
-from . import demonstrations, learners, policy_rewards, policy_setup, setup
+from . import policy_rewards, policy_setup, setup, sweep_rows
+from .sweep_rewards import LearnedReward, reward_key
+from .sweep_rows import Row
 
-__all__ = [
-    "LearnedReward",
-    "Program",
-    "Row",
-    "learn_policies",
-    "learn_rewards",
-    "programs",
-    "reward_key",
-]
-
-
-class Row(NamedTuple):
-    """One policy to train."""
-
-    cell: int
-    seed: int
-    config: RunConfig
-
-
-class LearnedReward(NamedTuple):
-    """A reward with what it was learned from."""
-
-    params: reward.RewardParams
-    tau: float
-    demos: DemoBatch
-    num_classes: int
+__all__ = ["Program", "learn_policies", "programs"]
 
 
 class Program(NamedTuple):
@@ -60,111 +34,6 @@ class Program(NamedTuple):
     algorithm: training.Algorithm
     tasks: Mapping[str, Any]  # to evaluate in, by where they start; the first is the main one
     updates: int
-
-
-def reward_key(config: RunConfig) -> Hashable:
-    """What a learned reward depends on."""
-    parts = (config.env, config.demos, config.encoder, config.pool, config.loss, config.pretrain)
-    return parts, config.run.seed
-
-
-def learn_rewards(
-    rows: Sequence[Row],
-    gather: Callable[[RunConfig], demonstrations.Demonstrations],
-    run: RunDir,
-    progress: Progress,
-    echo: Callable[[str], None],
-) -> dict[Hashable, LearnedReward]:
-    """The reward of every row that needs one, each trained once, with its tau."""
-    needed = {
-        reward_key(row.config): row.config
-        for row in rows
-        if row.config.run.reward != "environmental"
-    }
-    groups: dict[Hashable, list[Hashable]] = {}
-    for key, config in needed.items():
-        demos = gather(config)
-        static = learners.static_config(config, len(demos.demo_set.classes))
-        same = (config.env, config.demos, static, config.pretrain.steps)
-        groups.setdefault(same, []).append(key)
-    found: dict[Hashable, LearnedReward] = {}
-    for number, keys in enumerate(groups.values()):
-        configs = [needed[key] for key in keys]
-        demos = gather(configs[0])
-        num_classes = len(demos.demo_set.classes)
-        name = f"reward-{number}"
-        params, tau = _encoders(name, configs, demos, run, progress, echo)
-        for i, key in enumerate(keys):
-            one = jax.tree.map(lambda x, i=i: x[i], params)
-            found[key] = LearnedReward(one, float(tau[i]), demos.batch("train"), num_classes)
-    return found
-
-
-def _encoders(name, configs, demos, run: RunDir, progress: Progress, echo):
-    """Stacked reward parameters and taus of configurations that share one program."""
-    learner = learners.learner(configs[0], demos)
-    # Several processes train the same encoders, each on devices of its own.
-    devices = jax.local_devices()
-    layout = sharding.mesh(devices, seeds=len(configs), num_envs=len(devices))
-    hyper = _stack([_arrays(setup.pretrain_hyper(config)) for config in configs])
-    hyper = sharding.place(layout, hyper)
-    keys = sharding.place(layout, _keys([config.run.seed for config in configs], 0))
-    data = jax.device_put(learner.data, NamedSharding(layout, PartitionSpec()))
-    each = _one_by_one(layout) if configs[0].encoder.kind == "pixels" else _side_by_side
-    compiled = partial(jax.jit, out_shardings=sharding.by_seed(layout))
-    fresh = compiled(each(learner.init))(keys, data)
-    step = compiled(each(learner.step), donate_argnums=0)
-    steps, updates = configs[0].pretrain.steps, learner.static.updates
-    phase = progress.phase(f"learning {len(configs)} rewards", total=steps)
-
-    def row(chunk, seconds, metrics):
-        phase.update(chunk * updates, loss=float(metrics.loss.mean()))
-        return {"step": chunk * updates, "loss": metrics.loss.mean(axis=-1)}
-
-    state = training_loop.run_chunks(
-        lambda state: step(state, data, hyper),
-        training_loop.restore(run, name, fresh, tell=echo),
-        run=run,
-        name=name,
-        chunks=steps // updates,
-        row=row,
-        every_s=configs[0].run.checkpoint_every,
-        keep=configs[0].run.keep_checkpoints,
-    ).state
-
-    def finish(state, data, hyper):
-        params = learner.reward(state, data, hyper)
-        return params, learner.measure(state, data, hyper)["tau"]
-
-    return jax.device_get(jax.jit(each(finish))(state, data, hyper))
-
-
-def _side_by_side(one: Callable) -> Callable:
-    """A function of a seed's argument, of the data, and of more of the seed's, for many seeds."""
-    return lambda first, data, *more: jax.vmap(lambda x, *y: one(x, data, *y))(first, *more)
-
-
-def _one_by_one(layout: Mesh) -> Callable[[Callable], Callable]:
-    """The same for networks with convolutions, each device with its seeds one after the other.
-
-    Side by side they would be grouped convolutions, which are slower than those of one network, and
-    would hold the activations of all seeds at once.
-    """
-
-    def each(one: Callable) -> Callable:
-        def mine(first, data, *more):
-            return jax.lax.map(lambda seed: one(seed[0], data, *seed[1:]), (first, *more))
-
-        def spread(first, data, *more):
-            seeds, all_of_it = PartitionSpec("seeds"), PartitionSpec()
-            specs = (seeds, all_of_it, *[seeds] * len(more))
-            return jax.shard_map(
-                mine, mesh=layout, in_specs=specs, out_specs=seeds, check_vma=False
-            )(first, data, *more)
-
-        return spread
-
-    return each
 
 
 def programs(
@@ -254,11 +123,13 @@ def learn_policies(
     rows, algorithm = program.rows, program.algorithm
     configs = [row.config for row in rows]
     layout = sharding.mesh(devices, seeds=len(rows), num_envs=algorithm.num_envs)
-    hyper = _stack([policy_setup.algorithm_hyper(config) for config in configs])
+    hyper = sweep_rows.stack([policy_setup.algorithm_hyper(config) for config in configs])
     # Each process has learned rewards; rounding may have driven them apart.
-    params = hosts.same_everywhere(_stack([_policy_reward(config, rewards) for config in configs]))
+    params = hosts.same_everywhere(
+        sweep_rows.stack([_policy_reward(config, rewards) for config in configs])
+    )
     hyper, params = sharding.place(layout, hyper), sharding.place(layout, params)
-    keys = _keys([config.run.seed for config in configs], 1)
+    keys = sweep_rows.keys([config.run.seed for config in configs], 1)
     fresh = sharding.init(algorithm, layout, keys, hyper)
     begun = training_loop.restore(run, program.name, fresh, tell=echo)
     # A chunk is an evaluation with the updates before it, of which there are about as many in each.
@@ -333,16 +204,3 @@ def _policy_reward(config: RunConfig, rewards: dict[Hashable, LearnedReward]) ->
 
 def _tau(config: RunConfig, rewards: dict[Hashable, LearnedReward]) -> float | None:
     return None if config.run.reward == "environmental" else rewards[reward_key(config)].tau
-
-
-def _keys(seeds: Sequence[int], stream: int):
-    """The keys that a run of each seed by itself uses."""
-    return jax.vmap(lambda s: jax.random.fold_in(jax.random.key(s), stream))(jnp.array(seeds))
-
-
-def _stack(trees: Sequence[Any]) -> Any:
-    return jax.tree.map(lambda *x: jnp.stack(x), *trees)
-
-
-def _arrays(tree: Any) -> Any:
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree)

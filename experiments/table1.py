@@ -27,15 +27,9 @@ from gril_jax.sweep_grid import with_seed
 
 from . import demonstrations, setup, soundness_audit, table1_page, table1_plot, table1_table
 from .ablate import changed
-from .sweep_training import (
-    LearnedReward,
-    Program,
-    Row,
-    learn_policies,
-    learn_rewards,
-    programs,
-    reward_key,
-)
+from .sweep_rewards import LearnedReward, learn_rewards, reward_key
+from .sweep_rows import Row
+from .sweep_training import Program, learn_policies, programs
 from .table1_profiles import profiles
 from .table1_rows import Settings, write_settings
 from .table1_scores import STARTS, Curve, curves, in_last_tenth, summary

@@ -18,7 +18,8 @@ from gril_jax.types import DemoBatch
 
 from . import setup
 from .demonstrations import Demonstrations
-from .sweep_training import LearnedReward, Row, reward_key
+from .sweep_rewards import LearnedReward, reward_key
+from .sweep_rows import Row
 
 __all__ = ["measure", "profiles"]
 

@@ -29,7 +29,8 @@ from gril_jax.sweep_grid import with_seed
 from . import demonstrations, learners, setup, table2_table
 from .ablate import changed
 from .named_rows import Rows
-from .sweep_training import LearnedReward, Row, learn_rewards, reward_key
+from .sweep_rewards import LearnedReward, learn_rewards, reward_key
+from .sweep_rows import Row
 from .table2_measures import measure, stages_done
 from .table2_rows import ROWS, Settings, write_settings
 

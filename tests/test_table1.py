@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import pytest
 from gril_jax.experiments import policy_rewards, soundness_audit, table1, table1_page
 from gril_jax.experiments.ablate import changed
-from gril_jax.experiments.sweep_training import LearnedReward, Row
+from gril_jax.experiments.sweep_rewards import LearnedReward
+from gril_jax.experiments.sweep_rows import Row
 from gril_jax.experiments.table1_rows import ROWS, Settings
 from gril_jax.experiments.table1_table import COLUMNS
 
