@@ -91,6 +91,30 @@ def test_names_of_xmagicals_vector_tell_what_its_numbers_are(robot):
         np.testing.assert_allclose(seen[f"{block} distance to region / diagonal"], goal, rtol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("inside", "base", "first"),
+    [
+        ((0, 0), (-0.5, 0.6), 1),
+        ((0, 0), (0.7, -0.5), 0),
+        ((0, 1), (-0.5, 0.6), 0),
+        ((1, 0), (0.7, -0.5), 1),
+    ],
+)
+def test_sorted_targets_come_outside_first_and_nearest_first(inside, base, first):
+    """The star starts at the lower right, the square at the upper left."""
+    scene, parts = _scene("gripper", base=(*base, 0.4), seed=1)
+    scene = scene._replace(inside=jnp.array([*inside, 0, 1, 0], bool))
+    seen, plain = (_named(kind, scene, parts, "gripper") for kind in ("sorted", "rich"))
+    for place, block in enumerate((first, 1 - first), start=1):
+        for what in ("centre", "centre in the robot's frame", "velocity", "inside the region"):
+            ours, its = seen[f"target {place} in turn: {what}"], plain[f"{BLOCKS[block]}: {what}"]
+            np.testing.assert_array_equal(ours, its)
+        assert seen[f"target {place} in turn is {BLOCKS[block]}"] == [1]
+        assert seen[f"target {place} in turn is {BLOCKS[1 - block]}"] == [0]
+    for name in set(plain) & set(seen):
+        np.testing.assert_array_equal(seen[name], plain[name])
+
+
 @pytest.mark.parametrize("kind", observations.OBSERVATIONS)
 @pytest.mark.parametrize("robot", ["gripper", "short"])
 @pytest.mark.parametrize(("count", "targets"), [(1, 1), (2, 2), (5, 2), (5, 5), (7, 3)])
