@@ -27,6 +27,7 @@ __all__ = [
     "positional",
     "require_new_file",
     "resumed_config",
+    "resumed_table",
     "run_config",
     "take",
     "whole_number",
@@ -181,6 +182,23 @@ def require_new_file(path: Path) -> None:
         if not path.parent.is_dir():
             fault = "is a file" if path.parent.exists() else "does not exist"
             raise RunError(f"{path.parent} {fault}, but --out must be in a folder that exists")
+
+
+def resumed_table(args: list[str], experiment: str) -> tuple[Path, RunConfig] | None:
+    """Folder and configuration of the run after --resume, which is taken; None without it.
+
+    Raises:
+      ConfigError: other options are given beside it.
+      RunError: the experiment cannot go on with that run.
+    """
+    name = take(args, "--resume")
+    if name is None:
+        return None
+    if args:
+        raise ConfigError(
+            f"--resume takes its options from {name}, so {args[0]} must not be given beside it"
+        )
+    return Path(name), run_dir.require_resumable(Path(name), experiment)
 
 
 def demo_set_to_write(name: str) -> Path:

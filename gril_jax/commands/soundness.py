@@ -6,7 +6,16 @@ from pathlib import Path
 from .. import run_dir
 from ..config import RunConfig
 from ..errors import ConfigError
-from .arguments import Work, echo, heavy_imports, positional, run_config, take, whole_number
+from .arguments import (
+    Work,
+    echo,
+    heavy_imports,
+    positional,
+    resumed_table,
+    run_config,
+    take,
+    whole_number,
+)
 
 __all__ = ["VERBS"]
 
@@ -23,15 +32,9 @@ def _soundness(args: list[str]) -> Work:
     # Names and numbers only: it imports neither JAX nor MuJoCo.
     from ..experiments import soundness_settings as known
 
-    resume = take(args, "--resume")
-    if resume is not None:
-        folder = Path(resume)
-        if args:
-            raise ConfigError(
-                f"--resume takes its options from {folder}, so {args[0]} must not be given beside "
-                "it"
-            )
-        config = run_dir.require_resumable(folder, "soundness")
+    going_on = resumed_table(args, "soundness")
+    if going_on is not None:
+        folder, config = going_on
         return _work(config, known.read_settings(folder), folder)
     joined = take(args, "--join")
     if joined is not None:

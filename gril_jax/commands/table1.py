@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from .. import run_dir
 from ..config import RunConfig
 from ..errors import ConfigError
 from .arguments import (
@@ -12,6 +11,7 @@ from .arguments import (
     heavy_imports,
     in_full,
     positional,
+    resumed_table,
     run_config,
     take,
     whole_number,
@@ -33,15 +33,9 @@ def _table1(args: list[str]) -> Work:
     # Names and numbers only: it imports neither JAX nor MuJoCo.
     from ..experiments import table1_rows as known
 
-    resume = take(args, "--resume")
-    if resume is not None:
-        folder = Path(resume)
-        if args:
-            raise ConfigError(
-                f"--resume takes its options from {folder}, so {args[0]} must not be given beside "
-                "it"
-            )
-        config = run_dir.require_resumable(folder, "table1")
+    going_on = resumed_table(args, "table1")
+    if going_on is not None:
+        folder, config = going_on
         return _work(config, known.read_settings(folder), folder)
     quick = "--quick" in args
     if quick:

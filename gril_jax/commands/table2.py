@@ -4,10 +4,18 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-from .. import run_dir
 from ..config import RunConfig
 from ..errors import ConfigError
-from .arguments import Work, echo, heavy_imports, positional, run_config, take, whole_number
+from .arguments import (
+    Work,
+    echo,
+    heavy_imports,
+    positional,
+    resumed_table,
+    run_config,
+    take,
+    whole_number,
+)
 
 __all__ = ["VERBS"]
 
@@ -24,15 +32,9 @@ def _table2(args: list[str]) -> Work:
     from ..experiments import named_rows
     from ..experiments import table2_rows as known
 
-    resume = take(args, "--resume")
-    if resume is not None:
-        folder = Path(resume)
-        if args:
-            raise ConfigError(
-                f"--resume takes its options from {folder}, so {args[0]} must not be given beside "
-                "it"
-            )
-        config = run_dir.require_resumable(folder, "table2")
+    going_on = resumed_table(args, "table2")
+    if going_on is not None:
+        folder, config = going_on
         return _work(config, known.read_settings(folder), folder)
     quick = "--quick" in args
     if quick:
