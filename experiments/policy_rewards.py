@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, UInt8
 
-from gril_jax import envs, pretrain, reward, subtask_chain, subtask_matching, subtasks
+from gril_jax import envs, pretrain, reward, subtask_agreement, subtask_chain
 from gril_jax.config import RunConfig
 from gril_jax.encoder import PixelConfig
+from gril_jax.errors import ConfigError
 from gril_jax.reward import RewardParams
 from gril_jax.rl import rewards
 from gril_jax.types import DemoBatch
@@ -19,9 +20,6 @@ from . import setup
 __all__ = ["blank", "function", "parameters"]
 
 _MOST = 8  # subtasks of a chain
-# Two demonstrations' boundaries are one if their latents are nearer than this share of the way
-# from start to goal.
-_SAME = 0.3
 
 
 def function(config: RunConfig, num_classes: int) -> rewards.AnyReward:
@@ -46,8 +44,17 @@ def function(config: RunConfig, num_classes: int) -> rewards.AnyReward:
 
 
 def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P P 3"]]:
-    """The task's own picture of a moment, with smooth edges as in the videos of demonstrations."""
+    """The task's own picture of a moment, with smooth edges as in the videos of demonstrations.
+
+    Raises:
+      ConfigError: the task cannot be drawn inside compiled code.
+    """
     env, border = setup.make_env(config.env, training=False), setup.picture_border(pixels)
+    if not hasattr(env, "render"):
+        raise ConfigError(
+            f"encoder.kind is 'pixels', but must be 'paper', 'interaction' or 'mlp' to train a "
+            f"policy for {config.env.name}, which has no pictures inside compiled code"
+        )
     inner = slice(border, border + pixels)
     return lambda data: env.render(data, size=pixels + 2 * border, antialias=True)[inner, inner]
 
@@ -83,7 +90,7 @@ def blank(config: RunConfig, env: envs.Env) -> Any:
 
 
 def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):
-    """The subtasks that the demonstrations have in common, in their usual order."""
+    """The subtasks on which the demonstrations agree, in their order."""
     static = setup.pretrain_config(config, num_classes)
     hyper = setup.pretrain_hyper(config)
 
@@ -91,12 +98,10 @@ def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_class
     def make(learned, demos):
         latents = pretrain.embed(learned.encoder, demos, hyper, static)
         profiles = reward.latent_reward(learned, latents)
-        within = jnp.arange(latents.shape[1]) < demos.length[:, None]
-        ends = jax.vmap(subtasks.transitions)(profiles) & within
-        found = jax.vmap(lambda b: subtask_matching.boundary_frames(b, _MOST))(ends)
-        shared = subtask_matching.shared_boundaries(
-            latents, found, demos.length, tolerance=_SAME / learned.scale
-        )
-        return subtask_chain.from_latents(latents, shared.frames, demos.length, kept=shared.kept)
+        patience = subtask_agreement.agreed_patience(profiles, demos.length)
+        found = subtask_agreement.agreed_boundaries(profiles, demos.length, patience=patience)
+        # Where a demonstration does not show an end by itself, its latent is not the goal's.
+        ends = jnp.where(found.found, found.frames, -1)[:, :_MOST]
+        return subtask_chain.from_latents(latents, ends, demos.length, kept=found.kept[:_MOST])
 
     return make(learned, demos)

@@ -39,7 +39,7 @@ def reward_profile(
 
     Args:
       reward: of each frame.
-      boundary: frames at which a stage ends (`gril_jax.subtasks.transitions`).
+      boundary: frames at which a stage ends (`gril_jax.subtask_agreement`).
       frames: the video, of V = T frames; its first frame, those at the boundaries and the last
         are shown above the curve, seven at the most. None shows the curve alone.
       name: of the demonstration, for the title.

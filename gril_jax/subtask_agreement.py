@@ -70,20 +70,19 @@ def agreed_boundaries(
     total = jnp.sum(jnp.where(shared.found, there, 0.0), axis=0)
     level = total / jnp.maximum(jnp.sum(shared.found, axis=0), 1)
 
-    def reached(trace, length, frames, found):
+    def reached(trace, frames, found):
         """Boundaries that lack are set to the first frame at the level after the one before."""
 
         def place(before, one):
             level, frame, found, kept = one
             at = jnp.arange(len(trace))
-            there = (at > before) & (at < length) & (trace >= level - 0.25 * prominence)
-            there = there & ((at < frame) | (at == length - 1))  # at the latest where it was placed
+            there = (at > before) & (at < frame) & (trace >= level - 0.25 * prominence)
             frame = jnp.where(found | ~there.any(), frame, jnp.argmax(there))
             return jnp.where(kept, frame, before), jnp.where(kept, frame, -1)
 
         return jax.lax.scan(place, -1, (level, frames, found, shared.kept))[1]
 
-    frames = jax.vmap(reached)(trace, length, shared.frames, shared.found)
+    frames = jax.vmap(reached)(trace, shared.frames, shared.found)
     return AgreedBoundaries(
         frames, shared.kept, shared.support, shared.found, jnp.where(shared.kept, level, 0.0)
     )

@@ -74,6 +74,14 @@ def test_what_few_show_is_dropped_and_what_one_lacks_is_placed_where_its_level_i
     assert np.abs(found.frames[1, :3] - ends[1]).max() <= 8
 
 
+def test_ends_increase_where_one_falls_short_of_a_level_and_then_jumps():
+    reward, length, ends = _batch()
+    reward = np.array(reward)
+    reward[0, ends[0][0] - 20 : ends[0][1]] = -0.84
+    found = agreed(jnp.asarray(reward), length, patience=TWENTY)
+    assert (np.diff(found.frames[:, :3], axis=1) > 0).all()
+
+
 def test_padding_and_the_order_of_demonstrations_play_no_part():
     reward, length, _ = _batch()
     base = agreed(reward, length, patience=TWENTY)
