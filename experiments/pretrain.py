@@ -7,14 +7,17 @@
 Writes a run folder with the demonstrations, the reward, and its profile along each of them.
 """
 
+import functools
 import shutil
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax import (
     checkpoint,
@@ -22,20 +25,23 @@ from gril_jax import (
     reward,
     run_dir,
     state_leaves,
-    subtasks,
+    subtask_agreement,
     training_loop,
 )
 from gril_jax.audit_scene import Scene
 from gril_jax.config import RunConfig
 from gril_jax.demos import demo_batch
 from gril_jax.progress import Progress
+from gril_jax.report_data import SPLITS
 from gril_jax.reward import RewardParams
 
-from . import cheats, demonstrations, learners, setup
+from . import ahead, cheats, demonstrations, learners, setup
 
 __all__ = ["check_cheats", "learn", "main"]
 
 Echo = Callable[[str], None]
+
+_STAGES = {"prominence": 0.125, "smoothing": 15}  # how ends of stages are found in each trace
 
 
 def main(
@@ -106,15 +112,43 @@ def check_cheats(config: RunConfig, policies: Sequence[Any]) -> None:
         setup.require_boxes(each, "--hard-negatives, in the new run and in those that it names")
 
 
+class _Programs(NamedTuple):
+    """What trains an encoder and makes its reward, being compiled; (state, data, hyper) -> ..."""
+
+    init: Future[Any]  # (key, data) -> state
+    step: Future[Any]
+    reward: Future[Any]
+    measure: Future[Any]
+
+
+def _compiled(learner: learners.Learner, key, hyper, pool: Executor) -> _Programs:
+    def ready(function, *args):
+        return pool.submit(lambda: jax.jit(function).lower(*args).compile())
+
+    data = learner.data
+    state = jax.eval_shape(learner.init, key, data)
+    parts = (learner.step, learner.reward, learner.measure)
+    return _Programs(
+        ready(learner.init, key, data), *(ready(part, state, data, hyper) for part in parts)
+    )
+
+
 def _learn(
     config: RunConfig, env, demos, pool: Scene | None, run, progress: Progress, echo: Echo
 ) -> dict[str, Any]:
     learner, hyper = learners.learner(config, demos, pool), setup.pretrain_hyper(config)
-    state = _train_encoder(config, learner, hyper, run, progress, echo)
-    params = learner.reward(state, learner.data, hyper)
+    key = jax.random.fold_in(jax.random.key(config.run.seed), 0)
+    with ahead.compiling() as compilers:
+        programs = _compiled(learner, key, hyper, compilers)
+        data, updates = learner.data, learner.static.updates
+        fresh, step = programs.init.result()(key, data), programs.step.result()
+        state = _train_encoder(
+            config, updates, fresh, lambda state: step(state, data, hyper), run, progress, echo
+        )
+        params = programs.reward.result()(state, data, hyper)
+        measured = programs.measure.result()(state, data, hyper)
     shutil.rmtree(_folder(run), ignore_errors=True)  # of a process that was cut off right here
     checkpoint.save(_folder(run), config.pretrain.steps, params)
-    measured = learner.measure(state, learner.data, hyper)
     _save_profiles(run.path, params, demos, hyper, learner)
     return {name: float(value) for name, value in measured.items()} | {
         "demonstrations": {split: len(names) for split, names in demos.names.items()},
@@ -126,13 +160,10 @@ def _learn(
 
 
 def _train_encoder(
-    config: RunConfig, learner: learners.Learner, hyper, run, progress: Progress, echo: Echo
+    config: RunConfig, updates: int, fresh: Any, step, run, progress: Progress, echo: Echo
 ) -> Any:
-    """All gradient steps, `updates` of the static configuration in a chunk."""
-    updates = learner.static.updates
+    """All gradient steps, `updates` of them in a chunk."""
     phase = progress.phase("learning the reward", total=config.pretrain.steps)
-    key = jax.random.fold_in(jax.random.key(config.run.seed), 0)
-    fresh = learner.init(key, learner.data)
 
     def row(chunk, seconds, metrics):
         means = {name: float(value.mean()) for name, value in metrics._asdict().items()}
@@ -140,7 +171,7 @@ def _train_encoder(
         return {"step": chunk * updates, **means}
 
     return training_loop.run_chunks(
-        lambda state: learner.step(state, learner.data, hyper),
+        step,
         training_loop.restore(run, "pretrain", fresh, tell=echo),
         run=run,
         name="pretrain",
@@ -157,21 +188,37 @@ def _folder(run: run_dir.RunDir) -> Path:
 
 def _save_profiles(folder: Path, params: RewardParams, demos, hyper, learner) -> None:
     """The reward along every demonstration, with the ends of its stages marked."""
-    owners = [(name, split) for split, names in demos.names.items() for name in names]
+    owners = [(name, split) for split in SPLITS for name in demos.names[split]]
     # All in one batch: each length by itself would compile programs of its own.
     names = [name for name, _ in owners]
-    batch = demo_batch(demos.demo_set, names)
+    length = jnp.asarray(demo_batch(demos.demo_set, names).length)
     profiles = reward.latent_reward(params, learner.latents(params.encoder, names, hyper))
-    last = jnp.asarray(batch.length)[:, None] - 1
-    frames = jnp.arange(profiles.shape[1])
-    # A trace that goes on standing where it ends has the same boundaries, and none after its end.
-    profiles = jnp.take_along_axis(profiles, jnp.minimum(frames, last), axis=1)
-    boundaries = jax.jit(jax.vmap(subtasks.transitions))(profiles)
+    frames = jnp.minimum(jnp.arange(profiles.shape[1]), length[:, None] - 1)
+    profiles = jnp.take_along_axis(profiles, frames, axis=1)
+    successes = len(names) - len(demos.names["failure"])
     np.savez(
         folder / "profiles.npz",
-        names=np.array([name for name, _ in owners]),
+        names=np.array(names),
         split=np.array([split for _, split in owners]),
-        length=np.asarray(batch.length, np.int32),
+        length=np.asarray(length, np.int32),
         reward=np.asarray(profiles, np.float32),
-        transitions=np.asarray(boundaries & (frames <= last)),
+        transitions=np.asarray(_stage_ends(profiles, length, successes=successes)),
     )
+
+
+@functools.partial(jax.jit, static_argnames="successes")
+def _stage_ends(
+    rewards: Float[Array, "B T"], length: Int[Array, "B"], *, successes: int
+) -> Bool[Array, "B T"]:
+    """Frames at which stages end.
+
+    The first demonstrations, as many as `successes`, agree on theirs; of the others, which failed,
+    it is what each shows by itself.
+    """
+    good = rewards[:successes], length[:successes]
+    failed = rewards[successes:], length[successes:]
+    patience = subtask_agreement.agreed_patience(*good, **_STAGES)
+    agreed = subtask_agreement.agreed_boundaries(*good, **_STAGES, patience=patience)
+    alone = subtask_agreement.each_alone(*failed, **_STAGES, patience=patience)
+    ends = jnp.concatenate([agreed.frames, alone])
+    return (ends[:, :, None] == jnp.arange(rewards.shape[1])).any(axis=1)

@@ -27,12 +27,22 @@ from gril_jax.rl import sharding
 from gril_jax.run_phases import changed_fields
 from gril_jax.sweep_grid import with_seed
 
-from . import demonstrations, setup, soundness_audit, soundness_plot, soundness_table
+from . import (
+    ahead,
+    demonstrations,
+    setup,
+    soundness_audit,
+    soundness_plot,
+    soundness_table,
+    sweep_programs,
+    sweep_rewards,
+)
 from .ablate import changed
 from .soundness_settings import Settings, write_settings
-from .sweep_rewards import LearnedReward, learn_rewards, reward_key
+from .sweep_programs import Program
+from .sweep_rewards import LearnedReward, reward_key
 from .sweep_rows import Row
-from .sweep_training import Program, learn_policies, programs
+from .sweep_training import learn_policies
 
 __all__ = ["join", "main"]
 
@@ -76,13 +86,18 @@ def main(
             "programs"
         )
         demos = demonstrations.gather_once(config, env, run, progress)
-        rewards = learn_rewards(rows, lambda config: demos, run, progress, echo)
-        chosen = {"starts": settings.starts, "ascents": settings.ascents}
-        soundness_audit.audit(variants, rows, rewards, run, progress, **chosen)
-        table = _write(run.path, _lines(run, settings, rows, rewards, plan))
-        for program in plan:
-            if run.finished_phase(program.name) is None:
-                done = learn_policies(program, dict(rewards), run, progress, echo, jax.devices())
+        left = [program for program in plan if run.finished_phase(program.name) is None]
+        with ahead.compiling() as pool:
+            wanted = sweep_rewards.get_ready(rows, lambda config: demos, pool)
+            chosen = {"starts": settings.starts, "ascents": settings.ascents}
+            audits = soundness_audit.get_ready(variants, rows, run, pool, **chosen)
+            ready = sweep_programs.get_ready(left, jax.devices(), pool)
+            rewards = sweep_rewards.learn_rewards(wanted, run, progress, echo)
+            soundness_audit.audit(audits, rewards, run, progress)
+            table = _write(run.path, _lines(run, settings, rows, rewards, plan))
+            for program in left:
+                one = ready.pop(program.name).result()
+                done = learn_policies(program, one, rewards, run, progress, echo)
                 run.finish_phase(program.name, done)
                 table = _write(run.path, _lines(run, settings, rows, rewards, plan))
         run.finish({"encoders": len(rows), "policies": count})
@@ -127,7 +142,7 @@ def join(folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:
 def _programs(rows: Sequence[Row], num_classes: int, at_once: int) -> list[Program]:
     """The programs of a sweep, in parts of at most `at_once` policies."""
     found: list[Program] = []
-    for program in programs(rows, num_classes, jax.devices()):
+    for program in sweep_programs.programs(rows, num_classes, jax.devices()):
         parts = -(-len(program.rows) // at_once)
         each = -(-len(program.rows) // parts)
         for start in range(0, len(program.rows), each):

@@ -5,6 +5,7 @@ Demo starts are the scene that policies are evaluated in; Layout starts have eve
 
 import functools
 from collections.abc import Hashable, Mapping, Sequence
+from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
 import jax
@@ -15,7 +16,7 @@ from jaxtyping import Float
 from gril_jax import audit_measures, envs, run_dir
 from gril_jax.audit_measures import States, make_states
 from gril_jax.audit_scene import Scene, scene_reward
-from gril_jax.config import EnvConfig
+from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.encoder import GraphConfig
 from gril_jax.errors import ConfigError
 from gril_jax.progress import Progress
@@ -25,7 +26,18 @@ from . import setup
 from .sweep_rewards import LearnedReward, reward_key
 from .sweep_rows import Row
 
-__all__ = ["FIGURES", "VARIANTS", "Ground", "audit", "ground", "measure", "tasks"]
+__all__ = [
+    "FIGURES",
+    "VARIANTS",
+    "Audits",
+    "Ground",
+    "audit",
+    "get_ready",
+    "ground",
+    "measure",
+    "program",
+    "tasks",
+]
 
 VARIANTS = ("demo", "layout")
 
@@ -74,65 +86,14 @@ def _states(env: envs.Env, reset_keys, state_keys) -> States:
     return jax.vmap(functools.partial(make_states, task=env.stages))(state_keys, scene)
 
 
-def measure(
-    encoder: GraphConfig, params: RewardParams, on: Ground, *, ascents: int
-) -> dict[str, Float[np.ndarray, "S"]]:
-    """The figures of S rewards, such as `hack_share_layout`.
+def program(encoder: GraphConfig, task: Any, *, ascents: int):
+    """The jitted audit of many rewards, (parameters, states) -> measures; of any variant.
 
     Args:
       encoder: of all of them.
-      params: with a leading axis S.
-      on: from `ground`.
-      ascents: for each reward and variant, shared by the starts.
+      task: a `gril_jax.envs.stages.Stages`.
+      ascents: for each reward, shared by the starts.
     """
-    program = _program(encoder, on.task, ascents)
-    return {
-        f"{name}_{variant}": np.asarray(getattr(found, field))
-        for variant, found in ((v, program(params, states)) for v, states in on.states.items())
-        for name, field in FIGURES.items()
-    }
-
-
-def audit(
-    variants: Mapping[str, envs.Env],
-    rows: Sequence[Row],
-    rewards: Mapping[Hashable, LearnedReward],
-    run: run_dir.RunDir,
-    progress: Progress,
-    *,
-    starts: int,
-    ascents: int,
-) -> None:
-    """The figures of each cell's rewards, as a phase of the run that is named after the cell.
-
-    Args:
-      variants: from `tasks`, all or some of them.
-      rows: of which those of one cell have encoders of one shape.
-      rewards: by `sweep_rewards.reward_key`.
-      run: keeps the figures; what it has already is not done again.
-      progress: shows how far it is.
-      starts: that an audit begins from, of each variant.
-      ascents: as for `measure`.
-    """
-    cells = dict.fromkeys(row.cell for row in rows)
-    left = [cell for cell in cells if run.finished_phase(f"audit-{cell}") is None]
-    if not left:
-        return
-    phase = progress.phase("auditing", total=len(left), unit="rows")
-    on = ground(variants, starts=starts)
-    for done, cell in enumerate(left, 1):
-        members = [row for row in rows if row.cell == cell]
-        found = [rewards[reward_key(row.config)] for row in members]
-        params = jax.tree.map(lambda *x: jnp.stack(x), *(one.params for one in found))
-        encoder = setup.encoder_config(members[0].config, found[0].num_classes)
-        figures = measure(encoder, params, on, ascents=ascents)
-        run.finish_phase(f"audit-{cell}", {name: x.tolist() for name, x in figures.items()})
-        phase.update(done)
-
-
-@functools.cache
-def _program(encoder: GraphConfig, task: Any, ascents: int):
-    """One program for all variants, and for all calls with as many rewards."""
 
     @jax.jit
     def run(params, states):
@@ -144,3 +105,98 @@ def _program(encoder: GraphConfig, task: Any, ascents: int):
         return jax.vmap(one)(params)
 
     return run
+
+
+def measure(run: Any, params: RewardParams, on: Ground) -> dict[str, Float[np.ndarray, "S"]]:
+    """The figures of S rewards, such as `hack_share_layout`.
+
+    Args:
+      run: from `program`, jitted or compiled.
+      params: with a leading axis S.
+      on: from `ground`.
+    """
+    return {
+        f"{name}_{variant}": np.asarray(getattr(found, field))
+        for variant, found in ((v, run(params, states)) for v, states in on.states.items())
+        for name, field in FIGURES.items()
+    }
+
+
+class Wanted(NamedTuple):
+    """The rewards of a cell, and their audit, which is being compiled."""
+
+    cell: int
+    rows: list[Row]
+    ready: Future[Any]
+
+
+class Audits(NamedTuple):
+    """Audits that a run has not made yet."""
+
+    ground: Ground
+    cells: list[Wanted]
+
+
+def get_ready(
+    variants: Mapping[str, envs.Env],
+    rows: Sequence[Row],
+    run: run_dir.RunDir,
+    pool: Executor,
+    *,
+    starts: int,
+    ascents: int,
+) -> Audits:
+    """Begin to compile, in a pool, the audits that are not among the run's phases.
+
+    Args:
+      variants: from `tasks`, all or some of them.
+      rows: of which those of one cell have encoders of one shape.
+      run: keeps the figures.
+      pool: to compile in.
+      starts: that an audit begins from, of each variant.
+      ascents: for each reward and variant, shared by the starts.
+    """
+    cells = dict.fromkeys(row.cell for row in rows)
+    left = [cell for cell in cells if run.finished_phase(f"audit-{cell}") is None]
+    on, found = ground(variants, starts=starts) if left else Ground(None, {}), []
+    begun: dict[Any, Future[Any]] = {}
+    for cell in left:
+        members = [row for row in rows if row.cell == cell]
+        config, num_classes = members[0].config, len(next(iter(variants.values())).classes)
+        same = (setup.encoder_config(config, num_classes), len(members))
+        if same not in begun:
+            begun[same] = pool.submit(_compiled, config, *same, on, ascents)
+        found.append(Wanted(cell, members, begun[same]))
+    return Audits(on, found)
+
+
+def _compiled(config: RunConfig, encoder: GraphConfig, count: int, on: Ground, ascents: int):
+    blank = setup.blank_reward(config, encoder.num_classes)
+    params = jax.eval_shape(lambda: jax.tree.map(lambda x: jnp.stack([x] * count), blank))
+    states = next(iter(on.states.values()))
+    return program(encoder, on.task, ascents=ascents).lower(params, states).compile()
+
+
+def audit(
+    wanted: Audits,
+    rewards: Mapping[Hashable, LearnedReward],
+    run: run_dir.RunDir,
+    progress: Progress,
+) -> None:
+    """The figures of each cell's rewards, as a phase of the run that is named after the cell.
+
+    Args:
+      wanted: from `get_ready`.
+      rewards: by `sweep_rewards.reward_key`.
+      run: keeps the figures.
+      progress: shows how far it is.
+    """
+    if not wanted.cells:
+        return
+    phase = progress.phase("auditing", total=len(wanted.cells), unit="rows")
+    for done, (cell, members, ready) in enumerate(wanted.cells, 1):
+        found = [rewards[reward_key(row.config)] for row in members]
+        params = jax.tree.map(lambda *x: jnp.stack(x), *(one.params for one in found))
+        figures = measure(ready.result(), params, wanted.ground)
+        run.finish_phase(f"audit-{cell}", {name: x.tolist() for name, x in figures.items()})
+        phase.update(done)

@@ -24,10 +24,9 @@ from gril_jax.progress import Progress
 from gril_jax.sweep_grid import Cell, with_seed
 from gril_jax.sweep_plot import write_figure
 
-from . import demonstrations, setup
-from .sweep_rewards import learn_rewards
+from . import ahead, demonstrations, setup, sweep_programs, sweep_rewards
 from .sweep_rows import Row
-from .sweep_training import learn_policies, programs
+from .sweep_training import learn_policies
 
 __all__ = ["main", "read_cells"]
 
@@ -58,7 +57,7 @@ def main(
         same.setdefault(_what_counts(row.config), []).append(row)
     rows = [twins[0] for twins in same.values()]
     classes = len(setup.make_env(config.env, training=False).classes)
-    plan = programs(rows, classes, jax.devices())  # refuses what cannot run
+    plan = sweep_programs.programs(rows, classes, jax.devices())  # refuses what cannot run
     opened = {"device": setup.device_in_words(), "experiment": "sweep"}
     with hosts.scratch() as scratch:
         shown = None
@@ -86,14 +85,19 @@ def _say_nothing(line: str) -> None:
 
 def _train(rows, plan, cells, same, run: run_dir.RunDir, progress: Progress, echo: Echo) -> str:
     """All rewards, then one program after the other; returns the table."""
-    rewards = learn_rewards(rows, _gatherer(run, progress), run, progress, echo)
-    for program in plan:
-        (finished,) = hosts.largest([run.finished_phase(program.name) is not None])
-        if not finished:
-            done = learn_policies(program, rewards, run, progress, echo, jax.devices())
-            run.finish_phase(program.name, done)
-        if hosts.is_first():
-            _write_tables(run, plan, cells, same)
+    finished = hosts.largest([run.finished_phase(program.name) is not None for program in plan])
+    left = [program for program, done in zip(plan, finished, strict=True) if not done]
+    with ahead.compiling() as pool:
+        wanted = sweep_rewards.get_ready(rows, _gatherer(run, progress), pool)
+        ready = sweep_programs.get_ready(left, jax.devices(), pool)
+        rewards = sweep_rewards.learn_rewards(wanted, run, progress, echo)
+        for program in plan:
+            if program.name in ready:
+                one = ready.pop(program.name).result()
+                done = learn_policies(program, one, rewards, run, progress, echo)
+                run.finish_phase(program.name, done)
+            if hosts.is_first():
+                _write_tables(run, plan, cells, same)
     return _write_tables(run, plan, cells, same) if hosts.is_first() else ""
 
 

@@ -5,7 +5,7 @@ between them are arrays.
 """
 
 from collections.abc import Callable, Hashable, Sequence
-from functools import partial
+from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
 import jax
@@ -22,7 +22,7 @@ from gril_jax.types import DemoBatch
 from . import demonstrations, learners, setup, sweep_rows
 from .sweep_rows import Row
 
-__all__ = ["LearnedReward", "learn_rewards", "reward_key"]
+__all__ = ["LearnedReward", "Wanted", "get_ready", "learn_rewards", "reward_key"]
 
 
 class LearnedReward(NamedTuple):
@@ -40,14 +40,32 @@ def reward_key(config: RunConfig) -> Hashable:
     return parts, config.run.seed
 
 
-def learn_rewards(
+class _Ready(NamedTuple):
+    """Encoders that share a program, which has been compiled."""
+
+    seeds: int
+    updates: int  # of a chunk
+    arguments: tuple[Any, Any, Any]  # keys, data, hyper
+    init: Callable[[Any, Any], Any]  # (keys, data) -> state
+    step: Callable[[Any, Any, Any], tuple[Any, Any]]  # (state, data, hyper) -> (state, metrics)
+    finish: Callable[[Any, Any, Any], tuple[Any, Any]]  # the same -> (reward parameters, tau)
+
+
+class Wanted(NamedTuple):
+    """Rewards that share a program, which is being compiled."""
+
+    keys: list[Hashable]
+    config: RunConfig  # of one of them
+    demos: demonstrations.Demonstrations
+    ready: Future[_Ready]
+
+
+def get_ready(
     rows: Sequence[Row],
     gather: Callable[[RunConfig], demonstrations.Demonstrations],
-    run: RunDir,
-    progress: Progress,
-    echo: Callable[[str], None],
-) -> dict[Hashable, LearnedReward]:
-    """The reward of every row that needs one, each trained once, with its tau."""
+    pool: Executor,
+) -> list[Wanted]:
+    """Begin to compile, in a pool, what trains the reward of every row that needs one."""
     needed = {
         reward_key(row.config): row.config
         for row in rows
@@ -55,25 +73,32 @@ def learn_rewards(
     }
     groups: dict[Hashable, list[Hashable]] = {}
     for key, config in needed.items():
-        demos = gather(config)
-        static = learners.static_config(config, len(demos.demo_set.classes))
+        static = learners.static_config(config, len(gather(config).demo_set.classes))
         same = (config.env, config.demos, static, config.pretrain.steps)
         groups.setdefault(same, []).append(key)
-    found: dict[Hashable, LearnedReward] = {}
-    for number, keys in enumerate(groups.values()):
+    found = []
+    for keys in groups.values():
         configs = [needed[key] for key in keys]
         demos = gather(configs[0])
-        num_classes = len(demos.demo_set.classes)
-        name = f"reward-{number}"
-        params, tau = _encoders(name, configs, demos, run, progress, echo)
-        for i, key in enumerate(keys):
-            one = jax.tree.map(lambda x, i=i: x[i], params)
-            found[key] = LearnedReward(one, float(tau[i]), demos.batch("train"), num_classes)
+        found.append(Wanted(keys, configs[0], demos, pool.submit(_compiled, configs, demos)))
     return found
 
 
-def _encoders(name, configs, demos, run: RunDir, progress: Progress, echo):
-    """Stacked reward parameters and taus of configurations that share one program."""
+def learn_rewards(
+    wanted: Sequence[Wanted], run: RunDir, progress: Progress, echo: Callable[[str], None]
+) -> dict[Hashable, LearnedReward]:
+    """The rewards, each trained once, with their tau."""
+    found: dict[Hashable, LearnedReward] = {}
+    for number, (keys, config, demos, ready) in enumerate(wanted):
+        params, tau = _encoders(f"reward-{number}", config, ready.result(), run, progress, echo)
+        train, num_classes = demos.batch("train"), len(demos.demo_set.classes)
+        for i, key in enumerate(keys):
+            one = jax.tree.map(lambda x, i=i: x[i], params)
+            found[key] = LearnedReward(one, float(tau[i]), train, num_classes)
+    return found
+
+
+def _compiled(configs: Sequence[RunConfig], demos) -> _Ready:
     learner = learners.learner(configs[0], demos)
     # Several processes train the same encoders, each on devices of its own.
     devices = jax.local_devices()
@@ -83,32 +108,49 @@ def _encoders(name, configs, demos, run: RunDir, progress: Progress, echo):
     keys = sharding.place(layout, sweep_rows.keys([config.run.seed for config in configs], 0))
     data = jax.device_put(learner.data, NamedSharding(layout, PartitionSpec()))
     each = _one_by_one(layout) if configs[0].encoder.kind == "pixels" else _side_by_side
-    compiled = partial(jax.jit, out_shardings=sharding.by_seed(layout))
-    fresh = compiled(each(learner.init))(keys, data)
-    step = compiled(each(learner.step), donate_argnums=0)
-    steps, updates = configs[0].pretrain.steps, learner.static.updates
-    phase = progress.phase(f"learning {len(configs)} rewards", total=steps)
+
+    def measured(state, data, hyper):
+        params = learner.reward(state, data, hyper)
+        return params, learner.measure(state, data, hyper)["tau"]
+
+    by_seed = sharding.by_seed(layout)
+    init = jax.jit(each(learner.init), out_shardings=by_seed)
+    step = jax.jit(each(learner.step), out_shardings=by_seed, donate_argnums=0)
+    state = jax.tree.map(
+        lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=by_seed),
+        jax.eval_shape(init, keys, data),
+    )
+    return _Ready(
+        len(configs),
+        learner.static.updates,
+        (keys, data, hyper),
+        init.lower(keys, data).compile(),
+        step.lower(state, data, hyper).compile(),
+        jax.jit(each(measured)).lower(state, data, hyper).compile(),
+    )
+
+
+def _encoders(name, config: RunConfig, ready: _Ready, run: RunDir, progress: Progress, echo):
+    """Stacked reward parameters and taus of encoders that share a program."""
+    keys, data, hyper = ready.arguments
+    steps, updates = config.pretrain.steps, ready.updates
+    phase = progress.phase(f"learning {ready.seeds} rewards", total=steps)
 
     def row(chunk, seconds, metrics):
         phase.update(chunk * updates, loss=float(metrics.loss.mean()))
         return {"step": chunk * updates, "loss": metrics.loss.mean(axis=-1)}
 
     state = training_loop.run_chunks(
-        lambda state: step(state, data, hyper),
-        training_loop.restore(run, name, fresh, tell=echo),
+        lambda state: ready.step(state, data, hyper),
+        training_loop.restore(run, name, ready.init(keys, data), tell=echo),
         run=run,
         name=name,
         chunks=steps // updates,
         row=row,
-        every_s=configs[0].run.checkpoint_every,
-        keep=configs[0].run.keep_checkpoints,
+        every_s=config.run.checkpoint_every,
+        keep=config.run.keep_checkpoints,
     ).state
-
-    def finish(state, data, hyper):
-        params = learner.reward(state, data, hyper)
-        return params, learner.measure(state, data, hyper)["tau"]
-
-    return jax.device_get(jax.jit(each(finish))(state, data, hyper))
+    return jax.device_get(ready.finish(state, data, hyper))
 
 
 def _side_by_side(one: Callable) -> Callable:

@@ -26,10 +26,10 @@ from gril_jax.progress import Progress
 from gril_jax.spread_plot import spread
 from gril_jax.sweep_grid import with_seed
 
-from . import demonstrations, learners, setup, table2_table
+from . import ahead, demonstrations, learners, setup, sweep_rewards, table2_table
 from .ablate import changed
 from .named_rows import Rows
-from .sweep_rewards import LearnedReward, learn_rewards, reward_key
+from .sweep_rewards import LearnedReward, reward_key
 from .sweep_rows import Row
 from .table2_measures import measure, stages_done
 from .table2_rows import ROWS, Settings, write_settings
@@ -72,7 +72,9 @@ def main(
         echo(f"writing to {run.path}: {len(rows)} encoders")
         demos = demonstrations.gather_once(config, env, run, progress)
         _check(demos.demo_set.folder, demos.names)
-        rewards = learn_rewards(rows, lambda config: demos, run, progress, echo)
+        with ahead.compiling() as pool:
+            wanted = sweep_rewards.get_ready(rows, lambda config: demos, pool)
+            rewards = sweep_rewards.learn_rewards(wanted, run, progress, echo)
         phase = progress.phase("measuring", total=len(settings.rows), unit="rows")
         lines: list[dict[str, Any]] = []
         for cell, name in enumerate(settings.rows):

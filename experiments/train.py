@@ -10,7 +10,7 @@ import itertools
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ from gril_jax.reward import RewardParams
 from gril_jax.rl import sharding, training
 from gril_jax.rl.policy import Policy
 
-from . import cheats, demonstrations, evaluate, policy_rewards, policy_setup, setup
+from . import ahead, cheats, demonstrations, evaluate, policy_rewards, policy_setup, setup
 from . import pretrain as pretraining
 
 __all__ = ["Plan", "main"]
@@ -55,9 +55,13 @@ def main(
     with (
         run_dir.create_or_resume(config, resume, begun=begun, **opened) as run,
         Progress() as progress,
+        ahead.compiling() as pool,
     ):
         echo(f"writing to {run.path}")
         clock = _Clock()
+        program = None
+        if run.finished_phase("policy") is None:
+            program = pool.submit(_compiled, config, algorithm, layout)
         demos = demonstrations.gather_once(config, env, run, progress)
         clock.lap("demonstrations")
         learned, results = pretraining.learn(
@@ -65,7 +69,9 @@ def main(
         )
         reward_params = _policy_reward(config, learned, demos, run, len(env.classes))
         clock.lap("reward")
-        policy, found = _learn_policy(config, algorithm, layout, reward_params, run, progress, echo)
+        policy, found = _learn_policy(
+            config, algorithm, program, reward_params, run, progress, echo
+        )
         clock.lap("policy")
         played = evaluate.play(config, env, policy, reward_params, run.path, progress)
         clock.lap("evaluation")
@@ -104,7 +110,7 @@ class _Clock:
 def _learn_policy(
     config: RunConfig,
     algorithm: training.Algorithm,
-    layout: Any,
+    program: "Future[_Program]",
     reward_params: Any,
     run: run_dir.RunDir,
     progress: Progress,
@@ -113,38 +119,58 @@ def _learn_policy(
     """Train the policy and save it; returns it with results, which a run does once."""
     results = run.finished_phase("policy")
     if results is None:
-        state, results = _train(config, algorithm, layout, reward_params, run, progress, echo)
+        assert program is not None
+        state, results = _train(
+            config, algorithm, program.result(), reward_params, run, progress, echo
+        )
         shutil.rmtree(run.path / "policy", ignore_errors=True)  # of a process that was cut off here
         checkpoint.save(run.path / "policy", results["env_steps"], algorithm.policy(state))
         run.finish_phase("policy", results)
     return policy_setup.restore_policy(run.path, config, algorithm), results
 
 
+class _Program(NamedTuple):
+    """Chunks of compiled updates for one seed on all devices."""
+
+    keys: Any  # with a leading axis of one seed, as all that it takes
+    hyper: Any
+    compiled: sharding.Compiled
+    layout: Any
+    seconds: float  # that compiling took
+
+
+def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:
+    started = time.monotonic()
+    keys = jax.random.fold_in(jax.random.key(config.run.seed), 1)[None]
+    hyper = sharding.place(layout, _one(policy_setup.algorithm_hyper(config)))
+    params = _one(policy_rewards.blank(config, algorithm.episodes.env))
+    tasks = (setup.make_env(config.env, training=False),) if _examines(config, algorithm) else ()
+    most = config.run.updates_per_chunk
+    found = sharding.compiled(algorithm, layout, keys, hyper, params, most, tasks)
+    return _Program(keys, hyper, found, layout, time.monotonic() - started)
+
+
+def _one(tree: Any) -> Any:
+    return jax.tree.map(lambda x: x[None], tree)
+
+
 def _train(
-    config: RunConfig, algorithm, layout, reward_params, run, progress: Progress, echo: Echo
+    config: RunConfig, algorithm, program: _Program, reward_params, run, progress, echo: Echo
 ) -> tuple[Any, dict[str, Any]]:
-    """Chunks of compiled updates, in a program for one seed on all devices."""
+    """All updates, chunk by chunk."""
     name, per_chunk = config.run.algorithm, config.run.updates_per_chunk
     per_update = algorithm.num_envs * algorithm.unroll_length
     updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
     phase = progress.phase("learning the policy", total=updates * per_update, unit="env steps")
-    key = jax.random.fold_in(jax.random.key(config.run.seed), 1)
-    one = partial(jax.tree.map, lambda x: x[None])
-    hyper, params = one(policy_setup.algorithm_hyper(config)), one(reward_params)
-    fresh = sharding.init(algorithm, layout, key[None], hyper)
-    begun = training_loop.restore(run, name, fresh, tell=echo)
-    started = time.monotonic()
-    tasks = (setup.make_env(config.env, training=False),) if _examines(config, algorithm) else ()
-    run_chunk = sharding.advance(algorithm, layout, fresh, per_chunk, tasks)
+    keys, hyper, compiled, layout, compile_s = program
+    params = sharding.place(layout, _one(reward_params))
+    begun = training_loop.restore(run, name, compiled.init(keys, hyper), tell=echo)
     plan = Plan(updates, per_chunk, config.run.evaluations)
-    lowered = run_chunk.lower(begun.state, hyper, params, *plan.arguments(begun.chunks))
-    compiled = lowered.compile()
-    compile_s = time.monotonic() - started
     phase.update(min(begun.chunks * per_chunk, updates) * per_update)
     chunks = itertools.count(begun.chunks)
 
     def advance(state):
-        return compiled(state, hyper, params, *plan.arguments(next(chunks)))
+        return compiled.advance(state, hyper, params, *plan.arguments(next(chunks)))
 
     def row(chunk, seconds, found):
         metrics, scores = jax.tree.map(lambda x: x[0], found)

@@ -7,12 +7,19 @@ import types
 import jax
 import jax.numpy as jnp
 import pytest
-from gril_jax.experiments import setup, soundness, soundness_audit, soundness_table
+from gril_jax.experiments import (
+    demonstrations,
+    setup,
+    soundness,
+    soundness_audit,
+    soundness_table,
+)
 from gril_jax.experiments.soundness_settings import Settings, read_settings
 from kinematic_demos import kinematic_demos
 
 from gril_jax import cli, run_dir
 from gril_jax.config import EnvConfig, PPOConfig, RunConfig
+from gril_jax.demos import DemoSet
 from gril_jax.errors import ConfigError, RunError
 
 SMALL = RunConfig(
@@ -72,7 +79,7 @@ def test_a_program_has_at_most_so_many_policies(monkeypatch):
     whole = [
         soundness.Program(name, [*range(n)], algorithm, None, 1) for name, n in (("a", 7), ("b", 2))
     ]
-    monkeypatch.setattr(soundness, "programs", lambda *args: whole)
+    monkeypatch.setattr(soundness.sweep_programs, "programs", lambda *args: whole)
     plan = soundness._programs([], 7, 3)
     assert [(program.name, program.rows) for program in plan] == [
         ("policy-0", [0, 1, 2]),
@@ -110,10 +117,13 @@ def test_runs_that_do_not_belong_together_are_not_joined(tmp_path):
 @pytest.mark.slow
 def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
     batch = jax.tree.map(jnp.asarray, kinematic_demos(0, 4, num_objects=4))
-    demos = types.SimpleNamespace(
-        batch=lambda split: batch,
-        demo_set=types.SimpleNamespace(classes=setup.make_env(SMALL.env, training=False).classes),
-    )
+
+    class Same(demonstrations.Demonstrations):
+        def batch(self, split):
+            return batch
+
+    classes = setup.make_env(SMALL.env, training=False).classes
+    demos = Same(DemoSet(tmp_path, "match_regions", tuple(classes), 1.0, 20.0, "", (), ()), {}, 0)
     monkeypatch.setattr(soundness.demonstrations, "gather_once", lambda *args: demos)
     out = tmp_path / "run"
     options = [

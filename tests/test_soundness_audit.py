@@ -28,7 +28,8 @@ def test_each_reward_has_the_figures_of_its_own_audit():
     each = jnp.ones(2)
     params = RewardParams(network, jnp.ones((2, 3)), each, jnp.array([5.0, 1.0]))
     on = soundness_audit.ground(soundness_audit.tasks(ENV), starts=1)
-    found = soundness_audit.measure(config, params, on, ascents=4)
+    run = soundness_audit.program(config, on.task, ascents=4)
+    found = soundness_audit.measure(run, params, on)
     assert {x.shape for x in found.values()} == {(2,)}
     second = jax.tree.map(lambda x: x[1], params)
     for variant, states in on.states.items():

@@ -1,20 +1,9 @@
-"""How a sweep shares environments out between the starts that it evaluates from."""
+"""The scores of a sweep's policies while they learn, by their names."""
 
 import numpy as np
-import pytest
 from gril_jax.experiments import sweep_training
 
 from gril_jax.rl.training import Scores
-
-
-@pytest.mark.parametrize(
-    ("starts", "num_envs", "parts"),
-    [(1, 2, 1), (1, 3, 0), (3, 6, 3), (3, 4096, 4), (3, 8, 4), (3, 20, 5), (3, 4, 0), (2, 4, 2)],
-)
-def test_parts_are_at_least_the_starts_and_twice_their_number_divides_the_environments(
-    starts, num_envs, parts
-):
-    assert sweep_training._examinations(starts, num_envs) == parts
 
 
 def test_scores_have_the_names_of_their_starts_and_parts_of_one_start_are_averaged():

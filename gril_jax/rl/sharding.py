@@ -5,6 +5,8 @@
     run = advance(algorithm, layout, state, updates=20, evaluation=(env,))
     state, (metrics, scores) = run(state, hyper, reward_params, count, examine)
 
+or, compiled before there is a state, `compiled(algorithm, layout, keys, hyper, params, updates)`.
+
 Nothing else changes: the program is the one for a single device, and the compiler splits it along
 the axes that are laid out here, so that results agree up to the order of float sums. With several
 hosts (`jax.distributed`), the devices of all of them are one mesh.
@@ -12,15 +14,25 @@ hosts (`jax.distributed`), the devices of all of them are one mesh.
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from ..errors import ConfigError
 from . import training
 
-__all__ = ["advance", "by_seed", "init", "mesh", "place", "shardings"]
+__all__ = [
+    "Compiled",
+    "advance",
+    "by_seed",
+    "compiled",
+    "init",
+    "mesh",
+    "place",
+    "shardings",
+]
 
 
 def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
@@ -64,9 +76,53 @@ def place(layout: Mesh, tree: Any) -> Any:
 
 def init(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> Any:
     """A fresh training state for each key, made where it belongs."""
+    return _maker(algorithm, layout, keys, hyper)(keys, hyper)
+
+
+def _maker(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> Callable:
+    """The program of `init`, jitted: (keys, hyper) -> state."""
     make = jax.vmap(algorithm.init)
     shapes = jax.eval_shape(make, keys, hyper)
-    return jax.jit(make, out_shardings=shardings(layout, shapes))(keys, hyper)
+    return jax.jit(make, out_shardings=shardings(layout, shapes))
+
+
+class Compiled(NamedTuple):
+    """A training that is ready to run."""
+
+    init: Any  # (keys, hyper) -> state
+    advance: Any  # of `advance`
+
+
+def compiled(
+    algorithm: training.Algorithm,
+    layout: Mesh,
+    keys: Any,
+    hyper: Any,
+    reward_params: Any,
+    updates: int,
+    evaluation: tuple[Any, ...] = (),
+) -> Compiled:
+    """`init` and `advance`, compiled: nothing is computed, so that it can be done ahead of time.
+
+    Args:
+      keys, hyper: with a leading axis of seeds, placed.
+      reward_params: arrays, or their shapes and types.
+      updates, evaluation: of `advance`.
+    """
+    make = _maker(algorithm, layout, keys, hyper)
+    shapes = jax.eval_shape(make, keys, hyper)
+    state = jax.tree.map(_abstract, shapes, shardings(layout, shapes))
+    params = jax.tree.map(lambda x: _abstract(x, by_seed(layout)), reward_params)
+    run = advance(algorithm, layout, shapes, updates, evaluation)
+    count, examine = jnp.int32(0), jnp.asarray(True)
+    return Compiled(
+        make.lower(keys, hyper).compile(),
+        run.lower(state, hyper, params, count, examine).compile(),
+    )
+
+
+def _abstract(x: Any, sharding: NamedSharding) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding)
 
 
 def advance(

@@ -1,0 +1,28 @@
+"""How a sweep shares environments and updates out, and what it compiles ahead."""
+
+import pytest
+from gril_jax.experiments import sweep_programs
+from gril_jax.experiments.ablate import changed
+from gril_jax.experiments.sweep_rows import Row
+
+from gril_jax.config import RunConfig
+
+
+@pytest.mark.parametrize(
+    ("starts", "num_envs", "parts"),
+    [(1, 2, 1), (1, 3, 0), (3, 6, 3), (3, 4096, 4), (3, 8, 4), (3, 20, 5), (3, 4, 0), (2, 4, 2)],
+)
+def test_parts_are_at_least_the_starts_and_twice_their_number_divides_the_environments(
+    starts, num_envs, parts
+):
+    assert sweep_programs._examinations(starts, num_envs) == parts
+
+
+@pytest.mark.parametrize(
+    ("evaluations", "updates", "chunks"),
+    [(4, 10, [2, 3, 2, 3]), (1, 7, [7]), (0, 3, [3]), (9, 3, [1, 1, 1])],
+)
+def test_chunks_have_about_as_many_updates_each(evaluations, updates, chunks):
+    row = Row(0, 0, changed(RunConfig(), {"run.evaluations": evaluations}))
+    program = sweep_programs.Program("policy-0", [row], None, {}, updates)
+    assert sweep_programs.updates_of_chunks(program) == chunks
