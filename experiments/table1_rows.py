@@ -55,7 +55,12 @@ _PAPER: dict[str, Any] = {
 _WITH_ROBOT = {"encoder.pool_robot": True, "encoder.robot_messages": True}
 # GraphIRL and XIRL train by cycle-consistency alone.
 _GRAPHIRL = _PAPER | {"encoder.kind": "interaction", "loss.lambda_": 0.0}
-_XIRL = _PAPER | {"encoder.kind": "pixels", "encoder.pixels": 64, "loss.lambda_": 0.0}
+_XIRL = _PAPER | {
+    "encoder.kind": "pixels",
+    "encoder.pixels": 64,
+    "encoder.precision": "bfloat16",
+    "loss.lambda_": 0.0,
+}
 _AUDITED = _PAPER | {
     "encoder.relations": True,
     "loss.warmup": 1500,
@@ -98,7 +103,7 @@ PAPER = {
     "ours without robot": 94.6,
 }
 
-EVALUATIONS = 20  # of each policy while it is trained
+EVALUATIONS = 10  # of each policy while it is trained
 
 # A setting that two CPU cores finish in minutes.
 QUICK = "environmental,ours audited"

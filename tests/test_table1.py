@@ -2,20 +2,23 @@
 
 import csv
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
 import pytest
-from gril_jax.experiments import policy_rewards, soundness_audit, table1, table1_page
+from gril_jax.experiments import policy_rewards, soundness_audit, table1, table1_page, table1_rows
 from gril_jax.experiments.ablate import changed
 from gril_jax.experiments.sweep_rewards import LearnedReward
 from gril_jax.experiments.sweep_rows import Row
 from gril_jax.experiments.table1_rows import ROWS, Settings
+from gril_jax.experiments.table1_scores import SCORES
 from gril_jax.experiments.table1_table import COLUMNS
 
 from gril_jax import cli, run_dir
-from gril_jax.config_files import load
+from gril_jax.config_files import load, to_yaml
 from gril_jax.plot_style import png
 from gril_jax.reward import RewardParams
+from gril_jax.run_phases import Phases, write_phases
 from gril_jax.spread_plot import spread
 
 
@@ -67,7 +70,7 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     some = ["--rows", "sparse score,XIRL", "--seeds", "3", "--run.evaluations", "4"]
     assert cli.main(["table1", *some]) == 0
     usual, quick, chosen = calls
-    assert usual == (changed(load("match_regions"), {"run.evaluations": 20}), Settings())
+    assert usual == (changed(load("match_regions"), {"run.evaluations": 10}), Settings())
     assert list(quick[1].rows) == ["environmental", "ours audited"]
     assert quick[1].rows["ours audited"]["pretrain.steps"] == 1500
     assert (quick[1].seeds, quick[0].run.algorithm) == (2, "sac")
@@ -80,16 +83,17 @@ def test_rows_that_differ_in_what_becomes_of_their_reward_share_it(monkeypatch):
     names = ["environmental", "ours audited", "ours with potential shaping", "ours with robot"]
     base = load("match_regions")
     rows = [Row(cell, 0, changed(base, ROWS[name])) for cell, name in enumerate(names)]
-    learned = []
+    learned = {}
 
-    def learn(rows, *_):
+    def get_ready(rows, *_):
         keys = dict.fromkeys(table1.reward_key(row.config) for row in rows)
-        found = {key: LearnedReward(None, float(i), None, 7) for i, key in enumerate(keys)}
-        learned.extend(found)
-        return found
+        learned.update((key, LearnedReward(None, float(i), None, 7)) for i, key in enumerate(keys))
+        return []
 
-    monkeypatch.setattr(table1, "learn_rewards", learn)
-    rewards = table1._rewards(rows, None, None, None, None)
+    monkeypatch.setattr(table1.sweep_rewards, "get_ready", get_ready)
+    with ThreadPoolExecutor() as pool:
+        table1._wanted(rows, None, pool)
+    rewards = table1._rewards(rows, learned)
     assert len(learned) == 2
     assert len(rewards) == 3
     taus = [rewards[table1.reward_key(row.config)].tau for row in rows[1:]]
@@ -124,6 +128,57 @@ def test_the_page_shows_every_row_and_loads_nothing():
     assert "http" not in text.replace("http-equiv", "")
     bare = table1_page.page(lines, "", picture, {"a": looks | {"failure": []}}, about)
     assert "there are no failed demonstrations" in bare
+
+
+def _run(folder, row, seed=0, demos="abc", evaluations=2, tau=None):
+    """A finished run of one row, as far as its table needs it."""
+    folder.mkdir()
+    config = changed(load("quickstart"), {"run.out": str(folder), "run.evaluations": evaluations})
+    (folder / "config.yaml").write_text(to_yaml(config))
+    table1_rows.write_settings(folder, Settings({row: ROWS[row]}, seeds=1))
+    done = {"rows": [(0, seed)], "taus": [tau], "seconds": 2.0}
+    finished = {"demos": {"sha256": demos}, "policy-0": done}
+    if tau is not None:
+        finished["audit-0"] = {"order_demo": [0.9], "hack_gap_demo": [None]}
+        finished["profiles-0"] = {"cycle": [0.8], "success": [[-1.0, 0.0]], "failure": []}
+    write_phases(folder, Phases("table1", to_yaml(config), finished))
+    numbers = {name: [0.25] for name in SCORES}
+    rows = [{"phase": "policy-0", "env_steps": n, "seconds": n, **numbers} for n in (10, 20)]
+    (folder / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    (folder / "versions.json").write_text(json.dumps({"command": f"gril table1 {row}"}))
+    return folder
+
+
+def test_runs_with_different_rows_become_one_table(tmp_path, capsys):
+    learned = _run(tmp_path / "a", "ours audited", tau=0.7)
+    other = _run(tmp_path / "b", "environmental")
+    out = tmp_path / "out"
+    assert cli.main(["table1", "--join", f"{learned},{other}", "--out", str(out)]) == 0
+    lines = list(csv.DictReader((out / "table1.csv").open()))
+    assert [x["row"] for x in lines] == ["environmental", "ours audited"]
+    assert [(x["tau"], x["order_demo"], x["hack_gap_demo"], x["cycle"]) for x in lines] == [
+        ("", "", "", ""),
+        ("0.7", "0.9", "", "0.8"),
+    ]
+    assert {x["success"] for x in lines} == {"0.25"}
+    text = (out / "table1.md").read_text()
+    assert "gril table1 ours audited and gril table1 environmental" in text
+    capsys.readouterr()
+    assert "must be a new folder" in _fault(capsys, "--join", learned, "--out", out)
+
+
+def test_runs_that_do_not_go_together_are_not_joined(tmp_path, capsys):
+    first, out = _run(tmp_path / "a", "environmental"), tmp_path / "out"
+    for name, fault, other in (
+        ("b", "they differ in the demonstrations", {"row": "sparse score", "demos": "x"}),
+        ("c", "they differ in run.evaluations (3, not 2)", {"row": "XIRL", "evaluations": 3}),
+        ("d", "row 'environmental' is in two of the runs", {"row": "environmental"}),
+    ):
+        folder = _run(tmp_path / name, **other)
+        assert cli.main(["table1", "--join", f"{first},{folder}", "--out", str(out)]) == 2
+        assert fault in capsys.readouterr().err
+        assert not out.exists()
+    assert "--out is missing" in _fault(capsys, "--join", f"{first},{first}")
 
 
 TINY = [

@@ -53,7 +53,7 @@ def test_ours_audited_is_the_default_and_ours_without_robot_the_paper_s_configur
 
 def test_every_learned_row_sets_what_any_of_them_changes():
     learned = [x for x in ROWS.values() if x["run.reward"] != "environmental"]
-    extra = {"encoder.pixels", "run.reward_weights"}
+    extra = {"encoder.pixels", "encoder.precision", "run.reward_weights"}
     assert len({frozenset(x) - extra for x in learned}) == 1
 
 

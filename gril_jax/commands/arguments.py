@@ -24,6 +24,7 @@ __all__ = [
     "hard_negatives",
     "heavy_imports",
     "in_full",
+    "joined_runs",
     "positional",
     "require_new_file",
     "resumed_config",
@@ -199,6 +200,28 @@ def resumed_table(args: list[str], experiment: str) -> tuple[Path, RunConfig] | 
             f"--resume takes its options from {name}, so {args[0]} must not be given beside it"
         )
     return Path(name), run_dir.require_resumable(Path(name), experiment)
+
+
+def joined_runs(args: list[str]) -> tuple[list[Path], Path] | None:
+    """The runs after --join and the folder after --out, which are taken; None without --join.
+
+    Raises:
+      ConfigError: other options are given beside them, or --out is missing.
+      RunError: one is no run, or something is where the folder should be.
+    """
+    names = take(args, "--join")
+    if names is None:
+        return None
+    out = take(args, "--out")
+    if args:
+        raise ConfigError(f"--join takes --out alone, so {args[0]} must not be given beside it")
+    if out is None:
+        raise ConfigError("--out is missing, but must name the folder to make for the joined table")
+    folders = [Path(name) for name in names.split(",")]
+    for folder in folders:
+        run_dir.read_config(folder)
+    run_dir.require_new(Path(out))
+    return folders, Path(out)
 
 
 def demo_set_to_write(name: str) -> Path:

@@ -3,13 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from .. import run_dir
 from ..config import RunConfig
-from ..errors import ConfigError
 from .arguments import (
     Work,
     echo,
     heavy_imports,
+    joined_runs,
     positional,
     resumed_table,
     run_config,
@@ -36,9 +35,9 @@ def _soundness(args: list[str]) -> Work:
     if going_on is not None:
         folder, config = going_on
         return _work(config, known.read_settings(folder), folder)
-    joined = take(args, "--join")
+    joined = joined_runs(args)
     if joined is not None:
-        return _join([Path(name) for name in joined.split(",")], take(args, "--out"), args)
+        return _join(*joined)
     name, steps = positional(args), whole_number(args, "--steps-per-policy", None, least=0)
     usual = known.Settings()
     settings = known.Settings(
@@ -53,19 +52,11 @@ def _soundness(args: list[str]) -> Work:
     return _work(config, settings, None)
 
 
-def _join(folders: list[Path], out: str | None, args: list[str]) -> Work:
-    if args:
-        raise ConfigError(f"--join takes --out alone, so {args[0]} must not be given beside it")
-    if out is None:
-        raise ConfigError("--out is missing, but must name the folder to make for the joined table")
-    for folder in folders:
-        run_dir.read_config(folder)
-    run_dir.require_new(Path(out))
-
+def _join(folders: list[Path], out: Path) -> Work:
     def work() -> None:
         with heavy_imports():
             from ..experiments import soundness
-        soundness.join(folders, Path(out), echo=echo)
+        soundness.join(folders, out, echo=echo)
 
     return work
 

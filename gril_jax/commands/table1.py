@@ -10,6 +10,7 @@ from .arguments import (
     echo,
     heavy_imports,
     in_full,
+    joined_runs,
     positional,
     resumed_table,
     run_config,
@@ -24,7 +25,8 @@ _ABOUT = (
     "(5), alike in all else: the paper's Table I and Figure 2. Learned rewards are audited with "
     "--ascents N ascents (1000) from --starts N starts (4). --steps-per-encoder N trains all "
     "encoders for N gradient steps, instead of each as its row says. --quick makes two rows with "
-    "two seeds of the configuration quickstart. --resume RUN goes on with a run that was cut off."
+    "two seeds of the configuration quickstart. --resume RUN goes on with a run that was cut off; "
+    "--join A,B --out FOLDER makes one table of runs with different rows."
 )
 _PROG = "gril table1"
 
@@ -37,6 +39,9 @@ def _table1(args: list[str]) -> Work:
     if going_on is not None:
         folder, config = going_on
         return _work(config, known.read_settings(folder), folder)
+    joined = joined_runs(args)
+    if joined is not None:
+        return _join(*joined)
     quick = "--quick" in args
     if quick:
         args.remove("--quick")
@@ -64,6 +69,15 @@ def _check_options(args: list[str], taken: set[str]) -> None:
         path = option.removeprefix("--").replace("-", "_")
         if path in taken or f"{path}_" in taken:
             raise ConfigError(f"{option} is given, but each row of the table sets it for itself")
+
+
+def _join(folders: list[Path], out: Path) -> Work:
+    def work() -> None:
+        with heavy_imports():
+            from ..experiments import table1
+        table1.join(folders, out, echo=echo)
+
+    return work
 
 
 def _work(config: RunConfig, settings, resume: Path | None) -> Work:
