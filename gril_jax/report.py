@@ -18,6 +18,7 @@ from gril_jax.plot_style import png
 from gril_jax.plots import learning_curve, pretrain_curve, reward_profile, success_failure
 from gril_jax.report_data import number, read_rollouts, read_versions
 from gril_jax.report_inputs import Inputs, films_of, read_inputs
+from gril_jax.report_kinds import require_single
 from gril_jax.report_page import Part, Section, render
 from gril_jax.video import read_fps, read_video
 
@@ -34,9 +35,11 @@ def write_report(run_folder: str | os.PathLike) -> Path:
       The page, which needs no other file.
 
     Raises:
-      RunError: it is no run's folder, a file in it is damaged, or it cannot be written to.
+      RunError: it is no run's folder, or that of a table; a file in it is damaged, or it cannot
+        be written to.
     """
     folder = Path(run_folder)
+    require_single(folder)
     try:
         run = read_inputs(folder)
         films = films_of(run)
@@ -125,8 +128,8 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
     frames = " The frames above belong to the points that they are tied to." * (film is not None)
     return Part(
         f"The reward along {run.shown}{kept_aside}: a staircase that climbs while a block is "
-        "brought to its place and is flat while the empty hand travels. Numbered dots are "
-        "stage ends found in the curve alone; they should fall where a block has arrived."
+        "brought to its place and is flat while the empty hand travels. Numbered dots are ends "
+        "of stages found in such curves alone; they should fall where a block has arrived."
         f"{frames}",
         run.save("reward_profile.png", png(figure)),
         "Learned reward against frames of one demonstration",

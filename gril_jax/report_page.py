@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from gril_jax.headline import Tile
 
-__all__ = ["Part", "Section", "render"]
+__all__ = ["Cell", "Part", "Section", "Table", "render"]
 
 
 class Part(NamedTuple):
@@ -24,11 +24,26 @@ class Part(NamedTuple):
     small: bool = False  # narrower than the page
 
 
+class Cell(NamedTuple):
+    """What stands in a table, and in small letters below it what belongs to it, such as a range."""
+
+    value: str
+    note: str = ""
+
+
+class Table(NamedTuple):
+    """Rows of cells below headings; wider than the page, it is scrolled sideways."""
+
+    caption: str
+    heads: Sequence[str]  # of the columns of cells
+    rows: Mapping[str, Sequence[Cell]]  # as many cells as headings, by the row's name
+
+
 class Section(NamedTuple):
     """A heading and what stands below it."""
 
     title: str
-    parts: Sequence[Part]
+    parts: Sequence[Part | Table]
 
 
 def render(
@@ -78,7 +93,9 @@ def _tiles(tiles: Sequence[Tile]) -> str:
 
 
 def _section(section: Section) -> str:
-    parts = "\n".join(_part(part) for part in section.parts)
+    parts = "\n".join(
+        _wide_table(part) if isinstance(part, Table) else _part(part) for part in section.parts
+    )
     return f"<section><h2>{escape(section.title)}</h2>\n{parts}\n</section>"
 
 
@@ -95,6 +112,28 @@ def _part(part: Part) -> str:
     )
     size = ' class="small"' if part.small else ""
     return f"<figure{size}>{media}<figcaption>{escape(part.caption)}</figcaption></figure>"
+
+
+def _wide_table(table: Table) -> str:
+    """Its box takes the keyboard's focus, so that the arrow keys scroll it, too."""
+    heads = "".join(f'<th scope="col">{escape(head)}</th>' for head in table.heads)
+    rows = "\n".join(
+        f'<tr><th scope="row">{escape(name)}</th>'
+        + "".join(_cell(cell) for _, cell in zip(table.heads, cells, strict=True))
+        + "</tr>"
+        for name, cells in table.rows.items()
+    )
+    caption = escape(table.caption)
+    return (
+        f'<figure><div class="wide" tabindex="0" role="region" aria-label="{caption}">'
+        f"<table>\n<thead><tr><td></td>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody></table></div>"
+        f"<figcaption>{caption}</figcaption></figure>"
+    )
+
+
+def _cell(cell: Cell) -> str:
+    note = f"<small>{escape(cell.note)}</small>" if cell.note else ""
+    return f"<td>{escape(cell.value)}{note}</td>"
 
 
 def _table(rows: Mapping[str, str], kind: str) -> str:
@@ -139,6 +178,16 @@ table { border-collapse: collapse; font-size: .92rem; margin: .5rem 0 1rem; }
 th { font-weight: 500; text-align: left; color: var(--soft); vertical-align: top;
      padding: .15rem 1.5rem .15rem 0; white-space: nowrap; }
 td { padding: .15rem 0; overflow-wrap: anywhere; font-variant-numeric: tabular-nums; }
+.wide { overflow-x: auto; }
+.wide table { margin: 0; border-collapse: separate; border-spacing: 0; }
+.wide th, .wide td { padding: .4rem .9rem; text-align: right; white-space: nowrap;
+                     vertical-align: top; border-bottom: 1px solid var(--line); }
+.wide thead th { vertical-align: bottom; white-space: normal; min-width: 5rem; }
+.wide tbody th, .wide thead td { position: sticky; left: 0; background: var(--page);
+                                 padding-left: 0; text-align: left; white-space: normal;
+                                 min-width: 7rem; }
+.wide tbody th { color: var(--ink); }
+.wide small { margin: 0; }
 details { border: 1px solid var(--line); border-radius: .5rem; padding: .5rem .9rem;
           margin: .6rem 0; }
 summary { cursor: pointer; }

@@ -181,6 +181,22 @@ def test_report_hands_on_the_run(experiment, run):
     assert calls == [((run,), {"echo": arguments.echo})]
 
 
+def test_report_draws_the_page_of_a_table_1_anew(experiment, tmp_path):
+    path = tmp_path / "table"
+    run_dir.create(path, RunConfig(), device="cpu", experiment="table1").close()
+    calls = experiment("table1_report")
+    assert cli.main(["report", str(path)]) == 0
+    assert calls == [((path,), {"echo": arguments.echo})]
+
+
+def test_report_refuses_the_runs_of_other_tables_before_work_starts(experiment, tmp_path, capsys):
+    path = tmp_path / "sweep"
+    run_dir.create(path, RunConfig(), device="cpu", experiment="sweep").close()
+    assert experiment("report") == []
+    err = _fault(capsys, "report", str(path))
+    assert f"{path} holds a run of gril sweep, not of one policy: it has no page" in err
+
+
 def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
     experiment("setup", make_env=lambda config, training: ("env", config, training))
     experiment(

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from .. import run_dir
+from .. import report_kinds, run_dir
 from ..config import Variant
 from ..errors import ConfigError, RunError
 from ..options import parse
@@ -147,11 +147,17 @@ def _report(args: list[str]) -> Work:
     given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
     folder = Path(given.run)
     run_dir.read_config(folder)
+    of_table1 = report_kinds.made_by(folder) == "table1"
+    if not of_table1:
+        report_kinds.require_single(folder)
 
     def work() -> None:
         with heavy_imports():
-            from ..experiments import report
-        report.main(folder, echo=echo)
+            if of_table1:
+                from ..experiments import table1_report as chosen
+            else:
+                from ..experiments import report as chosen
+        chosen.main(folder, echo=echo)
 
     return work
 
