@@ -11,8 +11,8 @@ them: the same that a policy would do (adversarial training, Madry et al., ICLR 
 has really done with an earlier reward can be learned from in the same way, beside copies or without
 any: a pool of such scenes (`gril_jax.hard_negatives`), of which each batch draws some.
 
-Shapes use V for videos, N for objects, A for the frames of a video that are copied, J for the
-copies of each and P for the scenes of a pool.
+Shapes use V for videos, T for frames, N for objects, D for the latent, A for the frames of a video
+that are copied, J for the copies of each and P for the scenes of a pool.
 """
 
 from typing import NamedTuple
@@ -117,61 +117,93 @@ def contrast(
     """
     extent = jnp.max(jnp.abs(demos.center))
 
-    def encode(params, scene, present):
-        graph = scene_graph(*scene, present)
-        return encoder.apply(params, graph, config.encoder, alpha=hyper.alpha)
-
     def final(demo, bits):
-        return encode(params, _frame(demo, bits, demo.length - 1), demo.present)
+        scene = _frame(demo, bits, demo.length - 1)
+        return _latent(params, scene, demo.present, hyper, config)
 
     last = jax.vmap(final)(demos, active)
-    goal = jnp.mean(last, axis=0)
-
-    def excess(params, goal, scene, present):
-        """Latent distance beyond what is due."""
-        counted = present & ~scene.is_robot
-        due = misplacement(
-            places, scene.center, scene.size, scene.label, counted, scene.active,
-            near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch,
-        )  # fmt: skip
-        return safe_norm(encode(params, scene, present) - goal) / hyper.span - due
-
-    def ascended(scene, moved, present):
-        now = jax.lax.stop_gradient((params, goal))
-        slope = jax.grad(lambda c: excess(*now, scene._replace(center=c), present))
-        center = scene.center
-        for length in jnp.geomspace(_ASCENT, _ASCENT / 4, config.ascents) if config.ascents else ():
-            down = slope(center)
-            step = length * down / jnp.maximum(safe_norm(down)[:, None], 1e-6)
-            there = jnp.clip(center - step, -extent, extent)
-            center = jnp.where(moved[:, None], there, center)
-        return scene._replace(center=center)
-
-    def anchor(key, demo, bits):
-        key_frame, key_copies = jax.random.split(key)
-        frame = _frame(demo, bits, jax.random.randint(key_frame, (), 0, demo.length))
-
-        def copy(key):
-            made = displaced(key, frame.center, frame.size, frame.active, demo, places, extent)
-            scene = frame._replace(center=made.center, active=made.active)
-            return excess(params, goal, ascended(scene, made.moved, demo.present), demo.present)
-
-        copies = jax.vmap(copy)(jax.random.split(key_copies, config.copies))
-        return excess(params, goal, frame, demo.present), copies
-
-    def video(key, demo, bits):
-        keys = jax.random.split(key, config.anchors)
-        return jax.vmap(anchor, (0, None, None))(keys, demo, bits)
-
+    judge = _Judge(params, jnp.mean(last, axis=0), places, extent, hyper, config)
+    video = lambda *one: _of_video(judge, *one)  # noqa: E731
     plain, copies = jax.vmap(video)(jax.random.split(key, len(last)), demos, active)
-    ends = safe_norm(last - goal) / hyper.span
+    ends = safe_norm(last - judge.goal) / hyper.span
     errors = [copies, plain, ends] if config.copies else [plain, ends]
     if pool is not None:
         key_drawn = jax.random.fold_in(key, len(last))  # the videos have 0 to V - 1
         drawn = _drawn(key_drawn, pool, plain.size, turned=config.turn_scenes)
         everything = jnp.ones(pool.label.shape[1:], bool)
-        errors.append(jax.vmap(lambda scene: excess(params, goal, scene, everything))(drawn))
+        errors.append(jax.vmap(lambda scene: _excess(judge, scene, everything))(drawn))
     return sum(jnp.mean(_penalty(x, hyper.tail)) for x in errors)
+
+
+class _Judge(NamedTuple):
+    """What scenes are judged with: the encoder as it is, and what it should say."""
+
+    params: Params
+    goal: Float[Array, "D"]
+    places: FinalPlaces
+    extent: Float[Array, ""]  # places lie within |x|, |y| <= this
+    hyper: Hyper
+    config: PretrainConfig
+
+
+def _of_video(
+    judge: _Judge, key: PRNGKeyArray, demo: DemoBatch, active: Bool[Array, "T N"]
+) -> tuple[Float[Array, "A"], Float[Array, "A J"]]:
+    """What frames of one video, drawn with replacement, and their copies are short of."""
+    keys = jax.random.split(key, judge.config.anchors)
+    return jax.vmap(lambda key: _of_anchor(judge, key, demo, active))(keys)
+
+
+def _of_anchor(
+    judge: _Judge, key: PRNGKeyArray, demo: DemoBatch, active: Bool[Array, "T N"]
+) -> tuple[Float[Array, ""], Float[Array, "J"]]:
+    """`_excess` of one drawn frame, and of its copies."""
+    key_frame, key_copies = jax.random.split(key)
+    frame = _frame(demo, active, jax.random.randint(key_frame, (), 0, demo.length))
+
+    def copy(key):
+        made = displaced(
+            key, frame.center, frame.size, frame.active, demo, judge.places, judge.extent
+        )
+        scene = frame._replace(center=made.center, active=made.active)
+        return _excess(judge, _ascended(judge, scene, made.moved, demo.present), demo.present)
+
+    copies = jax.vmap(copy)(jax.random.split(key_copies, judge.config.copies))
+    return _excess(judge, frame, demo.present), copies
+
+
+def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Array, ""]:
+    """Latent distance from the goal beyond what is due, as a reward."""
+    hyper, counted = judge.hyper, present & ~scene.is_robot
+    due = misplacement(
+        judge.places, scene.center, scene.size, scene.label, counted, scene.active,
+        near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch,
+    )  # fmt: skip
+    latent = _latent(judge.params, scene, present, hyper, judge.config)
+    return safe_norm(latent - judge.goal) / hyper.span - due
+
+
+def _ascended(
+    judge: _Judge, scene: Scene, moved: Bool[Array, "N"], present: Bool[Array, "N"]
+) -> Scene:
+    """The scene after `config.ascents` steps of what has moved to where it is overrated more."""
+    params, goal = jax.lax.stop_gradient((judge.params, judge.goal))
+    now = judge._replace(params=params, goal=goal)
+    slope = jax.grad(lambda center: _excess(now, scene._replace(center=center), present))
+    center, steps = scene.center, judge.config.ascents
+    for length in jnp.geomspace(_ASCENT, _ASCENT / 4, steps) if steps else ():
+        down = slope(center)
+        step = length * down / jnp.maximum(safe_norm(down)[:, None], 1e-6)
+        there = jnp.clip(center - step, -judge.extent, judge.extent)
+        center = jnp.where(moved[:, None], there, center)
+    return scene._replace(center=center)
+
+
+def _latent(
+    params: Params, scene: Scene, present: Bool[Array, "N"], hyper: Hyper, config: PretrainConfig
+) -> Float[Array, "D"]:
+    graph = scene_graph(*scene, present)
+    return encoder.apply(params, graph, config.encoder, alpha=hyper.alpha)
 
 
 def _frame(demo: DemoBatch, bits: Bool[Array, "T N"], at: Int[Array, ""]) -> Scene:

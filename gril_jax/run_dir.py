@@ -6,15 +6,13 @@
     metrics.jsonl    see `gril_jax.metric_rows`
     results.json     written when the run has finished
     checkpoints/     one folder a phase, see `gril_jax.checkpoint`
-    lock             held while a process writes to the folder; holds its process id
+    lock             see `gril_jax.run_lock`
 
 Neither JAX nor MuJoCo is imported here.
 """
 
 import dataclasses
-import fcntl
 import json
-import os
 import platform
 import shlex
 import sys
@@ -29,6 +27,7 @@ from .config_files import load, to_yaml
 from .errors import ConfigError, RunError
 from .metric_rows import MetricRows, plain, read_rows
 from .metric_sinks import Sink, open_sink
+from .run_lock import take_lock
 from .run_phases import Phases, changed_fields, read_phases, write_phases
 from .safe_files import write_whole, writing
 
@@ -191,7 +190,7 @@ def create(
             path.mkdir()  # exclusive, whatever happened since it was looked at
         except FileExistsError:
             require_new(path)
-        lock = _take_lock(path)
+        lock = take_lock(path)
         write_whole(path / "versions.json", json.dumps(versions, indent=2) + "\n")
         finished = {name: dict(results) for name, results in (begun or {}).items()}
         phases = Phases(experiment, to_yaml(config), finished)
@@ -209,7 +208,7 @@ def resume(path: Path) -> RunDir:
     """
     config, phases = _read_unchanged(path)
     with writing(path):
-        lock = _take_lock(path)
+        lock = take_lock(path)
     return RunDir(path, lock, phases, config)
 
 
@@ -230,7 +229,7 @@ def require_resumable(path: Path, experiment: str) -> RunConfig:
             "draws its page again"
         )
     with writing(path):
-        _take_lock(path, note=False).close()
+        take_lock(path, note=False).close()
     return config
 
 
@@ -339,22 +338,3 @@ def package_versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             found[name] = "missing"
     return found
-
-
-def _take_lock(path: Path, *, note: bool = True) -> TextIO:
-    """The kernel drops the lock with the process that holds it, so none is ever left behind."""
-    lock = open(path / "lock", "a+", encoding="utf-8")  # closed by RunDir
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        lock.seek(0)
-        holder = lock.read().strip() or "unknown"
-        lock.close()
-        raise RunError(
-            f"{path} is being written by process {holder}: wait for it or give another folder"
-        ) from None
-    if note:
-        lock.truncate(0)
-        lock.write(f"{os.getpid()}\n")
-        lock.flush()
-    return lock
