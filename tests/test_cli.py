@@ -43,7 +43,7 @@ def _gril(*args, cwd):
         (["demos"], "import-magical"),
         (["demos", "--help"], "import-magical"),
         (["train", "--help"], "--ppo.num-envs"),
-        (["train", "match_regions", "-h"], "25000000"),
+        (["train", "match_regions", "-h"], "12000000"),
         (["quickstart", "--help"], "(default: 600000)"),
         (["demos", "make", "--help"], "--demos.num"),
         (["demos", "import-videos", "--help"], "--half-extent"),
