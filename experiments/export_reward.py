@@ -12,7 +12,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from gril_jax import checkpoint, demo_schema, run_dir
+from gril_jax import checkpoint, demo_schema, envs, run_dir
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
 from gril_jax.reward_file import save_reward
@@ -51,19 +51,19 @@ def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> Non
             "smoothing": config.pool.smoothing,
             "noise": config.pool.noise,
         },
-        half_extent=_half_extent(config, env.half_extent),
+        half_extent=_half_extent(config, env),
         unit=f"world units of {config.env.name}",
         provenance=_provenance(folder, config),
     )
     echo(f"wrote {out}")
 
 
-def _half_extent(config: RunConfig, whole: float) -> float:
-    """What the encoder sees: for pictures without their border."""
-    if config.encoder.kind != "pixels":
-        return float(whole)
+def _half_extent(config: RunConfig, env: envs.Env) -> float:
+    """What the encoder sees: of pictures as policies are paid for all but their border."""
+    if config.encoder.kind != "pixels" or not hasattr(env, "render"):
+        return float(env.half_extent)
     pixels = config.encoder.pixels
-    return float(whole) * pixels / (pixels + 2 * setup.picture_border(pixels))
+    return float(env.half_extent) * pixels / (pixels + 2 * setup.picture_border(pixels))
 
 
 def _provenance(folder: Path, config: RunConfig) -> dict:

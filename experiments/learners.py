@@ -8,6 +8,7 @@
 The demonstrations' arrays are arguments and no constants: frames are too many for a program.
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -96,20 +97,22 @@ def _of_boxes(config, demos, pool) -> Learner:
 def _of_frames(config, demos) -> Learner:
     static = setup.pixel_pretrain_config(config)
     env, pixels = setup.make_env(config.env, training=False), config.encoder.pixels
-    # What the pictures show that the policy is paid for.
-    half_extent = env.half_extent * pixels / (pixels + 2 * setup.picture_border(pixels))
+    half_extent = None  # all that the videos show
+    if hasattr(env, "render"):  # no more than the pictures that a policy is paid for
+        half_extent = env.half_extent * pixels / (pixels + 2 * setup.picture_border(pixels))
 
-    def frames(names):
+    @functools.cache  # the seeds of a row are measured on the same films
+    def frames(*names):
         found = frame_batch(demos.demo_set, names, pixels=pixels, half_extent=half_extent)
         return jax.tree.map(jnp.asarray, found)
 
     def latents(params, names, hyper):
         del hyper
-        return pixel_reward.embed(params, frames(names), static.encoder)
+        return pixel_reward.embed(params, frames(*names), static.encoder)
 
     return Learner(
         static,
-        (frames(demos.names["train"]), frames(demos.names["validation"])),
+        (frames(*demos.names["train"]), frames(*demos.names["validation"])),
         lambda key, data: pixel_pretrain.init(key, data[0], static),
         lambda state, data, hyper: pixel_pretrain.step(state, data[0], hyper, static),
         lambda state, data, hyper: pixel_reward.from_videos(state.params, data[0], static.encoder),

@@ -55,7 +55,7 @@ def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
     """The encoder's sizes and options."""
     chosen = config.encoder
     if chosen.kind == "pixels":
-        return encoder.PixelConfig(chosen.latent, pixels=chosen.pixels)
+        return _pixel_config(config)
     robot = {"pool_robot": chosen.pool_robot}
     if chosen.kind == "mlp":
         return encoder.MLPConfig(num_classes, width=chosen.width, **robot)
@@ -99,7 +99,7 @@ def pixel_pretrain_config(config: RunConfig) -> pixel_pretrain.PixelPretrainConf
     """The same for an encoder of pictures."""
     chosen = config.pretrain
     return pixel_pretrain.PixelPretrainConfig(
-        encoder=encoder.PixelConfig(config.encoder.latent, pixels=config.encoder.pixels),
+        encoder=_pixel_config(config),
         form=config.loss.form,
         matching=config.loss.matching,
         similarity=config.loss.similarity,
@@ -108,6 +108,11 @@ def pixel_pretrain_config(config: RunConfig) -> pixel_pretrain.PixelPretrainConf
         num_frames=chosen.num_frames,
         turn_scenes=chosen.turn_scenes,
     )
+
+
+def _pixel_config(config: RunConfig) -> encoder.PixelConfig:
+    chosen = config.encoder
+    return encoder.PixelConfig(chosen.latent, pixels=chosen.pixels, precision=chosen.precision)
 
 
 def _updates(config: RunConfig) -> int:

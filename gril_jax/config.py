@@ -139,6 +139,9 @@ class EncoderConfig:
     """Width of the latent."""
     pixels: int = field(default=64, metadata=between(16, 1024))
     """Width and height of the frames that pixels see."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """What pixels convolve in: bfloat16 is meant for GPUs. Parameters, statistics and latents are
+    float32 in both."""
     relations: bool = False
     """Whether edges also say how far a box sticks out of the other, and is apart from it."""
     pool_robot: bool = False
@@ -394,7 +397,6 @@ def _check_pixels(config: RunConfig) -> None:
     run = config.run
     learned = run.reward != "environmental"
     found = {
-        "env.name": (config.env.name, config.env.name == "match_regions", "'match_regions'"),
         "loss.consistency": (config.loss.consistency, config.loss.consistency == "tcc", "'tcc'"),
         "run.reward": (
             run.reward,

@@ -3,7 +3,7 @@
 >>> to_json(encoder.MLPConfig(num_classes=3))["kind"]
 'mlp'
 >>> from_json({"kind": "pixel", "latent": 8})
-PixelConfig(latent=8, pixels=None)
+PixelConfig(latent=8, pixels=None, precision='float32')
 """
 
 import dataclasses

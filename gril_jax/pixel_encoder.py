@@ -7,9 +7,14 @@ use D for the latent; frames may have any leading axes, such as (B, T), and any 
 Batch normalisation makes training differ from use: `apply` normalises by running statistics, one
 frame like another; `apply_train` by those of the frames it is given, and returns parameters with
 running statistics that have moved on. For use with `gril_jax.encoder`.
+
+With `precision="bfloat16"` (mixed precision; Micikevicius et al., ICLR 2018) the trunk's
+activations and convolutions are of 16 bits. Parameters, gradients, running statistics, the
+normalisations' arithmetic, the mean over the image, head and latent are float32 all the same.
 """
 
 import dataclasses
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +39,8 @@ class PixelConfig:
     """Size of the latent."""
     pixels: int | None = None
     """Width and height of the frames that it is trained and used with; None takes any."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of the trunk's activations and convolutions; the parameters are the same for both."""
 
     def __post_init__(self):
         if self.latent < 1:
@@ -123,40 +130,44 @@ class _Network(nn.Module):
 
     @nn.compact
     def __call__(self, frames, *, train):
-        features = _Trunk(name="trunk")(frames, train=train)
+        features = _Trunk(self.config.precision, name="trunk")(frames, train=train)
         return nn.Dense(self.config.latent, name="head")(features)
 
 
 class _Trunk(nn.Module):
+    precision: str = "float32"
+
     @nn.compact
     def __call__(self, x, *, train):
-        x = _conv(64, 7, 2, "conv1")(x)
-        x = nn.relu(_norm(train, "bn1")(x))
+        dtype = jnp.dtype(self.precision)
+        x = _conv(64, 7, 2, dtype, "conv1")(x)
+        x = nn.relu(_norm(train, dtype, "bn1")(x))
         x = nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))
         for stage, (channels, stride) in enumerate(STAGES, start=1):
             for block in range(2):
                 name = f"layer{stage}_{block}"
-                x = _Block(channels, 1 if block else stride, name=name)(x, train=train)
-        return jnp.mean(x, axis=(1, 2))
+                x = _Block(channels, 1 if block else stride, dtype, name=name)(x, train=train)
+        return jnp.mean(x.astype(jnp.float32), axis=(1, 2))
 
 
 class _Block(nn.Module):
     channels: int
     stride: int
+    dtype: jnp.dtype
 
     @nn.compact
     def __call__(self, x, *, train):
-        y = _conv(self.channels, 3, self.stride, "conv1")(x)
-        y = nn.relu(_norm(train, "bn1")(y))
-        y = _conv(self.channels, 3, 1, "conv2")(y)
-        y = _norm(train, "bn2")(y)
+        y = _conv(self.channels, 3, self.stride, self.dtype, "conv1")(x)
+        y = nn.relu(_norm(train, self.dtype, "bn1")(y))
+        y = _conv(self.channels, 3, 1, self.dtype, "conv2")(y)
+        y = _norm(train, self.dtype, "bn2")(y)
         if x.shape != y.shape:
-            x = _conv(self.channels, 1, self.stride, "downsample_0")(x)
-            x = _norm(train, "downsample_1")(x)
+            x = _conv(self.channels, 1, self.stride, self.dtype, "downsample_0")(x)
+            x = _norm(train, self.dtype, "downsample_1")(x)
         return nn.relu(x + y)
 
 
-def _conv(channels, size, stride, name):
+def _conv(channels, size, stride, dtype, name):
     """Padding in numbers: "SAME" would pad a strided image on another side than torchvision."""
     pad = size // 2
     return nn.Conv(
@@ -166,15 +177,18 @@ def _conv(channels, size, stride, name):
         padding=((pad, pad), (pad, pad)),
         use_bias=False,
         kernel_init=nn.initializers.variance_scaling(2.0, "fan_out", "normal"),
+        dtype=dtype,
         name=name,
     )
 
 
-def _norm(train, name):
+def _norm(train, dtype, name):
+    """Computes in float32, whatever the type of what it takes and returns."""
     return nn.BatchNorm(
         use_running_average=not train,
         momentum=0.9,
         epsilon=1e-5,
         use_fast_variance=False,  # the fast one loses the variance of a channel far from zero
+        dtype=dtype,
         name=name,
     )

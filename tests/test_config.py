@@ -125,7 +125,6 @@ def test_a_block_without_a_place_in_the_original_scene_needs_the_layout_variant(
     ("path", "value", "right"),
     [
         ("loss.consistency", "both", "'tcc'"),
-        ("env.name", "shoes_in_box", "'match_regions'"),
         ("run.reward", "subtasks", "'learned', 'environmental' or 'sum'"),
         ("sac.relabel", True, "False"),
     ],
@@ -140,6 +139,11 @@ def test_pixels_refuse_what_needs_boxes(path, value, right):
         RunConfig(**parts)
     sentence = f"{path} is {value!r}, but must be {right}, because encoder.kind is 'pixels'"
     assert str(caught.value) == sentence
+
+
+def test_pixels_learn_a_reward_of_a_task_without_pictures_for_a_policy():
+    config = RunConfig(env=EnvConfig(name="shoes_in_box"), encoder=EncoderConfig(kind="pixels"))
+    assert config.encoder.precision == "float32"
 
 
 def test_what_pixels_do_not_use_they_leave_alone():

@@ -6,16 +6,19 @@ import jax
 import numpy as np
 import pytest
 from gril_jax.envs import make
-from gril_jax.experiments import policy_rewards
+from gril_jax.experiments import learners, policy_rewards
+from gril_jax.experiments.demonstrations import Demonstrations
 from run_folders import moving_scene, save_demos
 from scenes import HALF_EXTENT
 
 from gril_jax import render
-from gril_jax.config import EncoderConfig, RunConfig
+from gril_jax.config import EncoderConfig, EnvConfig, RunConfig
 from gril_jax.demo_frames import frame_batch, shrink
 from gril_jax.demos import Demo, demo_batch, load_demo_set, save_demo_set
 from gril_jax.detect import PALETTE_CLASSES, Tracks
-from gril_jax.errors import DemoError
+from gril_jax.errors import ConfigError, DemoError
+from gril_jax.pixel_videos import VideoBatch
+from gril_jax.rl import rewards
 from gril_jax.video import read_video, write_video
 
 
@@ -81,6 +84,33 @@ def test_the_tasks_own_picture_looks_like_a_videos_frame(tmp_path):
     difference = np.abs(ours - frame)
     assert difference.mean() < 0.8  # with the wall, which OpenCV draws broader, 1.7
     assert np.quantile(difference, 0.99) < 12
+
+
+@pytest.mark.parametrize(("task", "reward"), [("match_regions", "S4"), ("shoes_in_box", "staged")])
+def test_videos_are_cut_as_the_tasks_own_pictures_where_it_has_them(monkeypatch, task, reward):
+    asked = []
+
+    def frames(demo_set, names, *, pixels, half_extent):
+        asked.append((names, half_extent))
+        return VideoBatch(np.zeros((1, 1, pixels, pixels, 3), np.uint8), np.ones(1, np.int32))
+
+    monkeypatch.setattr(learners, "frame_batch", frames)
+    config = RunConfig(
+        env=EnvConfig(name=task, reward=reward), encoder=EncoderConfig(kind="pixels", pixels=32)
+    )
+    learned = learners.learner(config, Demonstrations(None, {"train": "a", "validation": "b"}, 0))
+    wanted = make(task).half_extent * 32 / 34 if task == "match_regions" else None
+    assert asked == [(("a",), wanted), (("b",), wanted)]
+    assert learned.data[0].frames.shape == (1, 1, 32, 32, 3)
+
+
+def test_no_policy_is_paid_for_pictures_of_a_task_that_has_none():
+    on_table = EnvConfig(name="shoes_in_box", reward="staged")
+    shoes = RunConfig(env=on_table, encoder=EncoderConfig(kind="pixels"))
+    with pytest.raises(ConfigError, match=r"a policy for shoes_in_box, which has no pictures"):
+        policy_rewards.function(shoes, 7)
+    own = dataclasses.replace(shoes.run, reward="environmental")
+    assert policy_rewards.function(dataclasses.replace(shoes, run=own), 7) is rewards.environmental
 
 
 def test_what_does_not_fit_is_named(demo_set, tmp_path):

@@ -140,6 +140,56 @@ def test_gradients_are_finite_and_leave_the_statistics_alone(params):
     assert any((x != 0).any() for x in jax.tree.leaves(gradient["weights"]))
 
 
+@pytest.fixture
+def one_stage(monkeypatch):
+    """The whole network takes long to compile."""
+    monkeypatch.setattr(pixel_encoder, "STAGES", ((8, 2),))
+
+
+def test_half_precision_finds_nearly_the_same_with_parameters_of_full(one_stage):
+    full, half = PixelConfig(5, pixels=32), PixelConfig(5, pixels=32, precision="bfloat16")
+    rng = np.random.default_rng(0)
+    bright = rng.random((6, 1, 1, 3)) + 0.2 * rng.random((6, 32, 32, 3))
+    frames, weights = jnp.asarray(bright, jnp.float32), jnp.asarray(rng.normal(size=(6, 5)))
+
+    def found(params, config):
+        def loss(params):
+            latents, moved = pixel_encoder.apply_train(params, frames, config)
+            return jnp.sum(weights * latents), (latents, moved["statistics"])
+
+        (_, (trained, moved)), slope = jax.value_and_grad(loss, has_aux=True)(params)
+        return pixel_encoder.apply(params, frames, config), trained, moved, slope["weights"]
+
+    @jax.jit
+    def both(key):
+        fresh = pixel_encoder.init(key, half)
+        return fresh, [found(fresh, config) for config in (full, half)]
+
+    fresh, (exact, near) = both(jax.random.key(0))
+    assert {x.dtype.name for x in jax.tree.leaves((fresh, exact, near))} == {"float32"}
+    for a, b in zip(exact[:2], near[:2], strict=True):  # latents, in use and in training
+        assert 0 < np.linalg.norm(a - b) < 0.03 * np.linalg.norm(a - a.mean(0))
+    statistics, slopes = (
+        [np.concatenate([x.ravel() for x in jax.tree.leaves(one[i])]) for one in (exact, near)]
+        for i in (2, 3)
+    )
+    np.testing.assert_allclose(*statistics, rtol=1e-2, atol=1e-3)
+    assert np.isfinite(slopes[1]).all()
+    cosine = slopes[0] @ slopes[1] / np.linalg.norm(slopes[0]) / np.linalg.norm(slopes[1])
+    assert cosine > 0.98  # the rest is where a rounding switches a rectifier over
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_precision_is_that_of_the_convolutions_alone(precision):
+    config = PixelConfig(5, precision=precision)
+    fresh = jax.eval_shape(lambda key: pixel_encoder.init(key, config), jax.random.key(0))
+    frames = jax.ShapeDtypeStruct((1, 32, 32, 3), jnp.float32)
+    program = jax.make_jaxpr(lambda p, x: pixel_encoder.apply(p, x, config))(fresh, frames)
+    made = [(str(line.primitive), line.outvars[0].aval.dtype.name) for line in program.eqns]
+    assert made.count(("conv_general_dilated", precision)) == 20
+    assert {kind for name, kind in made if name in ("dot_general", "rsqrt")} == {"float32"}
+
+
 def test_the_common_interface_takes_frames(params):
     latents = jax.jit(encoder.apply)(params, FRAMES[0], CONFIG, alpha=2.0)
     np.testing.assert_allclose(latents, apply(params, FRAMES[0], CONFIG), rtol=1e-4, atol=1e-5)

@@ -22,8 +22,8 @@ __all__ = ["VERBS"]
 _ABOUT = (
     "Train encoders in several ways (--rows A,B; all that the configuration allows by default), "
     "--seeds N of each (5), and measure how well their rewards tell success from failure: the "
-    "paper's Table II. --quick makes two seeds from fewer demonstrations. --resume RUN goes on "
-    "with a run that was cut off."
+    "paper's Table II. --quick makes two seeds of the rows without pictures from fewer "
+    "demonstrations. --resume RUN goes on with a run that was cut off."
 )
 
 
@@ -40,7 +40,8 @@ def _table2(args: list[str]) -> Work:
     if quick:
         args.remove("--quick")
     name = positional(args) or "shoes_in_box"
-    chosen, seeds = take(args, "--rows"), whole_number(args, "--seeds", None)
+    chosen = take(args, "--rows") or (known.QUICK_ROWS if quick else None)
+    seeds = whole_number(args, "--seeds", None)
     if quick:  # what is said on the command line counts for more
         args = [f"--{path}={value}" for path, value in known.QUICK.items()] + args
     config = run_config(name, args, "gril table2", _ABOUT)

@@ -95,8 +95,8 @@ def pixels(
     """
 
     @jax.custom_batching.custom_vmap
-    def value(params, frames):
-        return jnp.asarray(latent_goal_reward(params, frames, config))
+    def value(params, frames):  # of 8 bits, so that the frames of all lanes wait in a quarter
+        return jnp.asarray(latent_goal_reward(params, pixel_encoder.floats(frames), config))
 
     @value.def_vmap
     def _(size, batched, params, frames):
@@ -112,9 +112,9 @@ def pixels(
 
     def reward(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
         del active
-        frame = pixel_encoder.floats(render(state.data))
+        frame = render(state.data)
         if side_by_side:
-            return jnp.asarray(latent_goal_reward(params, frame, config))
+            return jnp.asarray(latent_goal_reward(params, pixel_encoder.floats(frame), config))
         return value(params, frame)
 
     return reward
