@@ -1,4 +1,4 @@
-"""Programs of a sweep that are compiled while others run.
+"""Programs that are compiled while others run.
 
     with ahead.compiling() as pool:
         wanted = pool.submit(lambda: jax.jit(f).lower(x).compile())
@@ -6,18 +6,20 @@
         y = wanted.result()(x)
 
 XLA compiles outside of Python's lock, so a machine with cores to spare has compiled what comes next
-when what comes before is done.
+when what comes before is done. One with two has none: there each thing is compiled when it is asked
+for, since side by side both would take longer than one after the other.
 """
 
 import contextlib
 import os
 from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import jax
 
 __all__ = ["compiling"]
 
+_FEW = 4  # cores that one compiler and one training keep busy
 _MOST = 8  # tracing holds Python's lock: more would only wait for each other
 
 
@@ -28,10 +30,30 @@ def compiling() -> Iterator[Executor]:
     What has not begun when the block ends, for whatever reason, is given up; what has is waited
     for, since a compiler cannot be stopped.
     """
+    cores = os.cpu_count() or 1
     # Several processes compile what they run together one by one, so that all do in one order.
-    jobs = 1 if jax.process_count() > 1 else max(1, min(_MOST, (os.cpu_count() or 1) // 2))
-    pool = ThreadPoolExecutor(jobs, thread_name_prefix="compile")
+    alone = jax.process_count() == 1
+    jobs = min(_MOST, cores // 2) if alone else 1
+    pool = ThreadPoolExecutor(jobs, "compile") if cores >= _FEW else _WhenAsked()
     try:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+class _WhenAsked(Executor):
+    """Does in the caller's thread, when its result is asked for, what would be done in a pool."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        return _Task(lambda: fn(*args, **kwargs))
+
+
+class _Task(Future):
+    def __init__(self, make):
+        super().__init__()
+        self._make = make
+
+    def result(self, timeout=None):
+        if not self.done():
+            self.set_result(self._make())
+        return super().result(timeout)

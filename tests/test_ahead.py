@@ -8,14 +8,16 @@ import pytest
 from gril_jax.experiments import ahead
 
 
-def test_what_was_compiled_in_the_pool_runs():
+@pytest.mark.parametrize("cores", [2, 4])
+def test_what_was_compiled_in_the_pool_runs(monkeypatch, cores):
+    monkeypatch.setattr(ahead.os, "cpu_count", lambda: cores)
     with ahead.compiling() as pool:
         found = pool.submit(lambda: jax.jit(jnp.sin).lower(1.0).compile()).result()
     assert found(1.0) == jnp.sin(1.0)
 
 
 def test_what_has_not_begun_when_something_fails_is_given_up(monkeypatch):
-    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 2)  # one at a time
+    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 4)
     begun, go = threading.Event(), threading.Event()
 
     def first():
@@ -26,13 +28,24 @@ def test_what_has_not_begun_when_something_fails_is_given_up(monkeypatch):
 
     def block():
         with ahead.compiling() as pool:
-            tasks.extend([pool.submit(first), pool.submit(go.wait, 60)])
+            tasks.extend([pool.submit(f) for f in (first, first, go.wait)])  # two at a time
             begun.wait(60)
             threading.Timer(0.1, go.set).start()
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         block()
-    one, other = tasks
+    one, _, other = tasks
     assert one.result() is True
     assert other.cancelled()
+
+
+def test_on_two_cores_each_is_made_once_and_when_it_is_asked_for(monkeypatch):
+    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 2)
+    made = []
+    with ahead.compiling() as pool:
+        tasks = [pool.submit(made.append, name) for name in "abc"]
+        assert made == []
+        for task in (tasks[1], tasks[0], tasks[1]):
+            task.result()
+    assert made == ["b", "a"]
