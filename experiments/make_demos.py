@@ -19,6 +19,7 @@ from gril_jax import render, video
 from gril_jax.config import MakeDemosConfig, RunConfig
 from gril_jax.errors import DemoError
 from gril_jax.interop.import_demos import Imported, import_videos
+from gril_jax.parallel_map import parallel_map
 from gril_jax.progress import Progress
 
 from . import setup, shoes_demos
@@ -65,11 +66,14 @@ def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> 
     episodes = _play(env, wanted, config.demos.num_failures, config.demos.seed, progress)
     with tempfile.TemporaryDirectory() as scratch:
         phase = progress.phase("filming", total=len(episodes), unit="videos", compiles=False)
-        for i, (data, outcome) in enumerate(episodes):
-            video.write_video(
-                Path(scratch) / f"{i:03d}_{outcome}.mp4", film(env, data), env.control_hz
-            )
-            phase.update(i + 1)
+
+        def shoot(episode):
+            number, (data, outcome) = episode
+            path = Path(scratch) / f"{number:03d}_{outcome}.mp4"
+            video.write_video(path, film(env, data), env.control_hz)
+
+        for done, _ in enumerate(parallel_map(shoot, enumerate(episodes)), 1):
+            phase.update(done)
         phase = progress.phase("detecting", total=len(episodes), unit="videos", compiles=False)
         return import_videos(
             scratch,

@@ -106,7 +106,7 @@ PAPER = {
 EVALUATIONS = 10  # of each policy while it is trained
 
 # A setting that two CPU cores finish in minutes.
-QUICK = "environmental,ours audited"
+QUICK = "environmental,ours without robot"
 QUICK_SEEDS = 2
 QUICK_STEPS = 1500  # of each encoder
 QUICK_EVALUATIONS = 10

@@ -71,8 +71,8 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     assert cli.main(["table1", *some]) == 0
     usual, quick, chosen = calls
     assert usual == (changed(load("match_regions"), {"run.evaluations": 10}), Settings())
-    assert list(quick[1].rows) == ["environmental", "ours audited"]
-    assert quick[1].rows["ours audited"]["pretrain.steps"] == 1500
+    assert list(quick[1].rows) == ["environmental", "ours without robot"]
+    assert quick[1].rows["ours without robot"]["pretrain.steps"] == 1500
     assert (quick[1].seeds, quick[0].run.algorithm) == (2, "sac")
     assert quick[0].ppo == load("quickstart").ppo
     assert (list(chosen[1].rows), chosen[1].seeds) == (["sparse score", "XIRL"], 3)
@@ -237,7 +237,7 @@ def test_quick_ends_with_both_rows(tmp_path):
     out = tmp_path / "run"
     assert cli.main(["table1", "--quick", "--out", str(out)]) == 0
     rows = run_dir.read_results(out)["rows"]
-    assert list(rows) == ["environmental", "ours audited"]
+    assert list(rows) == ["environmental", "ours without robot"]
     lines = list(csv.DictReader((out / "table1.csv").open()))
     assert len(lines) == 4
     assert all(float(line["tau"]) > 0.3 for line in lines[2:])  # two seeds say nothing of success

@@ -8,11 +8,15 @@ import pathlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import UInt8
+
 from gril_jax.demos import Demo, save_demo_set, trim_static_tail
 from gril_jax.detect import PALETTE_CLASSES, ColourDetector, Detector, Tracks
 from gril_jax.errors import DemoError
 from gril_jax.interop.boxes_file import BoxesFileDetector
 from gril_jax.interop.magical import FPS, HALF_EXTENT, list_magical, read_magical
+from gril_jax.parallel_map import parallel_map
 from gril_jax.video import read_fps, read_video
 
 __all__ = ["Imported", "import_magical", "import_videos"]
@@ -137,15 +141,17 @@ def import_videos(
             return BoxesFileDetector(path.with_suffix(".csv"), classes, half_extent)
         return ColourDetector(classes, half_extent, objects=objects)
 
+    def look(path: pathlib.Path) -> tuple[UInt8[np.ndarray, "T H W 3"], Tracks]:
+        if abs(read_fps(path) - fps) > 0.01:
+            raise DemoError(
+                f"{path}: has {read_fps(path):g} frames per second, but {paths[0].name} "
+                f"has {fps:g}; a demo set holds one frame rate."
+            )
+        frames = read_video(path)
+        return frames, detector(path).detect(frames, name=str(path))
+
     def demos() -> Iterator[Demo]:
-        for path in paths:
-            if abs(read_fps(path) - fps) > 0.01:
-                raise DemoError(
-                    f"{path}: has {read_fps(path):g} frames per second, but {paths[0].name} "
-                    f"has {fps:g}; a demo set holds one frame rate."
-                )
-            frames = read_video(path)
-            tracks = detector(path).detect(frames, name=str(path))
+        for path, (frames, tracks) in zip(paths, parallel_map(look, paths), strict=True):
             ending = outcome if isinstance(outcome, str) else outcome[path.stem]
             yield _trimmed(path.stem, frames, tracks, classes, ending, margin, report)
             _tell(progress, len(paths), report)

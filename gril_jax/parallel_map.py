@@ -1,0 +1,38 @@
+"""A function over many items by several threads, a few items ahead of who takes the results.
+
+    for frames in parallel_map(read_video, paths): ...
+
+For work that leaves Python's lock, such as OpenCV's and a video codec's.
+"""
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+__all__ = ["parallel_map"]
+
+X, Y = TypeVar("X"), TypeVar("Y")
+
+_MOST = 8  # threads, each with an item in memory
+
+
+def parallel_map(function: Callable[[X], Y], items: Iterable[X]) -> Iterator[Y]:
+    """The results, in the order of the items; an exception comes where its result would.
+
+    Not more than one item a thread is begun before it is asked for, so that few are in memory.
+    """
+    jobs = min(_MOST, os.cpu_count() or 1)
+    with ThreadPoolExecutor(jobs) as pool:
+        begun: deque[Future[Y]] = deque()
+        try:
+            for item in items:
+                begun.append(pool.submit(function, item))
+                if len(begun) > jobs:
+                    yield begun.popleft().result()
+            while begun:
+                yield begun.popleft().result()
+        finally:
+            for future in begun:
+                future.cancel()
