@@ -106,6 +106,7 @@ def free():
     return poses[1:], np.array(fresh)
 
 
+@pytest.mark.slow
 def test_free_motion_is_the_impulse_engines_within_a_control_step(free):
     impulse, ours = free
     gap = np.linalg.norm(impulse[:, :, :3, :2] - ours[:, :, :3, :2], axis=-1)
@@ -113,16 +114,19 @@ def test_free_motion_is_the_impulse_engines_within_a_control_step(free):
     np.testing.assert_allclose(ours[..., 0, 2], impulse[..., 0, 2], atol=0.015)
 
 
+@pytest.mark.slow
 def test_fingers_move_like_the_impulse_engines(free):
     opening = [f[..., 1:3, 2] - f[..., :1, 2] for f in free]
     np.testing.assert_allclose(*opening, atol=0.025)
 
 
+@pytest.mark.slow
 def test_free_motion_leaves_blocks_where_they_are(free):
     gap = np.abs(free[1][:, :, 3:] - np.array(AWAY))
     assert gap.max() < 1e-5
 
 
+@pytest.mark.slow
 def test_fingers_stay_on_their_pivots(free):
     x, y, yaw = free[1][..., 0, 0], free[1][..., 0, 1], free[1][..., 0, 2]
     for finger, side in ((1, -1), (2, 1)):

@@ -61,7 +61,7 @@ def test_every_row_is_a_run_of_its_own_and_can_be_named_on_the_command_line():
     assert len({json.dumps(change, sort_keys=True) for change in ROWS.values()}) == len(ROWS)
     assert not any("," in name for name in ROWS)
     assert {*PAPER} < {*ROWS}
-    assert list(chosen_rows(QUICK)) == ["environmental", "ours audited"]
+    assert list(chosen_rows(QUICK)) == ["environmental", "ours without robot"]
 
 
 def test_encoders_can_all_be_trained_for_as_many_steps():
