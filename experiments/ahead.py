@@ -7,7 +7,8 @@
 
 XLA compiles outside of Python's lock, so a machine with cores to spare has compiled what comes next
 when what comes before is done. One with two has none: there each thing is compiled when it is asked
-for, since side by side both would take longer than one after the other.
+for, since side by side both would take longer than one after the other. So it is with several
+processes, since arrays of all of them are placed by all at once, in one order.
 """
 
 import contextlib
@@ -31,10 +32,8 @@ def compiling() -> Iterator[Executor]:
     for, since a compiler cannot be stopped.
     """
     cores = os.cpu_count() or 1
-    # Several processes compile what they run together one by one, so that all do in one order.
-    alone = jax.process_count() == 1
-    jobs = min(_MOST, cores // 2) if alone else 1
-    pool = ThreadPoolExecutor(jobs, "compile") if cores >= _FEW else _WhenAsked()
+    spare = cores >= _FEW and jax.process_count() == 1
+    pool = ThreadPoolExecutor(min(_MOST, cores // 2), "compile") if spare else _WhenAsked()
     try:
         yield pool
     finally:

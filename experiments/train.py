@@ -107,16 +107,29 @@ class _Clock:
         self.seconds[name], self._begun = now - self._begun, now
 
 
+class _Program(NamedTuple):
+    """Chunks of compiled updates for one seed on all devices."""
+
+    keys: Any  # with a leading axis of one seed, as all that it takes
+    hyper: Any
+    compiled: sharding.Compiled
+    layout: Any
+    seconds: float  # that compiling took
+
+
 def _learn_policy(
     config: RunConfig,
     algorithm: training.Algorithm,
-    program: "Future[_Program]",
+    program: Future[_Program] | None,
     reward_params: Any,
     run: run_dir.RunDir,
     progress: Progress,
     echo: Echo,
 ) -> tuple[Policy, dict[str, Any]]:
-    """Train the policy and save it; returns it with results, which a run does once."""
+    """Train the policy and save it; returns it with results, which a run does once.
+
+    `program` is None where that has been done before.
+    """
     results = run.finished_phase("policy")
     if results is None:
         assert program is not None
@@ -127,16 +140,6 @@ def _learn_policy(
         checkpoint.save(run.path / "policy", results["env_steps"], algorithm.policy(state))
         run.finish_phase("policy", results)
     return policy_setup.restore_policy(run.path, config, algorithm), results
-
-
-class _Program(NamedTuple):
-    """Chunks of compiled updates for one seed on all devices."""
-
-    keys: Any  # with a leading axis of one seed, as all that it takes
-    hyper: Any
-    compiled: sharding.Compiled
-    layout: Any
-    seconds: float  # that compiling took
 
 
 def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:

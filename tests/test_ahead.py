@@ -40,8 +40,12 @@ def test_what_has_not_begun_when_something_fails_is_given_up(monkeypatch):
     assert other.cancelled()
 
 
-def test_on_two_cores_each_is_made_once_and_when_it_is_asked_for(monkeypatch):
-    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 2)
+@pytest.mark.parametrize(("cores", "processes"), [(2, 1), (16, 2)])
+def test_on_two_cores_or_hosts_each_is_made_once_and_when_it_is_asked_for(
+    monkeypatch, cores, processes
+):
+    monkeypatch.setattr(ahead.os, "cpu_count", lambda: cores)
+    monkeypatch.setattr(ahead.jax, "process_count", lambda: processes)
     made = []
     with ahead.compiling() as pool:
         tasks = [pool.submit(made.append, name) for name in "abc"]
