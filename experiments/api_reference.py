@@ -19,7 +19,7 @@ __all__ = ["MODULES", "main"]
 
 # The pure layer, then what saves, loads and adapts a reward. A package brings its modules along.
 MODULES = (
-    "types", "graphs", "activity", "activity_rule", "pooling",
+    "types", "graphs", "activity", "activity_rule", "pooling", "ensemble",
     "encoder", "encoder_choices", "message_passing", "dense_messages", "interaction_network",
     "box_mlp", "box_features", "pixel_encoder", "pixel_videos", "pixel_reward", "losses", "reward",
     "shaping", "subtask_chain", "learned_reward", "reward_file", "metrics", "cycle_metrics",

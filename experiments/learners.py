@@ -8,6 +8,7 @@
 The demonstrations' arrays are arguments and no constants: frames are too many for a program.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -22,6 +23,7 @@ from gril_jax.config import RunConfig
 from gril_jax.demo_frames import frame_batch
 from gril_jax.demos import demo_batch
 from gril_jax.encoder import Params
+from gril_jax.ensemble import member, num_members
 from gril_jax.pixel_pretrain import PixelPretrainConfig
 from gril_jax.pretrain import Hyper, PretrainConfig
 from gril_jax.reward import RewardParams
@@ -72,6 +74,7 @@ def learner(
 
 def _of_boxes(config, demos, pool) -> Learner:
     static = setup.pretrain_config(config, len(demos.demo_set.classes))
+    init, step = _of_members(static)
 
     def learned(state, data, hyper):
         bits = pretrain.activity_bits(data[0], hyper, static)
@@ -84,14 +87,38 @@ def _of_boxes(config, demos, pool) -> Learner:
     return Learner(
         static,
         (demos.batch("train"), demos.batch("validation"), pool),
-        lambda key, data: pretrain.init(key, data[0], static),
-        lambda state, data, hyper: pretrain.step(state, data[0], hyper, static, data[2]),
+        init,
+        step,
         learned,
         lambda state, data, hyper: pretrain.evaluate(
             state.params.encoder, data[1], data[0], hyper, static
         ),
         latents,
     )
+
+
+def _of_members(static: PretrainConfig):
+    """`init` and `step`; an ensemble's are those of its members, each with a key of its own.
+
+    Networks begin apart and draw other batches. The metrics are their means.
+    """
+    members = num_members(static.encoder)
+    one = dataclasses.replace(static, encoder=member(static.encoder))
+
+    def init(key, data):
+        return pretrain.init(key, data[0], one)
+
+    def step(state, data, hyper):
+        return pretrain.step(state, data[0], hyper, one, data[2])
+
+    def init_all(key, data):
+        return jax.vmap(init, (0, None))(jax.random.split(key, members), data)
+
+    def step_all(state, data, hyper):
+        state, metrics = jax.vmap(step, (0, None, None))(state, data, hyper)
+        return state, jax.tree.map(lambda x: jnp.mean(x, axis=0), metrics)
+
+    return (init, step) if members == 1 else (init_all, step_all)
 
 
 def _of_frames(config, demos) -> Learner:

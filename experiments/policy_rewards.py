@@ -10,6 +10,7 @@ from jaxtyping import Array, UInt8
 from gril_jax import envs, pretrain, reward, subtask_agreement, subtask_chain
 from gril_jax.config import RunConfig
 from gril_jax.encoder import PixelConfig
+from gril_jax.ensemble import num_members
 from gril_jax.errors import ConfigError
 from gril_jax.reward import RewardParams
 from gril_jax.rl import rewards
@@ -84,15 +85,15 @@ def blank(config: RunConfig, env: envs.Env) -> Any:
     if config.run.reward != "subtasks":
         return parameters(config, learned, None, len(env.classes))
     goals = jnp.zeros((_MOST, learned.goal.shape[-1]))
-    each = jnp.zeros(_MOST)
-    chain = subtask_chain.ChainParams(goals, each, each, jnp.zeros((), jnp.int32))
+    scale = jnp.zeros((_MOST, *learned.scale.shape))  # of each of an ensemble's members
+    chain = subtask_chain.ChainParams(goals, scale, jnp.zeros(_MOST), jnp.zeros((), jnp.int32))
     return learned.encoder, chain
 
 
 def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):
     """The subtasks on which the demonstrations agree, in their order."""
     static = setup.pretrain_config(config, num_classes)
-    hyper = setup.pretrain_hyper(config)
+    hyper, members = setup.pretrain_hyper(config), num_members(static.encoder)
 
     @jax.jit
     def make(learned, demos):
@@ -102,6 +103,7 @@ def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_class
         found = subtask_agreement.agreed_boundaries(profiles, demos.length, patience=patience)
         # Where a demonstration does not show an end by itself, its latent is not the goal's.
         ends = jnp.where(found.found, found.frames, -1)[:, :_MOST]
-        return subtask_chain.from_latents(latents, ends, demos.length, kept=found.kept[:_MOST])
+        kept = found.kept[:_MOST]
+        return subtask_chain.from_latents(latents, ends, demos.length, kept=kept, members=members)
 
     return make(learned, demos)

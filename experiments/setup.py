@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gril_jax import encoder, envs, pixel_pretrain, pretrain
+from gril_jax import encoder, ensemble, envs, pixel_pretrain, pretrain
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.reward import RewardParams
@@ -62,7 +62,7 @@ def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
     robot["robot_messages"] = chosen.robot_messages
     if chosen.kind == "interaction":
         return encoder.InteractionConfig(num_classes, width=chosen.width, **robot)
-    sizes = {"width": chosen.width, "rounds": chosen.rounds, "latent": chosen.latent}
+    sizes = {name: getattr(chosen, name) for name in ("width", "rounds", "latent", "members")}
     return encoder.EncoderConfig(num_classes, relations=chosen.relations, **sizes, **robot)
 
 
@@ -164,10 +164,11 @@ def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
 def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
     """Reward parameters of the right shapes, to restore a checkpoint into."""
     chosen = encoder_config(config, num_classes)
-    zero = jnp.zeros((), jnp.float32)
+    zero, members = jnp.zeros((), jnp.float32), ensemble.num_members(chosen)
+    scale = jnp.zeros(members) if members > 1 else zero
     shapes = jax.eval_shape(lambda: encoder.init(jax.random.key(0), chosen))
     blank = jax.tree.map(lambda x: jnp.asarray(np.zeros(x.shape, x.dtype)), shapes)  # no compiling
-    return RewardParams(blank, jnp.zeros(chosen.latent), zero, zero)
+    return RewardParams(blank, jnp.zeros(ensemble.latent_size(chosen)), scale, zero)
 
 
 def device_in_words() -> str:

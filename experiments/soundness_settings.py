@@ -21,6 +21,7 @@ __all__ = ["ROWS", "Settings", "chosen_rows", "read_settings", "with_budget", "w
 _PAPER: dict[str, Any] = {
     "encoder.relations": False,
     "encoder.width": 64,
+    "encoder.members": 1,
     "pool.alpha": 5.0,
     "pretrain.turn_scenes": False,
     "pretrain.touched": 0.0,
@@ -35,12 +36,14 @@ _TURNED = {"pretrain.turn_scenes": True}
 _TOUCHED = {"pretrain.touched": 0.1}
 _AGREED = {"loss.warmup": 1500}
 _RELATIONS = {"encoder.relations": True}
+_MEMBERS = {"encoder.members": 4}
 _COPIES = {"pretrain.copies": 4}
 _VARIED = _PAPER | _TURNED | _TOUCHED | _AGREED
 _ALL = _VARIED | _COPIES | _RELATIONS | {"pretrain.ascents": 2}
 
 ROWS: dict[str, dict[str, Any]] = {
     "paper": _PAPER,
+    "paper with 4 members": _PAPER | _MEMBERS,
     "turned scenes": _PAPER | _TURNED,
     "touched": _PAPER | _TOUCHED,
     "agreed times": _PAPER | _AGREED,
@@ -55,6 +58,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "all with alpha 2": _ALL | {"pool.alpha": 2.0},
     "all with near 0.5": _ALL | {"loss.near": 0.5},
     "all with tail 0": _ALL | {"loss.tail": 0.0},
+    "all with 4 members": _ALL | _MEMBERS,
     "all with width 128": _ALL | {"encoder.width": 128},
     "all with width 128 + alpha 2": _ALL | {"encoder.width": 128, "pool.alpha": 2.0},
 }

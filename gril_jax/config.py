@@ -127,8 +127,8 @@ class EncoderConfig:
 
     kind: Literal["paper", "interaction", "mlp", "pixels"] = "paper"
     """The paper's message passing with weighted pooling, GraphIRL's interaction network or MLP with
-    plain mean pooling, or XIRL's ResNet-18 on the frames themselves. Rounds belong to the first
-    alone, latent to the first and the last. Pixels know no boxes: they learn by temporal
+    plain mean pooling, or XIRL's ResNet-18 on the frames themselves. Rounds and members belong to
+    the first alone, latent to the first and the last. Pixels know no boxes: they learn by temporal
     cycle-consistency alone, and of width, relations, pool_robot, robot_messages, the section pool,
     reconstruction, copies, ascents and touched they use nothing."""
     width: int = field(default=64, metadata=at_least(2))
@@ -148,6 +148,8 @@ class EncoderConfig:
     """Whether the robot's node counts in the pooled latent."""
     robot_messages: bool = False
     """Whether the robot's node sends and receives messages."""
+    members: int = field(default=1, metadata=between(1, 100))
+    """Networks, each trained by itself; the reward is that of the most pessimistic one."""
 
 
 @dataclass(frozen=True)
@@ -360,6 +362,11 @@ def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
 
 def _check_sizes(config: RunConfig) -> None:
     ppo, demos, pretrain = config.ppo, config.demos, config.pretrain
+    if config.encoder.members > 1 and config.encoder.kind != "paper":
+        raise ConfigError(
+            f"encoder.members is {config.encoder.members}, but must be 1, because encoder.kind is "
+            f"{config.encoder.kind!r}"
+        )
     if config.encoder.kind == "pixels":
         _check_pixels(config)
     if config.encoder.kind == "mlp":

@@ -7,15 +7,19 @@
     `PixelConfig`          XIRL's ResNet-18                               a frame (H, W, 3)
 
 Graph encoders take one graph; batch with `jax.vmap`. Parameters are plain pytrees of arrays:
-hold, save and vmap them without knowing the libraries underneath. Shapes use N for nodes, H for
-the width of a node embedding and D for the latent.
+hold, save and vmap them without knowing the libraries underneath. An `EncoderConfig` with several
+`members` is an ensemble (`gril_jax.ensemble`): parameters have a leading axis of members, whose
+latents lie side by side. Shapes use N for nodes, H for the width of a node embedding and D for the
+latent.
 """
 
+import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from . import box_mlp, interaction_network, message_passing, pixel_encoder
 from .box_mlp import MLPConfig
-from .errors import ConfigError
+from .ensemble import latent_size, member, num_members
+from .errors import ConfigError, ShapeError
 from .interaction_network import InteractionConfig
 from .message_passing import EncoderConfig, Params
 from .pixel_encoder import PixelConfig
@@ -60,6 +64,10 @@ def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
     Raises:
       ConfigError: there is no encoder for this kind of config.
     """
+    members = num_members(config)
+    if members > 1:
+        one = member(config)
+        return jax.vmap(lambda key: init(key, one))(jax.random.split(key, members))
     return _module(config).init(key, config)
 
 
@@ -88,6 +96,8 @@ def apply(
       ConfigError: there is no encoder for this kind of config.
       ShapeError: the input does not fit the config.
     """
+    if num_members(config) > 1:
+        return _side_by_side(params, graph, config, alpha)
     if isinstance(config, NodeConfig):
         return readout(params, node_embeddings(params, graph, config), graph, config, alpha=alpha)
     return _module(config).apply(params, graph, config)
@@ -97,7 +107,7 @@ def node_embeddings(params: Params, graph: SceneGraph, config: NodeConfig) -> Fl
     """What the encoder makes of each node, before pooling.
 
     Raises:
-      ConfigError: this kind of encoder does not embed nodes.
+      ConfigError: this kind of encoder does not embed nodes, or it is an ensemble.
     """
     return _node_module(config).node_embeddings(params, graph, config)
 
@@ -113,9 +123,22 @@ def readout(
     """The second half of `apply`: pools `node_embeddings`, then the head if there is one.
 
     Raises:
-      ConfigError: this kind of encoder does not embed nodes.
+      ConfigError: this kind of encoder does not embed nodes, or it is an ensemble.
     """
     return _node_module(config).readout(params, embeddings, graph, config, alpha=alpha)
+
+
+def _side_by_side(params, graph, config, alpha):
+    """The latents of an ensemble's members, in one."""
+    members, one = num_members(config), member(config)
+    stray = next((x for x in jax.tree.leaves(params) if x.shape[:1] != (members,)), None)
+    if stray is not None:
+        raise ShapeError(
+            f"params has an array of shape {stray.shape}; those of an ensemble must have a leading "
+            f"axis of encoder.members, which is {members}."
+        )
+    each = jax.vmap(lambda params: apply(params, graph, one, alpha=alpha), out_axes=-2)(params)
+    return each.reshape(*each.shape[:-2], latent_size(config))
 
 
 def _module(config):
@@ -130,5 +153,10 @@ def _node_module(config):
         raise ConfigError(
             f"encoder is a {type(config).__name__}, which does not embed nodes; it must be an "
             f"EncoderConfig or an InteractionConfig."
+        )
+    if num_members(config) > 1:
+        raise ConfigError(
+            f"encoder.members is {num_members(config)}, but must be 1 to embed nodes: each member "
+            "of an ensemble has its own."
         )
     return _module(config)

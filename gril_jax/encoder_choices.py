@@ -26,7 +26,7 @@ KINDS = {
 }
 
 # A file must not make its reader build a network without end.
-_MOST = {"rounds": 100, "history": 100}
+_MOST = {"rounds": 100, "history": 100, "members": 100}
 _MOST_OF_OTHERS = 2**20
 
 

@@ -47,7 +47,7 @@ class EncoderConfig:
     rounds: int = 2
     """Rounds of message passing; with 0 each object is embedded on its own."""
     latent: int = 32
-    """Size of the latent."""
+    """Size of the latent, of each member."""
     absolute: bool = True
     """Nodes know their absolute centre; if not, position enters by the edges' offsets alone."""
     relations: bool = False
@@ -58,9 +58,12 @@ class EncoderConfig:
     """The robot sends messages to the objects."""
     length_unit: float = 1.0
     """World units that make one unit of the network's inputs; about half the scene's width."""
+    members: int = 1
+    """Networks in an ensemble (`gril_jax.ensemble`); the functions here are those of one."""
 
     def __post_init__(self):
-        for field, least in (("num_classes", 1), ("width", 1), ("rounds", 0), ("latent", 1)):
+        lowest = {"num_classes": 1, "width": 1, "rounds": 0, "latent": 1, "members": 1}
+        for field, least in lowest.items():
             if getattr(self, field) < least:
                 raise ConfigError(
                     f"encoder.{field} is {getattr(self, field)}; it must be at least {least}."

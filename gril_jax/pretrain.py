@@ -7,8 +7,9 @@
     evaluate(state.params.encoder, held_out, demos, Hyper(), config)
 
 Every function is pure and can be jitted, and vmapped over seeds (the key or the state) and over
-the values in `Hyper`. Shapes use B for demonstrations, V for the videos of a batch, T and F for
-frames, N for objects, H for the node embedding and D for the latent.
+the values in `Hyper`. The members of an ensemble are trained each by itself, as states of their
+own; `embed` and `evaluate` take the whole of it. Shapes use B for demonstrations, V for the videos
+of a batch, T and F for frames, N for objects, H for the node embedding and D for the latent.
 """
 
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from . import activity, encoder, metrics, pretrain_batch, pretrain_contrast, pretrain_loss, reward
 from .audit_scene import Scene
 from .encoder import Params
+from .ensemble import num_members
 from .errors import ConfigError
 from .final_places import final_places
 from .pretrain_options import Hyper, PretrainConfig
@@ -71,9 +73,15 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: PretrainConfig) -> State:
     """Fresh parameters and optimiser state. The key is consumed.
 
     Raises:
-      ConfigError: a batch would hold more videos than there are demonstrations.
+      ConfigError: a batch would hold more videos than there are demonstrations, or the encoder is
+        an ensemble.
     """
-    num_demos = demos.length.shape[0]
+    num_demos, members = demos.length.shape[0], num_members(config.encoder)
+    if members > 1:
+        raise ConfigError(
+            f"encoder.members is {members}, but must be 1 here: the members of an ensemble are "
+            "trained each by itself."
+        )
     if config.num_videos > num_demos:
         raise ConfigError(
             f"pretrain.num_videos is {config.num_videos} but there are {num_demos} "
@@ -190,7 +198,8 @@ def evaluate(
       config: its `encoder` and `window` are used.
 
     Returns:
-      `tau`: Kendall's tau of nearest-neighbour alignment, mean over ordered pairs of `demos`.
+      `tau`: Kendall's tau of nearest-neighbour alignment, mean over ordered pairs of `demos`; an
+        ensemble's latents count side by side.
       `reward_time_tau`: Kendall's tau of the reward against time, mean over `demos`.
       `reward_first`, `reward_last`: mean reward at the first and the last frames.
       High values say that demonstrations are ordered, not that a reward is safe to optimise.

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import encoder
 from .encoder import NodeConfig, Params
+from .ensemble import num_members
 from .graphs import scene_graph
 from .losses import (
     decode,
@@ -60,13 +61,15 @@ def latents(
       active: its activity bits.
       frames: which of its frames.
       hyper: its `alpha` is used.
-      config: its `encoder` is used; an encoder that does not embed nodes gives None for them.
+      config: its `encoder` is used; one that does not embed nodes, or an ensemble, gives None for
+        them.
     """
 
     def one(center, size, active):
         graph = scene_graph(center, size, demo.label, demo.is_robot, active, demo.present)
-        if not isinstance(config.encoder, NodeConfig):
-            return encoder.apply(params, graph, config.encoder), None, graph.nodes
+        if num_members(config.encoder) > 1 or not isinstance(config.encoder, NodeConfig):
+            found = encoder.apply(params, graph, config.encoder, alpha=hyper.alpha)
+            return found, None, graph.nodes
         nodes = encoder.node_embeddings(params, graph, config.encoder)
         latent = encoder.readout(params, nodes, graph, config.encoder, alpha=hyper.alpha)
         return latent, nodes, graph.nodes

@@ -12,9 +12,11 @@ pixel encoder take `from_latents` of its frames:
     first, last = (encoder.apply(encoder_params, x, config) for x in (first_frames, last_frames))
     params = reward.from_latents(encoder_params, first, last)
 
-Shapes use B for demonstrations, T for frames, N for objects, D for the latent and G for the
-goals of a set. The reward takes one graph, or frames with any leading axes; batch graphs, or the
-parameters of many seeds, with `jax.vmap`.
+An ensemble's reward is that of its most pessimistic member (`gril_jax.ensemble`).
+
+Shapes use B for demonstrations, T for frames, N for objects, D for the latent (of all members side
+by side), G for the goals of a set and K for the members of an ensemble. The reward takes one graph,
+or frames with any leading axes; batch graphs, or the parameters of many seeds, with `jax.vmap`.
 """
 
 import functools
@@ -27,8 +29,9 @@ from jaxtyping import Array, Bool, Float
 
 from . import activity, encoder
 from .encoder import AnyConfig, GraphConfig, Params
+from .ensemble import num_members, split, worst_distance
 from .errors import ConfigError, ShapeError
-from .graphs import safe_norm, scene_graph
+from .graphs import scene_graph
 from .types import DemoBatch, SceneGraph
 
 __all__ = [
@@ -62,7 +65,7 @@ class RewardParams(NamedTuple):
 
     encoder: Params
     goal: Float[Array, "D"] | Float[Array, "G D"]  # one latent, or a set whose nearest counts
-    scale: Float[Array, ""]  # reward units per unit of latent distance
+    scale: Float[Array, ""] | Float[Array, "K"]  # reward units per latent distance, of each member
     alpha: Float[Array, ""]  # weight of an active node in the pooling (Eq. 3)
 
 
@@ -105,20 +108,21 @@ def latent_reward(
 
     Args:
       params: its `goal` and `scale` are used.
-      latent: with any leading axes.
+      latent: with any leading axes. Of an ensemble, whose `scale` is (K,), the distance from a goal
+        is the largest of its members' scaled distances.
       softness: of the minimum over a set, s > 0, in units of the reward: the distances d_i count
         as -s log(mean of exp(-d_i / s)), which lies between their minimum and their mean, at most
         s log G above the minimum. None for the nearest goal alone. Of a single goal: no effect.
 
     Raises:
-      ShapeError: the goal is not of the latent's size.
+      ShapeError: the goal is not of the latent's size, or that is not a multiple of K.
       ConfigError: the softness is known and not positive.
     """
-    goal = params.goal
+    goal, scale = params.goal, jnp.asarray(params.scale)
     _check_goal(goal, latent.shape[-1])
     if goal.ndim == 1:
-        return -params.scale * safe_norm(latent - goal)
-    distance = params.scale * safe_norm(latent[..., None, :] - goal)
+        return -worst_distance(latent - goal, scale)
+    distance = worst_distance(latent[..., None, :] - goal, scale)
     if softness is None:
         return -jnp.min(distance, axis=-1)
     if not isinstance(softness, jax.core.Tracer) and not float(softness) > 0:
@@ -135,6 +139,7 @@ def from_latents(
     *,
     alpha: Float[Array, ""] | float = 5.0,
     goal: Goal = "mean",
+    members: int = 1,
 ) -> RewardParams:
     """A reward from the latents of the demonstrations' first and last frames.
 
@@ -149,13 +154,16 @@ def from_latents(
       alpha: the pooling weight that they were made with.
       goal: "mean" of the last latents; "each" of them, as a set of G = B goals; or latents of the
         caller's own, (D,) for one frame's or (G, D) for a set.
+      members: of the ensemble that made them.
 
     Returns:
       Reward parameters, with scale = 1 / mean distance of `first` from the goal, of a set from
       the nearest one. If that distance is 0 there is nothing to scale by, and the scale is 1.
+      Each member of an ensemble has a scale as if it were alone.
 
     Raises:
-      ShapeError: there is no demonstration, or the goal is not of the latents' size.
+      ShapeError: there is no demonstration, the goal is not of the latents' size, or that is not
+        a multiple of the number of members.
       ConfigError: `goal` is another word.
     """
     if 0 in last.shape or first.shape != last.shape:
@@ -170,8 +178,15 @@ def from_latents(
     _check_goal(goal, last.shape[-1])
     one = jnp.ones((), jnp.float32)
     unscaled = RewardParams(encoder_params, goal, one, jnp.asarray(alpha, jnp.float32))
-    distance = jnp.mean(-latent_reward(unscaled, first))
-    return unscaled._replace(scale=1.0 / jnp.where(distance > 0, distance, 1.0))
+
+    def scale(first, goal):
+        distance = jnp.mean(-latent_reward(unscaled._replace(goal=goal), first))
+        return 1.0 / jnp.where(distance > 0, distance, 1.0)
+
+    if members == 1:
+        return unscaled._replace(scale=scale(first, goal))
+    each = jax.vmap(scale, (-2, -2))(split(first, members), split(goal, members))
+    return unscaled._replace(scale=each)
 
 
 def from_demos(
@@ -236,7 +251,8 @@ def _from_demos(encoder_params, demos, config, goal, *, word=None, alpha, active
 
     first, last = jax.vmap(ends)(demos, active)
     goal = goal if word is None else word
-    return from_latents(encoder_params, first, last, alpha=alpha, goal=goal)
+    members = num_members(config)
+    return from_latents(encoder_params, first, last, alpha=alpha, goal=goal, members=members)
 
 
 @functools.partial(jax.jit, static_argnames="window")

@@ -16,6 +16,7 @@ from jaxtyping import PyTree
 
 from . import activity_rule, encoder, encoder_choices
 from .encoder import AnyConfig
+from .ensemble import latent_size, num_members
 from .errors import ConfigError, GrilError, ShapeError
 from .learned_reward import LearnedReward
 from .reward import RewardParams
@@ -48,10 +49,12 @@ def named(params: PyTree) -> Iterator[tuple[str, Any]]:
 def blank(config: AnyConfig) -> RewardParams:
     """The shapes of a config's parameters, for a single goal; nothing is computed."""
     number = jax.ShapeDtypeStruct((), jnp.float32)
-    goal = jax.ShapeDtypeStruct((config.latent,), jnp.float32)
+    members = num_members(config)
+    scale = jax.ShapeDtypeStruct((members,) if members > 1 else (), jnp.float32)
+    goal = jax.ShapeDtypeStruct((latent_size(config),), jnp.float32)
     key = jax.eval_shape(lambda: jax.random.key(0))
     made = jax.eval_shape(lambda key: encoder.init(key, config), key)
-    return RewardParams(encoder=made, goal=goal, scale=number, alpha=number)
+    return RewardParams(encoder=made, goal=goal, scale=scale, alpha=number)
 
 
 def check_arrays(

@@ -18,8 +18,8 @@ reward of a whole chain is made one staircase from about -1 to 0:
 
 A chain of one goal is the plain reward of `gril_jax.reward`. The reward depends on the progress,
 so a policy should see `progress.index` beside its observation. Shapes use B for demonstrations, T
-for frames, D for the latent and M for the goals. The functions take one episode; batch with
-`jax.vmap`.
+for frames, D for the latent, M for the goals and K for the members of an ensemble. The functions
+take one episode; batch with `jax.vmap`.
 """
 
 from typing import Literal, NamedTuple
@@ -28,6 +28,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .ensemble import split, worst_distance
 from .errors import ConfigError, ShapeError
 from .graphs import safe_norm
 
@@ -38,7 +39,8 @@ class ChainParams(NamedTuple):
     """Goals in their order. A distance is in units of its own stage: 1 at the stage's start."""
 
     goals: Float[Array, "M D"]
-    scale: Float[Array, "M"]  # one over the latent distance of each stage's start from its goal
+    # One over the latent distance of each stage's start from its goal, for each ensemble's member.
+    scale: Float[Array, "M"] | Float[Array, "M K"]
     radius: Float[Array, "M"]  # distance at which a goal counts as reached
     count: Int[Array, ""]  # how many goals there are; the rest is padding
 
@@ -96,7 +98,7 @@ def step(
     last = jnp.maximum(params.count, 1) - 1
     share = 1.0 / (last + 1)
     stage = jnp.minimum(progress.index, last)
-    distance = params.scale * safe_norm(latent - params.goals)
+    distance = jax.vmap(worst_distance)(latent - params.goals, params.scale)
 
     # Towards the goal in shares of what there was to cover, away from it in stage lengths: a stage
     # that is entered close to its goal must not make a step back from there cost a fortune.
@@ -152,6 +154,7 @@ def from_latents(
     *,
     kept: Bool[Array, "M"] | None = None,
     radius: Float[Array, ""] | float | None = None,
+    members: int = 1,
 ) -> ChainParams:
     """A chain from demonstrations and the frames at which their stages end.
 
@@ -164,6 +167,7 @@ def from_latents(
         demonstration has. If there are none, the last frames are the only goal.
       radius: distance at which a goal counts as reached, in stage lengths. If left out: how near
         90 % of the demonstrations end their stage to it, at least 0.05 and at most 0.5.
+      members: of the ensemble that made the latents; its distance is that of its worst member.
 
     Returns:
       Parameters. A goal is the mean over the demonstrations that have the boundary; its scale is
@@ -192,12 +196,14 @@ def from_latents(
     weights = jnp.where(jnp.any(has, axis=0), has, True)
     at_ends, at_starts = latents[demos, ends], latents[demos, starts]
     goals = _mean(at_ends, weights[..., None])
-    gap = _mean(safe_norm(at_starts - goals), weights & before)
+    gap = _mean(safe_norm(split(at_starts - goals, members)), (weights & before)[..., None])
     scale = 1.0 / jnp.where(gap > 0, gap, 1.0)
+    scale = scale if members > 1 else scale[:, 0]
     if radius is None:
-        spread = jnp.where(weights, scale * safe_norm(at_ends - goals), jnp.nan)
+        distance = jax.vmap(jax.vmap(worst_distance), (0, None))(at_ends - goals, scale)
+        spread = jnp.where(weights, distance, jnp.nan)
         radius = jnp.clip(jnp.nanquantile(spread, 0.9, axis=0), 0.05, 0.5)
-    radius = jnp.broadcast_to(radius, scale.shape)
+    radius = jnp.broadcast_to(radius, scale.shape[:1])
     return ChainParams(goals, scale, radius, jnp.maximum(jnp.sum(kept), 1))
 
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gril_jax import encoder
+from gril_jax.ensemble import latent_size, num_members
 from gril_jax.graphs import scene_graph
 from gril_jax.reward import RewardParams
 
@@ -16,6 +17,7 @@ OBJECTS = ("goal", "robot", "square", "star", "star")
 CONFIGS = {
     "paper": encoder.EncoderConfig(4, width=8, rounds=1, latent=5),
     "interaction": encoder.InteractionConfig(4, width=6, self_blocks="class", distances=True),
+    "ensemble": encoder.EncoderConfig(4, width=6, rounds=1, latent=3, members=2),
     "history": encoder.InteractionConfig(4, width=4, history=3),
     "mlp": encoder.MLPConfig(4, width=6, flat_nodes=5),
     "pixel": encoder.PixelConfig(latent=7),
@@ -34,7 +36,10 @@ def made(config):
     params = jax.tree.map(lambda leaf: draw(leaf.shape), shapes)
     if "statistics" in params:  # of a variance
         params["statistics"] = jax.tree.map(jnp.abs, params["statistics"])
-    return RewardParams(params, draw((config.latent,)), jnp.float32(0.7), jnp.float32(5.0))
+    goal, scale = draw((latent_size(config),)), jnp.float32(0.7)
+    if num_members(config) > 1:
+        scale = jnp.linspace(0.7, 0.9, num_members(config))
+    return RewardParams(params, goal, scale, jnp.float32(5.0))
 
 
 def boxes(num_frames, num_nodes=5, seed=0):

@@ -24,7 +24,7 @@ PURE = {
     "shaping", "subtask_chain", "activity_rule", "learned_reward", "encoder_choices",
     "audit_scene", "audit_states", "audit_sweeps", "audit_ascent", "audit_measures",
     "final_places", "hard_negatives", "separation", "subtask_agreement", "pixel_videos",
-    "pixel_reward",
+    "pixel_reward", "ensemble",
 }  # fmt: skip
 TRAINING = {
     "pretrain", "pretrain_batch", "pretrain_contrast", "pretrain_loss", "pretrain_options",

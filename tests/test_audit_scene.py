@@ -12,7 +12,9 @@ from gril_jax.errors import ConfigError
 from gril_jax.learned_reward import LearnedReward
 
 
-@pytest.mark.parametrize("kind", ["paper", pytest.param("history", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "kind", ["paper", "ensemble", pytest.param("history", marks=pytest.mark.slow)]
+)
 def test_it_is_the_learned_reward(kind):
     config = CONFIGS[kind]
     scene = start()._replace(label=jnp.array([1, 2, 2, 3, 0]))

@@ -46,6 +46,7 @@ def _with(path, value):
         ("demos.num_failures", -1),
         ("encoder.width", 0),
         ("encoder.rounds", 17),
+        ("encoder.members", 0),
         ("encoder.pixels", 15),
         ("pool.alpha", 0.0),
         ("pool.alpha", math.inf),
@@ -150,6 +151,15 @@ def test_what_pixels_do_not_use_they_leave_alone():
     box = schema.PretrainConfig(copies=4, ascents=2)
     config = RunConfig(encoder=EncoderConfig(kind="pixels", relations=True), pretrain=box)
     assert config.pretrain.copies == 4  # so that a sweep over encoder.kind has one base
+
+
+@pytest.mark.parametrize("kind", ["interaction", "mlp", "pixels"])
+def test_an_ensemble_is_of_the_papers_encoders(kind):
+    assert RunConfig(encoder=EncoderConfig(members=4)).encoder.members == 4
+    with pytest.raises(ConfigError) as caught:
+        RunConfig(encoder=EncoderConfig(kind=kind, members=4))
+    sentence = f"encoder.members is 4, but must be 1, because encoder.kind is {kind!r}"
+    assert str(caught.value) == sentence
 
 
 def test_minibatches_divide_the_environments():

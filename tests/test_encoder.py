@@ -208,7 +208,14 @@ def test_parameters_are_plain_dicts_of_float32_arrays():
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("num_classes", 0), ("width", 0), ("rounds", -1), ("latent", 0), ("length_unit", 0.0)],
+    [
+        ("num_classes", 0),
+        ("width", 0),
+        ("rounds", -1),
+        ("latent", 0),
+        ("length_unit", 0.0),
+        ("members", 0),
+    ],
 )
 def test_config_out_of_range_is_refused_by_name(field, value):
     with pytest.raises(ConfigError, match=rf"encoder\.{field} is {value}"):

@@ -32,7 +32,7 @@ def _learned(kind="paper", **changes):
     )
 
 
-@pytest.mark.parametrize("kind", ["paper", "interaction", "history", "mlp"])
+@pytest.mark.parametrize("kind", ["paper", "ensemble", "interaction", "history", "mlp"])
 def test_the_reward_of_a_moment_is_that_of_its_graph(kind):
     learned = _learned(kind)
     history = getattr(learned.config, "history", 1)

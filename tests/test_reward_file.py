@@ -106,6 +106,12 @@ def test_a_file_is_loaded_saved_and_equal_to_the_byte(file, tmp_path):
     assert (tmp_path / "again").read_bytes() == file.read_bytes()
 
 
+def test_a_file_from_before_there_were_ensembles_holds_one_network(file, tmp_path):
+    about = dataclasses.asdict(PAPER) | {"kind": "paper"}
+    del about["members"]
+    assert load_reward(_edited(file, tmp_path / "old.npz", encoder=about)).config == PAPER
+
+
 # --- writing
 
 
@@ -211,6 +217,7 @@ def test_choices_out_of_range_are_not_written(tmp_path, given, text):
         ({"activity": {"window": 10.5}}, ConfigError, "activity.window is 10.5; it must be int"),
         ({"activity": {"tau": 10**40}}, ConfigError, "activity.tau is 1.*at most"),
         ({"encoder": {"kind": "paper", "rounds": 10**9}}, ConfigError, "rounds.*at most 100"),
+        ({"encoder": {"kind": "paper", "members": 10**9}}, ConfigError, "members.*at most 100"),
         ({"encoder": {"kind": []}}, ConfigError, "encoder.kind is "),
         ({"activity": None}, ConfigError, "activity is None"),
         ({"softness": 0}, ConfigError, "softness is 0; it must be a number above 0"),
