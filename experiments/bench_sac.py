@@ -22,7 +22,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from brax.training.acme import running_statistics
 from brax.training.types import Transition
 
 from gril_jax import envs
@@ -171,7 +170,7 @@ class HostLoop(_Learner):
 
         @functools.partial(jax.jit, donate_argnums=(0, 1))
         def learn(learned, normalizer, seen, rows, key):
-            normalizer = running_statistics.update(normalizer, seen)
+            normalizer = policy.observed(normalizer, seen)
             dropped = {"policy_extras": {}, "state_extras": {"truncation": rows.pop("dropped")}}
             batch = Transition(extras=dropped, **rows)
             learned, _ = sac_update.gradient_step(

@@ -33,9 +33,8 @@ Arrays, all float32, for O inputs and layers i of H_i outputs:
 
 Of the observation's normalisation, clip((x - mean) / std, -10, 10), the division is folded into
 `kernel_0`; mean and limit = 10 std stay apart. A clip cannot be folded into a matrix. The mean
-could be, but an input that never varied has a std of 1e-6: x / std and mean / std are then about
-1e6 each, and in float32 their difference is off by some hundredths. On a policy of MatchRegions
-that changed actions by 0.02; as it is, they agree to 2e-6.
+could be, but of an input that hardly varies x / std and mean / std are both large, and in float32
+their difference loses digits.
 """
 
 import dataclasses

@@ -1,8 +1,8 @@
 """Proximal policy optimisation with rollout, reward, advantage and update in one pure function.
 
-Networks, loss, advantages, action distribution and observation statistics are brax's; the step
-that joins them is ours, because brax's trainer can be neither jitted nor vmapped. Everything that
-the next step depends on is in `TrainState`, so that saving it is enough to go on.
+Networks, action distribution and observation statistics are brax's; the step that joins them is
+ours, because brax's trainer can be neither jitted nor vmapped. Everything that the next step
+depends on is in `TrainState`, so that saving it is enough to go on.
 
 Shapes use B for environments and T for the control steps of one unroll.
 """
@@ -16,12 +16,11 @@ import jax.numpy as jnp
 import optax
 from brax.training.acme import running_statistics
 from brax.training.agents.ppo import losses, networks
-from brax.training.types import Transition
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import fleet, training
+from . import fleet, ppo_loss, training
 from .env_loop import Episodes, Lane
-from .policy import Policy, fresh_normalizer, normalize
+from .policy import Policy, fresh_normalizer, normalize, observed
 from .rewards import AnyReward
 
 __all__ = ["PPO", "Hyper", "Static", "TrainState"]
@@ -178,27 +177,26 @@ class PPO:
     ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
         """`num_epochs` passes of `num_minibatches` updates over what was collected."""
         del reward_params
-        observation = jnp.swapaxes(steps.observation, 0, 1)
-        normalizer = running_statistics.update(state.normalizer, observation)
-        data = self._transitions(steps, state.params, normalizer, hyper)
+        normalizer = observed(state.normalizer, steps.observation)
+        data = self._batch(steps, state.params, normalizer, hyper)
         progress = jnp.clip(state.updates / hyper.decay_updates, 0.0, 1.0)
         optimiser = _optimiser(hyper, progress)
-        loss = functools.partial(
-            losses.compute_ppo_loss,
-            ppo_network=self.networks,
-            entropy_cost=hyper.entropy_cost * _left(hyper.entropy_left, progress),
+        weights = ppo_loss.Weights(
             discounting=hyper.discounting,
-            reward_scaling=hyper.reward_scaling,
             gae_lambda=hyper.gae_lambda,
+            reward_scaling=hyper.reward_scaling,
             clipping_epsilon=hyper.clipping_epsilon,
+            entropy_cost=hyper.entropy_cost * _left(hyper.entropy_left, progress),
         )
 
         def minibatch(carry, batch):
             params, moments, key = carry
             key, key_loss = jax.random.split(key)
-            grads, aux = jax.grad(loss, has_aux=True)(params, normalizer, batch, key_loss)
+            grads, parts = jax.grad(ppo_loss.loss, has_aux=True)(
+                params, normalizer, batch, key_loss, self.networks, weights
+            )
             updates, moments = optimiser.update(grads, moments)
-            return (optax.apply_updates(params, updates), moments, key), aux
+            return (optax.apply_updates(params, updates), moments, key), parts
 
         def epoch(carry, key_epoch):
             order = jax.random.permutation(key_epoch, self.num_envs)
@@ -208,23 +206,22 @@ class PPO:
             return jax.lax.scan(minibatch, carry, batches)
 
         key_epochs, key_loss = jax.random.split(key)
-        (params, moments, _), aux = jax.lax.scan(
+        (params, moments, _), parts = jax.lax.scan(
             epoch,
             (state.params, state.optimiser, key_loss),
             jax.random.split(key_epochs, self.static.num_epochs),
         )
-        metrics = {f"loss/{name}": jnp.mean(value) for name, value in aux.items()}
+        metrics = {name: jnp.mean(value) for name, value in parts.items()}
         state = state._replace(
             params=params, optimiser=moments, normalizer=normalizer, updates=state.updates + 1
         )
         return state, fleet.summary(steps) | metrics
 
-    def _transitions(self, steps: fleet.Steps, params, normalizer, hyper: Hyper) -> Transition:
-        """The data (B, T, ...) of brax's loss, in which a time limit bootstraps.
+    def _batch(self, steps: fleet.Steps, params, normalizer, hyper: Hyper) -> ppo_loss.Batch:
+        """All that was collected, with a time limit's value in its reward.
 
-        That loss drops the step at which an episode is cut. Here the value of the last observation
-        before the reset is added to that step's reward instead, and the step counts as an end; only
-        steps that a failure took back are dropped.
+        The value of the last observation before a reset at the time limit is added to that step's
+        reward, and the step counts as an end. Steps that a failure took back are dropped.
         """
         moment = steps.moment
         timeouts = moment.truncated * (1 - moment.nonfinite)
@@ -234,17 +231,13 @@ class PPO:
             beyond = value(steps.last[when, jnp.arange(self.num_envs)])
         else:
             beyond = value(steps.last)
-        reward = moment.reward + timeouts * hyper.discounting * beyond / hyper.reward_scaling
-        data = Transition(
-            observation=steps.observation,
-            action=steps.action,
-            reward=reward,
-            discount=1.0 - moment.terminated - timeouts,
-            next_observation=steps.last[-1:],  # the loss looks at the last one only
-            extras={
-                "policy_extras": steps.extras,
-                "state_extras": {"truncation": moment.nonfinite},
-            },
+        data = ppo_loss.Batch(
+            observation=jnp.concatenate([steps.observation, steps.last[-1:]]),
+            raw_action=steps.extras["raw_action"],
+            log_prob=steps.extras["log_prob"],
+            reward=moment.reward + timeouts * hyper.discounting * beyond / hyper.reward_scaling,
+            ended=(moment.terminated + timeouts) * (1 - moment.nonfinite),
+            dropped=moment.nonfinite,
         )
         return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), data)
 

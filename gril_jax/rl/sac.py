@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from ..errors import ConfigError
 from . import fleet, replay, sac_update, training
 from .env_loop import Episodes, Lane
-from .policy import Policy, fresh_normalizer, normalize
+from .policy import Policy, fresh_normalizer, normalize, observed
 from .rewards import AnyReward
 from .sac_update import Hyper, Learned
 
@@ -205,7 +205,7 @@ class SAC:
         Too early they are computed all the same, and thrown away: seeds side by side could not skip
         them either.
         """
-        normalizer = running_statistics.update(state.normalizer, steps.observation)
+        normalizer = observed(state.normalizer, steps.observation)
         count, size = self.static.updates_per_step, self.static.batch_size
         key_rows, key_losses = jax.random.split(key)
         rows = replay.sample(state.replay, key_rows, count * size)
