@@ -70,12 +70,18 @@ def test_environments_and_unrolls_cost_memory_and_a_replay_costs_its_size_once()
 def test_pictures_cost_memory_with_their_area_and_the_number_of_environments():
     params = setup.blank_reward(RunConfig(encoder=EncoderConfig(kind="pixels")), 3)
 
-    def predict(pixels, num_envs):
-        picture = jnp.zeros((pixels, pixels, 3), jnp.uint8)
-        reward = rewards.pixels(encoder.PixelConfig(pixels=pixels), lambda data: picture)
-        static = ppo.Static(num_minibatches=2, **SIZES | {"num_envs": num_envs})
-        return memory.predict_bytes(ppo.PPO(Probe(), reward, static), HYPER, params)
+    def predict(pixels, num_envs, precision="float32"):
+        def picture(data):
+            return jnp.full((pixels, pixels, 3), data.before > 0, jnp.uint8)
 
+        config = encoder.PixelConfig(pixels=pixels, precision=precision)
+        static = ppo.Static(num_minibatches=2, **SIZES | {"num_envs": num_envs})
+        algorithm = ppo.PPO(Probe(), rewards.pixels(config, picture), static)
+        return memory.predict_bytes(algorithm, HYPER, params)
+
+    # The largest arrays of all are weights in another precision; they do not grow with the lanes.
+    more = predict(64, 2048, "bfloat16") - predict(64, 1024, "bfloat16")
+    assert 1024 * 3 * 2 * 64 * 32**2 <= more < 1.1 * 1024 * 3 * 4 * 64 * 32**2
     small, large, many = predict(64, 1024), predict(128, 1024), predict(128, 2048)
     assert large - small == 1024 * 3 * 4 * 64 * (64**2 - 32**2)  # outputs of the first layer
     assert 1.9 < many / large < 2

@@ -85,14 +85,19 @@ def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -
 
 
 def _largest(algorithm: Any, state: Any, reward_params: Any) -> int:
-    """Bytes of the largest array that the reward of one environment makes."""
+    """Bytes of the largest array that the reward makes, for each environment.
+
+    What does not grow with their number, such as weights in another precision, is there once.
+    """
     lanes = state.fleet.lanes
-    one = jax.tree.map(
-        lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype),
-        (lanes.reward_memory, lanes.state, lanes.memory.active),
-    )
-    program = jax.make_jaxpr(algorithm.episodes.reward.step)(reward_params, *one)
-    return max((_bytes(x.aval) for x in _made(program.jaxpr)), default=0)
+    seen = lanes.reward_memory, lanes.state, lanes.memory.active
+    pay = jax.vmap(algorithm.episodes.reward.step, (None, 0, 0, 0))
+
+    def sizes(count):
+        some = jax.tree.map(lambda x: jax.ShapeDtypeStruct((count, *x.shape[1:]), x.dtype), seen)
+        return [_bytes(x.aval) for x in _made(jax.make_jaxpr(pay)(reward_params, *some).jaxpr)]
+
+    return max((b - a for a, b in zip(sizes(2), sizes(3), strict=True)), default=0)
 
 
 def _made(program: Any) -> Iterator[Any]:
