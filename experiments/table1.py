@@ -81,23 +81,33 @@ def main(
         left = [program for program in plan if run.finished_phase(program.name) is None]
         graphs = [row for row in _learning(rows) if row.config.encoder.kind != "pixels"]
         with ahead.compiling() as pool:
+            # What needs no encoder comes first: encoders are compiled while it trains.
+            first = [program for program in left if not _learning(program.rows)]
+            then = [program for program in left if program not in first]
+            ready = sweep_programs.get_ready(first, jax.devices(), pool)
             wanted = _wanted(rows, demos, pool)
             audits = _audits(graphs, settings, run, pool)
-            ready = sweep_programs.get_ready(left, jax.devices(), pool)
+            ready |= sweep_programs.get_ready(then, jax.devices(), pool)
+            for program in first:
+                _policies(program, ready, {}, run, progress, echo)
             rewards = _rewards(rows, sweep_rewards.learn_rewards(wanted, run, progress, echo))
             soundness_audit.audit(audits, rewards, run, progress)
             profiles(graphs, rewards, demos, run, progress)
-            for program in left:
-                one = ready.pop(program.name).result()
-                done = learn_policies(program, one, rewards, run, progress, echo)
-                run.finish_phase(program.name, done)
-                table1_results.write(run.path, table1_results.read(run.path))
+            for program in then:
+                _policies(program, ready, rewards, run, progress, echo)
         found = table1_results.read(run.path)
         table = table1_results.write(run.path, found)
         run.finish({"programs": len(plan)} | _summary(found))
     echo(table)
     echo(f"written to {run.path}")
     return run.path
+
+
+def _policies(program, ready, rewards: Rewards, run: run_dir.RunDir, progress, echo) -> None:
+    """A program's policies, and the table with them; its compiled form is not kept any longer."""
+    compiled = ready.pop(program.name).result()
+    run.finish_phase(program.name, learn_policies(program, compiled, rewards, run, progress, echo))
+    table1_results.write(run.path, table1_results.read(run.path))
 
 
 def _wanted(rows: Sequence[Row], demos, pool: Executor) -> list[sweep_rewards.Wanted]:
