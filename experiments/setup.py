@@ -61,7 +61,10 @@ def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
         return encoder.MLPConfig(num_classes, width=chosen.width, **robot)
     robot["robot_messages"] = chosen.robot_messages
     if chosen.kind == "interaction":
-        return encoder.InteractionConfig(num_classes, width=chosen.width, **robot)
+        own = "class" if chosen.distances else "robot"
+        return encoder.InteractionConfig(
+            num_classes, width=chosen.width, self_blocks=own, distances=chosen.distances, **robot
+        )
     sizes = {name: getattr(chosen, name) for name in ("width", "rounds", "latent", "members")}
     return encoder.EncoderConfig(num_classes, relations=chosen.relations, **sizes, **robot)
 

@@ -38,6 +38,7 @@ _PAPER: dict[str, Any] = {
     "run.reward": "learned",
     "encoder.kind": "paper",
     "encoder.relations": False,
+    "encoder.distances": True,
     "encoder.pool_robot": False,
     "encoder.robot_messages": False,
     "loss.lambda_": 1.0,

@@ -23,6 +23,7 @@ __all__ = [
 # Every row says all that any of them changes, so that defaults may move without moving the table.
 _PAPER: dict[str, Any] = {
     "encoder.kind": "paper",
+    "encoder.distances": True,
     "encoder.latent": 32,
     "encoder.pool_robot": False,
     "encoder.robot_messages": False,

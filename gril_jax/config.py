@@ -144,6 +144,10 @@ class EncoderConfig:
     float32 in both."""
     relations: bool = False
     """Whether edges also say how far a box sticks out of the other, and is apart from it."""
+    distances: bool = True
+    """Interaction alone: each class has weights of its own, and nodes know how far the nearest
+    object of each class is, as in GraphIRL's robot tasks; if False, nodes are boxes, as in its
+    X-MAGICAL tasks, whose objects are all of one class."""
     pool_robot: bool = False
     """Whether the robot's node counts in the pooled latent."""
     robot_messages: bool = False

@@ -87,3 +87,10 @@ def test_the_reward_has_the_shapes_of_a_blank_one_and_is_zero_at_best(trained):
     assert jax.tree.map(jnp.shape, first) == jax.tree.map(jnp.shape, blank)
     assert split(first.goal, MEMBERS).shape == (MEMBERS, 2)
     assert float(reward.latent_reward(first, first.goal)) == 0
+
+
+@pytest.mark.parametrize(("distances", "own"), [(True, "class"), (False, "robot")])
+def test_graphirls_network_knows_classes_and_distances_unless_told_not_to(distances, own):
+    config = RunConfig(encoder=EncoderConfig(kind="interaction", distances=distances))
+    found = setup.encoder_config(config, 7)
+    assert (found.distances, found.self_blocks, found.num_classes) == (distances, own, 7)
