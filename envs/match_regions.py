@@ -22,6 +22,8 @@ every option; or "mjx", MuJoCo's (`planar_mjx`), which serves the gripper, fixed
 "xmagical" physics.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -131,7 +133,8 @@ class MatchRegions:
         if engine == "mjx":
             return MjxPhysics(tuple(SHAPES[s] for s in self._shape), **common)
         kind = MagicalPhysics if self.physics == "magical" else Physics
-        return kind(self.robot, len(self.blocks), block_mass=self._preset.block_mass, **common)
+        mass = self._preset.block_mass
+        return _impulses(kind, self.robot.name, len(self.blocks), block_mass=mass, **common)
 
     # ---------------------------------------------------------------- episode
 
@@ -254,3 +257,9 @@ class MatchRegions:
         names = [(COLOURS[c], SHAPES[s]) for c, s in zip(data.colour, data.shape, strict=True)]
         exact = (f.astype(np.float64) for f in (data.pose, data.goal))
         return scene.outlines(self.robot, names, self.arena, *exact)
+
+
+@functools.cache
+def _impulses(kind: type[Physics], robot: str, num_blocks: int, **options) -> Physics:
+    """One engine for all tasks that move alike: it is the longest thing to trace."""
+    return kind(robots.robot(robot), num_blocks, **options)

@@ -8,6 +8,7 @@ With fewer substeps than the original's ten, positions take a share of the new v
 body that accelerates evenly covers the same way in a control step as with ten.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -92,6 +93,8 @@ class Physics:
         """The memory of a scene in which nothing has touched yet."""
         return self._pack(self._none())
 
+    # By itself, so that programs which share this object trace it once.
+    @functools.partial(jax.jit, static_argnums=0)
     def step(
         self,
         pose: Float[Array, "E 3"],
