@@ -84,20 +84,29 @@ def _say_nothing(line: str) -> None:
 
 
 def _train(rows, plan, cells, same, run: run_dir.RunDir, progress: Progress, echo: Echo) -> str:
-    """All rewards, then one program after the other; returns the table."""
+    """All rewards, then one program after the other; returns the table.
+
+    What needs no learned reward comes before: encoders are compiled while it trains.
+    """
     finished = hosts.largest([run.finished_phase(program.name) is not None for program in plan])
     left = [program for program, done in zip(plan, finished, strict=True) if not done]
+    first, then = sweep_programs.in_turn(left)
+
+    def train(program, compiled, rewards):
+        done = learn_policies(program, compiled, rewards, run, progress, echo)
+        run.finish_phase(program.name, done)
+        if hosts.is_first():
+            _write_tables(run, plan, cells, same)
+
     with ahead.compiling() as pool:
+        ready = sweep_programs.get_ready(first, jax.devices(), pool)
         wanted = sweep_rewards.get_ready(rows, _gatherer(run, progress), pool)
-        ready = sweep_programs.get_ready(left, jax.devices(), pool)
+        ready |= sweep_programs.get_ready(then, jax.devices(), pool)
+        for program in first:
+            train(program, ready.pop(program.name).result(), {})
         rewards = sweep_rewards.learn_rewards(wanted, run, progress, echo)
-        for program in plan:
-            if program.name in ready:
-                one = ready.pop(program.name).result()
-                done = learn_policies(program, one, rewards, run, progress, echo)
-                run.finish_phase(program.name, done)
-            if hosts.is_first():
-                _write_tables(run, plan, cells, same)
+        for program in then:
+            train(program, ready.pop(program.name).result(), rewards)
     return _write_tables(run, plan, cells, same) if hosts.is_first() else ""
 
 

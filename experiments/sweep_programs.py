@@ -24,6 +24,7 @@ __all__ = [
     "Ready",
     "arguments",
     "get_ready",
+    "in_turn",
     "programs",
     "tasks_of_parts",
     "updates_of_chunks",
@@ -90,6 +91,13 @@ def programs(
             sharding.mesh(devices, seeds=len(part), num_envs=algorithm.num_envs)
             found.append(Program(f"policy-{len(found)}", part, algorithm, tasks, updates))
     return found
+
+
+def in_turn(left: Sequence[Program]) -> tuple[list[Program], list[Program]]:
+    """Those that need no learned reward, to be trained while encoders compile, and the others."""
+    needing = [any(row.config.run.reward != "environmental" for row in p.rows) for p in left]
+    first = [program for program, needs in zip(left, needing, strict=True) if not needs]
+    return first, [program for program, needs in zip(left, needing, strict=True) if needs]
 
 
 def _examinations(starts: int, num_envs: int) -> int:

@@ -81,9 +81,7 @@ def main(
         left = [program for program in plan if run.finished_phase(program.name) is None]
         graphs = [row for row in _learning(rows) if row.config.encoder.kind != "pixels"]
         with ahead.compiling() as pool:
-            # What needs no encoder comes first: encoders are compiled while it trains.
-            first = [program for program in left if not _learning(program.rows)]
-            then = [program for program in left if program not in first]
+            first, then = sweep_programs.in_turn(left)
             ready = sweep_programs.get_ready(first, jax.devices(), pool)
             wanted = _wanted(rows, demos, pool)
             audits = _audits(graphs, settings, run, pool)

@@ -26,3 +26,16 @@ def test_chunks_have_about_as_many_updates_each(evaluations, updates, chunks):
     row = Row(0, 0, changed(RunConfig(), {"run.evaluations": evaluations}))
     program = sweep_programs.Program("policy-0", [row], None, {}, updates)
     assert sweep_programs.updates_of_chunks(program) == chunks
+
+
+def test_what_needs_no_learned_reward_is_trained_first_and_each_kind_in_its_order():
+    kinds = ["learned", "environmental", "shaped", "environmental"]
+    left = [
+        sweep_programs.Program(
+            f"policy-{i}", [Row(i, 0, changed(RunConfig(), change))], None, {}, 1
+        )
+        for i, change in enumerate({"run.reward": kind} for kind in kinds)
+    ]
+    first, then = sweep_programs.in_turn(left)
+    assert [program.name for program in first] == ["policy-1", "policy-3"]
+    assert [program.name for program in then] == ["policy-0", "policy-2"]
