@@ -6,22 +6,33 @@
         y = wanted.result()(x)
 
 XLA compiles outside of Python's lock, so a machine with cores to spare has compiled what comes next
-when what comes before is done. One with two has none: there each thing is compiled when it is asked
-for, since side by side both would take longer than one after the other. So it is with several
-processes, since arrays of all of them are placed by all at once, in one order.
+when what comes before is done. Tracing holds that lock: programs are traced one by one, within
+`with ahead.tracing()`, so that the first need not wait until all are.
+
+A machine with two cores has none to spare: there each thing is compiled when it is asked for, since
+side by side both would take longer than one after the other. So it is with several processes, since
+arrays of all of them are placed by all at once, in one order.
 """
 
 import contextlib
 import os
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import jax
 
-__all__ = ["compiling"]
+__all__ = ["compiling", "tracing"]
 
 _FEW = 4  # cores that one compiler and one training keep busy
-_MOST = 8  # tracing holds Python's lock: more would only wait for each other
+_MOST = 8  # each compiler has threads of its own
+
+_tracing = threading.RLock()
+
+
+def tracing() -> contextlib.AbstractContextManager:
+    """Held while a program is traced and lowered, and not while it is compiled."""
+    return _tracing
 
 
 @contextlib.contextmanager

@@ -22,7 +22,7 @@ from gril_jax.errors import ConfigError
 from gril_jax.progress import Progress
 from gril_jax.reward import RewardParams
 
-from . import setup
+from . import ahead, setup
 from .sweep_rewards import LearnedReward, reward_key
 from .sweep_rows import Row
 
@@ -171,10 +171,12 @@ def get_ready(
 
 
 def _compiled(config: RunConfig, encoder: GraphConfig, count: int, on: Ground, ascents: int):
-    blank = setup.blank_reward(config, encoder.num_classes)
-    params = jax.eval_shape(lambda: jax.tree.map(lambda x: jnp.stack([x] * count), blank))
     states = next(iter(on.states.values()))
-    return program(encoder, on.task, ascents=ascents).lower(params, states).compile()
+    with ahead.tracing():
+        blank = setup.blank_reward(config, encoder.num_classes)
+        params = jax.eval_shape(lambda: jax.tree.map(lambda x: jnp.stack([x] * count), blank))
+        found = program(encoder, on.task, ascents=ascents).lower(params, states)
+    return found.compile()
 
 
 def audit(

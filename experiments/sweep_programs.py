@@ -16,7 +16,7 @@ from gril_jax import device_memory, hosts
 from gril_jax.errors import ConfigError
 from gril_jax.rl import memory, sharding, training
 
-from . import policy_rewards, policy_setup, setup, sweep_rows
+from . import ahead, policy_rewards, policy_setup, setup, sweep_rows
 from .sweep_rows import Row
 
 __all__ = [
@@ -123,7 +123,7 @@ class Ready(NamedTuple):
     """A program that has been compiled."""
 
     layout: Mesh
-    init: Any  # as `gril_jax.rl.sharding.compiled` makes them
+    init: Any  # as `gril_jax.rl.sharding.Compiled` has them
     advance: Any
 
 
@@ -137,12 +137,14 @@ def get_ready(
 def _compiled(program: Program, devices: Sequence[Any]) -> Ready:
     algorithm, configs = program.algorithm, [row.config for row in program.rows]
     layout = sharding.mesh(devices, seeds=len(configs), num_envs=algorithm.num_envs)
-    hyper, keys = arguments(program, layout)
-    blank = [policy_rewards.blank(configs[0], algorithm.episodes.env)] * len(configs)
-    params = jax.eval_shape(lambda: sweep_rows.stack(blank))
     tasks = tuple(program.tasks[name] for name in tasks_of_parts(program))
     most = max(updates_of_chunks(program))
-    return Ready(layout, *sharding.compiled(algorithm, layout, keys, hyper, params, most, tasks))
+    with ahead.tracing():
+        hyper, keys = arguments(program, layout)
+        blank = [policy_rewards.blank(configs[0], algorithm.episodes.env)] * len(configs)
+        params = jax.eval_shape(lambda: sweep_rows.stack(blank))
+        found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks)
+    return Ready(layout, *found.compile())
 
 
 def arguments(program: Program, layout: Mesh) -> tuple[Any, Any]:

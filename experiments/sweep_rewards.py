@@ -19,7 +19,7 @@ from gril_jax.rl import sharding
 from gril_jax.run_dir import RunDir
 from gril_jax.types import DemoBatch
 
-from . import demonstrations, learners, setup, sweep_rows
+from . import ahead, demonstrations, learners, setup, sweep_rows
 from .sweep_rows import Row
 
 __all__ = ["LearnedReward", "Wanted", "get_ready", "learn_rewards", "reward_key"]
@@ -116,18 +116,18 @@ def _compiled(configs: Sequence[RunConfig], demos) -> _Ready:
     by_seed = sharding.by_seed(layout)
     init = jax.jit(each(learner.init), out_shardings=by_seed)
     step = jax.jit(each(learner.step), out_shardings=by_seed, donate_argnums=0)
-    state = jax.tree.map(
-        lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=by_seed),
-        jax.eval_shape(init, keys, data),
-    )
-    return _Ready(
-        len(configs),
-        learner.static.updates,
-        (keys, data, hyper),
-        init.lower(keys, data).compile(),
-        step.lower(state, data, hyper).compile(),
-        jax.jit(each(measured)).lower(state, data, hyper).compile(),
-    )
+    with ahead.tracing():
+        state = jax.tree.map(
+            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=by_seed),
+            jax.eval_shape(init, keys, data),
+        )
+        lowered = (
+            init.lower(keys, data),
+            step.lower(state, data, hyper),
+            jax.jit(each(measured)).lower(state, data, hyper),
+        )
+    compiled = (program.compile() for program in lowered)
+    return _Ready(len(configs), learner.static.updates, (keys, data, hyper), *compiled)
 
 
 def _encoders(name, config: RunConfig, ready: _Ready, run: RunDir, progress: Progress, echo):

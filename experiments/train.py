@@ -149,7 +149,7 @@ def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> 
     params = _one(policy_rewards.blank(config, algorithm.episodes.env))
     tasks = (setup.make_env(config.env, training=False),) if _examines(config, algorithm) else ()
     most = config.run.updates_per_chunk
-    found = sharding.compiled(algorithm, layout, keys, hyper, params, most, tasks)
+    found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks).compile()
     return _Program(keys, hyper, found, layout, time.monotonic() - started)
 
 

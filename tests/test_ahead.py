@@ -53,3 +53,19 @@ def test_on_two_cores_or_hosts_each_is_made_once_and_when_it_is_asked_for(
         for task in (tasks[1], tasks[0], tasks[1]):
             task.result()
     assert made == ["b", "a"]
+
+
+def test_programs_are_traced_one_by_one_and_compiled_side_by_side(monkeypatch):
+    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 8)
+    traced, both = [], threading.Barrier(2)
+
+    def make(name):
+        with ahead.tracing():
+            traced.append(name)
+            traced.append(name)  # nobody comes in between
+        both.wait(60)  # passes only if the other has been traced meanwhile
+        return name
+
+    with ahead.compiling() as pool:
+        assert [task.result() for task in [pool.submit(make, x) for x in "ab"]] == ["a", "b"]
+    assert traced in (["a", "a", "b", "b"], ["b", "b", "a", "a"])

@@ -5,7 +5,7 @@
     run = advance(algorithm, layout, state, updates=20, evaluation=(env,))
     state, (metrics, scores) = run(state, hyper, reward_params, count, examine)
 
-or, compiled before there is a state, `compiled(algorithm, layout, keys, hyper, params, updates)`.
+or, before there is a state, `lowered(algorithm, layout, keys, hyper, params, updates).compile()`.
 
 Nothing else changes: the program is the one for a single device, and the compiler splits it along
 the axes that are laid out here, so that results agree up to the order of float sums. With several
@@ -25,10 +25,11 @@ from . import training
 
 __all__ = [
     "Compiled",
+    "Lowered",
     "advance",
     "by_seed",
-    "compiled",
     "init",
+    "lowered",
     "mesh",
     "place",
     "shardings",
@@ -93,7 +94,18 @@ class Compiled(NamedTuple):
     advance: Any  # of `advance`
 
 
-def compiled(
+class Lowered(NamedTuple):
+    """A training that has been traced, and awaits its compiler."""
+
+    init: Any
+    advance: Any
+
+    def compile(self) -> Compiled:
+        """Most of the work, and without Python's lock."""
+        return Compiled(self.init.compile(), self.advance.compile())
+
+
+def lowered(
     algorithm: training.Algorithm,
     layout: Mesh,
     keys: Any,
@@ -101,8 +113,8 @@ def compiled(
     reward_params: Any,
     updates: int,
     evaluation: tuple[Any, ...] = (),
-) -> Compiled:
-    """`init` and `advance`, compiled: nothing is computed, so that it can be done ahead of time.
+) -> Lowered:
+    """`init` and `advance`, traced: nothing is computed, so that it can be done ahead of time.
 
     Args:
       keys, hyper: with a leading axis of seeds, placed.
@@ -115,10 +127,7 @@ def compiled(
     params = jax.tree.map(lambda x: _abstract(x, by_seed(layout)), reward_params)
     run = advance(algorithm, layout, shapes, updates, evaluation)
     count, examine = jnp.int32(0), jnp.asarray(True)
-    return Compiled(
-        make.lower(keys, hyper).compile(),
-        run.lower(state, hyper, params, count, examine).compile(),
-    )
+    return Lowered(make.lower(keys, hyper), run.lower(state, hyper, params, count, examine))
 
 
 def _abstract(x: Any, sharding: NamedSharding) -> jax.ShapeDtypeStruct:
