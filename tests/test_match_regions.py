@@ -154,3 +154,17 @@ def test_the_task_itself_never_ends(demo):
     state = lanes.step()(demo, jnp.ones((LANES, 3)))
     assert not demo.done.any()
     assert not state.done.any()
+
+
+def test_tasks_that_move_alike_share_what_is_longest_to_trace():
+    """And those with another robot, another number of blocks or other sweeps do not."""
+    one = envs.make("match_regions")
+    for alike in ({}, {"variant": "layout"}, {"reward": "sparse"}, {"observation": "sorted"}):
+        assert envs.make("match_regions", **alike)._engine is one._engine
+    for other in (
+        {"robot": "short"},
+        {"distractors": ()},
+        {"iterations": 4},
+        {"physics": "magical"},
+    ):
+        assert envs.make("match_regions", **other)._engine is not one._engine

@@ -18,7 +18,8 @@ __all__ = [
 # Tasks give observations of about unit size. An input that hardly varies in training, such as the
 # place of a region that always lies there, has next to no deviation: divided by it, a change that
 # nobody would notice is beyond all that the networks have seen. Policies of MatchRegions whose
-# inputs were divided by 1e-6 succeeded in none of the Jitter starts; with this they do in most.
+# inputs were divided by 1e-6 succeeded in none of the Jitter starts; with this they do in most. A
+# task whose observations are far smaller than that should scale them.
 LEAST_DEVIATION = 0.1
 MAX_OBSERVATION = 10.0  # in standard deviations: no single input outweighs all others
 
