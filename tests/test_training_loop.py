@@ -211,7 +211,7 @@ def test_a_full_disk_ends_the_run_in_one_sentence_and_the_last_checkpoint_stays(
 # Goes on with the run in a folder, or begins it, and kills itself some time after the first
 # checkpoint from a given chunk on is complete.
 _CHILD = """
-import os, pathlib, signal, sys, threading
+import os, pathlib, signal, sys, threading, time
 import test_training_loop as t
 path, chunk, delay_s = pathlib.Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3])
 begun = []
@@ -219,6 +219,8 @@ def row(done, seconds, metrics):
     if chunk and not begun and t.checkpoint.steps(path / "checkpoints" / "walk")[-1:] >= [chunk]:
         begun.append(done)
         threading.Timer(delay_s, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    if chunk and not begun and done >= chunk:
+        time.sleep(0.02)  # chunks must not outrun a slow disk: the checkpoint is being written
     if begun and done == t.MANY:
         signal.pause()  # not done before the timer, however slow the machine
     return t._row(done, seconds, metrics)
