@@ -28,7 +28,7 @@ from .base import Objects, Outline, State
 from .tabletop_boxes import Boxes
 from .tabletop_frames import Frame
 from .tabletop_model import Scene, build
-from .tabletop_physics import Motion, Physics
+from .tabletop_physics import IMPLEMENTATIONS, Motion, Physics
 from .tabletop_reward import Progress, Record
 from .tabletop_start import Start
 
@@ -90,9 +90,11 @@ class Tabletop:
       substeps: physics steps a control step.
       iterations, ls_iterations: of the contact solver and its line search.
       max_contacts: most contacts that a substep resolves; the deepest count.
+      impl, worlds: what computes the physics, and for how many environments at most; see
+        `tabletop_physics.Physics`.
 
     Raises:
-      ValueError: a name or a number is out of range.
+      ValueError: a name or a number is out of range, or a package is missing.
     """
 
     control_hz = CONTROL_HZ
@@ -112,15 +114,18 @@ class Tabletop:
         iterations: int = 4,
         ls_iterations: int = 6,
         max_contacts: int = 24,
+        impl: str = "jax",
+        worlds: int = 4096,
     ):
         length = task.episode_length if episode_length is None else episode_length
         _check_name("controller", controller, control.CONTROLLERS)
         _check_name("reward", reward, rewards.REWARDS)
+        _check_name("impl", impl, IMPLEMENTATIONS)
         if not 0 <= jitter <= 1:
             raise ValueError(f"jitter is {jitter}, but must be between 0 and 1")
         _check_counts(
             episode_length=length, substeps=substeps, iterations=iterations,
-            ls_iterations=ls_iterations, max_contacts=max_contacts,
+            ls_iterations=ls_iterations, max_contacts=max_contacts, worlds=worlds,
         )  # fmt: skip
         self.task, self.controller, self.jitter = task, controller, jitter
         self.episode_length, self._reward = length, reward
@@ -133,7 +138,7 @@ class Tabletop:
             task.scene, timestep=1 / (CONTROL_HZ * substeps), iterations=iterations,
             ls_iterations=ls_iterations, max_contacts=max_contacts,
         )  # fmt: skip
-        self.physics = Physics(model, substeps=substeps)
+        self.physics = Physics(model, substeps=substeps, impl=impl, worlds=worlds)
         self.observation_names = observations.names(
             task.things, self.stage_names, self.action_names, rates=model.nv - panda_model.DOFS
         )

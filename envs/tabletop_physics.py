@@ -8,6 +8,10 @@ On CPUs jaxlib 0.10's newer code generator computes the arm's kinematics thousan
 slowly: it repeats each link's chain for each number that depends on it. There, compile with
 `jax.jit(..., compiler_options={"xla_cpu_use_fusion_emitters": False})`, or set the same flag in
 XLA_FLAGS.
+
+MuJoCo Warp, where it is installed, can take the place of MJX's own JAX code: the same model, the
+same answers but for rounding and for which contacts of two boxes are kept. It is written for NVIDIA
+GPUs, runs on a CPU too, and has no derivatives.
 """
 
 import contextlib
@@ -22,7 +26,11 @@ from jaxtyping import Array, Float
 with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
     from mujoco import mjx
 
-__all__ = ["Motion", "Physics"]
+__all__ = ["IMPLEMENTATIONS", "Motion", "Physics"]
+
+IMPLEMENTATIONS = ("jax", "warp")
+
+_ROWS = 6  # of the solver for each contact: 4 of its pyramid, and what joints and limits need
 
 
 class Motion(NamedTuple):
@@ -39,13 +47,28 @@ class Physics:
     Args:
       model: of `tabletop_model.build`.
       substeps: physics steps a control step.
+      impl: one of `IMPLEMENTATIONS`: "jax" is MJX, "warp" MuJoCo Warp.
+      worlds: with Warp, the most environments that are stepped together. Their contacts share one
+        table, and those that find no room in it are lost; Warp says so.
+
+    Raises:
+      ValueError: Warp is not installed.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, substeps: int):
+    def __init__(
+        self, model: mujoco.MjModel, *, substeps: int, impl: str = "jax", worlds: int = 4096
+    ):
         self.mj_model, self.substeps = model, substeps
         self.dt = model.opt.timestep * substeps
-        self._model = mjx.put_model(model)
-        self._blank = mjx.make_data(self._model)
+        most = int(model.numeric("max_contact_points").data[0])
+        room = {"naconmax": most * worlds, "njmax": _ROWS * most} if impl == "warp" else {}
+        try:
+            self._model = mjx.put_model(model, impl=impl)
+        except RuntimeError as error:
+            raise ValueError(
+                f"impl is {impl!r}, which needs a package: pip install 'gril-jax[warp]' ({error})"
+            ) from error
+        self._blank = mjx.make_data(model if room else self._model, impl=impl, **room)
 
     def start(self, qpos: Float[Array, "Q"]) -> Motion:
         """Everything at rest."""

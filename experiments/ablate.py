@@ -7,7 +7,6 @@ Seeds and traced values are vmapped in one program; each static choice compiles 
 hours: there `--pretrain.steps 500` is enough to see what matters.
 """
 
-import dataclasses
 import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -26,8 +25,9 @@ from gril_jax.spread_plot import spread
 from gril_jax.types import DemoBatch
 
 from . import demonstrations, setup
+from .named_rows import changed
 
-__all__ = ["CASES", "changed", "main", "measure"]
+__all__ = ["CASES", "main", "measure"]
 
 # The untrimmed videos are made here; no field of the configuration asks for them.
 _UNTRIMMED = "static tails not trimmed"
@@ -96,20 +96,6 @@ def _write(out: Path, found: Mapping[str, Mapping[str, np.ndarray]], seeds: int)
         (out / "ablation.md").write_text(markdown(found, seeds) + "\n")
         figure = spread({k: row["tau"] for k, row in found.items()}, "tau on held-out videos")
         (out / "ablation.png").write_bytes(png(figure))
-
-
-def changed(config: RunConfig, change: Mapping[str, Any]) -> RunConfig:
-    """The configuration with some fields, named by dotted paths, set to other values.
-
-    Raises:
-      ConfigError: a value is out of its field's range.
-    """
-    parts: dict[str, Any] = {}
-    for path, value in change.items():
-        section, field = path.split(".")
-        part = parts.get(section, getattr(config, section))
-        parts[section] = dataclasses.replace(part, **{field: value})
-    return dataclasses.replace(config, **parts)
 
 
 def groups(config: RunConfig) -> dict[Any, list[str]]:

@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.options import nearest
 from gril_jax.safe_files import write_whole, writing
 
-__all__ = ["Rows", "chosen_rows", "read_settings", "write_settings"]
+__all__ = ["Rows", "changed", "chosen_rows", "read_settings", "write_settings"]
 
 # Name to what it changes: dotted paths of the configuration, and their values.
 Rows = Mapping[str, Mapping[str, Any]]
@@ -37,6 +38,20 @@ def chosen_rows(names: str | None, known: Rows) -> Rows:
         if wanted.count(name) > 1:
             raise ConfigError(f"--rows names {name!r} twice, but a row is made once")
     return {name: known[name] for name in wanted}
+
+
+def changed(config: RunConfig, change: Mapping[str, Any]) -> RunConfig:
+    """The configuration with some fields, named by dotted paths, set to other values.
+
+    Raises:
+      ConfigError: a value is out of its field's range.
+    """
+    parts: dict[str, Any] = {}
+    for path, value in change.items():
+        section, field = path.split(".")
+        part = parts.get(section, getattr(config, section))
+        parts[section] = dataclasses.replace(part, **{field: value})
+    return dataclasses.replace(config, **parts)
 
 
 def write_settings(file: Path, settings: Any) -> None:

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import io
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -22,12 +23,14 @@ __all__ = [
     "pixel_pretrain_config",
     "pretrain_config",
     "pretrain_hyper",
+    "quieten_warp",
     "require_boxes",
 ]
 
 
-# What a task on a table takes of the section `env`.
-_ON_A_TABLE = ("name", "reward", "substeps", "iterations", "episode_length")
+# What a task on a table takes of the section `env`, and what nothing else does.
+_ON_A_TABLE = ("name", "reward", "substeps", "iterations", "episode_length", "impl", "worlds")
+_THERE_ALONE = ("impl", "worlds")
 
 
 def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -> envs.Env:
@@ -44,11 +47,24 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
     }
     if config.name == "shoes_in_box":
         options = {k: options[k] for k in _ON_A_TABLE if options[k] is not None}
+    elif config.impl != "jax":
+        raise ConfigError(f"env.impl is {config.impl!r}, but {config.name} has env.engine instead")
+    else:
+        options = {k: v for k, v in options.items() if k not in _THERE_ALONE}
+    if config.impl == "warp":
+        quieten_warp()
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
             return envs.make(options.pop("name"), **options)
     except ValueError as error:
         raise ConfigError(f"env: {error}") from error
+
+
+def quieten_warp() -> None:
+    """Warp would report on each of its kernels, in the middle of what commands print."""
+    loaded = sys.modules.get("warp")  # by MJX, if it is installed; the task says if it is not
+    if loaded is not None:
+        loaded.config.quiet = True
 
 
 def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:

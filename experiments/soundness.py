@@ -25,7 +25,6 @@ from gril_jax.plot_style import png
 from gril_jax.progress import Progress
 from gril_jax.rl import sharding
 from gril_jax.run_phases import changed_fields
-from gril_jax.sweep_grid import with_seed
 
 from . import (
     ahead,
@@ -36,12 +35,12 @@ from . import (
     soundness_table,
     sweep_programs,
     sweep_rewards,
+    table_csv,
 )
-from .ablate import changed
 from .soundness_settings import Settings, write_settings
 from .sweep_programs import Program
 from .sweep_rewards import LearnedReward, reward_key
-from .sweep_rows import Row
+from .sweep_rows import Row, with_seeds
 from .sweep_training import learn_policies
 
 __all__ = ["join", "main"]
@@ -68,11 +67,7 @@ def main(
       DemoError: the demonstrations do not serve the task.
       RunError: the run cannot be made, or cannot go on.
     """
-    rows = [
-        Row(cell, seed, with_seed(changed(config, change), seed))
-        for cell, change in enumerate(settings.rows.values())
-        for seed in range(settings.seeds)
-    ]
+    rows = with_seeds(config, settings.rows, settings.seeds)
     env, variants = setup.make_env(config.env, training=False), soundness_audit.tasks(config.env)
     classes = len(env.classes)
     plan = _programs(rows, classes, settings.policies_at_once) if settings.policies else []
@@ -125,7 +120,8 @@ def join(folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:
         if other := changed_fields(first, dataclasses.replace(own, run=first.run)):
             raise ConfigError(f"{folder} cannot be joined with {folders[0]}: {', '.join(other)}")
         try:
-            lines += soundness_table.read_csv((folder / _CSV).read_text(encoding="utf-8"))
+            text = (folder / _CSV).read_text(encoding="utf-8")
+            lines += table_csv.read(text, soundness_table.COLUMNS)
         except (OSError, ValueError, KeyError, TypeError):
             raise RunError(f"{folder} has no table yet: its {_CSV} is missing or damaged") from None
     known = [(line["row"], line["seed"]) for line in lines]
@@ -155,9 +151,10 @@ def _programs(rows: Sequence[Row], num_classes: int, at_once: int) -> list[Progr
 def _write(folder: Path, lines: Sequence[soundness_table.Line]) -> str:
     """Tables and figure of what is known so far; returns the table."""
     table = soundness_table.markdown(lines)
+    text = table_csv.written(lines, soundness_table.COLUMNS)
     with run_dir.writing(folder):
         (folder / "soundness.md").write_text(table + "\n", encoding="utf-8")
-        (folder / _CSV).write_text(soundness_table.csv(lines), encoding="utf-8")
+        (folder / _CSV).write_text(text, encoding="utf-8")
         if any("success" in line for line in lines):
             (folder / "soundness.png").write_bytes(png(soundness_plot.figure(lines)))
     return table

@@ -4,8 +4,6 @@ A line is a mapping from columns to values; `row` and `seed` say which encoder i
 numbers, and a column that is not known yet is missing.
 """
 
-import csv as csv_format
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,7 +13,7 @@ from jaxtyping import Float
 from .soundness_audit import FIGURES, VARIANTS
 from .soundness_correlation import Correlation, correlation
 
-__all__ = ["COLUMNS", "PREDICTORS", "SCORES", "column", "csv", "markdown", "read_csv"]
+__all__ = ["COLUMNS", "PREDICTORS", "SCORES", "column", "markdown"]
 
 Line = Mapping[str, Any]
 
@@ -36,27 +34,6 @@ _LEGEND = (
 )
 
 _ENOUGH = 20  # encoders for a correlation that is worth telling
-
-
-def csv(lines: Sequence[Line]) -> str:
-    """One line an encoder; what is not known or not finite is empty."""
-    file = io.StringIO()
-    writer = csv_format.writer(file, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for line in lines:
-        numbers = (float(line.get(name, np.nan)) for name in COLUMNS[2:])
-        cells = (f"{x:.6g}" if np.isfinite(x) else "" for x in numbers)
-        writer.writerow([line["row"], line["seed"], *cells])
-    return file.getvalue()
-
-
-def read_csv(text: str) -> list[dict[str, Any]]:
-    """The lines of `csv`."""
-    return [
-        {"row": line["row"], "seed": int(line["seed"])}
-        | {name: float(line[name]) for name in COLUMNS[2:] if line[name]}
-        for line in csv_format.DictReader(io.StringIO(text))
-    ]
 
 
 def column(lines: Sequence[Line], name: str) -> Float[np.ndarray, "n"]:

@@ -7,8 +7,11 @@ import jax
 import jax.numpy as jnp
 
 from gril_jax.config import RunConfig
+from gril_jax.sweep_grid import with_seed
 
-__all__ = ["Row", "keys", "stack"]
+from .named_rows import Rows, changed
+
+__all__ = ["Row", "keys", "stack", "with_seeds"]
 
 
 class Row(NamedTuple):
@@ -17,6 +20,15 @@ class Row(NamedTuple):
     cell: int
     seed: int
     config: RunConfig
+
+
+def with_seeds(config: RunConfig, changes: Rows, seeds: int) -> list[Row]:
+    """Each row of a table, a change of the configuration, with this many seeds."""
+    return [
+        Row(cell, seed, with_seed(changed(config, change), seed))
+        for cell, change in enumerate(changes.values())
+        for seed in range(seeds)
+    ]
 
 
 def keys(seeds: Sequence[int], stream: int):

@@ -23,7 +23,6 @@ import jax
 from gril_jax import run_dir
 from gril_jax.config import RunConfig
 from gril_jax.progress import Progress
-from gril_jax.sweep_grid import with_seed
 
 from . import (
     ahead,
@@ -35,9 +34,8 @@ from . import (
     table1_results,
     table1_table,
 )
-from .ablate import changed
 from .sweep_rewards import LearnedReward, reward_key
-from .sweep_rows import Row
+from .sweep_rows import Row, with_seeds
 from .sweep_training import learn_policies
 from .table1_profiles import profiles
 from .table1_rows import Settings, write_settings
@@ -65,11 +63,7 @@ def main(
       DemoError: the demonstrations do not serve the task.
       RunError: the run cannot be made, or cannot go on.
     """
-    rows = [
-        Row(cell, seed, with_seed(changed(config, change), seed))
-        for cell, change in enumerate(settings.rows.values())
-        for seed in range(settings.seeds)
-    ]
+    rows = with_seeds(config, settings.rows, settings.seeds)
     env = setup.make_env(config.env, training=False)
     plan = sweep_programs.programs(rows, len(env.classes), jax.devices(), starts=STARTS)
     opened = {"device": setup.device_in_words(), "experiment": "table1"}

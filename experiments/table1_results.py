@@ -11,7 +11,7 @@ from gril_jax.plot_style import png
 from gril_jax.report_data import read_versions
 from gril_jax.run_phases import changed_fields, read_phases
 
-from . import table1_page, table1_plot, table1_table
+from . import table1_page, table1_plot, table1_table, table_csv
 from .table1_rows import ROWS, read_settings
 from .table1_scores import Curve, curves, in_last_tenth, summary
 
@@ -99,11 +99,12 @@ def write(folder: Path, results: Results) -> str:
     """Table, a line for each policy, figure and page; returns the table."""
     evaluations = int(in_last_tenth(results.curves[0].env_steps).sum())
     table = table1_table.markdown(results.lines, results.about, evaluations=evaluations)
+    lines = table_csv.written(results.lines, table1_table.COLUMNS)
     figure = png(table1_plot.figure(results.curves))
     page = table1_page.page(results.lines, table, figure, results.looks, results.about)
     with run_dir.writing(folder):
         (folder / "table1.md").write_text(table + "\n", encoding="utf-8")
-        (folder / "table1.csv").write_text(table1_table.csv(results.lines), encoding="utf-8")
+        (folder / "table1.csv").write_text(lines, encoding="utf-8")
         (folder / "figure2.png").write_bytes(figure)
         (folder / "report.html").write_text(page, encoding="utf-8")
     return table

@@ -4,8 +4,6 @@ A line is a mapping from columns to values; `row` and `seed` say which policy it
 numbers, and a column that is not known, or that a row does not have, is missing.
 """
 
-import csv as csv_format
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,7 +13,7 @@ from jaxtyping import Float
 from .table1_rows import PAPER
 from .table1_scores import LEVELS, SCORES, STARTS, spread
 
-__all__ = ["COLUMNS", "Line", "columns", "csv", "markdown", "percent"]
+__all__ = ["COLUMNS", "Line", "columns", "markdown", "percent"]
 
 Line = Mapping[str, Any]
 
@@ -31,18 +29,6 @@ _PERCENT = {
 _REWARD_HEADS = {
     "tau": "tau", "cycle": "cycle consistency", "order_demo": "order", "hack_gap_demo": "hack gap",
 }  # fmt: skip
-
-
-def csv(lines: Sequence[Line]) -> str:
-    """One line a policy; what is not known or not finite is empty."""
-    file = io.StringIO()
-    writer = csv_format.writer(file, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for line in lines:
-        numbers = (float(line.get(name, np.nan)) for name in COLUMNS[2:])
-        cells = (f"{x:.6g}" if np.isfinite(x) else "" for x in numbers)
-        writer.writerow([line["row"], line["seed"], *cells])
-    return file.getvalue()
 
 
 def columns(lines: Sequence[Line]) -> dict[str, dict[str, str]]:

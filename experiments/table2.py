@@ -27,8 +27,7 @@ from gril_jax.spread_plot import spread
 from gril_jax.sweep_grid import with_seed
 
 from . import ahead, demonstrations, learners, setup, sweep_rewards, table2_table
-from .ablate import changed
-from .named_rows import Rows
+from .named_rows import Rows, changed
 from .sweep_rewards import LearnedReward, reward_key
 from .sweep_rows import Row
 from .table2_measures import measure, stages_done

@@ -3,8 +3,6 @@
 A line is a mapping from columns to values; `row` and `seed` say which encoder it is.
 """
 
-import csv as csv_format
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,6 +12,7 @@ import numpy as np
 
 from gril_jax.interquartile import interquartile_interval
 
+from . import table_csv
 from .table2_measures import MEASURES
 from .table2_rows import PAPER
 
@@ -40,15 +39,7 @@ def kinds(lines: Sequence[Line]) -> list[str]:
 def csv(lines: Sequence[Line]) -> str:
     """One line an encoder; what is not finite is empty."""
     each = [f"{what} {kind}" for kind in kinds(lines) for what in ("auc", "last")]
-    columns = [*MEASURES, "tau", "last success", *each]
-    file = io.StringIO()
-    writer = csv_format.writer(file, lineterminator="\n")
-    writer.writerow(["row", "seed", *columns])
-    for line in lines:
-        numbers = (_number(line.get(name)) for name in columns)
-        cells = (f"{x:.6g}" if np.isfinite(x) else "" for x in numbers)
-        writer.writerow([line["row"], line["seed"], *cells])
-    return file.getvalue()
+    return table_csv.written(lines, ["row", "seed", *MEASURES, "tau", "last success", *each])
 
 
 def markdown(lines: Sequence[Line]) -> str:

@@ -34,8 +34,8 @@ class EnvConfig:
     """The task in the simulator."""
 
     name: Literal["match_regions", "shoes_in_box"] = "match_regions"
-    """The task. Of the options here shoes_in_box takes reward, substeps, iterations and
-    episode_length; the others are those of match_regions."""
+    """The task. Of the options here shoes_in_box takes reward, substeps, iterations, impl, worlds
+    and episode_length; the others but impl and worlds are those of match_regions."""
     robot: Literal["gripper", "short", "medium", "long"] = "gripper"
     """The robot: a gripper with two fingers, or a stick of this length."""
     targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
@@ -73,6 +73,11 @@ class EnvConfig:
         default=None, metadata=rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
     )
     """Sweeps of the solver for each physics step; None is the engine's own (6, or 2 with mjx)."""
+    impl: Literal["jax", "warp"] = "jax"
+    """What computes shoes_in_box: MuJoCo MJX, or MuJoCo Warp where that is installed."""
+    worlds: int = field(default=4096, metadata=at_least(1))
+    """With warp, the most environments stepped together, those of all seeds of a program counted:
+    their contacts share one table."""
     episode_length: int = field(default=120, metadata=at_least(1))
     """Control steps in an episode (8 a second)."""
 

@@ -7,13 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.experiments import ablate, demonstrations, setup
+from gril_jax.experiments.named_rows import changed
 from kinematic_demos import kinematic_demos
 
 from gril_jax import pretrain
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 
-CONFIG = ablate.changed(
+CONFIG = changed(
     RunConfig(),
     {
         "pretrain.steps": 2,
@@ -33,7 +34,7 @@ def train():
 
 def test_every_case_but_the_first_and_the_untrimmed_changes_the_training():
     def training(change):
-        config = ablate.changed(CONFIG, change)
+        config = changed(CONFIG, change)
         return setup.pretrain_config(config, 7), setup.pretrain_hyper(config)
 
     same = [name for name, change in ablate.CASES.items() if training(change) == training({})]
@@ -56,7 +57,7 @@ def test_a_case_is_what_a_run_by_itself_with_its_seed_gives(train):
         "as configured": (2,),
         "alpha 20": (2,),
     }
-    config = ablate.changed(CONFIG, {"pool.alpha": 20.0})
+    config = changed(CONFIG, {"pool.alpha": 20.0})
     static, hyper = setup.pretrain_config(config, 7), setup.pretrain_hyper(config)
     state = pretrain.init(jax.random.split(jax.random.key(0), 2)[1], train, static)
     state, _ = pretrain.step(state, train, hyper, static)
@@ -77,7 +78,7 @@ def test_an_untrimmed_video_stands_still_at_its_end(train):
 
 def test_a_value_out_of_range_is_refused():
     with pytest.raises(ConfigError, match=r"pool\.alpha is 0"):
-        ablate.changed(CONFIG, {"pool.alpha": 0.0})
+        changed(CONFIG, {"pool.alpha": 0.0})
 
 
 def test_the_table_has_mean_and_range():

@@ -13,6 +13,7 @@ from gril_jax.experiments import (
     soundness,
     soundness_audit,
     soundness_table,
+    table_csv,
 )
 from gril_jax.experiments.soundness_settings import Settings, read_settings
 from kinematic_demos import kinematic_demos
@@ -39,7 +40,7 @@ def _run(folder, rows, **changes):
     """A run's folder with a table, as far as joining looks at it."""
     run_dir.create(folder, dataclasses.replace(SMALL, **changes), device="cpu").close()
     lines = [{"row": row, "seed": k, "tau": 0.5, "success": k / 2} for row in rows for k in (0, 1)]
-    (folder / "soundness.csv").write_text(soundness_table.csv(lines))
+    (folder / "soundness.csv").write_text(table_csv.written(lines, soundness_table.COLUMNS))
     return folder
 
 

@@ -3,7 +3,8 @@
 import dataclasses
 
 import pytest
-from gril_jax.experiments import ablate, setup
+from gril_jax.experiments import setup
+from gril_jax.experiments.named_rows import changed
 from gril_jax.experiments.soundness_settings import (
     ROWS,
     Settings,
@@ -20,7 +21,7 @@ from gril_jax.errors import ConfigError, RunError
 def test_every_row_is_a_training_of_its_own():
     trainings = [
         (setup.pretrain_config(config, 7), setup.pretrain_hyper(config))
-        for config in (ablate.changed(RunConfig(), change) for change in ROWS.values())
+        for config in (changed(RunConfig(), change) for change in ROWS.values())
     ]
     assert all(trainings.count(one) == 1 for one in trainings)
 

@@ -2,7 +2,7 @@
 
 import pytest
 from gril_jax.experiments import sweep_programs
-from gril_jax.experiments.ablate import changed
+from gril_jax.experiments.named_rows import changed
 from gril_jax.experiments.sweep_rows import Row
 
 from gril_jax.config import RunConfig

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import jax.numpy as jnp
 import pytest
 from gril_jax.experiments import policy_rewards, soundness_audit, table1, table1_page, table1_rows
-from gril_jax.experiments.ablate import changed
+from gril_jax.experiments.named_rows import changed
 from gril_jax.experiments.sweep_rewards import LearnedReward
 from gril_jax.experiments.sweep_rows import Row
 from gril_jax.experiments.table1_rows import ROWS, Settings

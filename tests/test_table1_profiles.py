@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments import setup
-from gril_jax.experiments.ablate import changed
 from gril_jax.experiments.demonstrations import Demonstrations
+from gril_jax.experiments.named_rows import changed
 from gril_jax.experiments.sweep_rewards import LearnedReward
 from gril_jax.experiments.sweep_rows import Row
 from gril_jax.experiments.table1_profiles import measure

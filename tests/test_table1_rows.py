@@ -4,7 +4,7 @@ import dataclasses
 import json
 
 import pytest
-from gril_jax.experiments.ablate import changed
+from gril_jax.experiments.named_rows import changed
 from gril_jax.experiments.table1_rows import (
     PAPER,
     QUICK,

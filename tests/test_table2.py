@@ -12,7 +12,7 @@ from gril_jax.experiments import (
     table2_rows,
     table2_table,
 )
-from gril_jax.experiments.ablate import changed
+from gril_jax.experiments.named_rows import changed
 
 from gril_jax import cli
 from gril_jax.config import EnvConfig, RunConfig

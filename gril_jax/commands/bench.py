@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from .. import doctor
 from ..config import Variant
@@ -15,14 +16,16 @@ __all__ = ["VERBS"]
 
 @dataclass(frozen=True)
 class _BenchEnv:
+    task: Literal["match_regions", "shoes_in_box"] = "match_regions"
+    """What to step."""
     lanes: int | None = None
-    """Episodes in parallel; None is 256 on a CPU and 32,768 elsewhere."""
+    """Episodes in parallel; None is 256 on a CPU, and elsewhere 32,768, or 4,096 for the shoes."""
     steps: int = 20
     """Control steps of each timed run."""
     repeats: int = 5
     """Timed runs, of which the best counts."""
     levers: bool = False
-    """Measure every setting of the solver, and the MJX engine, instead of the default alone."""
+    """Measure every setting of the solver, and other engines, instead of the default alone."""
 
 
 @dataclass(frozen=True)
@@ -138,13 +141,15 @@ def _doctor(args: list[str]) -> Work:
 
 
 def _bench_env(args: list[str]) -> Work:
-    about = "Control steps per second of the task on this machine, as JSON."
+    about = "Control steps per second of a task on this machine, as JSON."
     given = parse(_BenchEnv, args, prog="gril bench env", description=about)
 
     def work() -> None:
-        with heavy_imports():
+        with heavy_imports(load(given.task)):  # XLA's options depend on the task
             from ..experiments import bench_env
-        bench_env.main(given.lanes, given.steps, given.repeats, levers=given.levers, echo=echo)
+        bench_env.main(
+            given.lanes, given.steps, given.repeats, task=given.task, levers=given.levers, echo=echo
+        )
 
     return work
 
