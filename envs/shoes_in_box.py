@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from . import shoes_in_box_model as model
+from . import shoes_in_box_stages
 from .tabletop import Tabletop, Task, View
 from .tabletop_boxes import Boxes, box, free, lowest, touching
 from .tabletop_frames import Frame, compose, into, out_of, rotation
@@ -49,6 +50,7 @@ def task() -> Task:
         boxes=_boxes,
         progress=_progress,
         episode_length=300,
+        by_boxes=shoes_in_box_stages.stages,
     )
 
 

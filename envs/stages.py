@@ -29,6 +29,7 @@ __all__ = ["Holds", "Place", "Score", "Stage", "Stages", "free_place", "share_do
 Holds = Callable[[Float[Array, "N 2"], Float[Array, "N 2"]], Bool[Array, ""]]
 Place = Callable[[PRNGKeyArray, Float[Array, "N 2"], Float[Array, "N 2"]], Float[Array, "N 2"]]
 Score = Callable[["Stages", Float[Array, "N 2"], Float[Array, "N 2"]], Float[Array, ""]]
+Sizes = Callable[[Float[Array, "N 2"], Float[Array, "N 2"]], Float[Array, "N 2"]]
 Allowed = Callable[[Float[Array, "N 2"]], Bool[Array, ""]]
 
 _CANDIDATES = 64
@@ -50,6 +51,11 @@ class Stage:
     """Stages that must be done first, all of them declared earlier."""
 
 
+def _unchanged(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
+    del center
+    return size
+
+
 @dataclasses.dataclass(frozen=True)
 class Stages:
     """A task's stages, in an order in which they can be done.
@@ -69,6 +75,9 @@ class Stages:
     """What the robot can do wrong, stated like the stages."""
     robots: tuple[int, ...] = ()
     """Objects that belong to the robot."""
+    sizes: Sizes = _unchanged
+    """(centre, size at the start) -> sizes of the boxes there, differentiable; a lid's box, for
+    one, is another when it is open."""
 
     def __post_init__(self):
         if not self.stages:

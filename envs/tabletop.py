@@ -25,6 +25,7 @@ from . import tabletop_camera as cameras
 from . import tabletop_observation as observations
 from . import tabletop_reward as rewards
 from .base import Objects, Outline, State
+from .stages import Stages
 from .tabletop_boxes import Boxes
 from .tabletop_frames import Frame
 from .tabletop_model import Scene, build
@@ -65,6 +66,8 @@ class Task(NamedTuple):
     boxes: Callable[[View], Boxes]  # of the things, (N, ...)
     progress: Callable[[View, Boxes], Progress]
     episode_length: int
+    by_boxes: Callable[..., Stages] | None = None
+    """(classes, half_extent=) -> what the stages are in a picture, for those who judge rewards."""
 
 
 class TabletopData(NamedTuple):
@@ -132,7 +135,9 @@ class Tabletop:
         self.classes = (*_ROBOT, *task.things)
         self.action_names = control.ACTION_NAMES[controller]
         self.action_size = len(self.action_names)
-        self.stage_names = task.stages
+        self.stage_names, self.stages = task.stages, None
+        if task.by_boxes is not None:
+            self.stages = task.by_boxes(self.classes, half_extent=self.half_extent)
         self._home = np.array(task.home, np.float32)
         model = build(
             task.scene, timestep=1 / (CONTROL_HZ * substeps), iterations=iterations,

@@ -144,9 +144,11 @@ def _subject(source: Path, task: str | None, variant: str | None, starts: int, s
 
 
 def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
-    """The task with those of its usual blocks that a reward was made for."""
+    """The task; MatchRegions with those of its usual blocks that a reward was made for."""
     if task not in envs.names():
         raise ConfigError(f"--task is {task!r}, but must be one of {', '.join(envs.names())}")
+    if task == "shoes_in_box":
+        return EnvConfig(name=task, reward="staged")
     known = learned.objects or (*EnvConfig.targets, *EnvConfig.distractors)
     targets, distractors = (
         tuple(name for name in names if name in known)

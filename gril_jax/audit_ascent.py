@@ -3,7 +3,8 @@
 A policy that is paid by a learned reward climbs it. So does this, without a simulator: from many
 random states whose true progress is 0, along the reward's own gradient, to the best-paid state with
 true progress 0. What it finds need not be reachable: blocks may overlap each other and the robot,
-which leaves out no state that physics allows; they keep their sizes and stay on the plane.
+which leaves out no state that physics allows; they have the sizes that the task says of them there,
+and stay on the plane.
 
 An object either moves, and then its activity bit is set, or rests where the episode began, and then
 its bit is drawn at random. Shapes use N for objects and A for ascents.
@@ -72,8 +73,11 @@ def ascend(
     scene, moves = _begin(key, task, start, limit)
     lengths = jnp.geomspace(_FIRST, _LAST, steps) * task.half_extent
 
+    def at(center):
+        return scene._replace(center=center, size=task.sizes(center, start.size))
+
     def value(center):
-        return reward(params, scene._replace(center=center))
+        return reward(params, at(center))
 
     def keep(best, center, paid):
         better = (paid > best[1]) | ~jnp.isfinite(paid)
@@ -89,7 +93,7 @@ def ascend(
 
     never = (scene.center, jnp.float32(-jnp.inf))
     (_, (center, paid)), _ = jax.lax.scan(climb, (scene.center, never), lengths)
-    return Found(scene._replace(center=center), paid)
+    return Found(at(center), paid)
 
 
 def _begin(key, task, start, limit):

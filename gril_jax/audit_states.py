@@ -14,8 +14,8 @@ other than it should be:
     random         any objects anywhere, any stages done
 
 True progress is the task's own score. An object that has moved has its activity bit set, and the
-robot has its own once anything has moved. Boxes keep their sizes. Shapes use N for objects, S for
-states, G for those of a group, L for those of a chain and P for pairs of states.
+robot has its own once anything has moved. Boxes have the sizes that the task says. Shapes use N for
+objects, S for states, G for those of a group, L for those of a chain and P for pairs of states.
 """
 
 from typing import Any, NamedTuple
@@ -196,14 +196,15 @@ def _compared(task, start, groups, fixed) -> Battery:
     counts = [len(group.center) for group in groups]
     touched = jnp.concatenate([jnp.tile(t, (n, 1)) for t, n in zip(touched, counts, strict=True)])
     active = jax.vmap(lambda c: activity_bits(start, c))(center) | touched
-    same = (jnp.broadcast_to(x, (len(center), *x.shape)) for x in start[1:4])
+    size = jax.vmap(lambda c: task.sizes(c, start.size))(center)
+    same = (jnp.broadcast_to(x, (len(center), *x.shape)) for x in (start.label, start.is_robot))
     factor = [FACTORS.index(g.factor) for g in groups for _ in range(len(g.center))]
     ordered = len(center) - _RANDOM
     pairs = [(a, b) for a in range(1, ordered) for b in range(min(a, fixed))]
     pairs += [(a, a + d) for d in (1, 2) for a in range(ordered, len(center) - d)]
     first, second = jnp.array(pairs, jnp.int32).T
     return Battery(
-        scenes=Scene(center, *same, active),
+        scenes=Scene(center, size, *same, active),
         score=jax.vmap(lambda c: task.progress(c, start.size))(center),
         factor=jnp.array(factor, jnp.int32),
         first=first,

@@ -36,7 +36,7 @@ def alone(task: Any, start: Scene, center: Float[Array, "N 2"], *, side: int) ->
     limit = task.limit(start.size)
 
     def at(index, place):
-        return _scene(start, center.at[index].set(place * limit[index]))
+        return _scene(task, start, center.at[index].set(place * limit[index]))
 
     over_plane = jax.vmap(jax.vmap(at, (None, 0)), (None, 0))
     indices = jnp.array([*task.movable, *task.robots])
@@ -63,12 +63,13 @@ def pushed(task: Any, start: Scene, *, side: int) -> tuple[Scene, Bool[Array, "G
     def at(place):
         row = jnp.stack([place[0] + offset, jnp.broadcast_to(place[1], offset.shape)], axis=1)
         row = jnp.clip(row, -limit[which], limit[which])
-        return _scene(start, start.center.at[which].set(row))
+        return _scene(task, start, start.center.at[which].set(row))
 
     scenes = jax.vmap(jax.vmap(at))(grid(task.half_extent, side))
     progress = jax.vmap(jax.vmap(task.progress))
     return scenes, progress(scenes.center, scenes.size) <= 0
 
 
-def _scene(start, center):
-    return start._replace(center=center, active=activity_bits(start, center))
+def _scene(task, start, center):
+    size = task.sizes(center, start.size)
+    return start._replace(center=center, size=size, active=activity_bits(start, center))

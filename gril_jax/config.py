@@ -16,7 +16,14 @@ from .config_rules import at_least, between, rule
 from .errors import ConfigError
 from .policy_config import PPOConfig, SACConfig
 from .reward_config import EncoderConfig, LossConfig, PoolConfig, PretrainConfig
-from .task_config import BLOCK_COLOURS, BLOCK_SHAPES, DemosConfig, EnvConfig, Variant
+from .task_config import (
+    BLOCK_COLOURS,
+    BLOCK_SHAPES,
+    DemosConfig,
+    EnvConfig,
+    TaskName,
+    Variant,
+)
 
 __all__ = [
     "BLOCK_COLOURS",
@@ -32,6 +39,7 @@ __all__ = [
     "RunConfig",
     "RunSettings",
     "SACConfig",
+    "TaskName",
     "Variant",
     "check",
 ]

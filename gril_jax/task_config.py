@@ -8,11 +8,20 @@ from typing import Literal
 
 from .config_rules import at_least, between, rule
 
-__all__ = ["BLOCK_COLOURS", "BLOCK_SHAPES", "DemosConfig", "EnvConfig", "Places", "Variant"]
+__all__ = [
+    "BLOCK_COLOURS",
+    "BLOCK_SHAPES",
+    "DemosConfig",
+    "EnvConfig",
+    "Places",
+    "TaskName",
+    "Variant",
+]
 
 BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 
+TaskName = Literal["match_regions", "shoes_in_box"]
 Variant = Literal["demo", "jitter", "layout", "color", "shape", "dynamics", "all"]
 Places = Literal["demo", "jitter", "layout"]
 
@@ -33,7 +42,7 @@ _BLOCKS = rule(
 class EnvConfig:
     """The task in the simulator."""
 
-    name: Literal["match_regions", "shoes_in_box"] = "match_regions"
+    name: TaskName = "match_regions"
     """The task. Of the options here shoes_in_box takes reward, substeps, iterations, impl, worlds
     and episode_length; the others but impl and worlds are those of match_regions."""
     robot: Literal["gripper", "short", "medium", "long"] = "gripper"

@@ -8,7 +8,8 @@ from typing import Annotated
 import tyro
 
 from .. import run_dir
-from ..config import Variant
+from ..config import TaskName, Variant
+from ..config_files import load
 from ..errors import ConfigError, RunError
 from ..options import parse
 from .arguments import Work, echo, heavy_imports
@@ -20,7 +21,7 @@ __all__ = ["VERBS"]
 class _Audit:
     reward: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="REWARD_OR_RUN")]
     """A file of export-reward, or the folder that a run made."""
-    task: str | None = None
+    task: TaskName | None = None
     """The task; a run's own, or match_regions."""
     out: str | None = None
     """Folder for the results; by default RUN/audit, or NAME-audit beside NAME.npz."""
@@ -43,8 +44,9 @@ def _audit(args: list[str]) -> Work:
     if not 0 <= given.seed < 2**31:
         raise ConfigError(f"--seed is {given.seed}, but must be from 0 to {2**31 - 1}")
     source = Path(given.reward)
+    config = load(given.task) if given.task else None  # XLA's options depend on the task
     if source.is_dir():
-        run_dir.read_config(source)
+        config = run_dir.read_config(source)
         if not any(source.glob("reward/[0-9]*/manifest.json")):
             raise RunError(f"{source} has no reward, so its run has not got that far yet")
     elif not source.is_file():
@@ -54,7 +56,7 @@ def _audit(args: list[str]) -> Work:
         raise RunError(f"{out} is a file, but --out must be a folder")
 
     def work() -> None:
-        with heavy_imports():
+        with heavy_imports(config):
             from ..experiments import audit
         audit.main(
             source, task=given.task, out=out, variant=given.variant, ascents=given.ascents,

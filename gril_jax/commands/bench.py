@@ -2,10 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 from .. import doctor
-from ..config import Variant
+from ..config import TaskName, Variant
 from ..config_files import load
 from ..errors import ConfigError
 from ..options import parse
@@ -16,7 +15,7 @@ __all__ = ["VERBS"]
 
 @dataclass(frozen=True)
 class _BenchEnv:
-    task: Literal["match_regions", "shoes_in_box"] = "match_regions"
+    task: TaskName = "match_regions"
     """What to step."""
     lanes: int | None = None
     """Episodes in parallel; None is 256 on a CPU, and elsewhere 32,768, or 4,096 for the shoes."""
