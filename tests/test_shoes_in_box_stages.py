@@ -58,7 +58,10 @@ def test_the_environment_offers_them_with_the_names_of_its_own(env):
 def test_nothing_is_done_at_the_start_and_all_with_both_shoes_in_the_open_box(env, seen):
     assert not _done(env, seen()).any()
     assert _done(env, seen(2.55, inside=True)).mean(axis=0).min() > 0.9
-    assert not _done(env, seen(0.0, inside=True)).any()  # under a closed lid nothing counts
+    boxes = seen(0.0, inside=True)
+    assert not _done(env, boxes).any()  # shoes come after the lid
+    progress = jax.vmap(env.stages.progress)(*boxes)
+    np.testing.assert_allclose(np.median(progress), 2 / 3, atol=1e-6)
 
 
 @pytest.mark.parametrize(("angle", "is_open"), [(0.5, False), (1.2, False), (2.0, True)])
