@@ -34,14 +34,14 @@ def function(config: RunConfig, num_classes: int) -> rewards.AnyReward:
         learned = rewards.pixels(scene, _picture(config, scene.pixels), side_by_side=several)
         if chosen == "sum":
             return rewards.weighted_sum([learned, rewards.environmental])
-        return learned
+        return rewards.offset(learned, config.run.reward_offset)
     if chosen == "subtasks":
         return rewards.subtasks(scene, alpha=config.pool.alpha)
     if chosen == "sum":
         return rewards.weighted_sum([rewards.learned(scene), rewards.environmental])
     if chosen == "shaped":
         return rewards.shaped(rewards.learned(scene))
-    return rewards.learned(scene)
+    return rewards.offset(rewards.learned(scene), config.run.reward_offset)
 
 
 def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P P 3"]]:

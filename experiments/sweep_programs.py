@@ -64,11 +64,12 @@ def programs(
             row.config, setup.make_env(row.config.env, training=True)
         )
         encoder = setup.encoder_config(row.config, num_classes)
-        kind = (row.config.run.reward, row.config.run.evaluations, chosen.num_timesteps)
+        run = row.config.run
+        kind = (run.reward, run.reward_offset, run.evaluations, chosen.num_timesteps)
         key = (row.config.env, algorithm.static, encoder, kind)
         if not _examinations(len(starts) or 1, algorithm.num_envs):
             raise ConfigError(
-                f"{row.config.run.algorithm}.num_envs is {algorithm.num_envs}, but must be "
+                f"{run.algorithm}.num_envs is {algorithm.num_envs}, but must be "
                 + (f"a multiple of {2 * len(starts)}" if len(starts) > 1 else "even")
                 + ": in the evaluations of a sweep half of the environments play mean actions"
             )

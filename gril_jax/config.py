@@ -61,6 +61,11 @@ class RunSettings:
         metadata=rule(lambda x: all(abs(w) < float("inf") for w in x), "two finite numbers"),
     )
     """Of the learned and of the task's own reward in their sum, or in the shaped one."""
+    reward_offset: float = field(
+        default=0.0, metadata=rule(lambda x: abs(x) < float("inf"), "a finite number")
+    )
+    """Added to the learned reward where that is all of it. With 1 it is about 0, no longer -1,
+    where demonstrations begin: no policy is better or worse for it, but some are found sooner."""
     evaluations: int = field(default=8, metadata=at_least(0))
     """Evaluations while a policy is trained, in the training program itself."""
     out: str | None = field(

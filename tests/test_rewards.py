@@ -99,6 +99,13 @@ def test_the_learned_reward_is_that_of_the_scene_with_its_activity_bits(encoded)
     np.testing.assert_allclose(values, expected, atol=1e-5)
 
 
+def test_an_offset_is_paid_at_each_moment_and_none_leaves_the_reward_itself():
+    plain = rewards.environmental
+    assert rewards.offset(plain, 0.0) is plain
+    values, _ = _run(rewards.as_reward(rewards.offset(plain, 1.0)), None)
+    np.testing.assert_allclose(values, _moments()[0].reward + 1.0, rtol=1e-6)
+
+
 @pytest.mark.parametrize("mode", ["continuous", "stepped"])
 def test_subtasks_pay_what_the_chain_pays_for_the_same_frames(encoded, mode):
     params, latents = encoded

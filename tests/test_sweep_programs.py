@@ -1,5 +1,6 @@
 """How a sweep shares environments and updates out, and what it compiles ahead."""
 
+import jax
 import pytest
 from gril_jax.experiments import sweep_programs
 from gril_jax.experiments.named_rows import changed
@@ -39,3 +40,12 @@ def test_what_needs_no_learned_reward_is_trained_first_and_each_kind_in_its_orde
     first, then = sweep_programs.in_turn(left)
     assert [program.name for program in first] == ["policy-1", "policy-3"]
     assert [program.name for program in then] == ["policy-0", "policy-2"]
+
+
+def test_rewards_of_other_offsets_are_other_programs():
+    rows = [
+        Row(i, 0, changed(RunConfig(), {"run.reward_offset": by, "ppo.num_envs": 4}))
+        for i, by in enumerate((0.0, 1.0, 1.0))
+    ]
+    found = sweep_programs.programs(rows, 7, jax.devices())
+    assert [[row.cell for row in program.rows] for program in found] == [[0], [1, 2]]

@@ -24,6 +24,7 @@ __all__ = [
     "as_reward",
     "environmental",
     "learned",
+    "offset",
     "pixels",
     "shaped",
     "subtasks",
@@ -74,6 +75,18 @@ def learned(config: GraphConfig) -> RewardFn:
         return jnp.asarray(latent_goal_reward(params, _scene(state, active), config))
 
     return reward
+
+
+def offset(reward: RewardFn, by: float) -> RewardFn:
+    """The same reward, more by a constant: in episodes of one length no policy gains by it.
+
+    A learner may: one that starts from values of 0 has nothing to unlearn where nothing is paid.
+    """
+
+    def more(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
+        return reward(params, state, active) + by
+
+    return more if by else reward
 
 
 def pixels(
