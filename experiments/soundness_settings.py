@@ -30,6 +30,7 @@ _PAPER: dict[str, Any] = {
     "loss.warmup": 0,
     "loss.contrast": 30.0,  # these act on copies alone
     "loss.near": 0.8,
+    "loss.touch": 0.0,
     "loss.tail": 1.0,
 }
 _TURNED = {"pretrain.turn_scenes": True}
@@ -57,6 +58,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "all with alpha 1": _ALL | {"pool.alpha": 1.0},
     "all with alpha 2": _ALL | {"pool.alpha": 2.0},
     "all with near 0.5": _ALL | {"loss.near": 0.5},
+    "all with near 0.5 + touch 0.05": _ALL | {"loss.near": 0.5, "loss.touch": 0.05},
     "all with tail 0": _ALL | {"loss.tail": 0.0},
     "all with 4 members": _ALL | _MEMBERS,
     "all with width 128": _ALL | {"encoder.width": 128},

@@ -36,8 +36,8 @@ def test_learner_task_and_demonstrations_are_the_same_in_all_rows():
         row = changed(BASE, change)
         assert (row.ppo, row.sac, row.demos) == (BASE.ppo, BASE.sac, BASE.demos)
         assert dataclasses.replace(row.env, reward="S4") == BASE.env
-        run = dataclasses.replace(row.run, reward="learned", reward_weights=(1.0, 0.1))
-        assert run == BASE.run
+        usual = {"reward": "learned", "reward_weights": (1.0, 0.1), "reward_offset": 0.0}
+        assert dataclasses.replace(row.run, **usual) == BASE.run
 
 
 def test_ours_audited_is_the_default_and_ours_without_robot_the_paper_s_configuration():
