@@ -9,9 +9,10 @@ slowly: it repeats each link's chain for each number that depends on it. There, 
 `jax.jit(..., compiler_options={"xla_cpu_use_fusion_emitters": False})`, or set the same flag in
 XLA_FLAGS.
 
-MuJoCo Warp, where it is installed, can take the place of MJX's own JAX code: the same model, the
-same answers but for rounding and for which contacts of two boxes are kept. It is written for NVIDIA
-GPUs, runs on a CPU too, and has no derivatives.
+MuJoCo Warp, where it is installed, can take the place of MJX's own JAX code. A step of it is that
+of C MuJoCo; MJX's differs by some 1e-3 rad in a joint whose servo is at the limit of its force, and
+the two keep other contacts when there are many. Warp is written for NVIDIA GPUs, runs on a CPU too,
+and has no derivatives.
 """
 
 import contextlib

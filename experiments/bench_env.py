@@ -7,7 +7,7 @@
 
 Throughput is the best of `repeats` runs of a compiled scan; compile time is that of the scan; and
 `finite` is the share of episodes whose numbers all are, after these steps. On 2 CPU cores a case of
-MatchRegions takes about 15 s, on one H200 about 20 s; shoes take twice as long.
+MatchRegions takes about 15 s, on one H200 about 20 s; one of the shoes compiles for longer.
 """
 
 import contextlib
