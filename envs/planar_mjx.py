@@ -61,8 +61,8 @@ class MjxPhysics:
         self.mj_model = planar_model.build(
             blocks, timestep=self.dt, iterations=iterations, max_contacts=max_contacts
         )
-        self._model = mjx.put_model(self.mj_model)
-        self._blank = mjx.make_data(self._model)
+        self._model = mjx.put_model(self.mj_model, impl="jax")
+        self._blank = mjx.make_data(self._model, impl="jax")
         robot = robots.robot("gripper")
         self._outlines = Physics(robot, len(blocks), arena=arena)  # which has no capsules
         self._base, *fingers = robot.parts
