@@ -15,12 +15,13 @@ arrays of all of them are placed by all at once, in one order.
 """
 
 import contextlib
-import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import jax
+
+from gril_jax import parallel_map
 
 __all__ = ["compiling", "tracing"]
 
@@ -37,12 +38,12 @@ def tracing() -> contextlib.AbstractContextManager:
 
 @contextlib.contextmanager
 def compiling() -> Iterator[Executor]:
-    """A pool to compile in, in the order in which it is asked; half of the machine's cores.
+    """A pool to compile in, in the order in which it is asked; half of the cores.
 
     What has not begun when the block ends, for whatever reason, is given up; what has is waited
     for, since a compiler cannot be stopped.
     """
-    cores = os.cpu_count() or 1
+    cores = parallel_map.cores()
     spare = cores >= _FEW and jax.process_count() == 1
     pool = ThreadPoolExecutor(min(_MOST, cores // 2), "compile") if spare else _WhenAsked()
     try:

@@ -19,6 +19,7 @@ from typing import Any
 
 import jax
 
+from gril_jax import parallel_map
 from gril_jax.errors import RunError
 
 from . import bench_ours, bench_stock, setup
@@ -57,7 +58,7 @@ def main(
     pairs = [(task, algorithm) for task in tasks for algorithm in algorithms]
     # Those that take longest come first.
     wanted = [(*pair, side, seeds) for side in reversed(SIDES) for pair in reversed(pairs)]
-    with ThreadPoolExecutor(jobs or max(1, (os.cpu_count() or 1) // 2)) as pool:
+    with ThreadPoolExecutor(jobs or max(1, parallel_map.cores() // 2)) as pool:
         found = dict(zip(wanted, pool.map(_child, wanted), strict=True))
     rows = [compared(*pair, {side: found[*pair, side, seeds] for side in SIDES}) for pair in pairs]
     result = {

@@ -11,11 +11,19 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ["parallel_map"]
+__all__ = ["cores", "parallel_map"]
 
 X, Y = TypeVar("X"), TypeVar("Y")
 
 _MOST = 8  # threads, each with an item in memory
+
+
+def cores() -> int:
+    """Processor cores that this process may use, which a scheduler may have made fewer than the
+    machine's."""
+    if hasattr(os, "sched_getaffinity"):  # not on macOS
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def parallel_map(function: Callable[[X], Y], items: Iterable[X]) -> Iterator[Y]:
@@ -23,7 +31,7 @@ def parallel_map(function: Callable[[X], Y], items: Iterable[X]) -> Iterator[Y]:
 
     Not more than one item a thread is begun before it is asked for, so that few are in memory.
     """
-    jobs = min(_MOST, os.cpu_count() or 1)
+    jobs = min(_MOST, cores())
     with ThreadPoolExecutor(jobs) as pool:
         begun: deque[Future[Y]] = deque()
         try:

@@ -10,14 +10,14 @@ from gril_jax.experiments import ahead
 
 @pytest.mark.parametrize("cores", [2, 4])
 def test_what_was_compiled_in_the_pool_runs(monkeypatch, cores):
-    monkeypatch.setattr(ahead.os, "cpu_count", lambda: cores)
+    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: cores)
     with ahead.compiling() as pool:
         found = pool.submit(lambda: jax.jit(jnp.sin).lower(1.0).compile()).result()
     assert found(1.0) == jnp.sin(1.0)
 
 
 def test_what_has_not_begun_when_something_fails_is_given_up(monkeypatch):
-    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 4)
+    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: 4)
     begun, go = threading.Event(), threading.Event()
 
     def first():
@@ -44,7 +44,7 @@ def test_what_has_not_begun_when_something_fails_is_given_up(monkeypatch):
 def test_on_two_cores_or_hosts_each_is_made_once_and_when_it_is_asked_for(
     monkeypatch, cores, processes
 ):
-    monkeypatch.setattr(ahead.os, "cpu_count", lambda: cores)
+    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: cores)
     monkeypatch.setattr(ahead.jax, "process_count", lambda: processes)
     made = []
     with ahead.compiling() as pool:
@@ -56,7 +56,7 @@ def test_on_two_cores_or_hosts_each_is_made_once_and_when_it_is_asked_for(
 
 
 def test_programs_are_traced_one_by_one_and_compiled_side_by_side(monkeypatch):
-    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 8)
+    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: 8)
     traced, both = [], threading.Barrier(2)
 
     def make(name):
