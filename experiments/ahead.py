@@ -5,6 +5,8 @@
         ...                                                  # something else
         y = wanted.result()(x)
 
+    ahead.carry_out([Task("a", wanted, frozenset(), do), ...])   # first what is compiled first
+
 XLA compiles outside of Python's lock, so a machine with cores to spare has compiled what comes next
 when what comes before is done. Tracing holds that lock: programs are traced one by one, within
 `with ahead.tracing()`, so that the first need not wait until all are.
@@ -16,14 +18,15 @@ arrays of all of them are placed by all at once, in one order.
 
 import contextlib
 import threading
-from collections.abc import Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from typing import Any, NamedTuple
 
 import jax
 
 from gril_jax import parallel_map
 
-__all__ = ["compiling", "tracing"]
+__all__ = ["Task", "carry_out", "compiling", "tracing"]
 
 _FEW = 4  # cores that one compiler and one training keep busy
 _MOST = 8  # each compiler has threads of its own
@@ -50,6 +53,45 @@ def compiling() -> Iterator[Executor]:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+class Task(NamedTuple):
+    """Something to do that may have to wait."""
+
+    name: str
+    wanted: Future[Any] | None  # the program for it; None where it needs none
+    needs: frozenset[str]  # names of the tasks that come before it
+    do: Callable[[], None]
+
+
+def carry_out(tasks: Iterable[Task]) -> None:
+    """Each task once: always the first that needs nothing undone and whose program is there.
+
+    So a device has work while there is any that can be done. Where programs are compiled when they
+    are asked for, the order is that of the tasks as far as their needs allow, in every process.
+
+    Raises:
+      ValueError: a task needs one that is not among them, or itself in the end.
+    """
+    left, done = list(tasks), set[str]()
+    while left:
+        able = [task for task in left if task.needs <= done]
+        if not able:
+            raise ValueError(
+                f"task {left[0].name!r} needs what never comes: {left[0].needs - done}"
+            )
+        task = next((task for task in able if _is_there(task.wanted)), None)
+        if task is None:
+            wait([task.wanted for task in able if task.wanted], return_when=FIRST_COMPLETED)
+            continue
+        left.remove(task)
+        task.do()
+        done.add(task.name)
+
+
+def _is_there(wanted: Future[Any] | None) -> bool:
+    """Whether there is nothing to wait for: asking is what makes a `_Task`."""
+    return wanted is None or isinstance(wanted, _Task) or wanted.done()
 
 
 class _WhenAsked(Executor):

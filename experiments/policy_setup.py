@@ -49,6 +49,8 @@ def make_sac(config: RunConfig, env: envs.Env) -> sac.SAC:
 def _static(kind: Any, config: RunConfig, chosen: PPOConfig | SACConfig) -> Any:
     """The fields of an algorithm's static half, from its section or from that of the activity."""
     known = vars(config.pool) | vars(chosen)
+    if chosen.observe_activity is None:
+        known["observe_activity"] = config.env.observation != "xmagical"
     return kind(**{field.name: known[field.name] for field in dataclasses.fields(kind)})
 
 

@@ -81,24 +81,45 @@ def main(
             "programs"
         )
         demos = demonstrations.gather_once(config, env, run, progress)
-        left = [program for program in plan if run.finished_phase(program.name) is None]
-        with ahead.compiling() as pool:
-            wanted = sweep_rewards.get_ready(rows, lambda config: demos, pool)
-            chosen = {"starts": settings.starts, "ascents": settings.ascents}
-            audits = soundness_audit.get_ready(variants, rows, run, pool, **chosen)
-            ready = sweep_programs.get_ready(left, jax.devices(), pool)
-            rewards = sweep_rewards.learn_rewards(wanted, run, progress, echo)
-            soundness_audit.audit(audits, rewards, run, progress)
-            table = _write(run.path, _lines(run, settings, rows, rewards, plan))
-            for program in left:
-                one = ready.pop(program.name).result()
-                done = learn_policies(program, one, rewards, run, progress, echo)
-                run.finish_phase(program.name, done)
-                table = _write(run.path, _lines(run, settings, rows, rewards, plan))
+        table = _train(rows, plan, variants, demos, settings, run, progress, echo)
         run.finish({"encoders": len(rows), "policies": count})
     echo(table)
     echo(f"written to {run.path}")
     return run.path
+
+
+def _train(
+    rows, plan, variants, demos, settings: Settings, run: run_dir.RunDir, progress, echo
+) -> str:
+    """All rewards, their audits, and policies, as programs are compiled; returns the table."""
+    left = [program for program in plan if run.finished_phase(program.name) is None]
+    rewards: dict[Hashable, LearnedReward] = {}
+
+    def write() -> str:
+        return _write(run.path, _lines(run, settings, rows, rewards, plan))
+
+    def train(program, compiled) -> None:
+        done = learn_policies(program, compiled, rewards, run, progress, echo)
+        run.finish_phase(program.name, done)
+        write()
+
+    def judge() -> None:
+        soundness_audit.audit(audits, rewards, run, progress)
+        write()
+
+    with ahead.compiling() as pool:
+        wanted = sweep_rewards.get_ready(rows, lambda config: demos, pool)
+        ready = sweep_programs.get_ready(left, jax.devices(), pool)
+        chosen = {"starts": settings.starts, "ascents": settings.ascents}
+        audits = soundness_audit.get_ready(variants, rows, run, pool, **chosen)
+        learned = sweep_rewards.tasks(wanted, rewards, run, progress, echo)
+        every = frozenset(task.name for task in learned)  # the table has all encoders
+        ahead.carry_out(
+            learned
+            + [ahead.Task("audits", audits.last, every, judge)]
+            + sweep_programs.tasks(left, ready, lambda rows: every, train)
+        )
+    return write()
 
 
 def join(folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:

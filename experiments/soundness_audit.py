@@ -136,6 +136,11 @@ class Audits(NamedTuple):
     ground: Ground
     cells: list[Wanted]
 
+    @property
+    def last(self) -> Future[Any] | None:
+        """The program that will be compiled last."""
+        return self.cells[-1].ready if self.cells else None
+
 
 def get_ready(
     variants: Mapping[str, envs.Env],

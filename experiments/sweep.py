@@ -9,9 +9,10 @@ policies, and one configuration a cell, which `gril train RUN/cells/000.yaml` ru
 """
 
 import dataclasses
+import functools
 import io
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 
 import jax
@@ -84,29 +85,25 @@ def _say_nothing(line: str) -> None:
 
 
 def _train(rows, plan, cells, same, run: run_dir.RunDir, progress: Progress, echo: Echo) -> str:
-    """All rewards, then one program after the other; returns the table.
-
-    What needs no learned reward comes before: encoders are compiled while it trains.
-    """
+    """All rewards and programs, in the order in which they are compiled; returns the table."""
     finished = hosts.largest([run.finished_phase(program.name) is not None for program in plan])
     left = [program for program, done in zip(plan, finished, strict=True) if not done]
-    first, then = sweep_programs.in_turn(left)
+    rewards: dict[Hashable, sweep_rewards.LearnedReward] = {}
 
-    def train(program, compiled, rewards):
+    def train(program, compiled):
         done = learn_policies(program, compiled, rewards, run, progress, echo)
         run.finish_phase(program.name, done)
         if hosts.is_first():
             _write_tables(run, plan, cells, same)
 
     with ahead.compiling() as pool:
-        ready = sweep_programs.get_ready(first, jax.devices(), pool)
         wanted = sweep_rewards.get_ready(rows, _gatherer(run, progress), pool)
-        ready |= sweep_programs.get_ready(then, jax.devices(), pool)
-        for program in first:
-            train(program, ready.pop(program.name).result(), {})
-        rewards = sweep_rewards.learn_rewards(wanted, run, progress, echo)
-        for program in then:
-            train(program, ready.pop(program.name).result(), rewards)
+        ready = sweep_programs.get_ready(left, jax.devices(), pool)
+        needs = functools.partial(sweep_rewards.needed, wanted)
+        ahead.carry_out(
+            sweep_rewards.tasks(wanted, rewards, run, progress, echo)
+            + sweep_programs.tasks(left, ready, needs, train)
+        )
     return _write_tables(run, plan, cells, same) if hosts.is_first() else ""
 
 

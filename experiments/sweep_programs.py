@@ -5,7 +5,7 @@ them are arrays.
 """
 
 import itertools
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
@@ -24,8 +24,8 @@ __all__ = [
     "Ready",
     "arguments",
     "get_ready",
-    "in_turn",
     "programs",
+    "tasks",
     "tasks_of_parts",
     "updates_of_chunks",
 ]
@@ -94,13 +94,6 @@ def programs(
     return found
 
 
-def in_turn(left: Sequence[Program]) -> tuple[list[Program], list[Program]]:
-    """Those that need no learned reward, to be trained while encoders compile, and the others."""
-    needing = [any(row.config.run.reward != "environmental" for row in p.rows) for p in left]
-    first = [program for program, needs in zip(left, needing, strict=True) if not needs]
-    return first, [program for program, needs in zip(left, needing, strict=True) if needs]
-
-
 def _examinations(starts: int, num_envs: int) -> int:
     """In how many parts the environments are examined, at least one for each kind of start.
 
@@ -133,6 +126,28 @@ def get_ready(
 ) -> dict[str, Future[Ready]]:
     """Begin to compile programs in a pool, in their order; by their names."""
     return {program.name: pool.submit(_compiled, program, devices) for program in left}
+
+
+def tasks(
+    left: Sequence[Program],
+    ready: dict[str, Future[Ready]],
+    needs: Callable[[Sequence[Row]], frozenset[str]],
+    train: Callable[[Program, Ready], None],
+) -> list[ahead.Task]:
+    """A task for each program.
+
+    Args:
+      left: the programs.
+      ready: from `get_ready`; a program's compiled form is not kept any longer than it trains.
+      needs: of a program's rows, the names of the tasks that learn their rewards.
+      train: a program's policies.
+    """
+
+    def task(program: Program) -> ahead.Task:
+        do = lambda: train(program, ready.pop(program.name).result())  # noqa: E731
+        return ahead.Task(program.name, ready[program.name], needs(program.rows), do)
+
+    return [task(program) for program in left]
 
 
 def _compiled(program: Program, devices: Sequence[Any]) -> Ready:

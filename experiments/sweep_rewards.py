@@ -4,7 +4,7 @@ Rows whose encoders compile to the same program are trained side by side by `jax
 between them are arrays.
 """
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
@@ -22,7 +22,15 @@ from gril_jax.types import DemoBatch
 from . import ahead, demonstrations, learners, setup, sweep_rows
 from .sweep_rows import Row
 
-__all__ = ["LearnedReward", "Wanted", "get_ready", "learn_rewards", "reward_key"]
+__all__ = [
+    "LearnedReward",
+    "Wanted",
+    "get_ready",
+    "learn_rewards",
+    "needed",
+    "reward_key",
+    "tasks",
+]
 
 
 class LearnedReward(NamedTuple):
@@ -89,13 +97,46 @@ def learn_rewards(
 ) -> dict[Hashable, LearnedReward]:
     """The rewards, each trained once, with their tau."""
     found: dict[Hashable, LearnedReward] = {}
-    for number, (keys, config, demos, ready) in enumerate(wanted):
-        params, tau = _encoders(f"reward-{number}", config, ready.result(), run, progress, echo)
-        train, num_classes = demos.batch("train"), len(demos.demo_set.classes)
-        for i, key in enumerate(keys):
-            one = jax.tree.map(lambda x, i=i: x[i], params)
-            found[key] = LearnedReward(one, float(tau[i]), train, num_classes)
+    ahead.carry_out(tasks(wanted, found, run, progress, echo))
     return found
+
+
+def tasks(
+    wanted: Sequence[Wanted],
+    found: dict[Hashable, LearnedReward],
+    run: RunDir,
+    progress: Progress,
+    echo: Callable[[str], None],
+) -> list[ahead.Task]:
+    """A task for each program, which adds its rewards to those that have been found."""
+
+    def task(number: int, one: Wanted) -> ahead.Task:
+        name = _name(number)
+        learn = lambda: found.update(_learned(name, one, run, progress, echo))  # noqa: E731
+        return ahead.Task(name, one.ready, frozenset(), learn)
+
+    return [task(number, one) for number, one in enumerate(wanted)]
+
+
+def needed(wanted: Sequence[Wanted], rows: Iterable[Row]) -> frozenset[str]:
+    """Names of the tasks that learn these rows' rewards."""
+    asked = {reward_key(row.config) for row in rows if row.config.run.reward != "environmental"}
+    return frozenset(_name(i) for i, one in enumerate(wanted) if not asked.isdisjoint(one.keys))
+
+
+def _name(number: int) -> str:
+    return f"reward-{number}"
+
+
+def _learned(name: str, one: Wanted, run, progress, echo) -> dict[Hashable, LearnedReward]:
+    params, tau = _encoders(name, one.config, one.ready.result(), run, progress, echo)
+    train, num_classes = one.demos.batch("train"), len(one.demos.demo_set.classes)
+    return {
+        key: LearnedReward(
+            jax.tree.map(lambda x, i=i: x[i], params), float(tau[i]), train, num_classes
+        )
+        for i, key in enumerate(one.keys)
+    }
 
 
 def _compiled(configs: Sequence[RunConfig], demos) -> _Ready:

@@ -72,21 +72,7 @@ def main(
             write_settings(run.path, settings)
         echo(f"writing to {run.path}: {len(rows)} policies in {len(plan)} programs")
         demos = demonstrations.gather_once(config, env, run, progress)
-        left = [program for program in plan if run.finished_phase(program.name) is None]
-        graphs = [row for row in _learning(rows) if row.config.encoder.kind != "pixels"]
-        with ahead.compiling() as pool:
-            first, then = sweep_programs.in_turn(left)
-            ready = sweep_programs.get_ready(first, jax.devices(), pool)
-            wanted = _wanted(rows, demos, pool)
-            audits = _audits(graphs, settings, run, pool)
-            ready |= sweep_programs.get_ready(then, jax.devices(), pool)
-            for program in first:
-                _policies(program, ready, {}, run, progress, echo)
-            rewards = _rewards(rows, sweep_rewards.learn_rewards(wanted, run, progress, echo))
-            soundness_audit.audit(audits, rewards, run, progress)
-            profiles(graphs, rewards, demos, run, progress)
-            for program in then:
-                _policies(program, ready, rewards, run, progress, echo)
+        _train(rows, plan, demos, settings, run, progress, echo)
         found = table1_results.read(run.path)
         table = table1_results.write(run.path, found)
         run.finish({"programs": len(plan)} | _summary(found))
@@ -95,29 +81,50 @@ def main(
     return run.path
 
 
-def _policies(program, ready, rewards: Rewards, run: run_dir.RunDir, progress, echo) -> None:
-    """A program's policies, and the table with them; its compiled form is not kept any longer."""
-    compiled = ready.pop(program.name).result()
-    run.finish_phase(program.name, learn_policies(program, compiled, rewards, run, progress, echo))
-    table1_results.write(run.path, table1_results.read(run.path))
+def _train(rows, plan, demos, settings: Settings, run: run_dir.RunDir, progress, echo) -> None:
+    """All rewards, their audits, and policies, in the order in which programs are compiled."""
+    left = [program for program in plan if run.finished_phase(program.name) is None]
+    graphs = [row for row in rows if _learns(row) and row.config.encoder.kind != "pixels"]
+    learned: dict[Hashable, LearnedReward] = {}
+
+    def train(program, compiled) -> None:
+        rewards = _of_rows(program.rows, learned)
+        done = learn_policies(program, compiled, rewards, run, progress, echo)
+        run.finish_phase(program.name, done)
+        table1_results.write(run.path, table1_results.read(run.path))
+
+    def judge() -> None:
+        rewards = _of_rows(graphs, learned)
+        soundness_audit.audit(audits, rewards, run, progress)
+        profiles(graphs, rewards, demos, run, progress)
+
+    with ahead.compiling() as pool:
+        wanted = sweep_rewards.get_ready(_learning(rows), lambda config: demos, pool)
+        ready = sweep_programs.get_ready(left, jax.devices(), pool)
+        audits = _audits(graphs, settings, run, pool)
+        needs = lambda rows: sweep_rewards.needed(wanted, _learning(rows))  # noqa: E731
+        ahead.carry_out(
+            sweep_rewards.tasks(wanted, learned, run, progress, echo)
+            + [ahead.Task("audits and profiles", audits.last, needs(graphs), judge)]
+            + sweep_programs.tasks(left, ready, needs, train)
+        )
 
 
-def _wanted(rows: Sequence[Row], demos, pool: Executor) -> list[sweep_rewards.Wanted]:
-    """The reward of each row that learns one; rows that learn the same share it."""
-    learning = [row._replace(config=_as_learned(row.config)) for row in _learning(rows)]
-    return sweep_rewards.get_ready(learning, lambda config: demos, pool)
-
-
-def _rewards(rows: Sequence[Row], found: Rewards) -> Rewards:
-    """The same by what each row's own configuration says."""
+def _of_rows(rows: Sequence[Row], learned: Rewards) -> Rewards:
+    """Rewards by what each row's own configuration says; rows that learn the same share one."""
+    pairs = zip(_learning(rows), [row for row in rows if _learns(row)], strict=True)
     return {
-        reward_key(row.config): found[reward_key(_as_learned(row.config))]
-        for row in _learning(rows)
+        reward_key(row.config): learned[reward_key(as_learned.config)] for as_learned, row in pairs
     }
 
 
+def _learns(row: Row) -> bool:
+    return row.config.run.reward != "environmental"
+
+
 def _learning(rows: Sequence[Row]) -> list[Row]:
-    return [row for row in rows if row.config.run.reward != "environmental"]
+    """Those that learn a reward, as that is learned."""
+    return [row._replace(config=_as_learned(row.config)) for row in rows if _learns(row)]
 
 
 def _as_learned(config: RunConfig) -> RunConfig:

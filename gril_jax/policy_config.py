@@ -44,8 +44,9 @@ class PPOConfig:
         metadata=rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
     )
     """Widths of the hidden layers of policy and value function."""
-    observe_activity: bool = True
-    """Whether the policy sees which objects have moved, as the reward does."""
+    observe_activity: bool | None = None
+    """Whether the policy sees which objects have moved, as the reward does; None: unless the
+    observation is "xmagical", so that it stays the original simulator's own."""
 
 
 @dataclass(frozen=True)
@@ -91,5 +92,6 @@ class SACConfig:
         metadata=rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
     )
     """Widths of the hidden layers of actor and critics."""
-    observe_activity: bool = True
-    """Whether the policy sees which objects have moved, as the reward does."""
+    observe_activity: bool | None = None
+    """Whether the policy sees which objects have moved, as the reward does; None: unless the
+    observation is "xmagical", so that it stays the original simulator's own."""

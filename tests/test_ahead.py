@@ -69,3 +69,58 @@ def test_programs_are_traced_one_by_one_and_compiled_side_by_side(monkeypatch):
     with ahead.compiling() as pool:
         assert [task.result() for task in [pool.submit(make, x) for x in "ab"]] == ["a", "b"]
     assert traced in (["a", "a", "b", "b"], ["b", "b", "a", "a"])
+
+
+@pytest.mark.parametrize("cores", [2, 8])
+def test_tasks_come_after_those_that_they_need(monkeypatch, cores):
+    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: cores)
+    done = []
+    with ahead.compiling() as pool:
+        programs = {name: pool.submit(lambda name=name: name) for name in "abc"}
+
+        def task(name, *needs):
+            do = lambda: done.append(programs[name].result())  # noqa: E731
+            return ahead.Task(name, programs[name], frozenset(needs), do)
+
+        ahead.carry_out(
+            [
+                task("a", "b", "c"),
+                ahead.Task("d", None, frozenset("a"), lambda: done.append("d")),
+                task("b", "c"),
+                task("c"),
+            ]
+        )
+    assert done == ["c", "b", "a", "d"]
+
+
+def test_what_is_compiled_first_comes_first(monkeypatch):
+    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: 8)
+    done, slow = [], threading.Event()
+    with ahead.compiling() as pool:
+        first, second = pool.submit(slow.wait, 60), pool.submit(lambda: True)
+
+        def finish():
+            done.append("second")
+            slow.set()
+
+        ahead.carry_out(
+            [
+                ahead.Task("first", first, frozenset(), lambda: done.append("first")),
+                ahead.Task("second", second, frozenset(), finish),
+            ]
+        )
+    assert done == ["second", "first"]
+
+
+def test_a_program_that_cannot_be_compiled_fails_where_it_is_asked_for(monkeypatch):
+    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: 8)
+    with ahead.compiling() as pool:
+        broken = pool.submit(lambda: 1 // 0)
+        with pytest.raises(ZeroDivisionError):
+            ahead.carry_out([ahead.Task("broken", broken, frozenset(), broken.result)])
+
+
+def test_a_task_that_can_never_come_is_named():
+    tasks = [ahead.Task("a", None, frozenset("b"), lambda: None)]
+    with pytest.raises(ValueError, match=r"'a' needs what never comes: frozenset\(\{'b'\}\)"):
+        ahead.carry_out(tasks)

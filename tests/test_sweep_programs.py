@@ -1,8 +1,11 @@
 """How a sweep shares environments and updates out, and what it compiles ahead."""
 
+import functools
+from concurrent.futures import Future
+
 import jax
 import pytest
-from gril_jax.experiments import sweep_programs
+from gril_jax.experiments import sweep_programs, sweep_rewards
 from gril_jax.experiments.named_rows import changed
 from gril_jax.experiments.sweep_rows import Row
 
@@ -29,17 +32,32 @@ def test_chunks_have_about_as_many_updates_each(evaluations, updates, chunks):
     assert sweep_programs.updates_of_chunks(program) == chunks
 
 
-def test_what_needs_no_learned_reward_is_trained_first_and_each_kind_in_its_order():
-    kinds = ["learned", "environmental", "shaped", "environmental"]
-    left = [
-        sweep_programs.Program(
-            f"policy-{i}", [Row(i, 0, changed(RunConfig(), change))], None, {}, 1
-        )
-        for i, change in enumerate({"run.reward": kind} for kind in kinds)
+def test_policies_wait_for_the_rewards_that_they_are_trained_on_and_for_no_others():
+    kinds = [
+        {"run.reward": "learned"},
+        {"run.reward": "environmental"},
+        {"run.reward": "shaped", "loss.near": 0.7},
     ]
-    first, then = sweep_programs.in_turn(left)
-    assert [program.name for program in first] == ["policy-1", "policy-3"]
-    assert [program.name for program in then] == ["policy-0", "policy-2"]
+    rows = [Row(i, 0, changed(RunConfig(), change)) for i, change in enumerate(kinds)]
+    left = [sweep_programs.Program(f"policy-{i}", [row], None, {}, 1) for i, row in enumerate(rows)]
+    wanted = [
+        sweep_rewards.Wanted([sweep_rewards.reward_key(row.config)], row.config, None, Future())
+        for row in (rows[0], rows[2])
+    ]
+    ready = {program.name: Future() for program in left}
+    trained = []
+    tasks = sweep_programs.tasks(
+        left,
+        dict(ready),
+        functools.partial(sweep_rewards.needed, wanted),
+        lambda program, compiled: trained.append((program.name, compiled)),
+    )
+    names = ["policy-0", "policy-1", "policy-2"]
+    assert [(task.name, task.wanted) for task in tasks] == [(name, ready[name]) for name in names]
+    assert [set(task.needs) for task in tasks] == [{"reward-0"}, set(), {"reward-1"}]
+    ready["policy-2"].set_result("compiled")
+    tasks[2].do()
+    assert trained == [("policy-2", "compiled")]
 
 
 def test_rewards_of_other_offsets_are_other_programs():

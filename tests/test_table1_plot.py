@@ -32,11 +32,19 @@ def test_a_line_is_the_interquartile_mean_against_steps_and_against_seconds():
             np.testing.assert_allclose(line.get_xdata(), unit * np.arange(5))
 
 
-def test_all_rows_of_the_table_are_told_apart():
-    drawn = figure(_curves(ROWS, seeds=2))
-    for axes in drawn.axes:
-        looks = {(line.get_color(), line.get_linestyle()) for line in axes.lines}
-        assert len(looks) == len(axes.lines) == len(ROWS)
+def test_many_rows_have_a_panel_each_and_are_told_apart_where_they_meet():
+    found = _curves(ROWS, seeds=2)
+    drawn = figure(found)
+    *panels, together = [axes for axes in drawn.axes if axes.axison]
+    assert [panel.get_title(loc="left") for panel in panels] == [*ROWS]
+    looks = {(line.get_color(), line.get_linestyle()) for line in together.lines}
+    assert len(looks) == len(together.lines) == len(ROWS)
+    first, *others = panels
+    for name, panel in zip(list(ROWS)[1:], others, strict=True):
+        own, reference = panel.lines
+        middle = np.mean([[0, *c.scores["success_sampled"]] for c in found if c.row == name], 0)
+        np.testing.assert_allclose(own.get_ydata(), middle, rtol=1e-6)
+        np.testing.assert_array_equal(reference.get_ydata(), first.lines[0].get_ydata())
     assert png(drawn).startswith(b"\x89PNG")
 
 

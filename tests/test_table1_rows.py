@@ -36,14 +36,15 @@ def test_learner_task_and_demonstrations_are_the_same_in_all_rows():
         row = changed(BASE, change)
         assert (row.ppo, row.sac, row.demos) == (BASE.ppo, BASE.sac, BASE.demos)
         assert dataclasses.replace(row.env, reward="S4") == BASE.env
-        usual = {"reward": "learned", "reward_weights": (1.0, 0.1), "reward_offset": 0.0}
+        usual = {"reward": "learned", "reward_weights": (1.0, 0.1), "reward_offset": 1.0}
         assert dataclasses.replace(row.run, **usual) == BASE.run
 
 
-def test_ours_audited_is_the_default_and_ours_without_robot_the_paper_s_configuration():
-    paper = load("match_regions_paper")
+def test_the_denser_row_is_the_default_and_ours_without_robot_the_paper_s_configuration():
+    paper, denser = load("match_regions_paper"), changed(BASE, ROWS["ours audited and denser"])
+    assert denser.run == BASE.run
     for section in ENCODER:
-        assert getattr(changed(BASE, ROWS["ours audited"]), section) == getattr(BASE, section)
+        assert getattr(denser, section) == getattr(BASE, section)
     row = changed(BASE, ROWS["ours without robot"])
     assert (row.encoder, row.pool, row.pretrain) == (paper.encoder, paper.pool, paper.pretrain)
     without_copies = {"contrast": row.loss.contrast, "near": row.loss.near}
