@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from .commands import VERBS
 from .commands.arguments import Work
 from .errors import ConfigError, GrilError
-from .interrupt import Interrupted
+from .interrupt import Interrupted, heard
 from .options import nearest
 
 __all__ = ["main"]
@@ -65,9 +65,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = list(sys.argv[1:] if argv is None else argv)
     code = 2
     try:
-        work = _plan(args)
-        code = 1
-        result = work() or 0
+        with heard():
+            work = _plan(args)
+            code = 1
+            result = work() or 0
         sys.stdout.flush()  # here, where a pipe that is closed can still be answered for
         return result
     except Interrupted as stop:

@@ -1,6 +1,7 @@
 """An exported policy acts like the run's own, with NumPy alone, and says what its arrays mean."""
 
 import ast
+import dataclasses
 import functools
 import json
 import pathlib
@@ -351,3 +352,30 @@ def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
 def test_a_folder_that_has_gone_is_one_sentence(tmp_path):
     with pytest.raises(RunError, match=r"gone cannot be written to \(No such file or directory\)"):
         export_policy.write(pathlib.Path(tmp_path / "gone" / "policy.npz"), {}, {})
+
+
+@pytest.mark.parametrize(
+    ("observation", "told", "bits"),
+    [
+        ("rich", None, True),
+        ("xmagical", None, False),
+        ("xmagical", True, True),
+        ("rich", False, False),
+    ],
+)
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_x_magical_s_vector_stays_alone_unless_activity_bits_are_asked_for(
+    observation, told, bits, algorithm
+):
+    config = dataclasses.replace(
+        SMALL,
+        env=dataclasses.replace(SMALL.env, observation=observation),
+        ppo=dataclasses.replace(SMALL.ppo, observe_activity=told),
+        sac=dataclasses.replace(SMALL.sac, observe_activity=told),
+        run=dataclasses.replace(SMALL.run, algorithm=algorithm),
+    )
+    env = setup.make_env(config.env, training=True)
+    episodes = policy_setup.make_algorithm(config, env).episodes
+    objects = 2 + len(config.env.targets) + len(config.env.distractors)
+    own = len(jax.eval_shape(env.reset, jax.random.key(0)).obs)
+    assert episodes.observation_size == own + bits * objects

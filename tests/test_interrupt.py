@@ -1,14 +1,16 @@
 """The first signal is a note, the second acts; handlers from before come back."""
 
 import contextlib
+import gc
 import signal
 import threading
+import time
 
 import pytest
 
 from gril_jax import cli
 from gril_jax.errors import RunError
-from gril_jax.interrupt import Interrupted, noticed
+from gril_jax.interrupt import Interrupted, heard, noticed
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -58,3 +60,49 @@ def test_the_command_line_says_one_sentence_and_exits_as_shells_expect(
     monkeypatch.setitem(cli.VERBS, "train", lambda args: lambda: interrupted(args))
     assert cli.main(["train"]) == code
     assert capsys.readouterr().err == "gril: it came, and the run is saved.\n"
+
+
+class _Last:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+def _in_the_collector():
+    come = []
+
+    def callback(phase, info):
+        if not come:
+            come.append(phase)
+            signal.raise_signal(signal.SIGINT)
+
+    gc.callbacks.append(callback)
+    try:
+        gc.collect()
+    finally:
+        gc.callbacks.remove(callback)
+
+
+@pytest.mark.parametrize("interrupt", [_Last, _in_the_collector])
+def test_ctrl_c_is_heard_where_python_would_only_print_it(interrupt):
+    before = signal.getsignal(signal.SIGINT)
+    arrived = False
+
+    def work():
+        nonlocal arrived
+        interrupt()
+        arrived = True  # nothing was raised in there, where it would have been lost
+        time.sleep(30)
+
+    with pytest.raises(KeyboardInterrupt), heard():
+        work()
+    assert arrived
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_ctrl_c_interrupts_at_once_elsewhere_and_what_noticed_it_before_comes_first():
+    with heard():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with noticed() as notice:
+            signal.raise_signal(signal.SIGINT)
+        assert notice.number == signal.SIGINT
