@@ -1,9 +1,11 @@
 """A sweep from the command line to its table, and one that goes on after being cut off."""
 
 import csv
+import itertools
 import json
 
 import pytest
+from gril_jax.experiments.named_rows import changed
 
 from gril_jax import cli, run_dir
 from gril_jax.errors import RunError
@@ -29,6 +31,37 @@ def test_an_odd_number_of_environments_is_refused_before_work_starts(tmp_path, c
     assert cli.main(["sweep", "quickstart", *odd]) == 2
     assert "ppo.num_envs is 3, but must be even" in capsys.readouterr().err
     assert not (tmp_path / "odd").exists()
+
+
+def test_rows_of_table_1_are_one_more_axis(monkeypatch):
+    from gril_jax.experiments import sweep, table1_rows
+
+    calls = []
+    monkeypatch.setattr(sweep, "main", lambda *args, **kwargs: calls.append(args))
+    rows = ["environmental", "ours with robot"]
+    axis = ["--ppo.learning-rate", "1e-3,2e-3"]
+    assert cli.main(["sweep", "match_regions", "--rows", ",".join(rows), *axis]) == 0
+    ((config, found, seeds),) = calls
+    assert seeds == 5
+    rates = (1e-3, 2e-3)
+    assert [(cell.name, cell.config.ppo.learning_rate) for cell in found] == [
+        (f"row {row}, learning-rate {rate}", float(rate))
+        for row in rows
+        for rate in axis[1].split(",")
+    ]
+    for cell, (row, rate) in zip(found, itertools.product(rows, rates), strict=True):
+        plain = changed(config, table1_rows.ROWS[row])
+        assert cell.config == changed(plain, {"ppo.learning_rate": rate})
+
+
+def test_what_a_row_says_is_no_option_beside_it(capsys):
+    for more, fault in (
+        (["--rows", "environmental", "--reward", "learned,sum"], "--run.reward is given, but each"),
+        (["--rows", "enviromental"], "did you mean environmental?"),
+        (["shoes_in_box", "--rows", "environmental"], "must be 'match_regions' here"),
+    ):
+        assert cli.main(["sweep", *more]) == 2
+        assert fault in capsys.readouterr().err
 
 
 @pytest.mark.slow

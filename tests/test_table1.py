@@ -2,7 +2,6 @@
 
 import csv
 import json
-from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
 import pytest
@@ -79,21 +78,13 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     assert chosen[0].run.evaluations == 4
 
 
-def test_rows_that_differ_in_what_becomes_of_their_reward_share_it(monkeypatch):
+def test_rows_that_differ_in_what_becomes_of_their_reward_share_it():
     names = ["environmental", "ours audited", "ours with potential shaping", "ours with robot"]
     base = load("match_regions")
     rows = [Row(cell, 0, changed(base, ROWS[name])) for cell, name in enumerate(names)]
-    learned = {}
-
-    def get_ready(rows, *_):
-        keys = dict.fromkeys(table1.reward_key(row.config) for row in rows)
-        learned.update((key, LearnedReward(None, float(i), None, 7)) for i, key in enumerate(keys))
-        return []
-
-    monkeypatch.setattr(table1.sweep_rewards, "get_ready", get_ready)
-    with ThreadPoolExecutor() as pool:
-        table1._wanted(rows, None, pool)
-    rewards = table1._rewards(rows, learned)
+    keys = dict.fromkeys(table1.reward_key(row.config) for row in table1._learning(rows))
+    learned = {key: LearnedReward(None, float(i), None, 7) for i, key in enumerate(keys)}
+    rewards = table1._of_rows(rows, learned)
     assert len(learned) == 2
     assert len(rewards) == 3
     taus = [rewards[table1.reward_key(row.config)].tau for row in rows[1:]]

@@ -26,6 +26,7 @@ __all__ = [
     "in_full",
     "joined_runs",
     "positional",
+    "require_left_to_options",
     "require_new_file",
     "resumed_config",
     "resumed_table",
@@ -174,6 +175,14 @@ def existing_folder(name: str) -> Path:
         fault = "is a file" if path.exists() else "does not exist"
         raise DemoError(f"{path} {fault}, but must be a folder")
     return path
+
+
+def require_left_to_options(args: list[str], taken: set[str]) -> None:
+    """Refuses to choose for all rows of a table what each of them says for itself."""
+    for option in (arg.partition("=")[0] for arg in in_full(args)):
+        path = option.removeprefix("--").replace("-", "_")
+        if path in taken or f"{path}_" in taken:
+            raise ConfigError(f"{option} is given, but each row of the table sets it for itself")
 
 
 def require_new_file(path: Path) -> None:

@@ -9,14 +9,24 @@ from ..cluster import cluster_of
 from ..config import RunConfig
 from ..config_files import load
 from ..errors import ConfigError, RunError
-from ..sweep_grid import cells, take_axes
-from .arguments import Work, echo, heavy_imports, in_full, positional, run_config, take
+from ..sweep_grid import Cell, cells, take_axes
+from .arguments import (
+    Work,
+    echo,
+    heavy_imports,
+    in_full,
+    positional,
+    require_left_to_options,
+    run_config,
+    take,
+)
 
 __all__ = ["VERBS"]
 
 _ABOUT = (
     "Train every combination of the values given, over --seeds N seeds (5 by default). An option "
-    "whose value has commas is an axis: --reward learned,environmental --lambda 0.1,1. "
+    "whose value has commas is an axis: --reward learned,environmental --lambda 0.1,1. --rows A,B "
+    "takes rows of gril table1 as one more. "
     "--resume RUN goes on with a sweep that was cut off. --distributed makes one of all processes "
     "of a SLURM or Kubernetes job: see experiments/clusters.md."
 )
@@ -33,11 +43,32 @@ def _sweep(args: list[str]) -> Work:
     name, seeds = positional(args), take(args, "--seeds")
     if seeds is not None and (not seeds.isdecimal() or int(seeds) < 1):
         raise ConfigError(f"--seeds is {seeds!r}, but must be a whole number of at least 1")
+    rows = take(args, "--rows")
     args[:] = in_full(args)
+    beside = _cells_of_rows(rows, args) if rows is not None else list
     axes = take_axes(args)
     config = run_config(name, args, _PROG, _ABOUT)
-    found = cells(axes, args, lambda options: load(name, options, prog=_PROG))
+    found = beside(cells(axes, args, lambda options: load(name, options, prog=_PROG)))
     return _work(config, lambda: (found, int(seeds or 5)), None, connect)
+
+
+def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[Cell]]:
+    """From cells to as many for each of these rows of Table I."""
+    from ..experiments import table1_rows
+    from ..experiments.named_rows import changed
+
+    rows = table1_rows.chosen_rows(names)
+    require_left_to_options(args, table1_rows.paths(rows))
+
+    def each(found: list[Cell]) -> list[Cell]:
+        table1_rows.check(found[0].config)
+        return [
+            Cell((("row", name), *cell.labels), changed(cell.config, change))
+            for name, change in rows.items()
+            for cell in found
+        ]
+
+    return each
 
 
 def _connection(args: list[str]) -> Connect | None:

@@ -4,14 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..config import RunConfig
-from ..errors import ConfigError
 from .arguments import (
     Work,
     echo,
     heavy_imports,
-    in_full,
     joined_runs,
     positional,
+    require_left_to_options,
     resumed_table,
     run_config,
     take,
@@ -55,20 +54,12 @@ def _table1(args: list[str]) -> Work:
         ascents=whole_number(args, "--ascents", usual.ascents),
         starts=whole_number(args, "--starts", usual.starts),
     )
-    _check_options(args, known.paths(settings.rows))
+    require_left_to_options(args, known.paths(settings.rows))
     evaluations = known.QUICK_EVALUATIONS if quick else known.EVALUATIONS
     args = ["--run.evaluations", str(evaluations), *args]  # of two the later one counts
     config = run_config(name, args, _PROG, _ABOUT)
     known.check(config)
     return _work(config, settings, None)
-
-
-def _check_options(args: list[str], taken: set[str]) -> None:
-    """Refuses to choose for all rows what each of them says for itself."""
-    for option in (arg.partition("=")[0] for arg in in_full(args)):
-        path = option.removeprefix("--").replace("-", "_")
-        if path in taken or f"{path}_" in taken:
-            raise ConfigError(f"{option} is given, but each row of the table sets it for itself")
 
 
 def _join(folders: list[Path], out: Path) -> Work:
