@@ -20,10 +20,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from . import shoes_in_box_model as model
-from . import shoes_in_box_stages
+from . import shoes_in_box_moments, shoes_in_box_stages
 from .tabletop import Tabletop, Task, View
 from .tabletop_boxes import Boxes, box, free, lowest, touching
 from .tabletop_frames import Frame, compose, into, out_of, rotation
+from .tabletop_moments import Moments
 from .tabletop_reward import Progress, closeness
 from .tabletop_start import Footprint, Start, free_joint, group, place
 
@@ -54,9 +55,21 @@ def task() -> Task:
     )
 
 
-def shoes_in_box(**options) -> Tabletop:
-    """The environment; `options` are those of `Tabletop`."""
-    return Tabletop(task(), **options)
+def shoes_in_box(*, varied_starts: float = 0.0, **options) -> Tabletop:
+    """The environment; other `options` are those of `Tabletop`.
+
+    Args:
+      varied_starts: share of the episodes that begin within one of a scripted expert, which is
+        played first (10 s on 2 CPU cores).
+    """
+    found = _moments() if varied_starts else None
+    return Tabletop(task(), varied_starts=varied_starts, moments=found, **options)
+
+
+@functools.cache
+def _moments() -> Moments:
+    """Once in a process: what is recorded depends on no option of who begins there."""
+    return shoes_in_box_moments.moments(Tabletop(task()))
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:

@@ -33,7 +33,7 @@ from .tabletop import Tabletop
 from .tabletop_boxes import Boxes
 from .tabletop_hand import Hand
 
-__all__ = ["KINDS", "Run", "judge", "play"]
+__all__ = ["KINDS", "Run", "judge", "perform", "play"]
 
 _LIMIT = 900  # control steps; a script that meets no trouble takes half of them
 _AFTER = 10  # moments kept after success
@@ -84,13 +84,8 @@ def play(env: Tabletop, start: State, seed: int | tuple[int, ...], kind: str = "
     Raises:
       ValueError: the kind or the controller is unknown.
     """
-    if kind not in KINDS:
-        raise ValueError(f"kind is {kind!r}, but must be one of {', '.join(KINDS)}")
     rng = np.random.default_rng(seed)
-    style, hand = draw(rng), Hand(env, start, limit=_LIMIT)
-    hand.rest(style.pauses[0])
-    KINDS[kind](hand, style, rng)
-    hand.rest(_AFTER)
+    hand = perform(env, start, rng, kind)
     run = judge(env, start, kind, np.stack(hand.positions), np.stack(hand.velocities))
     length = len(run.qpos)
     if run.success.any():
@@ -99,6 +94,17 @@ def play(env: Tabletop, start: State, seed: int | tuple[int, ...], kind: str = "
         if kind == "stops early":
             length = max(10, int(first * rng.uniform(0.15, 0.95)))
     return _cut(run, length)
+
+
+def perform(env: Tabletop, start: State, rng: np.random.Generator, kind: str = "success") -> Hand:
+    """The same, as the hand has recorded it, before anybody judges it; raises the same."""
+    if kind not in KINDS:
+        raise ValueError(f"kind is {kind!r}, but must be one of {', '.join(KINDS)}")
+    style, hand = draw(rng), Hand(env, start, limit=_LIMIT)
+    hand.rest(style.pauses[0])
+    KINDS[kind](hand, style, rng)
+    hand.rest(_AFTER)
+    return hand
 
 
 def judge(env: Tabletop, start: State, kind: str, qpos, qvel) -> Run:

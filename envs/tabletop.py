@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import panda_control as control
 from . import panda_kinematics as kinematics
-from . import panda_model
+from . import panda_model, tabletop_moments
 from . import tabletop_boxes as boxes
 from . import tabletop_camera as cameras
 from . import tabletop_observation as observations
@@ -29,6 +29,7 @@ from .stages import Stages
 from .tabletop_boxes import Boxes
 from .tabletop_frames import Frame
 from .tabletop_model import Scene, build
+from .tabletop_moments import Moments
 from .tabletop_physics import IMPLEMENTATIONS, Motion, Physics
 from .tabletop_reward import Progress, Record
 from .tabletop_start import Start
@@ -90,6 +91,8 @@ class Tabletop:
       controller: one of `panda_control.CONTROLLERS`.
       reward: one of `tabletop_reward.REWARDS`.
       jitter: share of the ranges of the start's randomness, from 0 to 1.
+      varied_starts: share of the episodes that begin at one of these moments:
+      moments: within recorded episodes of the task.
       substeps: physics steps a control step.
       iterations, ls_iterations: of the contact solver and its line search.
       max_contacts: most contacts that a substep resolves; the deepest count.
@@ -112,6 +115,8 @@ class Tabletop:
         controller: str = "ee_delta_yaw",
         reward: str = "staged",
         jitter: float = 1.0,
+        varied_starts: float = 0.0,
+        moments: Moments | None = None,
         episode_length: int | None = None,
         substeps: int = 10,
         iterations: int = 4,
@@ -124,13 +129,17 @@ class Tabletop:
         _check_name("controller", controller, control.CONTROLLERS)
         _check_name("reward", reward, rewards.REWARDS)
         _check_name("impl", impl, IMPLEMENTATIONS)
-        if not 0 <= jitter <= 1:
-            raise ValueError(f"jitter is {jitter}, but must be between 0 and 1")
+        for what, share in (("jitter", jitter), ("varied_starts", varied_starts)):
+            if not 0 <= share <= 1:
+                raise ValueError(f"{what} is {share}, but must be between 0 and 1")
+        if varied_starts and moments is None:
+            raise ValueError(f"varied_starts is {varied_starts}, but there are no moments for it")
         _check_counts(
             episode_length=length, substeps=substeps, iterations=iterations,
             ls_iterations=ls_iterations, max_contacts=max_contacts, worlds=worlds,
         )  # fmt: skip
         self.task, self.controller, self.jitter = task, controller, jitter
+        self._varied_starts, self._moments = varied_starts, moments
         self.episode_length, self._reward = length, reward
         self.classes = (*_ROBOT, *task.things)
         self.action_names = control.ACTION_NAMES[controller]
@@ -153,24 +162,45 @@ class Tabletop:
 
     def reset(self, key: PRNGKeyArray) -> State:
         """A new episode; the key is consumed."""
-        key_start, key_arm = jax.random.split(key)
-        start = self.task.start(key_start, self.jitter)
-        noise = self.jitter * _ARM_NOISE * jax.random.normal(key_arm, (7,))
-        arm = jnp.asarray(self._home) + noise
-        return self.reset_to(arm, start, opening=kinematics.FINGER_RANGE[1])
+        if not self._varied_starts:
+            return self._observe(*[self._begin(key)] * 2)
+        key, key_varied, key_moment = jax.random.split(key, 3)
+        varied = jax.random.uniform(key_varied) < self._varied_starts
+        data, moved = self._within(tabletop_moments.draw(key_moment, self._moments))
+        data = jax.tree.map(lambda a, b: jnp.where(varied, a, b), data, self._begin(key))
+        return self._observe(data, data)._replace(moved=moved & varied)
 
     def reset_to(
         self, arm: Float[Array, "7"], start: Start, *, opening: Float[Array, ""] | float
     ) -> State:
         """An episode that begins at rest with given joints, things, and opening of each finger."""
+        return self._observe(*[self._at_rest(arm, start, opening)] * 2)
+
+    def _begin(self, key: PRNGKeyArray) -> TabletopData:
+        """As the task begins."""
+        key_start, key_arm = jax.random.split(key)
+        start = self.task.start(key_start, self.jitter)
+        noise = self.jitter * _ARM_NOISE * jax.random.normal(key_arm, (7,))
+        arm = jnp.asarray(self._home) + noise
+        return self._at_rest(arm, start, kinematics.FINGER_RANGE[1])
+
+    def _at_rest(self, arm, start: Start, opening) -> TabletopData:
         fingers = jnp.full((2,), opening)
         motion = self.physics.start(jnp.concatenate([arm, fingers, start.joints]))
-        data = TabletopData(
+        return TabletopData(
             motion, jnp.concatenate([arm, fingers[:1]]), start.fixtures,
             jnp.zeros(self.action_size), rewards.no_record(len(self.stage_names)),
             jnp.zeros((), jnp.int32), start.unplaced,
         )  # fmt: skip
-        return self._observe(data, data)
+
+    def _within(self, moment: Moments) -> tuple[TabletopData, Bool[Array, "N"]]:
+        """At a moment of a recorded episode, and what has moved by then."""
+        motion = self.physics.start(moment.qpos)._replace(qvel=moment.qvel)
+        data = TabletopData(
+            motion, moment.target, moment.fixtures, jnp.zeros(self.action_size),
+            tabletop_moments.record_of(moment), jnp.zeros((), jnp.int32), jnp.zeros((), bool),
+        )  # fmt: skip
+        return data, moment.moved
 
     def step(self, state: State, action: Float[Array, "A"]) -> State:
         """One control step: 50 ms under a held aim."""

@@ -54,6 +54,7 @@ class Hand:
         self.grip = OPEN
         self.positions: list[np.ndarray] = []
         self.velocities: list[np.ndarray] = []
+        self.targets: list[np.ndarray] = []
         self._record()
 
     @property
@@ -69,6 +70,7 @@ class Hand:
     def _record(self) -> None:
         self.positions.append(self._data.qpos.astype(np.float32))
         self.velocities.append(self._data.qvel.astype(np.float32))
+        self.targets.append(self._target)
 
     def act(self, action: Float[np.ndarray, "5"]) -> None:
         """One control step of the environment's."""

@@ -29,7 +29,9 @@ __all__ = [
 
 
 # What a task on a table takes of the section `env`, and what nothing else does.
-_ON_A_TABLE = ("name", "reward", "substeps", "iterations", "episode_length", "impl", "worlds")
+_ON_A_TABLE = (
+    "name", "reward", "substeps", "iterations", "episode_length", "impl", "worlds", "varied_starts",
+)  # fmt: skip
 _THERE_ALONE = ("impl", "worlds")
 
 

@@ -43,8 +43,8 @@ class EnvConfig:
     """The task in the simulator."""
 
     name: TaskName = "match_regions"
-    """The task. Of the options here shoes_in_box takes reward, substeps, iterations, impl, worlds
-    and episode_length; the others but impl and worlds are those of match_regions."""
+    """The task. Of the options here shoes_in_box takes reward, varied_starts, substeps, iterations,
+    impl, worlds and episode_length; the others but impl and worlds are those of match_regions."""
     robot: Literal["gripper", "short", "medium", "long"] = "gripper"
     """The robot: a gripper with two fingers, or a stick of this length."""
     targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
@@ -57,7 +57,8 @@ class EnvConfig:
     """What is drawn at the start: nothing, places (a little: jitter; anywhere: layout), colours,
     shapes, forces, or the last four (all)."""
     varied_starts: float = field(default=0.5, metadata=between(0, 1))
-    """Share of the training episodes that start with the robot anywhere and some targets moved."""
+    """Share of the training episodes that start with the robot anywhere and some targets moved, or
+    in shoes_in_box at a moment of a scripted expert's."""
     on_the_way: float = field(default=0.0, metadata=between(0, 1))
     """In those, how likely a target that is not in the region yet is on its way there."""
     facing: float = field(default=0.0, metadata=between(0, 1))
