@@ -23,6 +23,7 @@ from . import panda_model, tabletop_moments
 from . import tabletop_boxes as boxes
 from . import tabletop_camera as cameras
 from . import tabletop_observation as observations
+from . import tabletop_options as options
 from . import tabletop_reward as rewards
 from .base import Objects, Outline, State
 from .stages import Stages
@@ -30,7 +31,7 @@ from .tabletop_boxes import Boxes
 from .tabletop_frames import Frame
 from .tabletop_model import Scene, build
 from .tabletop_moments import Moments
-from .tabletop_physics import IMPLEMENTATIONS, Motion, Physics
+from .tabletop_physics import Motion, Physics
 from .tabletop_reward import Progress, Record
 from .tabletop_start import Start
 
@@ -126,15 +127,11 @@ class Tabletop:
         worlds: int = 4096,
     ):
         length = task.episode_length if episode_length is None else episode_length
-        _check_name("controller", controller, control.CONTROLLERS)
-        _check_name("reward", reward, rewards.REWARDS)
-        _check_name("impl", impl, IMPLEMENTATIONS)
-        for what, share in (("jitter", jitter), ("varied_starts", varied_starts)):
-            if not 0 <= share <= 1:
-                raise ValueError(f"{what} is {share}, but must be between 0 and 1")
+        options.check_names(controller=controller, reward=reward, impl=impl)
+        options.check_shares(jitter=jitter, varied_starts=varied_starts)
         if varied_starts and moments is None:
             raise ValueError(f"varied_starts is {varied_starts}, but there are no moments for it")
-        _check_counts(
+        options.check_counts(
             episode_length=length, substeps=substeps, iterations=iterations,
             ls_iterations=ls_iterations, max_contacts=max_contacts, worlds=worlds,
         )  # fmt: skip
@@ -288,14 +285,3 @@ class Tabletop:
             Outline(shapes[i], _COLOURS[i % len(_COLOURS)], (30, 30, 30))
             for i in np.argsort(away)[::-1]
         ]
-
-
-def _check_name(what: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise ValueError(f"{what} is {value!r}, but must be one of {', '.join(known)}")
-
-
-def _check_counts(**options: int) -> None:
-    for what, count in options.items():
-        if count < 1:
-            raise ValueError(f"{what} is {count}, but must be at least 1")
