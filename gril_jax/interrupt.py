@@ -89,7 +89,8 @@ def heard() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         if not _is_deaf(frame):
             raise KeyboardInterrupt
-        again.append(threading.Timer(_SOON, signal.raise_signal, (number,)))
+        main = threading.main_thread().ident
+        again.append(threading.Timer(_SOON, signal.pthread_kill, (main, number)))
         again[-1].start()
 
     before = signal.signal(signal.SIGINT, interrupt)

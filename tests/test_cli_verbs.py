@@ -157,8 +157,11 @@ def test_pretrain_calls_its_experiment(experiment):
 def test_demos_make_hands_on_the_folder(experiment, tmp_path):
     calls = experiment("make_demos")
     out = tmp_path / "set"
-    assert cli.main(["demos", "make", "quickstart", f"--out={out}", "--demos.num", "9"]) == 0
-    config = load("quickstart", ["--demos.num", "9"], schema=MakeDemosConfig)
+    short = ["--num", "9", "--failures=5", "--variant", "demo", "--seed", "3"]
+    assert cli.main(["demos", "make", "quickstart", f"--out={out}", *short]) == 0
+    long = ["--demos.num", "9", "--demos.num-failures", "5"]
+    long += ["--demos.variant", "demo", "--demos.seed", "3"]
+    config = load("quickstart", long, schema=MakeDemosConfig)
     assert calls == [((config, out), {"echo": arguments.echo})]
 
 

@@ -18,7 +18,7 @@ from gril_jax.experiments import (
 from gril_jax.experiments.soundness_settings import Settings, read_settings
 from kinematic_demos import kinematic_demos
 
-from gril_jax import cli, run_dir
+from gril_jax import cli, parallel_map, run_dir
 from gril_jax.config import EnvConfig, PPOConfig, RunConfig
 from gril_jax.demos import DemoSet
 from gril_jax.errors import ConfigError, RunError
@@ -117,6 +117,7 @@ def test_runs_that_do_not_belong_together_are_not_joined(tmp_path):
 
 @pytest.mark.slow
 def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
+    monkeypatch.setattr(parallel_map, "cores", lambda: 2)  # things are done in the rows' order
     batch = jax.tree.map(jnp.asarray, kinematic_demos(0, 4, num_objects=4))
 
     class Same(demonstrations.Demonstrations):

@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import io
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -21,6 +21,7 @@ __all__ = [
     "demo_set_to_write",
     "echo",
     "existing_folder",
+    "explained",
     "hard_negatives",
     "heavy_imports",
     "in_full",
@@ -51,9 +52,7 @@ _SHORTCUTS = {
 
 def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunConfig:
     """The checked configuration of a run, whose paths are what they should be."""
-    shortcuts = ", ".join(f"{short} for {long}" for short, long in _SHORTCUTS.items())
-    about = f"{about} Shortcuts: {shortcuts}."
-    config = load(name, in_full(args), prog=prog, description=about)
+    config = load(name, in_full(args), prog=prog, description=explained(about))
     check_surroundings(config)
     if config.run.out is not None:
         run_dir.require_new(Path(config.run.out))
@@ -121,10 +120,15 @@ def hard_negatives(names: str, config: RunConfig) -> list[Path]:
     return folders
 
 
-def in_full(args: list[str]) -> list[str]:
+def in_full(args: list[str], shortcuts: Mapping[str, str] = _SHORTCUTS) -> list[str]:
     """The arguments with shortcuts written out."""
     parts = (arg.partition("=") for arg in args)
-    return [_SHORTCUTS.get(option, option) + equals + value for option, equals, value in parts]
+    return [shortcuts.get(option, option) + equals + value for option, equals, value in parts]
+
+
+def explained(about: str, shortcuts: Mapping[str, str] = _SHORTCUTS) -> str:
+    """What a verb is about, with its shortcuts."""
+    return f"{about} Shortcuts: {', '.join(f'{a} for {b}' for a, b in shortcuts.items())}."
 
 
 def check_surroundings(config: RunConfig) -> None:

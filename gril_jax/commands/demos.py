@@ -16,12 +16,22 @@ from .arguments import (
     demo_set_to_write,
     echo,
     existing_folder,
+    explained,
     heavy_imports,
+    in_full,
     positional,
     take,
 )
 
 __all__ = ["VERBS"]
+
+
+_MAKE = {
+    "--num": "--demos.num",
+    "--failures": "--demos.num-failures",
+    "--variant": "--demos.variant",
+    "--seed": "--demos.seed",
+}
 
 
 @dataclass(frozen=True)
@@ -50,8 +60,9 @@ class _ImportVideos:
 
 def _make_demos(args: list[str]) -> Work:
     name, out = positional(args), take(args, "--out")
-    about = "Make scripted demonstrations in the new folder that --out names."
-    config = load(name, args, schema=MakeDemosConfig, prog="gril demos make", description=about)
+    about = explained("Make scripted demonstrations in the new folder that --out names.", _MAKE)
+    args, prog = in_full(args, _MAKE), "gril demos make"
+    config = load(name, args, schema=MakeDemosConfig, prog=prog, description=about)
     if out is None:
         raise ConfigError("gril demos make needs --out, the folder of the demonstration set")
     folder = demo_set_to_write(out)
