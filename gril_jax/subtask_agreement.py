@@ -2,15 +2,16 @@
 
 One trace by itself is a poor witness: a step may be as small as the noise, and a pause in the
 middle of a rise as long as a short plateau. But demonstrations of one task climb the same stairs:
-what is a stage's end in one has the same reward in the others. So
+what is a stage's end in one has the same reward in the others, or comes after the same share of the
+way from where its trace begins to where it ends, if some have further to go than others. So
 
     patience = agreed_patience(rewards, length)           # how long a plateau must be
     stages = agreed_boundaries(rewards, length, patience=patience)
 
 takes what `gril_jax.subtasks.transitions` finds in each trace, keeps what most have at the same
-reward, and where a trace lacks it, marks the frame at which that reward is reached. No label is
-used. Everything can be jitted. Shapes use B for demonstrations, T for frames, M for boundaries and
-P for patiences.
+reward or share, whichever they agree on better, and where a trace lacks it, marks the frame at
+which that is reached. No label is used. Everything can be jitted. Shapes use B for demonstrations,
+T for frames, M for boundaries and P for patiences.
 """
 
 from typing import NamedTuple
@@ -36,7 +37,7 @@ class AgreedBoundaries(NamedTuple):
     kept: Bool[Array, "M"]
     support: Float[Array, "M"]  # share of the demonstrations that show it by themselves
     found: Bool[Array, "B M"]  # whether this one does
-    level: Float[Array, "M"]  # reward at which the stage ends
+    level: Float[Array, "M"]  # mean reward at which the stage ends
 
 
 def agreed_boundaries(
@@ -48,9 +49,11 @@ def agreed_boundaries(
     patience: Int[Array, ""] | int = 8,
     support: Float[Array, ""] | float = 0.5,
 ) -> AgreedBoundaries:
-    """Boundaries that at least the share `support` of the demonstrations has at the same reward.
+    """Boundaries that at least the share `support` of the demonstrations has in common.
 
-    Two boundaries are the same if their rewards differ by less than `prominence`.
+    Two boundaries are the same if their rewards, or their shares of the way from a trace's first
+    reward to its last one, differ by less than `prominence`; of the two scales that counts on which
+    the demonstrations are more alike, as `agreed_patience` has it.
 
     Args:
       reward: of every frame, padded in any way.
@@ -63,29 +66,56 @@ def agreed_boundaries(
     """
     trace = jax.vmap(lambda x: running_median(x, smoothing))(_held(reward, length))
     own = each_alone(reward, length, prominence=prominence, smoothing=smoothing, patience=patience)
-    shared = shared_boundaries(
-        trace[:, :, None], own, length, tolerance=prominence, support=support
-    )
-    there = jnp.take_along_axis(trace, jnp.maximum(shared.frames, 0), axis=1)
-    total = jnp.sum(jnp.where(shared.found, there, 0.0), axis=0)
-    level = total / jnp.maximum(jnp.sum(shared.found, axis=0), 1)
+    scales = jnp.stack([trace, _way(trace, length, prominence)])
+    both = jax.vmap(lambda scale: _shared(scale, own, length, prominence, support))(scales)
+    better = jnp.argmax(jax.vmap(_alike, in_axes=(None, 0))(own, both))
+    one = jax.tree.map(lambda x: x[better], both)
+    return one._replace(level=_mean_there(trace, one))
 
-    def reached(trace, frames, found):
+
+def _way(trace, length, least):
+    """Traces from 0 at their first frames to 1 at their last ones, if they climb at all."""
+    start, end = trace[:, :1], jnp.take_along_axis(trace, length[:, None] - 1, axis=1)
+    return (trace - start) / jnp.maximum(end - start, least)
+
+
+def _shared(scale, own, length, prominence, support) -> AgreedBoundaries:
+    """Those that traces share on a scale (B, T), with their levels on it."""
+    shared = shared_boundaries(
+        scale[:, :, None], own, length, tolerance=prominence, support=support
+    )
+    shared = AgreedBoundaries(
+        shared.frames, shared.kept, shared.support, shared.found, jnp.zeros(MOST)
+    )
+    shared = shared._replace(level=_mean_there(scale, shared))
+
+    def reached(scale, frames, found):
         """Boundaries that lack are set to the first frame at the level after the one before."""
 
         def place(before, one):
             level, frame, found, kept = one
-            at = jnp.arange(len(trace))
-            there = (at > before) & (at < frame) & (trace >= level - 0.25 * prominence)
+            at = jnp.arange(len(scale))
+            there = (at > before) & (at < frame) & (scale >= level - 0.25 * prominence)
             frame = jnp.where(found | ~there.any(), frame, jnp.argmax(there))
             return jnp.where(kept, frame, before), jnp.where(kept, frame, -1)
 
-        return jax.lax.scan(place, -1, (level, frames, found, shared.kept))[1]
+        return jax.lax.scan(place, -1, (shared.level, frames, found, shared.kept))[1]
 
-    frames = jax.vmap(reached)(trace, shared.frames, shared.found)
-    return AgreedBoundaries(
-        frames, shared.kept, shared.support, shared.found, jnp.where(shared.kept, level, 0.0)
-    )
+    return shared._replace(frames=jax.vmap(reached)(scale, shared.frames, shared.found))
+
+
+def _mean_there(trace, shared: AgreedBoundaries) -> Float[Array, "M"]:
+    """The mean of traces at each boundary, over those that show it."""
+    there = jnp.take_along_axis(trace, jnp.maximum(shared.frames, 0), axis=1)
+    total = jnp.sum(jnp.where(shared.found, there, 0.0), axis=0)
+    mean = total / jnp.maximum(jnp.sum(shared.found, axis=0), 1)
+    return jnp.where(shared.kept, mean, 0.0)
+
+
+def _alike(own: Int[Array, "B M"], shared: AgreedBoundaries) -> Float[Array, ""]:
+    """Dice's coefficient of the boundaries that traces have by themselves and the common ones."""
+    count = jnp.sum(own >= 0) + jnp.sum(shared.kept) * len(own)
+    return 2 * jnp.sum(shared.found) / jnp.maximum(count, 1)
 
 
 def agreed_patience(
@@ -111,11 +141,9 @@ def agreed_patience(
 
     def agreement(patience):
         rule = {"prominence": prominence, "smoothing": smoothing, "patience": patience}
-        own = jnp.sum(each_alone(reward, length, **rule) >= 0)
         common = agreed_boundaries(reward, length, **rule, support=support)
-        kept = jnp.sum(common.kept)
-        alike = 2 * jnp.sum(common.found) / jnp.maximum(own + kept * len(length), 1)
-        return jnp.where(kept >= 2, alike, 0.0)
+        alike = _alike(each_alone(reward, length, **rule), common)
+        return jnp.where(jnp.sum(common.kept) >= 2, alike, 0.0)
 
     return patiences[jnp.argmax(jax.lax.map(agreement, patiences))]
 

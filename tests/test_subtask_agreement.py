@@ -96,3 +96,23 @@ def test_rewards_that_never_rise_have_no_stage():
     length = jnp.full(8, FRAMES)
     assert not agreed(flat, length, patience=TWENTY).kept.any()
     assert int(patience_of(flat, length)) >= 1
+
+
+def test_stages_agree_where_some_have_further_to_go_than_others():
+    """As with objects that begin further away or less far: plateaus at half of the way."""
+    frames, traces = np.arange(200), []
+    for start, first, second in (
+        (-0.8, 60, 150),
+        (-1.4, 40, 130),
+        (-1.1, 80, 170),
+        (-0.9, 70, 140),
+    ):
+        knots = [0, first - 20, first, second - 20, second, 199]
+        traces.append(np.interp(frames, knots, [start, start, start / 2, start / 2, 0, 0]))
+    reward, length = jnp.asarray(np.stack(traces), jnp.float32), jnp.full(4, 200)
+    found = agreed(reward, length, patience=TWENTY)
+    assert int(found.kept.sum()) == 2
+    assert bool(found.found[:, :2].all())
+    wanted = [[60, 150], [40, 130], [80, 170], [70, 140]]
+    assert np.abs(np.asarray(found.frames[:, :2]) - wanted).max() <= 8
+    np.testing.assert_allclose(found.level[:2], [-0.525, 0.0], atol=0.05)
