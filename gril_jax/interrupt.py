@@ -1,11 +1,10 @@
 """SIGTERM and Ctrl-C as a request to stop at the next good moment. JAX is not imported here."""
 
 import contextlib
-import gc
 import signal
+import sys
 import threading
 from collections.abc import Iterator
-from types import FrameType
 
 from .errors import GrilError
 
@@ -74,39 +73,26 @@ def noticed() -> Iterator[Notice]:
 
 @contextlib.contextmanager
 def heard() -> Iterator[None]:
-    """Ctrl-C raises KeyboardInterrupt where something hears it.
+    """A KeyboardInterrupt that Python would only print is raised again, a moment later.
 
-    Python only prints what is raised in a callback of its garbage collector, of which JAX has one
-    that runs often while programs are traced, or in a `__del__`. There it is raised a moment later.
-    The handlers from before are back at the end; threads but the main one take none.
+    So it is with whatever is raised in a callback of the garbage collector, of which JAX has one
+    that runs often while programs are traced, in one of a weak reference, and in a `__del__`.
+    The hook from before is back at the end, and takes everything else.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+    before, again = sys.unraisablehook, []
 
-    again: list[threading.Timer] = []
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        if not _is_deaf(frame):
-            raise KeyboardInterrupt
+    def hook(lost) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            before(lost)
+            return
         main = threading.main_thread().ident
-        again.append(threading.Timer(_SOON, signal.pthread_kill, (main, number)))
+        again.append(threading.Timer(_SOON, signal.pthread_kill, (main, signal.SIGINT)))
         again[-1].start()
 
-    before = signal.signal(signal.SIGINT, interrupt)
+    sys.unraisablehook = hook
     try:
         yield
     finally:
         for timer in again:
             timer.cancel()
-        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
-
-
-def _is_deaf(frame: FrameType | None) -> bool:
-    """Whether an exception from here gets no further than a callback or a `__del__`."""
-    callbacks = [getattr(callback, "__code__", None) for callback in gc.callbacks]
-    while frame is not None:
-        if frame.f_code in callbacks or frame.f_code.co_name == "__del__":
-            return True
-        frame = frame.f_back
-    return False
+        sys.unraisablehook = before

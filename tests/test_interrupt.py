@@ -3,8 +3,10 @@
 import contextlib
 import gc
 import signal
+import sys
 import threading
 import time
+import weakref
 
 import pytest
 
@@ -67,6 +69,16 @@ class _Last:
         signal.raise_signal(signal.SIGINT)
 
 
+def _in_a_weak_reference():
+    def callback(_):
+        signal.raise_signal(signal.SIGINT)
+
+    one = set()
+    kept = weakref.ref(one, callback)
+    del one
+    assert kept() is None
+
+
 def _in_the_collector():
     come = []
 
@@ -82,21 +94,31 @@ def _in_the_collector():
         gc.callbacks.remove(callback)
 
 
-@pytest.mark.parametrize("interrupt", [_Last, _in_the_collector])
+@pytest.mark.parametrize("interrupt", [_Last, _in_a_weak_reference, _in_the_collector])
 def test_ctrl_c_is_heard_where_python_would_only_print_it(interrupt):
-    before = signal.getsignal(signal.SIGINT)
-    arrived = False
+    before = sys.unraisablehook
 
     def work():
-        nonlocal arrived
-        interrupt()
-        arrived = True  # nothing was raised in there, where it would have been lost
+        interrupt()  # Python goes on after it
         time.sleep(30)
 
+    start = time.monotonic()
     with pytest.raises(KeyboardInterrupt), heard():
         work()
-    assert arrived
-    assert signal.getsignal(signal.SIGINT) is before
+    assert time.monotonic() - start < 25
+    assert sys.unraisablehook is before
+
+
+def test_what_else_is_lost_goes_where_it_went_before(monkeypatch):
+    class Broken:
+        def __del__(self):
+            raise RuntimeError("so it is")
+
+    lost = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda what: lost.append(what.exc_type))
+    with heard():
+        Broken()
+    assert lost == [RuntimeError]
 
 
 def test_ctrl_c_interrupts_at_once_elsewhere_and_what_noticed_it_before_comes_first():
