@@ -138,7 +138,7 @@ class Audits(NamedTuple):
 
     @property
     def last(self) -> Future[Any] | None:
-        """The program that will be compiled last."""
+        """The program that was asked for last; the others are there with it, or soon after."""
         return self.cells[-1].ready if self.cells else None
 
 

@@ -1,6 +1,7 @@
 """Every combination of some options with several seeds, in as few compiled programs as possible.
 
     gril sweep quickstart --seeds 8 --reward learned,environmental --lambda 0.1,1
+    gril sweep match_regions --rows "environmental,XIRL" --ppo.learning-rate 3e-4,7e-4
     gril sweep --resume RUN
 
 Seeds and traced values are mapped in one program, static ones make programs of their own. Writes
