@@ -12,9 +12,10 @@ from typing import Any, TypeVar
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.options import nearest
+from gril_jax.run_phases import changed_fields
 from gril_jax.safe_files import write_whole, writing
 
-__all__ = ["Rows", "changed", "chosen_rows", "read_settings", "write_settings"]
+__all__ = ["Rows", "changed", "chosen_rows", "differing", "read_settings", "write_settings"]
 
 # Name to what it changes: dotted paths of the configuration, and their values.
 Rows = Mapping[str, Mapping[str, Any]]
@@ -52,6 +53,19 @@ def changed(config: RunConfig, change: Mapping[str, Any]) -> RunConfig:
         part = parts.get(section, getattr(config, section))
         parts[section] = dataclasses.replace(part, **{field: value})
     return dataclasses.replace(config, **parts)
+
+
+def differing(first: RunConfig, second: RunConfig, rows: Rows) -> list[str]:
+    """Fields for which the rows of two runs cannot stand in one table, as `changed_fields` tells.
+
+    Args:
+      first: configuration of one run.
+      second: of another; where it writes to does not count.
+      rows: of both. What every one of them sets does not count either.
+    """
+    everywhere = set.intersection(*(set(change) for change in rows.values())) if rows else set()
+    found = changed_fields(first, second)
+    return [said for said in found if said.split(" ")[0] not in {"run.out", *everywhere}]
 
 
 def write_settings(file: Path, settings: Any) -> None:

@@ -11,7 +11,6 @@ values share a program, and policies of all rows whose encoders have one shape d
 figure with success) and `soundness.png`. A run that is cut off goes on where it stood.
 """
 
-import dataclasses
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,11 +23,11 @@ from gril_jax.errors import ConfigError, RunError
 from gril_jax.plot_style import png
 from gril_jax.progress import Progress
 from gril_jax.rl import sharding
-from gril_jax.run_phases import changed_fields
 
 from . import (
     ahead,
     demonstrations,
+    named_rows,
     setup,
     soundness_audit,
     soundness_plot,
@@ -37,7 +36,7 @@ from . import (
     sweep_rewards,
     table_csv,
 )
-from .soundness_settings import Settings, write_settings
+from .soundness_settings import Settings, read_settings, write_settings
 from .sweep_programs import Program
 from .sweep_rewards import LearnedReward, reward_key
 from .sweep_rows import Row, with_seeds
@@ -134,11 +133,12 @@ def join(folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:
       ConfigError: the runs differ in their configurations, or have an encoder in common.
       RunError: a folder is no such run, or has no table yet.
     """
-    first = run_dir.read_config(folders[0])
+    first, rows = run_dir.read_config(folders[0]), dict[str, Any]()
+    for folder in folders:
+        rows |= read_settings(folder).rows
     lines: list[dict[str, Any]] = []
     for folder in folders:
-        own = run_dir.read_config(folder)
-        if other := changed_fields(first, dataclasses.replace(own, run=first.run)):
+        if other := named_rows.differing(first, run_dir.read_config(folder), rows):
             raise ConfigError(f"{folder} cannot be joined with {folders[0]}: {', '.join(other)}")
         try:
             text = (folder / _CSV).read_text(encoding="utf-8")

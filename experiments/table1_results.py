@@ -1,6 +1,5 @@
 """What runs of Table I have come to so far, from their files alone, and the table made of it."""
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,9 +8,9 @@ from gril_jax import run_dir
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.plot_style import png
 from gril_jax.report_data import read_versions
-from gril_jax.run_phases import changed_fields, read_phases
+from gril_jax.run_phases import read_phases
 
-from . import table1_page, table1_plot, table1_table, table_csv
+from . import named_rows, table1_page, table1_plot, table1_table, table_csv
 from .table1_rows import ROWS, read_settings
 from .table1_scores import Curve, curves, in_last_tenth, summary
 
@@ -71,10 +70,9 @@ def join(folders: Sequence[Path]) -> Results:
       RunError: see `read`.
     """
     first, each = run_dir.read_config(folders[0]), [read(folder) for folder in folders]
+    changes = {k: x for folder in folders for k, x in read_settings(folder).rows.items()}
     for folder, one in zip(folders, each, strict=True):
-        config = run_dir.read_config(folder)
-        own = dataclasses.replace(config.run, out=first.run.out)
-        differing = changed_fields(first, dataclasses.replace(config, run=own))
+        differing = named_rows.differing(first, run_dir.read_config(folder), changes)
         if one.about["demos_sha256"] != each[0].about["demos_sha256"]:
             differing.append("the demonstrations")
         if differing:

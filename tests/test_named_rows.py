@@ -1,10 +1,16 @@
 """Rows by their names, and settings that are read as they were written."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
-from gril_jax.experiments.named_rows import chosen_rows, read_settings, write_settings
+from gril_jax.experiments.named_rows import (
+    chosen_rows,
+    differing,
+    read_settings,
+    write_settings,
+)
 
+from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, RunError
 
 ROWS = {"plain": {"pool.alpha": 1.0}, "fancy": {"pool.alpha": 2.0}}
@@ -27,6 +33,18 @@ def test_an_unknown_row_and_one_named_twice_are_refused():
         chosen_rows("fanci", ROWS)
     with pytest.raises(ConfigError, match="names 'plain' twice"):
         chosen_rows("plain,plain", ROWS)
+
+
+def test_runs_may_differ_in_what_every_row_sets_and_in_their_folders():
+    first = RunConfig()
+    other = replace(
+        first, pool=replace(first.pool, alpha=3.0, tau=0.01), run=replace(first.run, out="else")
+    )
+    tau = f"pool.tau (0.01, not {first.pool.tau})"
+    assert differing(first, other, ROWS) == [tau]
+    alpha = f"pool.alpha (3.0, not {first.pool.alpha})"
+    assert differing(first, other, ROWS | {"as it is": {}}) == [alpha, tau]
+    assert differing(first, first, {}) == []
 
 
 def test_settings_are_read_as_they_were_written_or_refused(tmp_path):

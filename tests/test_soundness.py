@@ -15,7 +15,7 @@ from gril_jax.experiments import (
     soundness_table,
     table_csv,
 )
-from gril_jax.experiments.soundness_settings import Settings, read_settings
+from gril_jax.experiments.soundness_settings import Settings, read_settings, write_settings
 from kinematic_demos import kinematic_demos
 
 from gril_jax import cli, parallel_map, run_dir
@@ -39,6 +39,7 @@ def _fault(capsys, *args):
 def _run(folder, rows, **changes):
     """A run's folder with a table, as far as joining looks at it."""
     run_dir.create(folder, dataclasses.replace(SMALL, **changes), device="cpu").close()
+    write_settings(folder, Settings({row: {"loss.touch": 0.0} for row in rows}))
     lines = [{"row": row, "seed": k, "tau": 0.5, "success": k / 2} for row in rows for k in (0, 1)]
     (folder / "soundness.csv").write_text(table_csv.written(lines, soundness_table.COLUMNS))
     return folder
@@ -109,6 +110,9 @@ def test_runs_that_do_not_belong_together_are_not_joined(tmp_path):
     other = _run(tmp_path / "c", ["y"], ppo=PPOConfig())
     with pytest.raises(ConfigError, match=r"cannot be joined with .*: ppo\.num_timesteps"):
         soundness.join([first, other], out)
+    offset = dataclasses.replace(SMALL.run, reward_offset=0.5)
+    with pytest.raises(ConfigError, match=r"run\.reward_offset \(0\.5, not 0\.0\)"):
+        soundness.join([first, _run(tmp_path / "e", ["y"], run=offset)], out)
     (other / "soundness.csv").unlink()
     with pytest.raises(RunError, match="has no table yet"):
         soundness.join([_run(tmp_path / "d", ["y"], ppo=PPOConfig()), other], out)
