@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gril_jax.interquartile import interquartile_interval, interquartile_mean
+from gril_jax.sweep_table import first_at
 
 __all__ = [
     "LEVELS",
@@ -21,7 +22,6 @@ __all__ = [
     "Curve",
     "Spread",
     "curves",
-    "first_at",
     "in_last_tenth",
     "spread",
     "summary",
@@ -72,21 +72,6 @@ def curves(
 def in_last_tenth(env_steps: Float[np.ndarray, "E"]) -> Bool[np.ndarray, "E"]:
     """Which evaluations came after nine tenths of the training; the last one always."""
     return env_steps > 0.9 * env_steps[-1]
-
-
-def first_at(success: Float[np.ndarray, "E"], at: Float[np.ndarray, "E"], *, level: float) -> float:
-    """Where the first evaluation at or above a level of success was, without interpolation.
-
-    Args:
-      success: shares from 0 to 1.
-      at: env steps or seconds of each evaluation.
-      level: a share.
-
-    Returns:
-      A value of `at`; NaN where the level was never reached.
-    """
-    reached = success >= level - 1e-6  # shares are float32
-    return float(at[np.argmax(reached)]) if reached.any() else float("nan")
 
 
 def summary(curve: Curve) -> dict[str, float]:

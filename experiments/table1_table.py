@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from gril_jax.sweep_table import median_reached
+
 from .table1_rows import PAPER
 from .table1_scores import LEVELS, SCORES, STARTS, spread
 
@@ -110,13 +112,8 @@ def _range(values: Float[np.ndarray, "n"]) -> str:
 
 
 def _soon(members: Sequence[Line], name: str, unit: float, form: str) -> str:
-    """The median over all seeds, of which those that never get there come last."""
     values = np.array([line.get(name, np.nan) for line in members], np.float64)
-    reached = int(np.isfinite(values).sum())
-    ordered = np.sort(np.where(np.isfinite(values), values, np.inf))
-    median = ordered[len(ordered) // 2]  # of an even number, the later one of the middle two
-    shown = f"{unit * median:{form}}" if np.isfinite(median) else "never"
-    return f"{shown} ({reached} of {len(values)})"
+    return median_reached(unit * values, form)
 
 
 def _legend(evaluations: int) -> str:

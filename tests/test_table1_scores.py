@@ -9,7 +9,6 @@ from gril_jax.experiments.table1_scores import (
     SCORES,
     Curve,
     curves,
-    first_at,
     in_last_tenth,
     spread,
     summary,
@@ -42,15 +41,6 @@ def test_a_policy_s_curve_is_its_column_of_the_metrics():
 def test_the_last_tenth_has_the_evaluations_after_nine_tenths(evaluations, last):
     chosen = in_last_tenth(np.arange(1, evaluations + 1) * 30.0)
     np.testing.assert_array_equal(chosen, np.arange(evaluations) >= evaluations - last)
-
-
-def test_a_level_is_reached_at_the_first_evaluation_at_or_above_it():
-    success, at = np.array([0.1, 0.8, 0.2, 0.9]), np.array([10.0, 20.0, 30.0, 40.0])
-    assert first_at(success, at, level=0.8) == 20.0  # reached exactly, and lost again later
-    assert first_at(success, at, level=0.85) == 40.0
-    assert first_at(success, at, level=0.05) == 10.0  # at once
-    assert np.isnan(first_at(success, at, level=0.95))  # never
-    assert first_at(np.array([np.float32(0.8)]).astype(float), at[:1], level=0.8) == 10.0
 
 
 def test_a_summary_is_a_mean_over_the_last_tenth_and_the_first_times():
