@@ -43,7 +43,7 @@ _MATCH_REGIONS: list[dict[str, Any]] = [
 ]
 _SHOES: list[dict[str, Any]] = [
     {},
-    {"iterations": 6, "ls_iterations": 8},
+    {"iterations": 4, "ls_iterations": 6},
     {"iterations": 3},
     {"max_contacts": 32},
     {"max_contacts": 16},

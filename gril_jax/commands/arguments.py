@@ -25,12 +25,10 @@ __all__ = [
     "hard_negatives",
     "heavy_imports",
     "in_full",
-    "joined_runs",
     "positional",
     "require_left_to_options",
     "require_new_file",
     "resumed_config",
-    "resumed_table",
     "run_config",
     "take",
     "whole_number",
@@ -196,45 +194,6 @@ def require_new_file(path: Path) -> None:
         if not path.parent.is_dir():
             fault = "is a file" if path.parent.exists() else "does not exist"
             raise RunError(f"{path.parent} {fault}, but --out must be in a folder that exists")
-
-
-def resumed_table(args: list[str], experiment: str) -> tuple[Path, RunConfig] | None:
-    """Folder and configuration of the run after --resume, which is taken; None without it.
-
-    Raises:
-      ConfigError: other options are given beside it.
-      RunError: the experiment cannot go on with that run.
-    """
-    name = take(args, "--resume")
-    if name is None:
-        return None
-    if args:
-        raise ConfigError(
-            f"--resume takes its options from {name}, so {args[0]} must not be given beside it"
-        )
-    return Path(name), run_dir.require_resumable(Path(name), experiment)
-
-
-def joined_runs(args: list[str]) -> tuple[list[Path], Path] | None:
-    """The runs after --join and the folder after --out, which are taken; None without --join.
-
-    Raises:
-      ConfigError: other options are given beside them, or --out is missing.
-      RunError: one is no run, or something is where the folder should be.
-    """
-    names = take(args, "--join")
-    if names is None:
-        return None
-    out = take(args, "--out")
-    if args:
-        raise ConfigError(f"--join takes --out alone, so {args[0]} must not be given beside it")
-    if out is None:
-        raise ConfigError("--out is missing, but must name the folder to make for the joined table")
-    folders = [Path(name) for name in names.split(",")]
-    for folder in folders:
-        run_dir.read_config(folder)
-    run_dir.require_new(Path(out))
-    return folders, Path(out)
 
 
 def demo_set_to_write(name: str) -> Path:

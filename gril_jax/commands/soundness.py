@@ -1,20 +1,9 @@
 """The verb that compares ways of training encoders by what their rewards can be cheated of."""
 
 from collections.abc import Callable
-from pathlib import Path
 
-from ..config import RunConfig
-from .arguments import (
-    Work,
-    echo,
-    heavy_imports,
-    joined_runs,
-    positional,
-    resumed_table,
-    run_config,
-    take,
-    whole_number,
-)
+from . import tables
+from .arguments import Work, positional, run_config, take, whole_number
 
 __all__ = ["VERBS"]
 
@@ -31,13 +20,10 @@ def _soundness(args: list[str]) -> Work:
     # Names and numbers only: it imports neither JAX nor MuJoCo.
     from ..experiments import soundness_settings as known
 
-    going_on = resumed_table(args, "soundness")
-    if going_on is not None:
-        folder, config = going_on
-        return _work(config, known.read_settings(folder), folder)
-    joined = joined_runs(args)
-    if joined is not None:
-        return _join(*joined)
+    other = tables.begun(args, "soundness", known.read_settings)
+    other = other or tables.joined(args, "soundness")
+    if other is not None:
+        return other
     name, steps = positional(args), whole_number(args, "--steps-per-policy", None, least=0)
     usual = known.Settings()
     settings = known.Settings(
@@ -49,25 +35,7 @@ def _soundness(args: list[str]) -> Work:
         starts=whole_number(args, "--starts", usual.starts),
     )
     config = known.with_budget(run_config(name, args, "gril soundness", _ABOUT), steps)
-    return _work(config, settings, None)
-
-
-def _join(folders: list[Path], out: Path) -> Work:
-    def work() -> None:
-        with heavy_imports():
-            from ..experiments import soundness
-        soundness.join(folders, out, echo=echo)
-
-    return work
-
-
-def _work(config: RunConfig, settings, resume: Path | None) -> Work:
-    def work() -> None:
-        with heavy_imports(config):
-            from ..experiments import soundness
-        soundness.main(config, settings, resume=resume, echo=echo)
-
-    return work
+    return tables.made("soundness", config, settings)
 
 
 VERBS: dict[str, Callable[[list[str]], Work]] = {"soundness": _soundness}

@@ -1,21 +1,9 @@
 """The verb that makes the paper's Table I and Figure 2."""
 
 from collections.abc import Callable
-from pathlib import Path
 
-from ..config import RunConfig
-from .arguments import (
-    Work,
-    echo,
-    heavy_imports,
-    joined_runs,
-    positional,
-    require_left_to_options,
-    resumed_table,
-    run_config,
-    take,
-    whole_number,
-)
+from . import tables
+from .arguments import Work, positional, require_left_to_options, run_config, take, whole_number
 
 __all__ = ["VERBS"]
 
@@ -34,13 +22,9 @@ def _table1(args: list[str]) -> Work:
     # Names and numbers only: it imports neither JAX nor MuJoCo.
     from ..experiments import table1_rows as known
 
-    going_on = resumed_table(args, "table1")
-    if going_on is not None:
-        folder, config = going_on
-        return _work(config, known.read_settings(folder), folder)
-    joined = joined_runs(args)
-    if joined is not None:
-        return _join(*joined)
+    other = tables.begun(args, "table1", known.read_settings) or tables.joined(args, "table1")
+    if other is not None:
+        return other
     quick = "--quick" in args
     if quick:
         args.remove("--quick")
@@ -59,25 +43,7 @@ def _table1(args: list[str]) -> Work:
     args = ["--run.evaluations", str(evaluations), *args]  # of two the later one counts
     config = run_config(name, args, _PROG, _ABOUT)
     known.check(config)
-    return _work(config, settings, None)
-
-
-def _join(folders: list[Path], out: Path) -> Work:
-    def work() -> None:
-        with heavy_imports():
-            from ..experiments import table1
-        table1.join(folders, out, echo=echo)
-
-    return work
-
-
-def _work(config: RunConfig, settings, resume: Path | None) -> Work:
-    def work() -> None:
-        with heavy_imports(config):
-            from ..experiments import table1
-        table1.main(config, settings, resume=resume, echo=echo)
-
-    return work
+    return tables.made("table1", config, settings)
 
 
 VERBS: dict[str, Callable[[list[str]], Work]] = {"table1": _table1}

@@ -2,20 +2,11 @@
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 
 from ..config import RunConfig
 from ..errors import ConfigError
-from .arguments import (
-    Work,
-    echo,
-    heavy_imports,
-    positional,
-    resumed_table,
-    run_config,
-    take,
-    whole_number,
-)
+from . import tables
+from .arguments import Work, echo, heavy_imports, positional, run_config, take, whole_number
 
 __all__ = ["VERBS"]
 
@@ -32,10 +23,9 @@ def _table2(args: list[str]) -> Work:
     from ..experiments import named_rows
     from ..experiments import table2_rows as known
 
-    going_on = resumed_table(args, "table2")
+    going_on = tables.begun(args, "table2", known.read_settings)
     if going_on is not None:
-        folder, config = going_on
-        return _work(config, known.read_settings(folder), folder)
+        return going_on
     quick = "--quick" in args
     if quick:
         args.remove("--quick")
@@ -52,19 +42,19 @@ def _table2(args: list[str]) -> Work:
     rows = named_rows.chosen_rows(chosen, known.ROWS)
     usual = known.QUICK_SEEDS if quick else known.Settings.seeds
     settings = known.Settings(rows, seeds or usual)
-    return _work(config, settings, None, every_row=chosen is None)
+    if chosen is None:
+        return _of_all_rows(config, settings)
+    return tables.made("table2", config, settings)
 
 
-def _work(config: RunConfig, settings, resume: Path | None, *, every_row: bool = False) -> Work:
-    """Where every row is wanted, those that the configuration cannot have are left out."""
+def _of_all_rows(config: RunConfig, settings) -> Work:
+    """With every row that the configuration can have, which takes JAX to find out."""
 
     def work() -> None:
         with heavy_imports(config):
             from ..experiments import table2
-        chosen = settings
-        if every_row:
-            chosen = dataclasses.replace(settings, rows=table2.usable(config, echo))
-        table2.main(config, chosen, resume=resume, echo=echo)
+        rows = table2.usable(config, echo)
+        table2.main(config, dataclasses.replace(settings, rows=rows), echo=echo)
 
     return work
 
