@@ -8,8 +8,9 @@
 
 For each row (`gril_jax.experiments.table1_rows.ROWS`) and seed an encoder is trained where the row
 learns a reward, audited, and a policy is trained with that reward; seeds share a program, and rows
-do whose rewards compile alike. Writes `table1.md`, `table1.csv` (a line a policy), `figure2.png`
-and `report.html` after each program. A run that is cut off goes on where it stood.
+do whose rewards compile alike. Writes `table1.md` and `table1.csv` (a line a policy) after each
+program, `figure2.png` and `report.html` at the end. A run that is cut off goes on where it stood;
+`gril report RUN` draws what there is of it.
 """
 
 import dataclasses
@@ -31,13 +32,13 @@ from . import (
     soundness_audit,
     sweep_programs,
     sweep_rewards,
+    table1_profiles,
     table1_results,
     table1_table,
 )
 from .sweep_rewards import LearnedReward, reward_key
 from .sweep_rows import Row, with_seeds
 from .sweep_training import learn_policies
-from .table1_profiles import profiles
 from .table1_rows import Settings, write_settings
 from .table1_scores import STARTS
 
@@ -84,6 +85,8 @@ def main(
 def _train(rows, plan, demos, settings: Settings, run: run_dir.RunDir, progress, echo) -> None:
     """All rewards, their audits, and policies, in the order in which programs are compiled."""
     left = [program for program in plan if run.finished_phase(program.name) is None]
+    free = [program for program in left if not any(map(_learns, program.rows))]
+    others = [program for program in left if any(map(_learns, program.rows))]
     graphs = [row for row in rows if _learns(row) and row.config.encoder.kind != "pixels"]
     learned: dict[Hashable, LearnedReward] = {}
 
@@ -91,21 +94,26 @@ def _train(rows, plan, demos, settings: Settings, run: run_dir.RunDir, progress,
         rewards = _of_rows(program.rows, learned)
         done = learn_policies(program, compiled, rewards, run, progress, echo)
         run.finish_phase(program.name, done)
-        table1_results.write(run.path, table1_results.read(run.path))
+        table1_results.write_table(run.path, table1_results.read(run.path))
 
     def judge() -> None:
         rewards = _of_rows(graphs, learned)
         soundness_audit.audit(audits, rewards, run, progress)
-        profiles(graphs, rewards, demos, run, progress)
+        table1_profiles.profiles(looks, rewards, run, progress)
 
     with ahead.compiling() as pool:
+        # First what needs no reward: it keeps the device at work while all else is compiled.
+        ready = sweep_programs.get_ready(free, jax.devices(), pool)
         wanted = sweep_rewards.get_ready(_learning(rows), lambda config: demos, pool)
-        ready = sweep_programs.get_ready(left, jax.devices(), pool)
+        ready |= sweep_programs.get_ready(others, jax.devices(), pool)
         audits = _audits(graphs, settings, run, pool)
+        classes = len(demos.demo_set.classes)
+        looks = table1_profiles.get_ready(graphs, demos, classes, run, pool)
+        last = looks[-1].ready if looks else audits.last
         needs = lambda rows: sweep_rewards.needed(wanted, _learning(rows))  # noqa: E731
         ahead.carry_out(
             sweep_rewards.tasks(wanted, learned, run, progress, echo)
-            + [ahead.Task("audits and profiles", audits.last, needs(graphs), judge)]
+            + [ahead.Task("audits and profiles", last, needs(graphs), judge)]
             + sweep_programs.tasks(left, ready, needs, train)
         )
 

@@ -14,7 +14,7 @@ from . import named_rows, table1_page, table1_plot, table1_table, table_csv
 from .table1_rows import ROWS, read_settings
 from .table1_scores import Curve, curves, in_last_tenth, summary
 
-__all__ = ["Results", "join", "read", "write"]
+__all__ = ["Results", "join", "read", "write", "write_table"]
 
 
 class Results(NamedTuple):
@@ -95,14 +95,21 @@ def join(folders: Sequence[Path]) -> Results:
 
 def write(folder: Path, results: Results) -> str:
     """Table, a line for each policy, figure and page; returns the table."""
-    evaluations = int(in_last_tenth(results.curves[0].env_steps).sum())
-    table = table1_table.markdown(results.lines, results.about, evaluations=evaluations)
-    lines = table_csv.written(results.lines, table1_table.COLUMNS)
+    table = write_table(folder, results)
     figure = png(table1_plot.figure(results.curves))
     page = table1_page.page(results.lines, table, figure, results.looks, results.about)
     with run_dir.writing(folder):
-        (folder / "table1.md").write_text(table + "\n", encoding="utf-8")
-        (folder / "table1.csv").write_text(lines, encoding="utf-8")
         (folder / "figure2.png").write_bytes(figure)
         (folder / "report.html").write_text(page, encoding="utf-8")
+    return table
+
+
+def write_table(folder: Path, results: Results) -> str:
+    """The table and the lines alone, without seconds spent on pictures; returns the table."""
+    evaluations = int(in_last_tenth(results.curves[0].env_steps).sum())
+    table = table1_table.markdown(results.lines, results.about, evaluations=evaluations)
+    lines = table_csv.written(results.lines, table1_table.COLUMNS)
+    with run_dir.writing(folder):
+        (folder / "table1.md").write_text(table + "\n", encoding="utf-8")
+        (folder / "table1.csv").write_text(lines, encoding="utf-8")
     return table
