@@ -11,7 +11,7 @@ import types
 
 import pytest
 
-from gril_jax import cli, run_dir
+from gril_jax import cli, parallel_map, run_dir
 from gril_jax.commands import arguments
 from gril_jax.config import DemosConfig, EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import ConfigError, DemoError, RunError
@@ -148,6 +148,24 @@ def test_an_arm_on_a_cpu_is_compiled_by_the_older_generator(monkeypatch):
         monkeypatch.setattr(arguments.metadata, "version", lambda name: "0.10.2")
         with arguments.heavy_imports(RunConfig(env=EnvConfig(name=task))):
             assert os.environ["XLA_FLAGS"] == flags
+
+
+def test_mjx_has_threads_to_spare_where_cores_are_few(monkeypatch):
+    """On two, two Cholesky factorisations at once can wait for each other for ever."""
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
+    for env, cores, threads in (
+        (EnvConfig(), 2, None),
+        (EnvConfig(name="shoes_in_box"), 2, "4"),
+        (EnvConfig(name="shoes_in_box"), 8, None),
+        (EnvConfig(engine="mjx"), 2, "4"),
+    ):
+        monkeypatch.delenv("PJRT_NPROC", raising=False)
+        monkeypatch.setattr(parallel_map, "cores", lambda n=cores: n)
+        with arguments.heavy_imports(RunConfig(env=env)):
+            assert os.environ.get("PJRT_NPROC") == threads
+    monkeypatch.setenv("PJRT_NPROC", "3")
+    with arguments.heavy_imports(RunConfig(env=EnvConfig(engine="mjx"))):
+        assert os.environ["PJRT_NPROC"] == "3"
 
 
 # --- phases.json

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 
-from .. import run_dir
+from .. import parallel_map, run_dir
 from ..config import MakeDemosConfig, RunConfig
 from ..config_files import load
 from ..errors import ConfigError, DemoError, RunError
@@ -35,6 +35,7 @@ __all__ = [
 ]
 
 _ROUNDS = 2  # of hard negatives
+_THREADS = 4  # of XLA on a CPU, that two of them may block
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood
 
@@ -218,6 +219,10 @@ def _xla_flags(config: RunConfig | MakeDemosConfig) -> list[str]:
     return flags
 
 
+def _steps_in_mjx(config: RunConfig | MakeDemosConfig) -> bool:
+    return config.env.name == "shoes_in_box" or config.env.engine == "mjx"
+
+
 @contextlib.contextmanager
 def heavy_imports(config: RunConfig | MakeDemosConfig | None = None) -> Iterator[None]:
     """Around imports of JAX and MuJoCo: sets XLA's options and threads, and keeps stdout clean.
@@ -230,6 +235,10 @@ def heavy_imports(config: RunConfig | MakeDemosConfig | None = None) -> Iterator
     flags = [] if config is None else _xla_flags(config)
     if flags:
         os.environ["XLA_FLAGS"] = " ".join([*os.environ.get("XLA_FLAGS", "").split(), *flags])
+    if config is not None and _steps_in_mjx(config) and parallel_map.cores() < _THREADS:
+        # jaxlib's Cholesky of a batch (0.10.2) blocks a thread of XLA's pool until others have
+        # done the work. MJX has two at once, which on two cores wait for each other for ever.
+        os.environ.setdefault("PJRT_NPROC", str(_THREADS))
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
     with contextlib.suppress(OSError):  # without a writable cache everything works, only slower
         folder.mkdir(parents=True, exist_ok=True)
