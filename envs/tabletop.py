@@ -95,7 +95,8 @@ class Tabletop:
       varied_starts: share of the episodes that begin at one of these moments:
       moments: within recorded episodes of the task.
       substeps: physics steps a control step.
-      iterations, ls_iterations: of the contact solver and its line search.
+      iterations, ls_iterations: of the contact solver and its line search. With 4 and 6 three
+        of a thousand episodes of random actions were not finite on a GPU.
       max_contacts: most contacts that a substep resolves; the deepest count.
       impl, worlds: what computes the physics, and for how many environments at most; see
         `tabletop_physics.Physics`.

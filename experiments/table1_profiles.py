@@ -82,9 +82,8 @@ def _compiled(config: RunConfig, num_classes: int, count: int, batches: Sequence
     with ahead.tracing():
         blank = setup.blank_reward(config, num_classes)
         params = jax.eval_shape(lambda: jax.tree.map(lambda x: jnp.stack([x] * count), blank))
-        embed, hyper = (
-            program(setup.pretrain_config(config, num_classes)), setup.pretrain_hyper(config)
-        )  # fmt: skip
+        embed = program(setup.pretrain_config(config, num_classes))
+        hyper = setup.pretrain_hyper(config)
         lowered = [embed.lower(params, hyper, batch) for batch in batches]
     return [one.compile() for one in lowered]
 
@@ -131,4 +130,5 @@ def measure(
         one = np.asarray(rewards[0], float).round(3)
         cycles.append(cycle.tolist())
         traces.append([values[:n].tolist() for values, n in zip(one, batch.length, strict=True)])
-    return {"cycle": cycles[0], "success": traces[0], "failure": [*traces, []][1]}
+    failure = traces[1] if len(traces) > 1 else []
+    return {"cycle": cycles[0], "success": traces[0], "failure": failure}

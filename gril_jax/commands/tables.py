@@ -62,7 +62,7 @@ def joined(args: list[str], name: str) -> Work | None:
         raise ConfigError(f"--join takes --out alone, so {args[0]} must not be given beside it")
     if out is None:
         raise ConfigError("--out is missing, but must name the folder to make for the joined table")
-    folders = [Path(name) for name in names.split(",")]
+    folders = [Path(folder) for folder in names.split(",")]
     for folder in folders:
         run_dir.read_config(folder)
     run_dir.require_new(Path(out))
