@@ -40,7 +40,12 @@ def _run(folder, rows, **changes):
     """A run's folder with a table, as far as joining looks at it."""
     run_dir.create(folder, dataclasses.replace(SMALL, **changes), device="cpu").close()
     write_settings(folder, Settings({row: {"loss.touch": 0.0} for row in rows}))
-    lines = [{"row": row, "seed": k, "tau": 0.5, "success": k / 2} for row in rows for k in (0, 1)]
+    both = {"success": 1.0, "success_sampled": 0.5}
+    lines = [
+        {"row": row, "seed": k, "tau": 0.5} | {name: k * x for name, x in both.items()}
+        for row in rows
+        for k in (0, 1)
+    ]
     (folder / "soundness.csv").write_text(table_csv.written(lines, soundness_table.COLUMNS))
     return folder
 

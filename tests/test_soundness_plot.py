@@ -7,13 +7,13 @@ from gril_jax.experiments.soundness_plot import figure
 from gril_jax.errors import ShapeError
 from gril_jax.plot_style import png
 
-NAMES = ("tau", "order_demo", "hack_share_demo", "hack_gap_demo")
+NAMES = ("tau", "order_demo", "touch_demo", "hack_gap_demo")
 
 
 def _lines(rows):
     draw = np.random.default_rng(0)
     return [
-        {"row": f"row {row}", "seed": seed, "success": float(draw.uniform())}
+        {"row": f"row {row}", "seed": seed, "success_sampled": float(draw.uniform())}
         | {name: float(draw.uniform()) for name in NAMES}
         for row in range(rows)
         for seed in range(2)
@@ -29,14 +29,16 @@ def test_a_panel_shows_each_row_at_its_numbers():
         for row, dots in enumerate(axes.lines):
             members = lines[2 * row : 2 * row + 2]
             np.testing.assert_array_equal(dots.get_xdata(), [line[name] for line in members])
-            np.testing.assert_array_equal(dots.get_ydata(), [line["success"] for line in members])
+            np.testing.assert_array_equal(
+                dots.get_ydata(), [line["success_sampled"] for line in members]
+            )
         looks = [(dots.get_color(), dots.get_marker()) for dots in axes.lines]
         assert len({*looks}) == len(looks)
 
 
 def test_an_undefined_share_does_not_stop_it():
     lines = _lines(2)
-    lines[0]["hack_share_demo"] = float("nan")
+    lines[0]["touch_demo"] = float("nan")
     assert png(figure(lines)).startswith(b"\x89PNG")
 
 
