@@ -87,11 +87,12 @@ class Physics:
     @property
     def memory_size(self) -> int:
         """How many numbers `step` remembers beside poses and velocities."""
-        return len(self._pack(self._none()))
+        # Not by making one: outside of a program each array would be compiled by itself.
+        return jax.eval_shape(lambda: self._pack(self._none())).size
 
     def rest(self) -> Float[Array, "I"]:
         """The memory of a scene in which nothing has touched yet."""
-        return self._pack(self._none())
+        return jnp.zeros(self.memory_size)
 
     # By itself, so that programs which share this object trace it once.
     @functools.partial(jax.jit, static_argnums=0)

@@ -191,22 +191,31 @@ def _save_profiles(folder: Path, params: RewardParams, demos, hyper, learner) ->
     owners = [(name, split) for split in SPLITS for name in demos.names[split]]
     # All in one batch: each length by itself would compile programs of its own.
     names = [name for name, _ in owners]
-    length = jnp.asarray(demo_batch(demos.demo_set, names).length)
-    profiles = reward.latent_reward(params, learner.latents(params.encoder, names, hyper))
-    frames = jnp.minimum(jnp.arange(profiles.shape[1]), length[:, None] - 1)
-    profiles = jnp.take_along_axis(profiles, frames, axis=1)
+    length = demo_batch(demos.demo_set, names).length
+    latents = learner.latents(params.encoder, names, hyper)
     successes = len(names) - len(demos.names["failure"])
+    profiles, ends = _profiles(params, latents, length, successes=successes)
     np.savez(
         folder / "profiles.npz",
         names=np.array(names),
         split=np.array([split for _, split in owners]),
         length=np.asarray(length, np.int32),
         reward=np.asarray(profiles, np.float32),
-        transitions=np.asarray(_stage_ends(profiles, length, successes=successes)),
+        transitions=np.asarray(ends),
     )
 
 
 @functools.partial(jax.jit, static_argnames="successes")
+def _profiles(
+    params: RewardParams, latents: Float[Array, "B T D"], length: Int[Array, "B"], *, successes: int
+) -> tuple[Float[Array, "B T"], Bool[Array, "B T"]]:
+    """Rewards, the last repeated behind a demonstration's end, and the frames that end stages."""
+    rewards = reward.latent_reward(params, latents)
+    frames = jnp.minimum(jnp.arange(rewards.shape[1]), length[:, None] - 1)
+    rewards = jnp.take_along_axis(rewards, frames, axis=1)
+    return rewards, _stage_ends(rewards, length, successes=successes)
+
+
 def _stage_ends(
     rewards: Float[Array, "B T"], length: Int[Array, "B"], *, successes: int
 ) -> Bool[Array, "B T"]:

@@ -6,7 +6,6 @@ import io
 import sys
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from gril_jax import encoder, ensemble, envs, pixel_pretrain, pretrain
@@ -185,11 +184,14 @@ def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
 def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
     """Reward parameters of the right shapes, to restore a checkpoint into."""
     chosen = encoder_config(config, num_classes)
-    zero, members = jnp.zeros((), jnp.float32), ensemble.num_members(chosen)
-    scale = jnp.zeros(members) if members > 1 else zero
+    members = ensemble.num_members(chosen)
     shapes = jax.eval_shape(lambda: encoder.init(jax.random.key(0), chosen))
-    blank = jax.tree.map(lambda x: jnp.asarray(np.zeros(x.shape, x.dtype)), shapes)  # no compiling
-    return RewardParams(blank, jnp.zeros(ensemble.latent_size(chosen)), scale, zero)
+    blank = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
+    goal, scale, alpha = (
+        np.zeros(shape, np.float32)
+        for shape in (ensemble.latent_size(chosen), members if members > 1 else (), ())
+    )
+    return jax.device_put(RewardParams(blank, goal, scale, alpha))  # nothing is compiled
 
 
 def device_in_words() -> str:

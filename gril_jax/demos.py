@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from gril_jax.demo_schema import (
@@ -217,14 +217,15 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
     length = np.array([len(track.center) for track in tracks], np.int32)
     label = np.stack([track.label for track in tracks])
     robot = [i for i, name in enumerate(demo_set.classes) if name in ROBOTS]
-    return DemoBatch(
-        center=jnp.asarray(_padded([track.center for track in tracks])),
-        size=jnp.asarray(_padded([track.size for track in tracks])),
-        label=jnp.asarray(label),
-        is_robot=jnp.asarray(np.isin(label, robot)),
-        present=jnp.ones(label.shape, bool),
-        length=jnp.asarray(length),
+    batch = DemoBatch(
+        center=_padded([track.center for track in tracks]),
+        size=_padded([track.size for track in tracks]),
+        label=label,
+        is_robot=np.isin(label, robot),
+        present=np.ones(label.shape, bool),
+        length=length,
     )
+    return jax.device_put(batch)  # which compiles nothing, as `jnp.asarray` does for each shape
 
 
 def _canonical(tracks: Tracks) -> Tracks:

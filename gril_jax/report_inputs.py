@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from gril_jax import activity
@@ -21,6 +21,7 @@ from gril_jax.video import read_video, write_video
 __all__ = ["Inputs", "films_of", "read_inputs"]
 
 _FILMS = 3  # demonstrations on the contact sheet
+_bits = jax.jit(activity.trajectory, static_argnames=("window", "smoothing", "noise"))
 
 
 class Inputs(NamedTuple):
@@ -97,10 +98,11 @@ def films_of(run: Inputs) -> list[Film]:
     chosen = names[:_FILMS]
     if failed and not set(failed) & set(chosen):
         chosen[-1] = failed[0]
-    return [_film(run, name) for name in chosen]
+    longest = max(entry.frames for entry in run.demos.entries if entry.name in chosen)
+    return [_film(run, name, longest) for name in chosen]
 
 
-def _film(run: Inputs, name: str) -> Film:
+def _film(run: Inputs, name: str, longest: int) -> Film:
     demos, pool = run.demos, run.config.pool
     index = [entry.name for entry in demos.entries].index(name)
     entry, tracks = demos.entries[index], demos.tracks[index]
@@ -110,7 +112,11 @@ def _film(run: Inputs, name: str) -> Film:
             f"{demos.folder / entry.video} has {len(frames)} frames, but {HEADER} says "
             f"{entry.frames}"
         )
-    center, size = jnp.asarray(tracks.center), jnp.asarray(tracks.size)
+    # A bit depends on no later frame: all films as long as the longest are one program.
+    padded = [
+        np.concatenate([x, np.repeat(x[-1:], longest - entry.frames, axis=0)])
+        for x in (tracks.center, tracks.size)
+    ]
     rule = {"window": pool.window, "smoothing": pool.smoothing, "noise": pool.noise}
-    bits = activity.trajectory(center, size, tau=pool.tau, **rule)
-    return Film(name, frames[: entry.frames], tracks, np.asarray(bits))
+    bits = np.asarray(_bits(*padded, tau=pool.tau, **rule))[: entry.frames]
+    return Film(name, frames[: entry.frames], tracks, bits)
