@@ -5,6 +5,7 @@ Seeds can be vmapped over: `chunks` and `sac_chunks` hand out pure functions.
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -97,7 +98,11 @@ def train(
         second of the part before it, evaluation included.
     """
     init, run = chunks(setting)
-    state = init(seed)
+    with ThreadPoolExecutor(1) as compiler:  # as `gril_jax.rl.sharding` does for `gril train`
+        begun = init.trace(seed)
+        ready = compiler.submit(begun.lower().compile)
+        run = run.lower(begun.out_info, np.int32(0), np.bool_(True)).compile()
+        state = ready.result()(seed)
     returns: list[float] = []
     for part in range(setting.num_evals):
         start = time.perf_counter()

@@ -177,14 +177,16 @@ def _random(env: Any, sizes: Sizes):
 def _learning(algorithm: ppo.PPO):
     """What an update learns from an unroll, by itself; the numbers are as good as any."""
     hyper, key = ppo.Hyper(), jax.random.key(2)
+    to_collect = jax.random.split(key, algorithm.keys_to_collect)
+    to_learn = jax.random.split(key, algorithm.keys_to_learn)
     exploring = jnp.zeros((algorithm.num_envs,), bool)
 
     def collect(state):
-        return algorithm.collect(state, key, hyper, None, deterministic=exploring)[1]
+        return algorithm.collect(state, to_collect, hyper, None, deterministic=exploring)[1]
 
     def learn(carry):
         state, steps = carry
-        return algorithm.learn(state, steps, key, hyper, None)[0], steps
+        return algorithm.learn(state, steps, to_learn, hyper, None)[0], steps
 
     state = jax.jit(algorithm.init)(key, hyper)
     shapes = jax.eval_shape(collect, state)
@@ -214,7 +216,8 @@ def starts(env: Any, sizes: Sizes, repeats: int) -> dict[str, Any]:
         "each_unroll": sizes.lanes,
         "each_step": sizes.lanes * sizes.unroll,
     }
-    begun = jax.jit(lambda key: fleet.init(episodes, key, sizes.lanes))(jax.random.key(0))
+    keys = jax.random.split(jax.random.key(0), 2 * sizes.lanes)
+    begun = jax.jit(lambda keys: fleet.init(episodes, keys))(keys)
     # A buffer is donated once, so each has its own.
     calls = {
         name: _Call(_starting(episodes, name, drawn[name], sizes), jax.tree.map(jnp.copy, carry))
@@ -256,8 +259,9 @@ def _starting(episodes: env_loop.Episodes, way: str, count: int, sizes: Sizes):
     def pooled(carry):
         now, key = carry
         key, key_renew, key_steps = jax.random.split(key, 3)
-        now = fleet.renew(episodes, now, key_renew, count)
-        now, _ = fleet.unroll(episodes, None, now, act, key_steps, length=sizes.unroll, tau=0.005)
+        now = fleet.renew(episodes, now, jax.random.split(key_renew, count))
+        keys = jax.random.split(key_steps, sizes.unroll)
+        now, _ = fleet.unroll(episodes, None, now, act, keys, tau=0.005)
         return now, key
 
     return plain if way == "each_step" else pooled

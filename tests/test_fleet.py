@@ -35,7 +35,7 @@ def _act(observation, key):
 def begun():
     def init(key):
         key, key_time = jax.random.split(key)
-        return fleet.scatter(fleet.init(EPISODES, key, NUM), key_time, 3)
+        return fleet.scatter(fleet.init(EPISODES, jax.random.split(key, 2 * NUM)), key_time, 3)
 
     return jax.jit(init)(jax.random.key(0))._replace(drawn=jnp.asarray(3, jnp.int32))
 
@@ -43,9 +43,8 @@ def begun():
 @pytest.fixture(scope="module")
 def unrolled(begun):
     def run(begun, key):
-        return fleet.unroll(
-            EPISODES, None, begun, _act, key, length=LENGTH, tau=0.005, keep=lambda x: x.time
-        )
+        keys = jax.random.split(key, LENGTH)
+        return fleet.unroll(EPISODES, None, begun, _act, keys, tau=0.005, keep=lambda x: x.time)
 
     return jax.jit(run)(begun, jax.random.key(1))
 
@@ -74,7 +73,7 @@ def test_an_unroll_equals_environments_stepped_by_hand(begun, unrolled):
 
 
 def test_the_pool_is_renewed_in_turn_and_only_with_resets_of_the_task(begun):
-    renew = jax.jit(lambda x, key: fleet.renew(EPISODES, x, key, 2))
+    renew = jax.jit(lambda x, key: fleet.renew(EPISODES, x, jax.random.split(key, 2)))
     now = begun._replace(drawn=jnp.asarray(0, jnp.int32))
     for number in range(3):
         key = jax.random.key(number)

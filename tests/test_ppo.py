@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from probes import Probe
 
-from gril_jax.rl.policy import LEAST_DEVIATION
+from gril_jax.rl.policy import LEAST_DEVIATION, MAX_OBSERVATION, normalize
 from gril_jax.rl.ppo import PPO, Hyper, Static
 
 STATIC = Static(
@@ -131,13 +131,20 @@ def test_broken_lanes_leave_all_weights_finite(solved):
 def test_an_observation_that_was_constant_so_far_does_not_blow_up_the_networks(ppo, solved):
     """It counts as if it had varied a little until it first changes."""
     state, _ = solved["done"]
-    assert state.normalizer.std.min() == np.float32(LEAST_DEVIATION)
+    constant = np.asarray(state.normalizer.std) == np.float32(LEAST_DEVIATION)
+    assert constant.any()
+    ones = jnp.ones(ppo.observation_size)
+    seen = normalize(ones, state.normalizer)
+    beyond = (ones - state.normalizer.mean)[constant] / LEAST_DEVIATION
+    np.testing.assert_allclose(seen[constant], beyond, rtol=1e-5)
+    assert np.abs(seen).max() <= MAX_OBSERVATION
     for network, params in (
         (ppo.networks.value_network, state.params.value),
         (ppo.networks.policy_network, state.params.policy),
     ):
-        out = network.apply(state.normalizer, params, jnp.ones(ppo.observation_size))
-        assert np.abs(out).max() < 20
+        out = network.apply(state.normalizer, params, ones)
+        nearby = network.apply(state.normalizer, params, 0.9 * ones)
+        assert np.abs(out - nearby).max() < 10  # by a deviation; a millionth would make it 1e5
 
 
 # ---------------------------------------------------------------- what step must not depend on

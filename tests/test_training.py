@@ -192,3 +192,20 @@ def test_the_configuration_chooses_the_algorithm(name, kind):
     assert isinstance(made, ppo.PPO if name == "ppo" else sac.SAC)
     assert isinstance(policy_setup.algorithm_hyper(config), kind.Hyper)
     assert made.num_envs == getattr(config, name).num_envs
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_no_key_of_a_step_is_used_twice_nor_in_the_evaluation_before_it(name):
+    """And an evaluation's keys take none away from the step."""
+    algorithm, key = _make(name), jax.random.key(3)
+    alone = jax.random.key_data(jnp.concatenate(_flat(training._split(algorithm, key))))
+    *step, exams = training._split(algorithm, key, NUM + 1)
+    together = jax.random.key_data(jnp.concatenate(_flat(step)))
+    np.testing.assert_array_equal(alone, together)
+    every = np.concatenate([together, jax.random.key_data(exams)])
+    assert len(np.unique(every, axis=0)) == len(every)
+    assert len(every) == 1 + algorithm.keys_to_collect + algorithm.keys_to_learn + NUM + 1
+
+
+def _flat(keys):
+    return [jnp.atleast_1d(x) for x in keys]

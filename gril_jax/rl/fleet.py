@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from .env_loop import Episodes, Lane, Moment, reset_where
 
@@ -44,9 +44,10 @@ class Steps(NamedTuple):
     kept: Any  # what else was asked for of the lane after the step, before any reset
 
 
-def init(episodes: Episodes, key: PRNGKeyArray, num_envs: int) -> Fleet:
-    """All environments at the start of an episode, with a full pool. The key is consumed."""
-    both = jax.vmap(episodes.begin)(jax.random.split(key, 2 * num_envs))
+def init(episodes: Episodes, keys: Key[Array, "K"]) -> Fleet:
+    """B environments at the start of an episode, with a full pool, from 2 B keys."""
+    num_envs = len(keys) // 2
+    both = jax.vmap(episodes.begin)(keys)
     # A task's own weak types would become strong in the first step, which then compiles twice.
     both = jax.tree.map(_strong, both)
     lanes = jax.tree.map(lambda x: x[:num_envs], both)
@@ -63,7 +64,9 @@ def scatter(fleet: Fleet, key: PRNGKeyArray, episode_length: int) -> Fleet:
 
     Were all episodes to begin together, every batch would hold one phase of the task only.
     """
-    time = jax.random.randint(key, fleet.lanes.time.shape, 0, episode_length, jnp.int32)
+    # `randint` would take three draws.
+    share = jax.random.uniform(key, fleet.lanes.time.shape)
+    time = jnp.minimum((share * episode_length).astype(jnp.int32), episode_length - 1)
     return fleet._replace(lanes=fleet.lanes._replace(time=time))
 
 
@@ -76,10 +79,10 @@ def renewals(num_envs: int, unroll_length: int, episode_length: int) -> int:
     return next(n for n in range(needed, num_envs + 1) if num_envs % n == 0)
 
 
-def renew(episodes: Episodes, fleet: Fleet, key: PRNGKeyArray, count: int) -> Fleet:
-    """The fleet with the `count` oldest starts of its pool drawn anew. The key is consumed."""
-    num_envs = fleet.lanes.time.shape[0]
-    fresh = jax.vmap(episodes.begin)(jax.random.split(key, count))
+def renew(episodes: Episodes, fleet: Fleet, keys: Key[Array, "R"]) -> Fleet:
+    """The fleet with the oldest starts of its pool drawn anew, one with each of the keys (R,)."""
+    num_envs, count = fleet.lanes.time.shape[0], len(keys)
+    fresh = jax.vmap(episodes.begin)(keys)
     place = (fleet.drawn * count) % num_envs
 
     def put(pool, new):
@@ -93,13 +96,14 @@ def unroll(
     reward_params: Any,
     fleet: Fleet,
     act: Act,
-    key: PRNGKeyArray,
+    keys: Key[Array, "T"],
     *,
-    length: int,
     tau: Float[Array, ""] | float,
     keep: Callable[[Lane], Any] = lambda lane: (),
 ) -> tuple[Fleet, Steps]:
-    """`length` control steps of every environment; a lane that ends takes a start of the pool.
+    """A control step of every environment with each of the keys (T,).
+
+    A lane that ends takes a start of the pool.
 
     Should it end twice in one unroll, it takes the same start twice. From unroll to unroll the pool
     is turned by one place, so that a lane whose episodes end early meets other starts. `keep` says
@@ -121,7 +125,7 @@ def unroll(
         lanes = jax.vmap(reset_where)(ended, starts, lanes)
         return lanes, Steps(observation, action, extras, moment, last, ended, kept)
 
-    lanes, steps = jax.lax.scan(move, fleet.lanes, jax.random.split(key, length))
+    lanes, steps = jax.lax.scan(move, fleet.lanes, keys)
     return fleet._replace(lanes=lanes), steps
 
 

@@ -36,7 +36,8 @@ def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
     exploring = jax.ShapeDtypeStruct((algorithm.num_envs,), jnp.bool_)
 
     def collect(state, hyper, reward_params, exploring):
-        return algorithm.collect(state, key, hyper, reward_params, deterministic=exploring)[1]
+        keys = jax.random.split(state.key, algorithm.keys_to_collect)
+        return algorithm.collect(state, keys, hyper, reward_params, deterministic=exploring)[1]
 
     steps = jax.eval_shape(collect, state, hyper, reward_params, exploring)
     static = algorithm.static

@@ -1,16 +1,20 @@
 """What PPO and SAC have in common of a policy: its value, and how observations are normalised."""
 
+import math
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from brax.training.acme import running_statistics, specs
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 __all__ = [
     "LEAST_DEVIATION",
     "MAX_OBSERVATION",
     "Policy",
     "fresh_normalizer",
+    "fresh_weights",
     "normalize",
     "observed",
 ]
@@ -34,6 +38,25 @@ class Policy(NamedTuple):
 def fresh_normalizer(observation_size: int) -> running_statistics.RunningStatisticsState:
     """Statistics of no observation yet: mean 0 and deviation 1."""
     return running_statistics.init_state(specs.Array((observation_size,), jnp.dtype("float32")))
+
+
+def fresh_weights(key: PRNGKeyArray, *networks: Any) -> list[Any]:
+    """Weights of brax's networks as their own `init` draws them, but of all layers in one draw.
+
+    Kernels are uniform in +-sqrt(3 / inputs), the default of brax (LeCun et al. 1998), and biases
+    are 0. The key is consumed.
+    """
+    shapes, tree = jax.tree.flatten([jax.eval_shape(network.init, key) for network in networks])
+    ends = np.cumsum([math.prod(x.shape) if x.ndim > 1 else 0 for x in shapes])
+    unit = jax.random.uniform(key, (int(ends[-1]),), minval=-1.0)
+
+    def weights(shape, end):
+        if shape.ndim == 1:
+            return jnp.zeros(shape.shape, shape.dtype)
+        drawn = unit[end - math.prod(shape.shape) : end].reshape(shape.shape)
+        return (math.sqrt(3 / shape.shape[-2]) * drawn).astype(shape.dtype)
+
+    return jax.tree.unflatten(tree, map(weights, shapes, ends.tolist()))
 
 
 def observed(

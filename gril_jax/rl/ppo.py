@@ -16,11 +16,11 @@ import jax.numpy as jnp
 import optax
 from brax.training.acme import running_statistics
 from brax.training.agents.ppo import losses, networks
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from . import fleet, ppo_loss, training
 from .env_loop import Episodes, Lane
-from .policy import Policy, fresh_normalizer, normalize, observed
+from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
 from .rewards import AnyReward
 
 __all__ = ["PPO", "Hyper", "Static", "TrainState"]
@@ -95,17 +95,18 @@ class PPO:
         )
         self._make_policy = networks.make_inference_fn(self.networks)
         self._renewals = fleet.renewals(static.num_envs, static.unroll_length, env.episode_length)
+        self.keys_to_collect = self._renewals + static.unroll_length
+        self.keys_to_learn = static.num_epochs * (static.num_minibatches + 1)
 
     # ---------------------------------------------------------------- what a caller uses
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
         """Fresh weights, and environments at random times of their first episode."""
-        key, key_policy, key_value, key_fleet, key_time = jax.random.split(key, 5)
-        params = losses.PPONetworkParams(
-            policy=self.networks.policy_network.init(key_policy),
-            value=self.networks.value_network.init(key_value),
-        )
-        begun = fleet.init(self.episodes, key_fleet, self.num_envs)
+        keys = jax.random.split(key, 3 + 2 * self.num_envs)
+        key, key_weights, key_time = keys[0], keys[1], keys[2]
+        both = self.networks.policy_network, self.networks.value_network
+        params = losses.PPONetworkParams(*fresh_weights(key_weights, *both))
+        begun = fleet.init(self.episodes, keys[3:])
         return TrainState(
             params=params,
             optimiser=_optimiser(hyper, 0.0).init(params),
@@ -137,14 +138,13 @@ class PPO:
     def collect(
         self,
         state: TrainState,
-        key: PRNGKeyArray,
+        keys: Key[Array, "K"],
         hyper: Hyper,
         reward_params: Any,
         *,
         deterministic: Bool[Array, "B"],
     ) -> tuple[TrainState, fleet.Steps]:
         """T control steps of every environment; `deterministic` ones play mean actions."""
-        key_renew, key_act = jax.random.split(key)
         explore = self._make_policy(tuple(self.policy(state)))
         exploit = self._make_policy(tuple(self.policy(state)), deterministic=True)
 
@@ -153,11 +153,10 @@ class PPO:
             mean, _ = exploit(observation, key)
             return jnp.where(deterministic[:, None], mean, action), extras
 
-        renewed = fleet.renew(self.episodes, state.fleet, key_renew, self._renewals)
+        renewed = fleet.renew(self.episodes, state.fleet, keys[: self._renewals])
         moved, steps = fleet.unroll(
-            self.episodes, reward_params, renewed, act, key_act,
-            length=self.unroll_length, tau=hyper.tau,
-        )  # fmt: skip
+            self.episodes, reward_params, renewed, act, keys[self._renewals :], tau=hyper.tau
+        )
         return state._replace(fleet=moved), steps
 
     def store(
@@ -171,7 +170,7 @@ class PPO:
         self,
         state: TrainState,
         steps: fleet.Steps,
-        key: PRNGKeyArray,
+        keys: Key[Array, "K"],
         hyper: Hyper,
         reward_params: Any,
     ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
@@ -189,28 +188,24 @@ class PPO:
             entropy_cost=hyper.entropy_cost * _left(hyper.entropy_left, progress),
         )
 
-        def minibatch(carry, batch):
-            params, moments, key = carry
-            key, key_loss = jax.random.split(key)
+        def minibatch(carry, batch_and_key):
+            params, moments = carry
+            batch, key_loss = batch_and_key
             grads, parts = jax.grad(ppo_loss.loss, has_aux=True)(
                 params, normalizer, batch, key_loss, self.networks, weights
             )
             updates, moments = optimiser.update(grads, moments)
-            return (optax.apply_updates(params, updates), moments, key), parts
+            return (optax.apply_updates(params, updates), moments), parts
 
-        def epoch(carry, key_epoch):
-            order = jax.random.permutation(key_epoch, self.num_envs)
-            batches = jax.tree.map(
-                lambda x: x[order].reshape(self.static.num_minibatches, -1, *x.shape[1:]), data
-            )
-            return jax.lax.scan(minibatch, carry, batches)
+        minibatches = self.static.num_minibatches
 
-        key_epochs, key_loss = jax.random.split(key)
-        (params, moments, _), parts = jax.lax.scan(
-            epoch,
-            (state.params, state.optimiser, key_loss),
-            jax.random.split(key_epochs, self.static.num_epochs),
-        )
+        def epoch(carry, keys):
+            order = jnp.argsort(jax.random.bits(keys[-1], (self.num_envs,)))
+            batches = jax.tree.map(lambda x: x[order].reshape(minibatches, -1, *x.shape[1:]), data)
+            return jax.lax.scan(minibatch, carry, (batches, keys[:-1]))
+
+        keys = keys.reshape(self.static.num_epochs, minibatches + 1)
+        (params, moments), parts = jax.lax.scan(epoch, (state.params, state.optimiser), keys)
         metrics = {name: jnp.mean(value) for name, value in parts.items()}
         state = state._replace(
             params=params, optimiser=moments, normalizer=normalizer, updates=state.updates + 1

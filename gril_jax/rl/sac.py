@@ -19,7 +19,7 @@ from brax.training.acme import running_statistics
 from brax.training.agents.sac import networks
 from brax.training.types import Transition
 from flax import linen
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from ..errors import ConfigError
 from . import fleet, replay, sac_update, training
@@ -110,13 +110,16 @@ class SAC:
         )
         self._make_policy = networks.make_inference_fn(self.networks)
         self._renewals = fleet.renewals(static.num_envs, static.unroll_length, env.episode_length)
+        self.keys_to_collect = self._renewals + static.unroll_length
+        self.keys_to_learn = 1 + static.updates_per_step
 
     # ---------------------------------------------------------------- what a caller uses
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
         """Fresh weights, an empty replay, and environments at random times of an episode."""
-        key, key_weights, key_fleet, key_time = jax.random.split(key, 4)
-        begun = fleet.init(self.episodes, key_fleet, self.num_envs)
+        keys = jax.random.split(key, 3 + 2 * self.num_envs)
+        key, key_weights, key_time = keys[0], keys[1], keys[2]
+        begun = fleet.init(self.episodes, keys[3:])
         return TrainState(
             learned=sac_update.begin(self.networks, key_weights, hyper),
             normalizer=fresh_normalizer(self.observation_size),
@@ -148,7 +151,7 @@ class SAC:
     def collect(
         self,
         state: TrainState,
-        key: PRNGKeyArray,
+        keys: Key[Array, "K"],
         hyper: Hyper,
         reward_params: Any,
         *,
@@ -158,7 +161,6 @@ class SAC:
 
         The others act at random, uniformly, until the replay holds `min_replay` transitions.
         """
-        key_renew, key_act = jax.random.split(key)
         explore = self._make_policy(tuple(self.policy(state)))
         exploit = self._make_policy(tuple(self.policy(state)), deterministic=True)
 
@@ -170,10 +172,10 @@ class SAC:
             action = jnp.where(self._ready(state), drawn, uniform)
             return jnp.where(deterministic[:, None], mean, action), ()
 
-        renewed = fleet.renew(self.episodes, state.fleet, key_renew, self._renewals)
+        renewed = fleet.renew(self.episodes, state.fleet, keys[: self._renewals])
         moved, steps = fleet.unroll(
-            self.episodes, reward_params, renewed, act, key_act,
-            length=self.unroll_length, tau=hyper.tau, keep=self._keep,
+            self.episodes, reward_params, renewed, act, keys[self._renewals :],
+            tau=hyper.tau, keep=self._keep,
         )  # fmt: skip
         return state._replace(fleet=moved), steps
 
@@ -196,7 +198,7 @@ class SAC:
         self,
         state: TrainState,
         steps: fleet.Steps,
-        key: PRNGKeyArray,
+        keys: Key[Array, "K"],
         hyper: Hyper,
         reward_params: Any,
     ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
@@ -207,8 +209,7 @@ class SAC:
         """
         normalizer = observed(state.normalizer, steps.observation)
         count, size = self.static.updates_per_step, self.static.batch_size
-        key_rows, key_losses = jax.random.split(key)
-        rows = replay.sample(state.replay, key_rows, count * size)
+        rows = replay.sample(state.replay, keys[0], count * size)
         batches = jax.tree.map(
             lambda x: x.reshape(count, size, *x.shape[1:]), self._transitions(rows, reward_params)
         )
@@ -218,8 +219,7 @@ class SAC:
                 self.networks, learned, normalizer, *batch_and_key, hyper
             )
 
-        keys = jax.random.split(key_losses, count)
-        learned, metrics = jax.lax.scan(update, state.learned, (batches, keys))
+        learned, metrics = jax.lax.scan(update, state.learned, (batches, keys[1:]))
         ready = self._ready(state)
         learned = jax.tree.map(lambda new, old: jnp.where(ready, new, old), learned, state.learned)
         metrics = {name: jnp.where(ready, jnp.mean(x), 0.0) for name, x in metrics.items()}

@@ -16,6 +16,8 @@ from brax.training.agents.sac import losses, networks
 from brax.training.types import Transition
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from .policy import fresh_weights
+
 __all__ = ["Hyper", "Learned", "Params", "begin", "gradient_step"]
 
 
@@ -51,10 +53,9 @@ class Learned(NamedTuple):
 
 def begin(nets: networks.SACNetworks, key: PRNGKeyArray, hyper: Hyper) -> Learned:
     """Fresh weights. The key is consumed."""
-    key_policy, key_critic = jax.random.split(key)
-    critic = nets.q_network.init(key_critic)
+    policy, critic = fresh_weights(key, nets.policy_network, nets.q_network)
     log_alpha = jnp.log(jnp.asarray(hyper.initial_alpha, jnp.float32))
-    params = Params(nets.policy_network.init(key_policy), critic, log_alpha)
+    params = Params(policy, critic, log_alpha)
     target = jax.tree.map(jnp.copy, critic)  # a buffer cannot be donated twice
     return Learned(params, target, optax.scale_by_adam().init(params))
 

@@ -14,6 +14,7 @@ hosts (`jax.distributed`), the devices of all of them are one mesh.
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
@@ -97,12 +98,12 @@ class Compiled(NamedTuple):
 class Lowered(NamedTuple):
     """A training that has been traced, and awaits its compiler."""
 
-    init: Any
+    init: Future[Any]  # being compiled already
     advance: Any
 
     def compile(self) -> Compiled:
         """Most of the work, and without Python's lock."""
-        return Compiled(self.init.compile(), self.advance.compile())
+        return Compiled(self.init.result(), self.advance.compile())
 
 
 def lowered(
@@ -116,6 +117,9 @@ def lowered(
 ) -> Lowered:
     """`init` and `advance`, traced: nothing is computed, so that it can be done ahead of time.
 
+    The small one is compiled in a thread of its own while the large one is traced, which keeps one
+    core busy.
+
     Args:
       keys, hyper: with a leading axis of seeds, placed.
       reward_params: arrays, or their shapes and types.
@@ -123,11 +127,14 @@ def lowered(
     """
     make = _maker(algorithm, layout, keys, hyper)
     shapes = jax.eval_shape(make, keys, hyper)
+    compiler = ThreadPoolExecutor(1, "compile init")
+    ready = compiler.submit(make.lower(keys, hyper).compile)
+    compiler.shutdown(wait=False)
     state = jax.tree.map(_abstract, shapes, shardings(layout, shapes))
     params = jax.tree.map(lambda x: _abstract(x, by_seed(layout)), reward_params)
     run = advance(algorithm, layout, shapes, updates, evaluation)
     count, examine = jnp.int32(0), jnp.asarray(True)
-    return Lowered(make.lower(keys, hyper), run.lower(state, hyper, params, count, examine))
+    return Lowered(ready, run.lower(state, hyper, params, count, examine))
 
 
 def _abstract(x: Any, sharding: NamedSharding) -> jax.ShapeDtypeStruct:

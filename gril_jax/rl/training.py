@@ -8,6 +8,9 @@ policy's mean actions and half with samples. It goes through the same unroll as 
 simulator, most of what there is to compile, is in the program once. All of it can be vmapped over
 seeds, hyper-parameters and rewards.
 
+A step's keys are split off all at once: each place that derives or draws something is a loop of its
+own to compile, a tenth to a fifth of a second on a CPU.
+
 Shapes use B for environments, T for the control steps of an unroll and V for variants of the task.
 """
 
@@ -18,7 +21,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from .env_loop import Episodes, Lane
 from .fleet import Steps
@@ -28,16 +31,21 @@ __all__ = ["Algorithm", "Scores", "chunk", "rounds", "step"]
 
 @runtime_checkable
 class Algorithm(Protocol):
-    """What PPO and SAC offer; the state has `fleet`, `key` and `replay`, which may be `()`."""
+    """What PPO and SAC offer; the state has `fleet`, `key` and `replay`, which may be `()`.
+
+    The two halves of a step take as many keys as they say here.
+    """
 
     episodes: Episodes
     num_envs: int
     unroll_length: int
+    keys_to_collect: int
+    keys_to_learn: int
 
     def init(self, key: PRNGKeyArray, hyper: Any) -> Any: ...
 
     def collect(
-        self, state: Any, key: PRNGKeyArray, hyper: Any, reward_params: Any, *,
+        self, state: Any, keys: Key[Array, "K"], hyper: Any, reward_params: Any, *,
         deterministic: Bool[Array, "B"],
     ) -> tuple[Any, Steps]: ...  # the state with its fleet moved on  # fmt: skip
 
@@ -46,7 +54,7 @@ class Algorithm(Protocol):
     ) -> Any: ...  # the state with these steps in its replay, if wanted
 
     def learn(
-        self, state: Any, steps: Steps, key: PRNGKeyArray, hyper: Any, reward_params: Any
+        self, state: Any, steps: Steps, keys: Key[Array, "K"], hyper: Any, reward_params: Any
     ) -> tuple[Any, dict[str, Float[Array, ""]]]: ...  # leaves the replay as it is
 
 
@@ -63,13 +71,21 @@ def step(
     algorithm: Algorithm, state: Any, hyper: Any, reward_params: Any
 ) -> tuple[Any, dict[str, Float[Array, ""]]]:
     """One unroll of every environment and what is learned from it: (state, metrics)."""
-    key, key_collect, key_learn = jax.random.split(state.key, 3)
+    key, to_collect, to_learn, _ = _split(algorithm, state.key)
     exploring = jnp.zeros((algorithm.num_envs,), bool)
     state, steps = algorithm.collect(
-        state._replace(key=key), key_collect, hyper, reward_params, deterministic=exploring
+        state._replace(key=key), to_collect, hyper, reward_params, deterministic=exploring
     )
     state = algorithm.store(state, steps)
-    return algorithm.learn(state, steps, key_learn, hyper, reward_params)
+    return algorithm.learn(state, steps, to_learn, hyper, reward_params)
+
+
+def _split(algorithm: Algorithm, key: PRNGKeyArray, more: int = 0) -> tuple[Any, ...]:
+    """The key of the next step, those of the two halves of this one, and `more` for other uses."""
+    learning = 1 + algorithm.keys_to_collect
+    used = learning + algorithm.keys_to_learn
+    keys = jax.random.split(key, used + more)  # whose first do not depend on how many there are
+    return keys[0], keys[1:learning], keys[learning:used], keys[used:]
 
 
 def rounds(algorithm: Algorithm) -> int:
@@ -125,12 +141,12 @@ def chunk(
     def move(number, carry):
         state, exams, rows = carry
         examining = number >= count
-        key, key_collect, key_learn = jax.random.split(state.key, 3)
         # The key of training stays where it is while policies are examined.
-        key_collect = _choose(examining, jax.random.fold_in(exams.key, number), key_collect)
+        turn = _choose(examining, exams.key, state.key)
+        key, to_collect, to_learn, _ = _split(algorithm, turn)
         fleet = state.fleet._replace(lanes=_choose(examining, exams.lanes, state.fleet.lanes))
         after, steps = algorithm.collect(
-            state._replace(fleet=fleet, key=key), key_collect, hyper, reward_params,
+            state._replace(fleet=fleet, key=key), to_collect, hyper, reward_params,
             deterministic=exams.deterministic & examining,
         )  # fmt: skip
 
@@ -138,18 +154,19 @@ def chunk(
         after = algorithm.store(after, steps, wanted=~examining)
 
         def train():
-            learned, metrics = algorithm.learn(after, steps, key_learn, hyper, reward_params)
+            learned, metrics = algorithm.learn(after, steps, to_learn, hyper, reward_params)
             return learned._replace(replay=()), exams, _write(rows, number, metrics)
 
         def mark():
-            marked = _mark(exams._replace(lanes=after.fleet.lanes), steps)
+            marked = _mark(exams._replace(lanes=after.fleet.lanes, key=key), steps)
             return state._replace(replay=()), marked, rows
 
         # The same for all seeds, so that under a vmap, too, only one of the branches runs.
         state, exams, rows = jax.lax.cond(examining, mark, train)
         return state._replace(replay=after.replay), exams, rows
 
-    exams = _begin(algorithm, evaluation, jax.random.fold_in(state.key, 1))
+    *_, keys = _split(algorithm, state.key, algorithm.num_envs + 1)  # none that the next step has
+    exams = _begin(algorithm, evaluation, keys)
     until = count + rounds(algorithm) * jnp.asarray(examine, jnp.int32)
     state, exams, rows = jax.lax.fori_loop(0, until, move, (state, exams, rows))
     shares = (len(evaluation), 2, -1)
@@ -177,19 +194,19 @@ class _Exams(NamedTuple):
     key: PRNGKeyArray
 
 
-def _begin(algorithm: Algorithm, tasks: tuple[Any, ...], key: PRNGKeyArray) -> _Exams:
+def _begin(algorithm: Algorithm, tasks: tuple[Any, ...], keys: Key[Array, "K"]) -> _Exams:
     """Fresh starts, those of the first task first; of each task, mean actions come first."""
     share = algorithm.num_envs // len(tasks)
     lanes = [
         jax.vmap(dataclasses.replace(algorithm.episodes, env=task).begin)(
-            jax.random.split(jax.random.fold_in(key, i), share)
+            keys[i * share : (i + 1) * share]
         )
         for i, task in enumerate(tasks)
     ]
     lanes = jax.tree.map(lambda *parts: jnp.concatenate(parts), *lanes)
     nothing = jnp.zeros((algorithm.num_envs,))
     deterministic = jnp.arange(algorithm.num_envs) % share < share // 2
-    return _Exams(lanes, deterministic, nothing > 0, Scores(*[nothing] * 4), key)
+    return _Exams(lanes, deterministic, nothing > 0, Scores(*[nothing] * 4), keys[-1])
 
 
 def _mark(exams: _Exams, steps: Steps) -> _Exams:
