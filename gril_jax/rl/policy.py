@@ -1,11 +1,11 @@
 """What PPO and SAC have in common of a policy: its value, and how observations are normalised."""
 
+import itertools
 import math
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from brax.training.acme import running_statistics, specs
 from jaxtyping import Array, Float, PRNGKeyArray
 
@@ -47,8 +47,9 @@ def fresh_weights(key: PRNGKeyArray, *networks: Any) -> list[Any]:
     are 0. The key is consumed.
     """
     shapes, tree = jax.tree.flatten([jax.eval_shape(network.init, key) for network in networks])
-    ends = np.cumsum([math.prod(x.shape) if x.ndim > 1 else 0 for x in shapes])
-    unit = jax.random.uniform(key, (int(ends[-1]),), minval=-1.0)
+    sizes = (math.prod(x.shape) if x.ndim > 1 else 0 for x in shapes)
+    ends = list(itertools.accumulate(sizes))
+    unit = jax.random.uniform(key, (ends[-1],), minval=-1.0)
 
     def weights(shape, end):
         if shape.ndim == 1:
@@ -56,7 +57,7 @@ def fresh_weights(key: PRNGKeyArray, *networks: Any) -> list[Any]:
         drawn = unit[end - math.prod(shape.shape) : end].reshape(shape.shape)
         return (math.sqrt(3 / shape.shape[-2]) * drawn).astype(shape.dtype)
 
-    return jax.tree.unflatten(tree, map(weights, shapes, ends.tolist()))
+    return jax.tree.unflatten(tree, map(weights, shapes, ends))
 
 
 def observed(

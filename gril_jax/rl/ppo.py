@@ -145,13 +145,15 @@ class PPO:
         deterministic: Bool[Array, "B"],
     ) -> tuple[TrainState, fleet.Steps]:
         """T control steps of every environment; `deterministic` ones play mean actions."""
-        explore = self._make_policy(tuple(self.policy(state)))
-        exploit = self._make_policy(tuple(self.policy(state)), deterministic=True)
+        actions = self.networks.parametric_action_distribution
+        network = functools.partial(self.networks.policy_network.apply, *self.policy(state))
 
         def act(observation, key):
-            action, extras = explore(observation, key)
-            mean, _ = exploit(observation, key)
-            return jnp.where(deterministic[:, None], mean, action), extras
+            logits = network(observation)
+            raw = actions.sample_no_postprocessing(logits, key)
+            mean, drawn = actions.mode(logits), actions.postprocess(raw)
+            extras = {"raw_action": raw, "log_prob": actions.log_prob(logits, raw)}
+            return jnp.where(deterministic[:, None], mean, drawn), extras
 
         renewed = fleet.renew(self.episodes, state.fleet, keys[: self._renewals])
         moved, steps = fleet.unroll(
