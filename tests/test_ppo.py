@@ -144,7 +144,7 @@ def test_an_observation_that_was_constant_so_far_does_not_blow_up_the_networks(p
     ):
         out = network.apply(state.normalizer, params, ones)
         nearby = network.apply(state.normalizer, params, 0.9 * ones)
-        assert np.abs(out - nearby).max() < 10  # by a deviation; a millionth would make it 1e5
+        assert np.abs(out - nearby).max() < 10  # one deviation apart
 
 
 # ---------------------------------------------------------------- what step must not depend on

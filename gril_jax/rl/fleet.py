@@ -45,7 +45,7 @@ class Steps(NamedTuple):
 
 
 def init(episodes: Episodes, keys: Key[Array, "K"]) -> Fleet:
-    """B environments at the start of an episode, with a full pool, from 2 B keys."""
+    """B environments at the start of an episode, with a full pool of starts, from 2 B keys (K,)."""
     num_envs = len(keys) // 2
     both = jax.vmap(episodes.begin)(keys)
     # A task's own weak types would become strong in the first step, which then compiles twice.

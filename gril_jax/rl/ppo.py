@@ -144,7 +144,10 @@ class PPO:
         *,
         deterministic: Bool[Array, "B"],
     ) -> tuple[TrainState, fleet.Steps]:
-        """T control steps of every environment; `deterministic` ones play mean actions."""
+        """T control steps of every environment; `deterministic` ones play mean actions.
+
+        `keys` are as many as `keys_to_collect`: first those of new starts, then one a step.
+        """
         actions = self.networks.parametric_action_distribution
         network = functools.partial(self.networks.policy_network.apply, *self.policy(state))
 

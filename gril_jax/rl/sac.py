@@ -159,7 +159,8 @@ class SAC:
     ) -> tuple[TrainState, fleet.Steps]:
         """T control steps of every environment; `deterministic` ones play mean actions.
 
-        The others act at random, uniformly, until the replay holds `min_replay` transitions.
+        The others act at random, uniformly, until the replay holds `min_replay` transitions. `keys`
+        are as many as `keys_to_collect`: first those of new starts, then one a step.
         """
         explore = self._make_policy(tuple(self.policy(state)))
         exploit = self._make_policy(tuple(self.policy(state)), deterministic=True)
