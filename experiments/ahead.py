@@ -1,7 +1,7 @@
 """Programs that are compiled while others run.
 
     with ahead.compiling() as pool:
-        wanted = pool.submit(lambda: jax.jit(f).lower(x).compile())
+        wanted = pool.submit(lambda: compiled(jax.jit(f).lower(x)))
         ...                                                  # something else
         y = wanted.result()(x)
 

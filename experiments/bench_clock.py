@@ -8,14 +8,16 @@ from typing import Any
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 
+from gril_jax.compiler import compiled
+
 __all__ = ["Compilations", "compile_timed", "counted", "times_in_turn", "without_cache"]
 
 
 def compile_timed(function: Callable[..., Any], *args: Any, **options: Any) -> tuple[Any, float]:
     """A function compiled for these arguments, and the seconds it took with tracing."""
     start = time.perf_counter()
-    compiled = jax.jit(function, **options).lower(*args).compile()
-    return compiled, time.perf_counter() - start
+    program = compiled(jax.jit(function, **options).lower(*args))
+    return program, time.perf_counter() - start
 
 
 def times_in_turn(calls: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, list[float]]:

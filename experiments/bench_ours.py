@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from gril_jax.compiler import compiled
 from gril_jax.rl import ppo, rewards, sac, training
 
 from .bench_pendulum import Pendulum, SacSetting, Setting
@@ -98,10 +99,10 @@ def train(
         second of the part before it, evaluation included.
     """
     init, run = chunks(setting)
-    with ThreadPoolExecutor(1) as compiler:  # as `gril_jax.rl.sharding` does for `gril train`
+    with ThreadPoolExecutor(1) as thread:  # as `gril_jax.rl.sharding` does for `gril train`
         begun = init.trace(seed)
-        ready = compiler.submit(begun.lower().compile)
-        run = run.lower(begun.out_info, np.int32(0), np.bool_(True)).compile()
+        ready = thread.submit(compiled, begun.lower())
+        run = compiled(run.lower(begun.out_info, np.int32(0), np.bool_(True)))
         state = ready.result()(seed)
     returns: list[float] = []
     for part in range(setting.num_evals):

@@ -34,7 +34,7 @@ __all__ = ["Learner", "learner", "static_config"]
 
 
 class Learner(NamedTuple):
-    """Pure functions of a state, of the data and of the traced choices; all can be vmapped."""
+    """Functions of a state, of the data and of the traced choices: pure but for `films`."""
 
     static: PretrainConfig | PixelPretrainConfig
     data: Any  # of the training and of the held-out demonstrations, and scenes to learn from, too
@@ -42,8 +42,8 @@ class Learner(NamedTuple):
     step: Callable[[Any, Any, Hyper], tuple[Any, Any]]
     reward: Callable[[Any, Any, Hyper], RewardParams]
     measure: Callable[[Any, Any, Hyper], dict[str, Float[Array, ""]]]
-    # Names of demonstrations to the latents of their frames (B, T, D); reads files, so not pure.
-    latents: Callable[[Params, Sequence[str], Hyper], Float[Array, "B T D"]]
+    latents: Callable[[Params, Any, Hyper], Float[Array, "B T D"]]  # of all frames of `films`
+    films: Callable[[Sequence[str]], Any]  # arrays of demonstrations by name; may read files
 
 
 def static_config(config: RunConfig, num_classes: int) -> PretrainConfig | PixelPretrainConfig:
@@ -81,9 +81,6 @@ def _of_boxes(config, demos, pool) -> Learner:
         encoder = state.params.encoder
         return reward.from_demos(encoder, data[0], static.encoder, alpha=hyper.alpha, active=bits)
 
-    def latents(params, names, hyper):
-        return pretrain.embed(params, demo_batch(demos.demo_set, names), hyper, static)
-
     return Learner(
         static,
         (demos.batch("train"), demos.batch("validation"), pool),
@@ -93,7 +90,8 @@ def _of_boxes(config, demos, pool) -> Learner:
         lambda state, data, hyper: pretrain.evaluate(
             state.params.encoder, data[1], data[0], hyper, static
         ),
-        latents,
+        lambda params, films, hyper: pretrain.embed(params, films, hyper, static),
+        lambda names: demo_batch(demos.demo_set, names),
     )
 
 
@@ -133,10 +131,6 @@ def _of_frames(config, demos) -> Learner:
         found = frame_batch(demos.demo_set, names, pixels=pixels, half_extent=half_extent)
         return jax.tree.map(jnp.asarray, found)
 
-    def latents(params, names, hyper):
-        del hyper
-        return pixel_reward.embed(params, frames(*names), static.encoder)
-
     return Learner(
         static,
         (frames(*demos.names["train"]), frames(*demos.names["validation"])),
@@ -144,5 +138,6 @@ def _of_frames(config, demos) -> Learner:
         lambda state, data, hyper: pixel_pretrain.step(state, data[0], hyper, static),
         lambda state, data, hyper: pixel_reward.from_videos(state.params, data[0], static.encoder),
         lambda state, data, hyper: pixel_pretrain.evaluate(state.params, data[1], data[0], static),
-        latents,
+        lambda params, films, hyper: pixel_reward.embed(params, films, static.encoder),
+        lambda names: frames(*names),
     )

@@ -7,7 +7,6 @@
 Writes a run folder with the demonstrations, the reward, and its profile along each of them.
 """
 
-import functools
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
@@ -29,8 +28,8 @@ from gril_jax import (
     training_loop,
 )
 from gril_jax.audit_scene import Scene
+from gril_jax.compiler import compiled
 from gril_jax.config import RunConfig
-from gril_jax.demos import demo_batch
 from gril_jax.progress import Progress
 from gril_jax.report_data import SPLITS
 from gril_jax.reward import RewardParams
@@ -119,17 +118,34 @@ class _Programs(NamedTuple):
     step: Future[Any]
     reward: Future[Any]
     measure: Future[Any]
+    profiles: Future[Any]  # (reward, films, hyper) -> rewards, ends of stages
 
 
-def _compiled(learner: learners.Learner, key, hyper, pool: Executor) -> _Programs:
+def _compiled(
+    learner: learners.Learner, key, films, successes: int, hyper, pool: Executor
+) -> _Programs:
     def ready(function, *args):
-        return pool.submit(lambda: jax.jit(function).lower(*args).compile())
+        def make():
+            with ahead.tracing():
+                lowered = jax.jit(function).lower(*args)
+            return compiled(lowered)
+
+        return pool.submit(make)
+
+    def profiles(params, films, hyper):
+        latents = learner.latents(params.encoder, films, hyper)
+        return _profiles(params, latents, films.length, successes=successes)
 
     data = learner.data
     state = jax.eval_shape(learner.init, key, data)
-    parts = (learner.step, learner.reward, learner.measure)
+    params = jax.eval_shape(learner.reward, state, data, hyper)
+    step = ready(learner.step, state, data, hyper)  # first, since it takes longest
     return _Programs(
-        ready(learner.init, key, data), *(ready(part, state, data, hyper) for part in parts)
+        ready(learner.init, key, data),
+        step,
+        ready(learner.reward, state, data, hyper),
+        ready(learner.measure, state, data, hyper),
+        ready(profiles, params, films, hyper),
     )
 
 
@@ -138,8 +154,12 @@ def _learn(
 ) -> dict[str, Any]:
     learner, hyper = learners.learner(config, demos, pool), setup.pretrain_hyper(config)
     key = jax.random.fold_in(jax.random.key(config.run.seed), 0)
+    owners = [(name, split) for split in SPLITS for name in demos.names[split]]
+    # All in one batch: each length by itself would compile programs of its own.
+    films = learner.films([name for name, _ in owners])
     with ahead.compiling() as compilers:
-        programs = _compiled(learner, key, hyper, compilers)
+        successes = len(owners) - len(demos.names["failure"])
+        programs = _compiled(learner, key, films, successes, hyper, compilers)
         data, updates = learner.data, learner.static.updates
         fresh, step = programs.init.result()(key, data), programs.step.result()
         state = _train_encoder(
@@ -147,9 +167,10 @@ def _learn(
         )
         params = programs.reward.result()(state, data, hyper)
         measured = programs.measure.result()(state, data, hyper)
+        profiles = programs.profiles.result()(params, films, hyper)
     shutil.rmtree(_folder(run), ignore_errors=True)  # of a process that was cut off right here
     checkpoint.save(_folder(run), config.pretrain.steps, params)
-    _save_profiles(run.path, params, demos, hyper, learner)
+    _save_profiles(run.path, owners, films.length, profiles)
     return {name: float(value) for name, value in measured.items()} | {
         "demonstrations": {split: len(names) for split, names in demos.names.items()},
         "trimmed_frames": demos.trimmed,
@@ -186,26 +207,19 @@ def _folder(run: run_dir.RunDir) -> Path:
     return run.path / "reward"
 
 
-def _save_profiles(folder: Path, params: RewardParams, demos, hyper, learner) -> None:
+def _save_profiles(folder: Path, owners, length, profiles) -> None:
     """The reward along every demonstration, with the ends of its stages marked."""
-    owners = [(name, split) for split in SPLITS for name in demos.names[split]]
-    # All in one batch: each length by itself would compile programs of its own.
-    names = [name for name, _ in owners]
-    length = demo_batch(demos.demo_set, names).length
-    latents = learner.latents(params.encoder, names, hyper)
-    successes = len(names) - len(demos.names["failure"])
-    profiles, ends = _profiles(params, latents, length, successes=successes)
+    rewards, ends = profiles
     np.savez(
         folder / "profiles.npz",
-        names=np.array(names),
+        names=np.array([name for name, _ in owners]),
         split=np.array([split for _, split in owners]),
         length=np.asarray(length, np.int32),
-        reward=np.asarray(profiles, np.float32),
+        reward=np.asarray(rewards, np.float32),
         transitions=np.asarray(ends),
     )
 
 
-@functools.partial(jax.jit, static_argnames="successes")
 def _profiles(
     params: RewardParams, latents: Float[Array, "B T D"], length: Int[Array, "B"], *, successes: int
 ) -> tuple[Float[Array, "B T"], Bool[Array, "B T"]]:

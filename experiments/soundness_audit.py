@@ -16,6 +16,7 @@ from jaxtyping import Float
 from gril_jax import audit_measures, envs, run_dir
 from gril_jax.audit_measures import States, make_states
 from gril_jax.audit_scene import Scene, scene_reward
+from gril_jax.compiler import compiled
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.encoder import GraphConfig
 from gril_jax.errors import ConfigError
@@ -181,7 +182,7 @@ def _compiled(config: RunConfig, encoder: GraphConfig, count: int, on: Ground, a
         blank = setup.blank_reward(config, encoder.num_classes)
         params = jax.eval_shape(lambda: jax.tree.map(lambda x: jnp.stack([x] * count), blank))
         found = program(encoder, on.task, ascents=ascents).lower(params, states)
-    return found.compile()
+    return compiled(found)
 
 
 def audit(

@@ -121,7 +121,7 @@ def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrati
     owners = [(name, split) for split in ("train", "validation") for name in demos.names[split]]
     names = [name for name, _ in owners]
     learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
-    latents = jnp.asarray(learner.latents(params.encoder, names, hyper))
+    latents = jnp.asarray(learner.latents(params.encoder, learner.films(names), hyper))
     return Traces(
         [entries[name] for name in names],
         [split == "validation" for _, split in owners],

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from gril_jax import reward, training_loop
+from gril_jax.compiler import compiled
 from gril_jax.config import RunConfig
 from gril_jax.progress import Progress
 from gril_jax.rl import sharding
@@ -167,8 +168,8 @@ def _compiled(configs: Sequence[RunConfig], demos) -> _Ready:
             step.lower(state, data, hyper),
             jax.jit(each(measured)).lower(state, data, hyper),
         )
-    compiled = (program.compile() for program in lowered)
-    return _Ready(len(configs), learner.static.updates, (keys, data, hyper), *compiled)
+    programs = map(compiled, lowered)
+    return _Ready(len(configs), learner.static.updates, (keys, data, hyper), *programs)
 
 
 def _encoders(name, config: RunConfig, ready: _Ready, run: RunDir, progress: Progress, echo):

@@ -1,4 +1,4 @@
-"""The paper's Table I and Figure 2: one task, one learner, one budget, and twelve rewards.
+"""The paper's Table I and Figure 2: one task, one learner, one budget, and thirteen rewards.
 
     gril table1                               five seeds; sized for a GPU
     gril table1 --demos HUMAN --seeds 10

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gril_jax import pretrain, reward
+from gril_jax.compiler import compiled
 from gril_jax.config import RunConfig
 from gril_jax.cycle_metrics import two_way_cycle_consistency
 from gril_jax.progress import Progress
@@ -85,7 +86,7 @@ def _compiled(config: RunConfig, num_classes: int, count: int, batches: Sequence
         embed = program(setup.pretrain_config(config, num_classes))
         hyper = setup.pretrain_hyper(config)
         lowered = [embed.lower(params, hyper, batch) for batch in batches]
-    return [one.compile() for one in lowered]
+    return [compiled(one) for one in lowered]
 
 
 def profiles(

@@ -89,6 +89,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "environmental": _environmental("S4"),
     "environmental V5": _environmental("V5"),
     "XIRL": _XIRL,
+    "XIRL with agreed times": _XIRL | {"loss.warmup": 1500},
     "GraphIRL with robot": _GRAPHIRL | _WITH_ROBOT,
     "GraphIRL without robot": _GRAPHIRL,
     "ours with robot": _PAPER | _WITH_ROBOT,

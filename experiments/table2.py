@@ -139,12 +139,12 @@ def _measured(
 ) -> list[dict[str, float]]:
     """`measure` of each seed's reward."""
     chosen = _recordings(demos)
-    names = [entry.name for entry in chosen]
     length = np.array([entry.frames for entry in chosen], np.int32)
     learner, hyper = learners.learner(rows[0].config, demos), setup.pretrain_hyper(rows[0].config)
+    films = learner.films([entry.name for entry in chosen])
 
     def one(params):
-        latents = learner.latents(params.encoder, names, hyper)
+        latents = learner.latents(params.encoder, films, hyper)
         return np.asarray(reward.latent_reward(params, jnp.asarray(latents)))
 
     return [measure(one(each.params), length, chosen) for each in found]

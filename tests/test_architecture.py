@@ -28,7 +28,7 @@ PURE = {
 }  # fmt: skip
 TRAINING = {
     "pretrain", "pretrain_batch", "pretrain_contrast", "pretrain_loss", "pretrain_options",
-    "pixel_pretrain", "rl",
+    "pixel_pretrain", "compiler", "rl",
 }  # fmt: skip
 
 # For each layer: the layers of ours that it may import, and the packages of others.

@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
+from ..compiler import compiled
 from ..errors import ConfigError
 from . import training
 
@@ -103,7 +104,7 @@ class Lowered(NamedTuple):
 
     def compile(self) -> Compiled:
         """Most of the work, and without Python's lock."""
-        return Compiled(self.init.result(), self.advance.compile())
+        return Compiled(self.init.result(), compiled(self.advance))
 
 
 def lowered(
@@ -127,9 +128,9 @@ def lowered(
     """
     make = _maker(algorithm, layout, keys, hyper)
     shapes = jax.eval_shape(make, keys, hyper)
-    compiler = ThreadPoolExecutor(1, "compile init")
-    ready = compiler.submit(make.lower(keys, hyper).compile)
-    compiler.shutdown(wait=False)
+    thread = ThreadPoolExecutor(1, "compile init")
+    ready = thread.submit(compiled, make.lower(keys, hyper))
+    thread.shutdown(wait=False)
     state = jax.tree.map(_abstract, shapes, shardings(layout, shapes))
     params = jax.tree.map(lambda x: _abstract(x, by_seed(layout)), reward_params)
     run = advance(algorithm, layout, shapes, updates, evaluation)
