@@ -203,7 +203,7 @@ def _latent(
     params: Params, scene: Scene, present: Bool[Array, "N"], hyper: Hyper, config: PretrainConfig
 ) -> Float[Array, "D"]:
     graph = scene_graph(*scene, present)
-    return encoder.apply(params, graph, config.encoder, alpha=hyper.alpha)
+    return encoder.apply(params, graph, config.encoder, alpha=hyper.alpha, form="square")
 
 
 def _frame(demo: DemoBatch, bits: Bool[Array, "T N"], at: Int[Array, ""]) -> Scene:

@@ -68,9 +68,9 @@ def latents(
     def one(center, size, active):
         graph = scene_graph(center, size, demo.label, demo.is_robot, active, demo.present)
         if num_members(config.encoder) > 1 or not isinstance(config.encoder, NodeConfig):
-            found = encoder.apply(params, graph, config.encoder, alpha=hyper.alpha)
+            found = encoder.apply(params, graph, config.encoder, alpha=hyper.alpha, form="square")
             return found, None, graph.nodes
-        nodes = encoder.node_embeddings(params, graph, config.encoder)
+        nodes = encoder.node_embeddings(params, graph, config.encoder, form="square")
         latent = encoder.readout(params, nodes, graph, config.encoder, alpha=hyper.alpha)
         return latent, nodes, graph.nodes
 

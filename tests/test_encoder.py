@@ -201,6 +201,22 @@ def test_vmap_equals_a_loop_over_graphs_and_over_parameters():
     np.testing.assert_allclose(batched[1], alone, rtol=1e-4, atol=1e-5)
 
 
+def test_a_latent_does_not_depend_on_how_messages_are_summed():
+    members = dataclasses.replace(CONFIG, members=2)
+    cases = (CONFIG, PARAMS), (members, jax.jit(encoder.init)(jax.random.key(3), members))
+    for config, params in cases:
+
+        @jax.jit
+        def latents(params, frame, config=config):
+            graph = scene_graph(**frame)
+            forms = "dense", "square", "jraph"
+            return [encoder.apply(params, graph, config, form=form) for form in forms]
+
+        plain, *others = latents(params, _frame())
+        for other in others:
+            np.testing.assert_allclose(other, plain, rtol=1e-4, atol=1e-5)
+
+
 def test_parameters_are_plain_dicts_of_float32_arrays():
     assert type(PARAMS) is dict
     assert all(x.dtype == jnp.float32 for x in jax.tree.leaves(PARAMS))
