@@ -36,7 +36,7 @@ from gril_jax.reward import RewardParams
 
 from . import ahead, cheats, demonstrations, learners, setup
 
-__all__ = ["check_cheats", "learn", "main"]
+__all__ = ["check_cheats", "learn", "learned", "main"]
 
 Echo = Callable[[str], None]
 
@@ -69,7 +69,7 @@ def main(
         echo(f"writing to {run.path}")
         env = setup.make_env(config.env, training=False)
         demos = demonstrations.gather_once(config, env, run, progress)
-        _, results = learn(config, env, demos, run, progress, policies=policies, echo=echo)
+        results = learn(config, env, demos, run, progress, policies=policies, echo=echo)
         run.finish(results)
     page = report.write_report(run.path)
     echo(f"Kendall's tau on held-out demonstrations: {results['tau']:.3f}; report: {page}")
@@ -85,8 +85,8 @@ def learn(
     *,
     policies: Sequence[cheats.Cheat] = (),
     echo: Echo = print,
-) -> tuple[RewardParams, dict[str, Any]]:
-    """Train the encoder, save the reward and its profiles; returns both, which a run does once.
+) -> dict[str, Any]:
+    """Train the encoder, save the reward and its profiles, once in a run; returns the results.
 
     What the `policies` of earlier runs were overpaid for is learned from, too.
     """
@@ -96,9 +96,13 @@ def learn(
         pool = cheats.gather_once(policies, config, train, run, progress, echo=echo)
         results = _learn(config, env, demos, pool, run, progress, echo)
         run.finish_phase("reward", results)
-    # From the folder in any case: a resumed run has nothing else.
+    return results
+
+
+def learned(config: RunConfig, env, run: run_dir.RunDir) -> RewardParams:
+    """The reward that a run has saved."""
     blank = setup.blank_reward(config, len(env.classes))
-    return checkpoint.restore(_folder(run) / f"{config.pretrain.steps:012d}", blank), results
+    return checkpoint.restore(_folder(run) / f"{config.pretrain.steps:012d}", blank)
 
 
 def check_cheats(config: RunConfig, policies: Sequence[Any]) -> None:
@@ -128,7 +132,7 @@ def _compiled(
         def make():
             with ahead.tracing():
                 lowered = jax.jit(function).lower(*args)
-            return compiled(lowered)
+            return compiled(lowered, brief=True)
 
         return pool.submit(make)
 

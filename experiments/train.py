@@ -64,9 +64,8 @@ def main(
             program = pool.submit(_compiled, config, algorithm, layout)
         demos = demonstrations.gather_once(config, env, run, progress)
         clock.lap("demonstrations")
-        learned, results = pretraining.learn(
-            config, env, demos, run, progress, policies=policies, echo=echo
-        )
+        results = pretraining.learn(config, env, demos, run, progress, policies=policies, echo=echo)
+        learned = pretraining.learned(config, env, run)
         reward_params = _policy_reward(config, learned, demos, run, len(env.classes))
         clock.lap("reward")
         policy, found = _learn_policy(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gril_jax import cli
-from gril_jax.commands import arguments
+from gril_jax.commands import heavy_imports
 
 # Runs a command line as `gril` does, then tells which of the slow packages it loaded.
 _RUNNER = """
@@ -120,7 +120,7 @@ def test_what_an_import_prints_does_not_reach_stdout(monkeypatch, tmp_path, caps
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")  # so that its absence is restored
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
-    with arguments.heavy_imports():
+    with heavy_imports.heavy_imports():
         print("an optional part is missing")
     assert capsys.readouterr().out == ""
     folder = tmp_path / "gril_jax" / "jax"
@@ -131,7 +131,7 @@ def test_what_an_import_prints_does_not_reach_stdout(monkeypatch, tmp_path, caps
 def test_a_compilation_cache_that_the_user_chose_is_kept(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "mine")
-    with arguments.heavy_imports():
+    with heavy_imports.heavy_imports():
         assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "mine"
 
 
@@ -140,5 +140,32 @@ def test_without_a_writable_cache_the_work_goes_on(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")  # so that its absence is restored
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
-    with arguments.heavy_imports():
+    with heavy_imports.heavy_imports():
         assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
+
+
+@pytest.mark.parametrize(
+    ("platform", "said"),
+    [
+        ("cpu", "cpu"),
+        ("nonsense", "JAX_PLATFORMS is 'nonsense', but JAX cannot use these: Unable to"),
+    ],
+)
+def test_devices_are_taken_while_the_rest_is_imported(monkeypatch, tmp_path, platform, said):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("JAX_PLATFORMS", platform)
+    code = (
+        "from gril_jax.commands.heavy_imports import heavy_imports\n"
+        "from gril_jax.errors import ConfigError\n"
+        "try:\n"
+        "    with heavy_imports(devices=True):\n"
+        "        pass\n"
+        "except ConfigError as error:\n"
+        "    print(error)\n"
+        "else:\n"
+        "    from jax._src import xla_bridge\n"
+        "    print(*xla_bridge._backends)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.startswith(said), done.stderr
+    assert done.returncode == 0

@@ -12,7 +12,7 @@ import types
 import pytest
 
 from gril_jax import cli, parallel_map, run_dir
-from gril_jax.commands import arguments
+from gril_jax.commands import arguments, heavy_imports
 from gril_jax.config import DemosConfig, EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.run_phases import read_phases, write_phases
@@ -133,7 +133,7 @@ def test_a_sink_that_does_not_exist_is_refused(capsys):
 def test_a_deterministic_run_sets_the_flag_before_the_imports(monkeypatch):
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
     monkeypatch.setenv("XLA_FLAGS", "--xla_dump_to=x")
-    with arguments.heavy_imports(RunConfig(run=RunSettings(deterministic=True))):
+    with heavy_imports.heavy_imports(RunConfig(run=RunSettings(deterministic=True))):
         flags = os.environ["XLA_FLAGS"]
     assert flags == "--xla_dump_to=x --xla_gpu_deterministic_ops=true"
 
@@ -145,8 +145,8 @@ def test_an_arm_on_a_cpu_is_compiled_by_the_older_generator(monkeypatch):
         ("shoes_in_box", "a --xla_cpu_use_fusion_emitters=false"),
     ):
         monkeypatch.setenv("XLA_FLAGS", "a")
-        monkeypatch.setattr(arguments.metadata, "version", lambda name: "0.10.2")
-        with arguments.heavy_imports(RunConfig(env=EnvConfig(name=task))):
+        monkeypatch.setattr(heavy_imports.metadata, "version", lambda name: "0.10.2")
+        with heavy_imports.heavy_imports(RunConfig(env=EnvConfig(name=task))):
             assert os.environ["XLA_FLAGS"] == flags
 
 
@@ -161,10 +161,10 @@ def test_mjx_has_threads_to_spare_where_cores_are_few(monkeypatch):
     ):
         monkeypatch.delenv("PJRT_NPROC", raising=False)
         monkeypatch.setattr(parallel_map, "cores", lambda n=cores: n)
-        with arguments.heavy_imports(RunConfig(env=env)):
+        with heavy_imports.heavy_imports(RunConfig(env=env)):
             assert os.environ.get("PJRT_NPROC") == threads
     monkeypatch.setenv("PJRT_NPROC", "3")
-    with arguments.heavy_imports(RunConfig(env=EnvConfig(engine="mjx"))):
+    with heavy_imports.heavy_imports(RunConfig(env=EnvConfig(engine="mjx"))):
         assert os.environ["PJRT_NPROC"] == "3"
 
 
@@ -211,7 +211,7 @@ def test_a_resumed_configuration_needs_what_a_new_one_needs(tmp_path):
 _CHILD = """
 import os, signal, sys, threading
 from gril_jax.cli import main
-from gril_jax.commands.arguments import heavy_imports
+from gril_jax.commands.heavy_imports import heavy_imports
 with heavy_imports():
     from gril_jax.experiments import train
     from gril_jax import run_dir

@@ -1,15 +1,11 @@
-"""What the verbs share: arguments that are read and checked, and heavy imports that come late."""
+"""What the verbs share: arguments that are read and checked before anything heavy is imported."""
 
-import contextlib
 import dataclasses
-import io
-import os
-from collections.abc import Callable, Iterator, Mapping
-from importlib import metadata
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from .. import parallel_map, run_dir
-from ..config import MakeDemosConfig, RunConfig
+from .. import run_dir
+from ..config import RunConfig
 from ..config_files import load
 from ..errors import ConfigError, DemoError, RunError
 from ..metric_sinks import require_installed
@@ -23,7 +19,6 @@ __all__ = [
     "existing_folder",
     "explained",
     "hard_negatives",
-    "heavy_imports",
     "in_full",
     "positional",
     "require_left_to_options",
@@ -35,7 +30,6 @@ __all__ = [
 ]
 
 _ROUNDS = 2  # of hard negatives
-_THREADS = 4  # of XLA on a CPU, that two of them may block
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood
 
@@ -206,49 +200,6 @@ def demo_set_to_write(name: str) -> Path:
     else:
         run_dir.require_new(path)
     return path
-
-
-def _xla_flags(config: RunConfig | MakeDemosConfig) -> list[str]:
-    flags = []
-    if isinstance(config, RunConfig) and config.run.deterministic:
-        flags.append("--xla_gpu_deterministic_ops=true")
-    # With the newer code generator for CPUs an arm in MJX is a thousand times slower. XLA aborts
-    # over a flag that it does not know: hence the version.
-    if config.env.name == "shoes_in_box" and metadata.version("jaxlib").startswith("0.10."):
-        flags.append("--xla_cpu_use_fusion_emitters=false")
-    return flags
-
-
-def _steps_in_mjx(config: RunConfig | MakeDemosConfig) -> bool:
-    return config.env.name == "shoes_in_box" or config.env.engine == "mjx"
-
-
-@contextlib.contextmanager
-def heavy_imports(config: RunConfig | MakeDemosConfig | None = None) -> Iterator[None]:
-    """Around imports of JAX and MuJoCo: sets XLA's options and threads, and keeps stdout clean.
-
-    MJX reports on stdout, while it is imported, that optional parts are missing.
-
-    Args:
-      config: of what is to be done, where it may need other options than usual.
-    """
-    flags = [] if config is None else _xla_flags(config)
-    if flags:
-        os.environ["XLA_FLAGS"] = " ".join([*os.environ.get("XLA_FLAGS", "").split(), *flags])
-    if config is not None and _steps_in_mjx(config) and parallel_map.cores() < _THREADS:
-        # jaxlib's Cholesky of a batch (0.10.2) blocks a thread of XLA's pool until others have
-        # done the work. MJX has two at once, which on two cores wait for each other for ever.
-        os.environ.setdefault("PJRT_NPROC", str(_THREADS))
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
-    with contextlib.suppress(OSError):  # without a writable cache everything works, only slower
-        folder.mkdir(parents=True, exist_ok=True)
-        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
-        # A run has hundreds of small programs: together they take longer than the large ones.
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-    # OpenCV's threads cost more than they bring on pictures this small.
-    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
-    with contextlib.redirect_stdout(io.StringIO()):
-        yield
 
 
 def echo(line: str) -> None:

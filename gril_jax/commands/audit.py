@@ -12,7 +12,8 @@ from ..config import TaskName, Variant
 from ..config_files import load
 from ..errors import ConfigError, RunError
 from ..options import parse
-from .arguments import Work, echo, heavy_imports
+from .arguments import Work, echo
+from .heavy_imports import heavy_imports
 
 __all__ = ["VERBS"]
 
@@ -56,7 +57,7 @@ def _audit(args: list[str]) -> Work:
         raise RunError(f"{out} is a file, but --out must be a folder")
 
     def work() -> None:
-        with heavy_imports(config):
+        with heavy_imports(config, devices=True):
             from ..experiments import audit
         audit.main(
             source, task=given.task, out=out, variant=given.variant, ascents=given.ascents,

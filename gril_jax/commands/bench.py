@@ -8,7 +8,8 @@ from ..config import TaskName, Variant
 from ..config_files import load
 from ..errors import ConfigError
 from ..options import parse
-from .arguments import Work, echo, heavy_imports
+from .arguments import Work, echo
+from .heavy_imports import heavy_imports
 
 __all__ = ["VERBS"]
 

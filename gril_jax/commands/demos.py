@@ -17,11 +17,11 @@ from .arguments import (
     echo,
     existing_folder,
     explained,
-    heavy_imports,
     in_full,
     positional,
     take,
 )
+from .heavy_imports import heavy_imports
 
 __all__ = ["VERBS"]
 
@@ -68,7 +68,7 @@ def _make_demos(args: list[str]) -> Work:
     folder = demo_set_to_write(out)
 
     def work() -> None:
-        with heavy_imports(config):
+        with heavy_imports(config, devices=True):
             from ..experiments import make_demos
         make_demos.main(config, folder, echo=echo)
 

@@ -15,13 +15,13 @@ from .arguments import (
     Work,
     echo,
     hard_negatives,
-    heavy_imports,
     positional,
     require_new_file,
     resumed_config,
     run_config,
     take,
 )
+from .heavy_imports import heavy_imports
 
 __all__ = ["VERBS"]
 
@@ -99,7 +99,7 @@ def _plan(experiment: str, name: str | None, args: list[str], prog: str, about: 
         config = resumed_config(folder, name, args, prog=prog, experiment=experiment)
 
     def work() -> None:
-        with heavy_imports(config):
+        with heavy_imports(config, devices=True):
             if experiment == "train":
                 from ..experiments import train as chosen
             else:
@@ -117,7 +117,7 @@ def _ablate(args: list[str]) -> Work:
     config = run_config(name, args, "gril ablate", about)
 
     def work() -> None:
-        with heavy_imports(config):
+        with heavy_imports(config, devices=True):
             from ..experiments import ablate
         ablate.main(config, int(seeds or 5), echo=echo)
 
@@ -134,7 +134,7 @@ def _eval(args: list[str]) -> Work:
     config = run_dir.read_config(folder)
 
     def work() -> None:
-        with heavy_imports(config):
+        with heavy_imports(config, devices=True):
             from ..experiments import evaluate
         evaluate.main(
             folder, episodes=given.episodes, seed=given.seed, variant=given.variant, echo=echo
@@ -172,7 +172,7 @@ def _export_policy(args: list[str]) -> Work:
     require_new_file(out)
 
     def work() -> None:
-        with heavy_imports(config):
+        with heavy_imports(config, devices=True):
             from .. import export_policy
             from ..experiments import policy_setup, setup
         env = setup.make_env(config.env, training=False)

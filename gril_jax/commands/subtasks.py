@@ -10,7 +10,8 @@ import tyro
 from .. import run_dir
 from ..errors import ConfigError, RunError
 from ..options import parse
-from .arguments import Work, echo, heavy_imports
+from .arguments import Work, echo
+from .heavy_imports import heavy_imports
 
 __all__ = ["VERBS"]
 
@@ -49,7 +50,7 @@ def _subtasks(args: list[str]) -> Work:
     run_dir.require_new(out)
 
     def work() -> None:
-        with heavy_imports():
+        with heavy_imports(devices=True):
             from ..experiments import subtask_report
         rule = subtask_report.Rule(given.prominence, given.smoothing, given.patience, given.support)
         subtask_report.main(

@@ -13,13 +13,13 @@ from ..sweep_grid import Cell, cells, take_axes
 from .arguments import (
     Work,
     echo,
-    heavy_imports,
     in_full,
     positional,
     require_left_to_options,
     run_config,
     take,
 )
+from .heavy_imports import heavy_imports
 
 __all__ = ["VERBS"]
 
@@ -108,7 +108,7 @@ def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
 
 def _work(config: RunConfig, read: Callable, resume: Path | None, connect: Connect | None) -> Work:
     def work() -> None:
-        with heavy_imports(config):
+        with heavy_imports(config, devices=connect is None):
             if connect is not None:  # before anything else touches JAX
                 connect()
             from ..experiments import sweep

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from ..config import RunConfig
 from ..errors import ConfigError
 from . import tables
-from .arguments import Work, echo, heavy_imports, positional, run_config, take, whole_number
+from .arguments import Work, echo, positional, run_config, take, whole_number
+from .heavy_imports import heavy_imports
 
 __all__ = ["VERBS"]
 
@@ -51,7 +52,7 @@ def _of_all_rows(config: RunConfig, settings) -> Work:
     """With every row that the configuration can have, which takes JAX to find out."""
 
     def work() -> None:
-        with heavy_imports(config):
+        with heavy_imports(config, devices=True):
             from ..experiments import table2
         rows = table2.usable(config, echo)
         table2.main(config, dataclasses.replace(settings, rows=rows), echo=echo)

@@ -13,7 +13,8 @@ from typing import Any
 from .. import run_dir
 from ..config import RunConfig
 from ..errors import ConfigError
-from .arguments import Work, echo, heavy_imports, take
+from .arguments import Work, echo, take
+from .heavy_imports import heavy_imports
 
 __all__ = ["begun", "joined", "made"]
 
@@ -22,7 +23,7 @@ def made(name: str, config: RunConfig, settings: Any, resume: Path | None = None
     """The table of a new run, or of one to go on with."""
 
     def work() -> None:
-        with heavy_imports(config):
+        with heavy_imports(config, devices=True):
             table = _experiment(name)
         table.main(config, settings, resume=resume, echo=echo)
 
