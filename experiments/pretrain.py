@@ -40,6 +40,7 @@ __all__ = ["check_cheats", "learn", "learned", "main"]
 
 Echo = Callable[[str], None]
 
+_FEW_STEPS = 5000  # of an encoder on a GPU, that are not worth the compiler's best
 _STAGES = {"prominence": 0.125, "smoothing": 15}  # how ends of stages are found in each trace
 
 
@@ -126,13 +127,16 @@ class _Programs(NamedTuple):
 
 
 def _compiled(
-    learner: learners.Learner, key, films, successes: int, hyper, pool: Executor
+    learner: learners.Learner, steps: int, key, films, successes: int, hyper, pool: Executor
 ) -> _Programs:
-    def ready(function, *args):
+    data = learner.data
+    state = jax.eval_shape(learner.init, key, data)
+
+    def ready(function, *args, brief=True):
         def make():
             with ahead.tracing():
                 lowered = jax.jit(function).lower(*args)
-            return compiled(lowered, brief=True)
+            return compiled(lowered, brief=brief)
 
         return pool.submit(make)
 
@@ -140,17 +144,14 @@ def _compiled(
         latents = learner.latents(params.encoder, films, hyper)
         return _profiles(params, latents, films.length, successes=successes)
 
-    data = learner.data
-    state = jax.eval_shape(learner.init, key, data)
-    params = jax.eval_shape(learner.reward, state, data, hyper)
-    step = ready(learner.step, state, data, hyper)  # first, since it takes longest
-    return _Programs(
-        ready(learner.init, key, data),
-        step,
-        ready(learner.reward, state, data, hyper),
-        ready(learner.measure, state, data, hyper),
-        ready(profiles, params, films, hyper),
-    )
+    # First what takes longest.
+    step = ready(learner.step, state, data, hyper, brief=steps <= _FEW_STEPS)
+    init = ready(learner.init, key, data)
+    learned = ready(learner.reward, state, data, hyper)
+    measure = ready(learner.measure, state, data, hyper)
+    with ahead.tracing():
+        params = jax.eval_shape(learner.reward, state, data, hyper)
+    return _Programs(init, step, learned, measure, ready(profiles, params, films, hyper))
 
 
 def _learn(
@@ -163,7 +164,9 @@ def _learn(
     films = learner.films([name for name, _ in owners])
     with ahead.compiling() as compilers:
         successes = len(owners) - len(demos.names["failure"])
-        programs = _compiled(learner, key, films, successes, hyper, compilers)
+        programs = _compiled(
+            learner, config.pretrain.steps, key, films, successes, hyper, compilers
+        )
         data, updates = learner.data, learner.static.updates
         fresh, step = programs.init.result()(key, data), programs.step.result()
         state = _train_encoder(

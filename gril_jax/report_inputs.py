@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import UInt8
 
 from gril_jax import activity
 from gril_jax.config import RunConfig
@@ -14,6 +15,7 @@ from gril_jax.demo_schema import HEADER
 from gril_jax.demos import DemoSet, load_demo_set, select_objects
 from gril_jax.errors import RunError
 from gril_jax.filmstrip import Film
+from gril_jax.parallel_map import parallel_map
 from gril_jax.report_data import Profiles, read_finished, read_profiles, read_rows
 from gril_jax.run_dir import read_config, writing
 from gril_jax.video import read_video, write_video
@@ -99,14 +101,15 @@ def films_of(run: Inputs) -> list[Film]:
     if failed and not set(failed) & set(chosen):
         chosen[-1] = failed[0]
     longest = max(entry.frames for entry in run.demos.entries if entry.name in chosen)
-    return [_film(run, name, longest) for name in chosen]
+    files = {entry.name: run.demos.folder / entry.video for entry in run.demos.entries}
+    videos = parallel_map(read_video, [files[name] for name in chosen])
+    return [_film(run, name, frames, longest) for name, frames in zip(chosen, videos, strict=True)]
 
 
-def _film(run: Inputs, name: str, longest: int) -> Film:
+def _film(run: Inputs, name: str, frames: UInt8[np.ndarray, "T H W 3"], longest: int) -> Film:
     demos, pool = run.demos, run.config.pool
     index = [entry.name for entry in demos.entries].index(name)
     entry, tracks = demos.entries[index], demos.tracks[index]
-    frames = read_video(demos.folder / entry.video)
     if len(frames) < entry.frames:
         raise RunError(
             f"{demos.folder / entry.video} has {len(frames)} frames, but {HEADER} says "

@@ -279,25 +279,30 @@ def read_config(path: Path) -> RunConfig:
     Raises:
       RunError: it is not a run's folder, or its configuration is damaged.
     """
-    if not path.is_dir():
-        fault = "is a file" if path.exists() else "does not exist"
-        raise RunError(f"{path} {fault}, but must be the folder of a run")
-    file = path / "config.yaml"
-    if not file.is_file():
-        raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
+    file = _config_file(path)
     try:
         return load(str(file))
     except ConfigError as error:
         raise RunError(str(error)) from None
 
 
+def _config_file(path: Path) -> Path:
+    if not path.is_dir():
+        fault = "is a file" if path.exists() else "does not exist"
+        raise RunError(f"{path} {fault}, but must be the folder of a run")
+    file = path / "config.yaml"
+    if not file.is_file():
+        raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
+    return file
+
+
 def read_metrics(path: Path) -> list[dict[str, Any]]:
     """A run's metrics so far, oldest first; a last line that was cut short is left out.
 
     Raises:
-      RunError: the file is missing or a line before the last is damaged.
+      RunError: it is not a run's folder, the file is missing, or a line before the last is damaged.
     """
-    read_config(path)
+    _config_file(path)
     file = path / "metrics.jsonl"
     try:
         return read_rows(file)
@@ -311,9 +316,9 @@ def read_results(path: Path) -> dict[str, Any]:
     """What a finished run came to.
 
     Raises:
-      RunError: the run has not finished, or the file is damaged.
+      RunError: it is not a run's folder, the run has not finished, or the file is damaged.
     """
-    read_config(path)
+    _config_file(path)
     try:
         text = (path / "results.json").read_text(encoding="utf-8")
     except FileNotFoundError:
