@@ -8,10 +8,10 @@ of the compiler's seconds: 14 in place of 19 for an encoder's training, 3.4 in p
 on a pendulum, 39 in place of 47 for a task of MJX, next to none for the planar tasks. The programs
 are as fast, as far as they were timed: all of these but MJX's.
 
-On a GPU XLA takes longest over choosing what to fuse, and over trying out kernels of Triton for
-products of matrices. Without both an encoder's training is compiled in 2 s in place of 7, or in 7
-in place of 16 with displaced copies, and its updates take two and a half times as long (0.83 ms in
-place of 0.35, or 2.9 in place of 1.0; one H200, JAX 0.11). So brief programs do without.
+On a GPU XLA takes longest over choosing what to fuse, and over trying out kernels of each product
+of matrices. Without both an encoder's training is compiled in 1.5 s in place of 7, or in 6 in place
+of 16 with displaced copies, and its updates take three times as long (1.1 ms in place of 0.35, or
+3.3 in place of 1.0; one H200, JAX 0.11). So brief programs do without.
 """
 
 from typing import Any
@@ -24,6 +24,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {"cpu": {"xla_backend_optimization_level":
 _BRIEF: dict[str, dict[str, Any]] = _OPTIONS | {
     "gpu": {
         "xla_disable_hlo_passes": "priority-fusion",
+        "xla_gpu_autotune_level": 0,
         "xla_gpu_enable_triton_gemm": False,
     }
 }

@@ -61,6 +61,9 @@ def heavy_imports(
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
         # A run has hundreds of small programs: together they take longer than the large ones.
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    # One kernel for random bits, the same ones: else a GPU's compiler has a hundred operations to
+    # fuse for each draw.
+    os.environ.setdefault("JAX_THREEFRY_GPU_KERNEL_LOWERING", "1")
     # OpenCV's threads cost more than they bring on pictures this small.
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     with (
