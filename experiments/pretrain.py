@@ -132,10 +132,10 @@ def _compiled(
     data = learner.data
     state = jax.eval_shape(learner.init, key, data)
 
-    def ready(function, *args, brief=True):
+    def ready(function, args, *, brief=True):
         def make():
             with ahead.tracing():
-                lowered = jax.jit(function).lower(*args)
+                lowered = jax.jit(function).lower(*args())
             return compiled(lowered, brief=brief)
 
         return pool.submit(make)
@@ -144,14 +144,19 @@ def _compiled(
         latents = learner.latents(params.encoder, films, hyper)
         return _profiles(params, latents, films.length, successes=successes)
 
-    # First what takes longest.
-    step = ready(learner.step, state, data, hyper, brief=steps <= _FEW_STEPS)
-    init = ready(learner.init, key, data)
-    learned = ready(learner.reward, state, data, hyper)
-    measure = ready(learner.measure, state, data, hyper)
-    with ahead.tracing():
-        params = jax.eval_shape(learner.reward, state, data, hyper)
-    return _Programs(init, step, learned, measure, ready(profiles, params, films, hyper))
+    def after_training():
+        return state, data, hyper
+
+    def after_reward():
+        return jax.eval_shape(learner.reward, *after_training()), films, hyper
+
+    return _Programs(  # in this order: the first ones take longest
+        step=ready(learner.step, after_training, brief=steps <= _FEW_STEPS),
+        init=ready(learner.init, lambda: (key, data)),
+        profiles=ready(profiles, after_reward),
+        measure=ready(learner.measure, after_training),
+        reward=ready(learner.reward, after_training),
+    )
 
 
 def _learn(

@@ -1,5 +1,6 @@
 """`gril VERB`: exit codes, one sentence for each mistake, nothing heavy before the work."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -142,6 +143,14 @@ def test_without_a_writable_cache_the_work_goes_on(monkeypatch, tmp_path):
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     with heavy_imports.heavy_imports():
         assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
+
+
+def test_garbage_is_looked_for_again_after_the_imports():
+    with pytest.raises(ImportError), heavy_imports.heavy_imports():
+        assert not gc.isenabled()
+        raise ImportError
+    assert gc.isenabled()
+    assert gc.get_freeze_count() > 0
 
 
 @pytest.mark.parametrize(
