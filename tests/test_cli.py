@@ -146,9 +146,12 @@ def test_without_a_writable_cache_the_work_goes_on(monkeypatch, tmp_path):
 
 
 def test_garbage_is_looked_for_again_after_the_imports():
-    with pytest.raises(ImportError), heavy_imports.heavy_imports():
+    def missing():
         assert not gc.isenabled()
         raise ImportError
+
+    with pytest.raises(ImportError), heavy_imports.heavy_imports():
+        missing()
     assert gc.isenabled()
     assert gc.get_freeze_count() > 0
 
