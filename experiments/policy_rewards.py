@@ -99,8 +99,7 @@ def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_class
     def make(learned, demos):
         latents = pretrain.embed(learned.encoder, demos, hyper, static)
         profiles = reward.latent_reward(learned, latents)
-        patience = subtask_agreement.agreed_patience(profiles, demos.length)
-        found = subtask_agreement.agreed_boundaries(profiles, demos.length, patience=patience)
+        _, found = subtask_agreement.agreed_stages(profiles, demos.length)
         # Where a demonstration does not show an end by itself, its latent is not the goal's.
         ends = jnp.where(found.found, found.frames, -1)[:, :_MOST]
         kept = found.kept[:_MOST]

@@ -252,8 +252,7 @@ def _stage_ends(
     """
     good = rewards[:successes], length[:successes]
     failed = rewards[successes:], length[successes:]
-    patience = subtask_agreement.agreed_patience(*good, **_STAGES)
-    agreed = subtask_agreement.agreed_boundaries(*good, **_STAGES, patience=patience)
+    patience, agreed = subtask_agreement.agreed_stages(*good, **_STAGES)
     alone = subtask_agreement.each_alone(*failed, **_STAGES, patience=patience)
     ends = jnp.concatenate([agreed.frames, alone])
     return (ends[:, :, None] == jnp.arange(rewards.shape[1])).any(axis=1)

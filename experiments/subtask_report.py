@@ -133,15 +133,16 @@ def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrati
 def discover(traces: Traces, rule: Rule) -> tuple[subtask_agreement.AgreedBoundaries, int]:
     """Boundaries on which all demonstrations agree, and the patience with which they were found."""
     values, length = jnp.asarray(traces.reward), jnp.asarray(traces.length)
-    options = {"prominence": rule.prominence, "smoothing": rule.smoothing}
-    patience = rule.patience
+    options = rule._asdict()
+    patience = options.pop("patience")
     if patience is None:
-        patience = int(_patience(values, length, **options, support=rule.support))
-    found = _agreed(values, length, **options, patience=patience, support=rule.support)
-    return jax.device_get(found), patience
+        patience, found = _stages(values, length, **options)
+    else:
+        found = _agreed(values, length, **options, patience=patience)
+    return jax.device_get(found), int(patience)
 
 
-_patience = jax.jit(subtask_agreement.agreed_patience, static_argnames="smoothing")
+_stages = jax.jit(subtask_agreement.agreed_stages, static_argnames="smoothing")
 _agreed = jax.jit(subtask_agreement.agreed_boundaries, static_argnames="smoothing")
 _each_alone = jax.jit(subtask_agreement.each_alone, static_argnames="smoothing")
 

@@ -5,13 +5,13 @@ middle of a rise as long as a short plateau. But demonstrations of one task clim
 what is a stage's end in one has the same reward in the others, or comes after the same share of the
 way from where its trace begins to where it ends, if some have further to go than others. So
 
-    patience = agreed_patience(rewards, length)           # how long a plateau must be
-    stages = agreed_boundaries(rewards, length, patience=patience)
+    stages = agreed_boundaries(rewards, length, patience=8)
+    patience, stages = agreed_stages(rewards, length)     # where it is not known
 
 takes what `gril_jax.subtasks.transitions` finds in each trace, keeps what most have at the same
 reward or share, whichever they agree on better, and where a trace lacks it, marks the frame at
-which that is reached. No label is used. Everything can be jitted. Shapes use B for demonstrations,
-T for frames, M for boundaries and P for patiences.
+which that is reached. Patience is how long a plateau must be. No label is used. Everything can be
+jitted. Shapes use B for demonstrations, T for frames, M for boundaries and P for patiences.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .subtask_matching import boundary_frames, shared_boundaries
 from .subtasks import running_median, transitions
 
-__all__ = ["MOST", "AgreedBoundaries", "agreed_boundaries", "agreed_patience", "each_alone"]
+__all__ = ["MOST", "AgreedBoundaries", "agreed_boundaries", "agreed_stages", "each_alone"]
 
 MOST = 12  # boundaries of one demonstration, at most
 # Patiences that are tried, in shares of the middle length of the videos.
@@ -53,7 +53,7 @@ def agreed_boundaries(
 
     Two boundaries are the same if their rewards, or their shares of the way from a trace's first
     reward to its last one, differ by less than `prominence`; of the two scales that counts on which
-    the demonstrations are more alike, as `agreed_patience` has it.
+    the demonstrations are more alike, as `agreed_stages` has it.
 
     Args:
       reward: of every frame, padded in any way.
@@ -64,8 +64,17 @@ def agreed_boundaries(
     Raises:
       ConfigError: a number is out of its range.
     """
-    trace = jax.vmap(lambda x: running_median(x, smoothing))(_held(reward, length))
+    trace = _smoothed(reward, length, smoothing)
     own = each_alone(reward, length, prominence=prominence, smoothing=smoothing, patience=patience)
+    return _common(trace, own, length, prominence, support)
+
+
+def _smoothed(reward, length, smoothing):
+    return jax.vmap(lambda x: running_median(x, smoothing))(_held(reward, length))
+
+
+def _common(trace, own, length, prominence, support) -> AgreedBoundaries:
+    """Those of the scale on which traces are more alike."""
     scales = jnp.stack([trace, _way(trace, length, prominence)])
     both = jax.vmap(lambda scale: _shared(scale, own, length, prominence, support))(scales)
     better = jnp.argmax(jax.vmap(_alike, in_axes=(None, 0))(own, both))
@@ -118,15 +127,15 @@ def _alike(own: Int[Array, "B M"], shared: AgreedBoundaries) -> Float[Array, ""]
     return 2 * jnp.sum(shared.found) / jnp.maximum(count, 1)
 
 
-def agreed_patience(
+def agreed_stages(
     reward: Float[Array, "B T"],
     length: Int[Array, "B"],
     *,
     prominence: Float[Array, ""] | float = 0.125,
     smoothing: int = 15,
     support: Float[Array, ""] | float = 0.5,
-) -> Int[Array, ""]:
-    """The patience with which each demonstration's stages are most like the common ones.
+) -> tuple[Int[Array, ""], AgreedBoundaries]:
+    """The patience with which each demonstration's stages are most like the common ones, and these.
 
     Too short a patience cuts rises at their pauses, here in two and there in three; too long a one
     passes over plateaus, here and not there. Alike is Dice's coefficient of the boundaries found in
@@ -138,14 +147,17 @@ def agreed_patience(
     """
     shares = jnp.array(_SHARES)
     patiences = jnp.maximum(1, jnp.round(shares * jnp.median(length))).astype(jnp.int32)
+    trace = _smoothed(reward, length, smoothing)
+    rule = {"prominence": prominence, "smoothing": smoothing}
 
     def agreement(patience):
-        rule = {"prominence": prominence, "smoothing": smoothing, "patience": patience}
-        common = agreed_boundaries(reward, length, **rule, support=support)
-        alike = _alike(each_alone(reward, length, **rule), common)
-        return jnp.where(jnp.sum(common.kept) >= 2, alike, 0.0)
+        own = each_alone(reward, length, **rule, patience=patience)
+        common = _common(trace, own, length, prominence, support)
+        return jnp.where(jnp.sum(common.kept) >= 2, _alike(own, common), 0.0), common
 
-    return patiences[jnp.argmax(jax.lax.map(agreement, patiences))]
+    alike, each = jax.lax.map(agreement, patiences)
+    best = jnp.argmax(alike)
+    return patiences[best], jax.tree.map(lambda x: x[best], each)
 
 
 def each_alone(reward: Float[Array, "B T"], length: Int[Array, "B"], **rule) -> Int[Array, "B M"]:

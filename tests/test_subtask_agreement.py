@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gril_jax.subtask_agreement import agreed_boundaries, agreed_patience, each_alone
+from gril_jax.subtask_agreement import agreed_boundaries, agreed_stages, each_alone
 
 agreed = jax.jit(agreed_boundaries, static_argnames="smoothing")
-patience_of = jax.jit(agreed_patience, static_argnames="smoothing")
+stages = jax.jit(agreed_stages, static_argnames="smoothing")
 alone = jax.jit(each_alone, static_argnames="smoothing")
 FRAMES = 300
 HEIGHTS = (0.3, 0.3, 0.4)
@@ -42,9 +42,9 @@ def _batch(num=8, **options):
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_three_stairs_are_found_with_the_patience_on_which_traces_agree(noise):
     reward, length, ends = _batch(noise=noise)
-    patience = patience_of(reward, length)
+    patience, found = stages(reward, length)
     assert 10 < int(patience) < 35  # longer than a pause, shorter than a plateau
-    found = agreed(reward, length, patience=patience)
+    jax.tree.map(np.testing.assert_array_equal, found, agreed(reward, length, patience=patience))
     assert found.kept.tolist() == [True] * 3 + [False] * 9
     assert np.abs(found.frames[:, :3] - ends).max() <= 8
     np.testing.assert_allclose(found.level[:3], [-0.7, -0.4, 0.0], atol=0.05)
@@ -95,7 +95,9 @@ def test_rewards_that_never_rise_have_no_stage():
     flat = jnp.zeros((8, FRAMES))
     length = jnp.full(8, FRAMES)
     assert not agreed(flat, length, patience=TWENTY).kept.any()
-    assert int(patience_of(flat, length)) >= 1
+    patience, found = stages(flat, length)
+    assert int(patience) >= 1
+    assert not found.kept.any()
 
 
 def test_stages_agree_where_some_have_further_to_go_than_others():
