@@ -127,12 +127,14 @@ class _Programs(NamedTuple):
 
 
 def _compiled(
-    learner: learners.Learner, steps: int, key, films, successes: int, hyper, pool: Executor
+    config: RunConfig, learner: learners.Learner, key, films, successes: int, hyper, pool: Executor
 ) -> _Programs:
+    boxes = config.encoder.kind != "pixels"  # a convolution needs the best of its kernels
+    few = config.pretrain.steps <= _FEW_STEPS
     data = learner.data
     state = jax.eval_shape(learner.init, key, data)
 
-    def ready(function, args, *, brief=True):
+    def ready(function, args, *, brief=boxes):
         def make():
             with ahead.tracing():
                 lowered = jax.jit(function).lower(*args())
@@ -151,7 +153,7 @@ def _compiled(
         return jax.eval_shape(learner.reward, *after_training()), films, hyper
 
     return _Programs(  # in this order: the first ones take longest
-        step=ready(learner.step, after_training, brief=steps <= _FEW_STEPS),
+        step=ready(learner.step, after_training, brief=boxes and few),
         init=ready(learner.init, lambda: (key, data)),
         profiles=ready(profiles, after_reward),
         measure=ready(learner.measure, after_training),
@@ -169,9 +171,7 @@ def _learn(
     films = learner.films([name for name, _ in owners])
     with ahead.compiling() as compilers:
         successes = len(owners) - len(demos.names["failure"])
-        programs = _compiled(
-            learner, config.pretrain.steps, key, films, successes, hyper, compilers
-        )
+        programs = _compiled(config, learner, key, films, successes, hyper, compilers)
         data, updates = learner.data, learner.static.updates
         fresh, step = programs.init.result()(key, data), programs.step.result()
         state = _train_encoder(
