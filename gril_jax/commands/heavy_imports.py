@@ -47,7 +47,7 @@ def heavy_imports(
         has to connect to other hosts first.
 
     Raises:
-      ConfigError: JAX_PLATFORMS names a device that is not here.
+      ConfigError: JAX cannot use its devices, or JAX_PLATFORMS names some that are not here.
     """
     flags = [] if config is None else _xla_flags(config)
     if flags:
@@ -69,8 +69,8 @@ def heavy_imports(
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     with (
         contextlib.redirect_stdout(io.StringIO()),
-        _taken_devices() if devices else contextlib.nullcontext(),
         _spared_from_collection(),
+        _taken_devices() if devices else contextlib.nullcontext(),
     ):
         yield
 
@@ -95,6 +95,7 @@ def _taken_devices() -> Iterator[None]:
         array = pool.submit(lambda: jax.block_until_ready(jax.numpy.zeros(())))
         yield
     if array.exception() is not None:
-        platforms = os.environ.get("JAX_PLATFORMS", "")
-        found = str(array.exception()) or "none of them is here"
-        raise ConfigError(f"JAX_PLATFORMS is {platforms!r}, but JAX cannot use these: {found}")
+        fault = next(iter(str(array.exception()).splitlines()), "none of them is here")
+        if chosen := os.environ.get("JAX_PLATFORMS"):
+            raise ConfigError(f"JAX_PLATFORMS is {chosen!r}, but JAX cannot use these: {fault}")
+        raise ConfigError(f"JAX cannot use this machine's devices: {fault}")
