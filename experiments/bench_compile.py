@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,8 +34,16 @@ from .bench_clock import without_cache
 
 __all__ = ["main", "programs", "small_runs", "timed"]
 
-# A name, a jitted function, its arguments (shapes will do) and its static options.
-Program = tuple[str, Any, tuple[Any, ...], dict[str, Any]]
+
+class Program(NamedTuple):
+    """Something that a run compiles."""
+
+    name: str
+    function: Any  # jitted
+    args: tuple[Any, ...]  # shapes will do
+    options: dict[str, Any]  # static ones
+    brief: bool = False  # see `gril_jax.compiler`
+
 
 _SMALL = """--demos.num 6 --demos.num-validation 2 --demos.num-failures 2 --pretrain.steps 20
 --pretrain.num-videos 4 --pretrain.num-frames 8 --encoder.width 16 --encoder.latent 8
@@ -44,7 +52,7 @@ _SMALL = """--demos.num 6 --demos.num-validation 2 --demos.num-failures 2 --pret
 
 _CHILD = """
 import json, sys
-from gril_jax.commands.arguments import heavy_imports
+from gril_jax.commands.heavy_imports import heavy_imports
 
 with heavy_imports():
     from gril_jax.experiments.bench_clock import counted
@@ -69,16 +77,16 @@ def main(*, config: str, runs: bool, echo: Callable[[str], None]) -> None:
     if runs:  # before this process takes a GPU's memory
         result["small_run"] = small_runs(_SMALL)
     with without_cache():
-        result["programs"] = {name: timed(*rest) for name, *rest in programs(load(config))}
+        result["programs"] = {one.name: timed(one) for one in programs(load(config))}
     echo(json.dumps({"device": setup.device_in_words(), **result}, indent=2))
 
 
-def timed(function: Any, args: tuple[Any, ...], options: dict[str, Any]) -> dict[str, float]:
+def timed(program: Program) -> dict[str, float]:
     """Seconds of tracing (into what XLA reads) and of XLA itself."""
     start = time.perf_counter()
-    lowered = function.lower(*args, **options)
+    lowered = program.function.lower(*program.args, **program.options)
     traced = time.perf_counter()
-    compiled(lowered)
+    compiled(lowered, brief=program.brief)
     done = time.perf_counter()
     return {"trace_s": round(traced - start, 2), "compile_s": round(done - traced, 2)}
 
@@ -95,13 +103,14 @@ def programs(config: RunConfig) -> Iterator[Program]:
     for name, make in made.items():
         algorithm, hyper = make(config, env), values[name](config)
         state = jax.eval_shape(algorithm.init, key, hyper)
-        yield f"{name}: init", jax.jit(algorithm.init), (key, hyper), {}
-        yield f"{name}: chunk with evaluation", _chunk(algorithm, task), (state, hyper, reward), {}
+        yield Program(f"{name}: init", jax.jit(algorithm.init), (key, hyper), {})
+        chunk = _chunk(algorithm, task)
+        yield Program(f"{name}: chunk with evaluation", chunk, (state, hyper, reward), {})
         policy = jax.eval_shape(algorithm.policy, state)
         options = {"tau": hyper.tau, "episodes": config.run.eval_episodes}
         if name == "ppo":  # of another algorithm it is nearly the same
-            args = (algorithm, policy, reward, key)
-            yield "evaluate", evaluate.evaluate, args, options | {"deterministic": jnp.bool_(1)}
+            args, drawn = (algorithm, policy, reward, key), {"deterministic": jnp.bool_(1)}
+            yield Program("evaluate", evaluate.evaluate, args, options | drawn)
 
 
 def _of_pretraining(config: RunConfig, classes: int) -> Iterator[Program]:
@@ -114,9 +123,10 @@ def _of_pretraining(config: RunConfig, classes: int) -> Iterator[Program]:
     label = jax.ShapeDtypeStruct((num, objects), jnp.int32)
     demos = DemoBatch(scene, scene, label, bits, bits, jax.ShapeDtypeStruct((num,), jnp.int32))
     key = jax.eval_shape(lambda: jax.random.key(0))
-    yield "pretrain: init", pretrain.init, (key, demos, static), {}
-    state = jax.eval_shape(pretrain.init, key, demos, static)
-    yield "pretrain: step", pretrain.step, (state, demos, hyper, static), {}
+    init = key, demos, static
+    yield Program("pretrain: init", pretrain.init, init, {}, brief=True)
+    step = jax.eval_shape(pretrain.init, *init), demos, hyper, static
+    yield Program("pretrain: step", pretrain.step, step, {}, brief=setup.few_updates(config))
 
 
 def _chunk(algorithm: training.Algorithm, task: Any) -> Any:

@@ -40,7 +40,6 @@ __all__ = ["check_cheats", "learn", "learned", "main"]
 
 Echo = Callable[[str], None]
 
-_FEW_STEPS = 5000  # of an encoder on a GPU, that are not worth the compiler's best
 _STAGES = {"prominence": 0.125, "smoothing": 15}  # how ends of stages are found in each trace
 
 
@@ -129,8 +128,7 @@ class _Programs(NamedTuple):
 def _compiled(
     config: RunConfig, learner: learners.Learner, key, films, successes: int, hyper, pool: Executor
 ) -> _Programs:
-    boxes = config.encoder.kind != "pixels"  # a convolution needs the best of its kernels
-    few = config.pretrain.steps <= _FEW_STEPS
+    boxes = config.encoder.kind != "pixels"  # brief convolutions have not been measured
     data = learner.data
     state = jax.eval_shape(learner.init, key, data)
 
@@ -153,7 +151,7 @@ def _compiled(
         return jax.eval_shape(learner.reward, *after_training()), films, hyper
 
     return _Programs(  # in this order: the first ones take longest
-        step=ready(learner.step, after_training, brief=boxes and few),
+        step=ready(learner.step, after_training, brief=boxes and setup.few_updates(config)),
         init=ready(learner.init, lambda: (key, data)),
         profiles=ready(profiles, after_reward),
         measure=ready(learner.measure, after_training),

@@ -17,6 +17,7 @@ __all__ = [
     "blank_reward",
     "device_in_words",
     "encoder_config",
+    "few_updates",
     "make_env",
     "picture_border",
     "pixel_pretrain_config",
@@ -32,6 +33,8 @@ _ON_A_TABLE = (
     "name", "reward", "substeps", "iterations", "episode_length", "impl", "worlds", "varied_starts",
 )  # fmt: skip
 _THERE_ALONE = ("impl", "worlds")
+
+_FEW_UPDATES = 5000  # it pays after 4,300 with displaced copies, 7,800 without (H200, JAX 0.11)
 
 
 def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -> envs.Env:
@@ -179,6 +182,11 @@ def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
         alpha=config.pool.alpha,
         tau=config.pool.tau,
     )
+
+
+def few_updates(config: RunConfig) -> bool:
+    """Whether an encoder's training is over on a GPU before the compiler's best has paid."""
+    return config.pretrain.steps <= _FEW_UPDATES
 
 
 def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:

@@ -39,8 +39,16 @@ def test_the_loop_on_the_host_learns_from_what_it_has_stored():
 
 
 def test_a_program_has_times_of_tracing_and_of_compiling():
-    times = bench_compile.timed(jax.jit(lambda x: x + 1), (1.0,), {})
+    times = bench_compile.timed(bench_compile.Program("f", jax.jit(lambda x: x + 1), (1.0,), {}))
     assert set(times) == {"trace_s", "compile_s"}
+
+
+def test_small_runs_are_processes_that_count_what_they_compile():
+    found = bench_compile.small_runs(["--help"])  # nothing, then
+    assert {name: (one["programs"], one["compiled"]) for name, one in found.items()} == {
+        "cold": (0, 0),
+        "warm": (0, 0),
+    }
 
 
 @pytest.mark.parametrize(
