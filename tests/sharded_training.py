@@ -1,5 +1,8 @@
 """Tiny trainings over seeds, for processes with as many devices as a test wants."""
 
+import math
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -53,6 +56,21 @@ def temporary_bytes(name, devices, seeds):
     """What a chunk's program holds on each device beside its inputs and outputs."""
     state, run, inputs = begin(name, devices, seeds)
     return run.lower(state, *inputs).compile().memory_analysis().temp_size_in_bytes
+
+
+def exchanged(name, devices, seeds):
+    """The most numbers that any operation of a chunk's program moves from device to device.
+
+    Neither sums over devices, as those of gradients, nor keys are counted.
+    """
+    state, run, inputs = begin(name, devices, seeds)
+    text = run.lower(state, *inputs).compile().as_text()
+    moved = re.findall(r"= (.*) (?:all-gather|all-to-all|collective-permute)(?:-start)?\(", text)
+    assert moved, "scores come back whole to every device: operations are called otherwise"
+    arrays = [
+        array for shapes in moved for array in re.findall(r"(?:f32|s32|pred)\[(.*?)\]", shapes)
+    ]
+    return max(math.prod(int(n) for n in array.split(",") if n) for array in arrays)
 
 
 def pretrained(devices, rows):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from probes import Probe
 
-from gril_jax.rl import env_loop, fleet, rewards
+from gril_jax.rl import blocks, env_loop, fleet, rewards
 
 NUM, LENGTH = 4, 5
 EPISODES = env_loop.Episodes.of(Probe(episode_length=3), rewards.environmental, window=4)
@@ -29,6 +29,11 @@ def _act(observation, key):
     """An action that depends on the observation, the environment and the step."""
     action = observation[:, :1] * jnp.linspace(0.1, 0.8, len(observation))[:, None]
     return action + 0.1 * jax.random.uniform(key), {"first": observation[:, 0]}
+
+
+def _same(observation, key):
+    """An action that does not depend on where among the others an environment is."""
+    return 0.3 * observation[:, :1] + 0.1 * jax.random.uniform(key), ()
 
 
 @pytest.fixture(scope="module")
@@ -88,13 +93,53 @@ def test_the_pool_is_renewed_in_turn_and_only_with_resets_of_the_task(begun):
         chex.assert_trees_all_equal(_plain(now.lanes), _plain(before.lanes))
 
 
-@pytest.mark.parametrize("num_envs", [1, 4, 6, 64])
+def test_blocks_of_the_pool_are_fleets_of_their_own(begun, monkeypatch):
+    """Two blocks of two: renewing and unrolling gives what each half gives by itself."""
+
+    def run(fleet_, key):
+        key, key_unroll = jax.random.split(key)
+        renewed = fleet.renew(EPISODES, fleet_, jax.random.split(key, NUM))
+        keys = jax.random.split(key_unroll, LENGTH)
+        return renewed, fleet.unroll(EPISODES, None, renewed, _same, keys, tau=0.005)
+
+    def part(tree, i):
+        return jax.tree.map(lambda x: x[2 * i : 2 * i + 2] if x.ndim else x, tree)
+
+    monkeypatch.setattr(blocks, "_LEAST", 2)
+    renewed, (after, steps) = run(begun, jax.random.key(5))
+    monkeypatch.undo()
+    assert steps.ended.sum() > NUM
+    for i in range(2):
+        alone = renewed._replace(lanes=part(renewed.lanes, i), starts=part(renewed.starts, i))
+        _, key_unroll = jax.random.split(jax.random.key(5))
+        keys = jax.random.split(key_unroll, LENGTH)
+        half, half_steps = fleet.unroll(EPISODES, None, alone, _same, keys, tau=0.005)
+        chex.assert_trees_all_close(_plain(half.lanes), _plain(part(after.lanes, i)), atol=1e-6)
+        rewards_ = steps.moment.reward[:, 2 * i : 2 * i + 2]
+        chex.assert_trees_all_close(half_steps.moment.reward, rewards_, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [2, 4])
+def test_each_block_of_the_pool_is_renewed_in_turn(begun, monkeypatch, size):
+    monkeypatch.setattr(blocks, "_LEAST", size)
+    parts = NUM // size
+    now = begun._replace(drawn=jnp.asarray(0, jnp.int32))
+    for number in range(3):
+        keys = jax.random.split(jax.random.key(number), parts)
+        now = fleet.renew(EPISODES, now, keys)
+        new = jnp.array([number % size + size * part for part in range(parts)])
+        fresh = jax.vmap(EPISODES.begin)(keys)
+        chex.assert_trees_all_equal(_plain(_at(now.starts, new)), _plain(fresh))
+
+
+@pytest.mark.parametrize("num_envs", [1, 4, 6, 64, 1024, 3000])
 @pytest.mark.parametrize("unroll_length", [1, 5, 20, 300])
 def test_renewals_divide_the_environments_and_cover_what_time_limits_use_up(
     num_envs, unroll_length
 ):
     count = fleet.renewals(num_envs, unroll_length, 120)
     assert num_envs % count == 0
+    assert count % blocks.count(num_envs) == 0
     assert count >= min(num_envs, num_envs * unroll_length / 120)
 
 

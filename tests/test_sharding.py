@@ -54,6 +54,8 @@ _CHILD = """
 import json, sys
 import jax
 import sharded_training as t
+from gril_jax.rl import blocks
+blocks._LEAST = 2  # so that few environments are blocks enough for all devices
 devices = jax.devices()
 assert len(devices) == 8
 found = {}
@@ -65,6 +67,8 @@ for case in sys.argv[1:]:
     found[case] = {"apart": t.apart(one, many), "used": sorted(used)}
     if name == "sac":
         found[case]["copied"] = t.temporary_bytes(name, devices, int(count))
+    if name == "ppo":
+        found[case]["exchanged"] = t.exchanged(name, devices, int(count))
 print(json.dumps(found))
 """
 
@@ -85,6 +89,7 @@ def _check(found):
         assert result["used"] == [8], case
         assert result["apart"] < 5e-5, case
         assert result.get("copied", 0) < 0.5 * REPLAY_BYTES, f"{case}: a step copies the replay"
+        assert result.get("exchanged", 0) <= 64, f"{case}: more than scores goes between devices"
 
 
 def test_eight_devices_come_to_what_one_comes_to():

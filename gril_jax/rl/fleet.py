@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
+from . import blocks
 from .env_loop import Episodes, Lane, Moment, reset_where
 
 __all__ = ["Fleet", "Steps", "init", "renew", "renewals", "scatter", "summary", "unroll"]
@@ -73,22 +74,31 @@ def scatter(fleet: Fleet, key: PRNGKeyArray, episode_length: int) -> Fleet:
 def renewals(num_envs: int, unroll_length: int, episode_length: int) -> int:
     """Starts to draw for each unroll: at least as many as time limits will use up.
 
-    The number divides `num_envs`, so that parts of the pool never overlap.
+    The number divides `num_envs`, so that parts of the pool never overlap; all blocks of it get the
+    same.
     """
-    needed = min(num_envs, math.ceil(num_envs * unroll_length / episode_length))
-    return next(n for n in range(needed, num_envs + 1) if num_envs % n == 0)
+    parts = blocks.count(num_envs)
+    size = num_envs // parts
+    needed = min(size, math.ceil(size * unroll_length / episode_length))
+    return parts * next(n for n in range(needed, size + 1) if size % n == 0)
 
 
 def renew(episodes: Episodes, fleet: Fleet, keys: Key[Array, "R"]) -> Fleet:
-    """The fleet with the oldest starts of its pool drawn anew, one with each of the keys (R,)."""
-    num_envs, count = fleet.lanes.time.shape[0], len(keys)
-    fresh = jax.vmap(episodes.begin)(keys)
-    place = (fleet.drawn * count) % num_envs
+    """The fleet with the oldest starts of its pool drawn anew, one with each of the keys (R,).
+
+    Each block of the pool gets its share of them; R is what `renewals` says, or another number that
+    the blocks can share and that divides the pool.
+    """
+    num_envs = len(fleet.lanes.time)
+    parts = blocks.count(num_envs)
+    fresh = blocks.split(jax.vmap(episodes.begin)(keys), parts)
+    place = (fleet.drawn * (len(keys) // parts)) % (num_envs // parts)
 
     def put(pool, new):
-        return jax.lax.dynamic_update_slice_in_dim(pool, new, place, 0)
+        return jax.lax.dynamic_update_slice_in_dim(pool, new, place, 1)
 
-    return fleet._replace(starts=jax.tree.map(put, fleet.starts, fresh), drawn=fleet.drawn + 1)
+    starts = jax.tree.map(put, blocks.split(fleet.starts, parts), fresh)
+    return fleet._replace(starts=blocks.join(starts), drawn=fleet.drawn + 1)
 
 
 def unroll(
@@ -105,13 +115,11 @@ def unroll(
 
     A lane that ends takes a start of the pool.
 
-    Should it end twice in one unroll, it takes the same start twice. From unroll to unroll the pool
-    is turned by one place, so that a lane whose episodes end early meets other starts. `keep` says
-    what of a lane becomes part of `Steps`.
+    Should it end twice in one unroll, it takes the same start twice. From unroll to unroll each
+    block of the pool is turned by one place, so that a lane whose episodes end early meets other
+    starts. `keep` says what of a lane becomes part of `Steps`.
     """
-    num_envs = fleet.lanes.time.shape[0]
-    turned = (jnp.arange(num_envs) + fleet.drawn) % num_envs
-    starts = jax.tree.map(lambda x: x[turned], fleet.starts)
+    starts = _turned(fleet)
 
     def one(lane, action):
         return episodes.advance(reward_params, lane, action, tau=tau)
@@ -127,6 +135,16 @@ def unroll(
 
     lanes, steps = jax.lax.scan(move, fleet.lanes, keys)
     return fleet._replace(lanes=lanes), steps
+
+
+def _turned(fleet: Fleet) -> Lane:
+    """The start for each lane."""
+    num_envs = len(fleet.lanes.time)
+    parts = blocks.count(num_envs)
+    size = num_envs // parts
+    turned = (jnp.arange(size) + fleet.drawn) % size
+    pool = blocks.split(fleet.starts, parts)
+    return blocks.join(jax.tree.map(lambda x: x[:, turned], pool))
 
 
 def summary(steps: Steps) -> dict[str, Float[Array, ""]]:

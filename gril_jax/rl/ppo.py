@@ -18,7 +18,7 @@ from brax.training.acme import running_statistics
 from brax.training.agents.ppo import losses, networks
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from . import fleet, ppo_loss, training
+from . import blocks, fleet, ppo_loss, training
 from .env_loop import Episodes, Lane
 from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
 from .rewards import AnyReward
@@ -205,8 +205,7 @@ class PPO:
         minibatches = self.static.num_minibatches
 
         def epoch(carry, keys):
-            order = jnp.argsort(jax.random.bits(keys[-1], (self.num_envs,)))
-            batches = jax.tree.map(lambda x: x[order].reshape(minibatches, -1, *x.shape[1:]), data)
+            batches = blocks.minibatches(data, keys[-1], minibatches)
             return jax.lax.scan(minibatch, carry, (batches, keys[:-1]))
 
         keys = keys.reshape(self.static.num_epochs, minibatches + 1)
@@ -228,7 +227,7 @@ class PPO:
         value = functools.partial(self.networks.value_network.apply, normalizer, params.value)
         if self.unroll_length <= self.env.episode_length:  # at most one time limit a lane
             when = jnp.argmax(timeouts, axis=0)
-            beyond = value(steps.last[when, jnp.arange(self.num_envs)])
+            beyond = value(jax.vmap(lambda last, t: last[t], in_axes=(1, 0))(steps.last, when))
         else:
             beyond = value(steps.last)
         data = ppo_loss.Batch(

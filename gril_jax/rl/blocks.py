@@ -1,0 +1,51 @@
+"""Environments in blocks that never mix: devices that hold whole blocks have nothing to exchange.
+
+Whatever takes environments out of their order (minibatches, starts from a pool) does so within
+blocks of them. How many there are depends on the number of environments alone, so that the numbers
+drawn, and with them the results, are the same on any number of devices.
+
+Shapes use B for environments, K for blocks, and M for minibatches.
+"""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int, PRNGKeyArray
+
+__all__ = ["count", "join", "minibatches", "split"]
+
+_MOST = 64  # devices that one seed may usefully be spread over
+_LEAST = 256  # environments of a block: enough of them to be shuffled among
+
+
+def count(num_envs: int, minibatches: int = 1) -> int:
+    """The number K of blocks, a power of two; a block divides evenly into its minibatches."""
+    most = min(_MOST, max(1, num_envs // _LEAST))
+    return math.gcd(2 ** (most.bit_length() - 1), num_envs // minibatches)
+
+
+def split(tree: Any, blocks: int) -> Any:
+    """Leaves (B, ...) as (K, B / K, ...)."""
+    return jax.tree.map(lambda x: x.reshape(blocks, -1, *x.shape[1:]), tree)
+
+
+def join(tree: Any) -> Any:
+    """Leaves (K, B / K, ...) as (B, ...)."""
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), tree)
+
+
+def minibatches(tree: Any, key: PRNGKeyArray, number: int) -> Any:
+    """Leaves (B, ...) shuffled and dealt out, (M, B / M, ...): of each block a share to each."""
+    num_envs = len(jax.tree.leaves(tree)[0])
+    blocks = count(num_envs, number)
+    order = jnp.argsort(jax.random.bits(key, (blocks, num_envs // blocks)))
+    return jax.tree.map(lambda x: _deal(x, order, number), split(tree, blocks))
+
+
+def _deal(x: Array, order: Int[Array, "K L"], number: int) -> Array:
+    blocks = len(order)
+    dealt = jax.vmap(lambda rows, order: rows[order])(x, order)
+    dealt = dealt.reshape(blocks, number, -1, *x.shape[2:])
+    return jnp.swapaxes(dealt, 0, 1).reshape(number, -1, *x.shape[2:])
