@@ -101,7 +101,7 @@ def costs(env: Any, sizes: Sizes, repeats: int) -> dict[str, Any]:
         jax.jit(lambda key: encoder.init(key, config))(jax.random.key(0)),
         jnp.zeros(config.latent), jnp.float32(1), jnp.float32(1),
     )  # fmt: skip
-    learned = _ppo(env, rewards.learned(config), sizes, sizes.lanes)
+    learned = _ppo(env, rewards.learned(config, robots=env.stages.robots), sizes, sizes.lanes)
     own = _ppo(env, rewards.environmental, sizes, sizes.lanes)
     calls = {
         "learned": _Call(*_training(learned, sizes.updates, params)),

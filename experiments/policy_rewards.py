@@ -23,25 +23,33 @@ __all__ = ["blank", "function", "parameters"]
 _MOST = 8  # subtasks of a chain
 
 
-def function(config: RunConfig, num_classes: int) -> rewards.AnyReward:
+def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
     """The reward as the algorithms take it."""
     chosen = config.run.reward
     if chosen == "environmental":
         return rewards.environmental
-    scene = setup.encoder_config(config, num_classes)
+    scene = setup.encoder_config(config, len(env.classes))
     if isinstance(scene, PixelConfig):
         several = jax.device_count() > 1
         learned = rewards.pixels(scene, _picture(config, scene.pixels), side_by_side=several)
         if chosen == "sum":
             return rewards.weighted_sum([learned, rewards.environmental])
         return rewards.offset(learned, config.run.reward_offset)
+    robots = _robots(env)
     if chosen == "subtasks":
-        return rewards.subtasks(scene, alpha=config.pool.alpha)
+        return rewards.subtasks(scene, robots=robots, alpha=config.pool.alpha)
+    learned = rewards.learned(scene, robots=robots)
     if chosen == "sum":
-        return rewards.weighted_sum([rewards.learned(scene), rewards.environmental])
+        return rewards.weighted_sum([learned, rewards.environmental])
     if chosen == "shaped":
-        return rewards.shaped(rewards.learned(scene))
-    return rewards.offset(rewards.learned(scene), config.run.reward_offset)
+        return rewards.shaped(learned)
+    return rewards.offset(learned, config.run.reward_offset)
+
+
+def _robots(env: envs.Env) -> tuple[int, ...]:
+    """Objects that belong to the robot; none of a task that does not say."""
+    stages = getattr(env, "stages", None)
+    return stages.robots if stages else ()
 
 
 def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P P 3"]]:

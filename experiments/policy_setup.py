@@ -33,7 +33,7 @@ __all__ = [
 def make_ppo(config: RunConfig, env: envs.Env) -> ppo.PPO:
     """The algorithm on the configuration's reward."""
     static = _static(ppo.Static, config, config.ppo)
-    return ppo.PPO(env, policy_rewards.function(config, len(env.classes)), static)
+    return ppo.PPO(env, policy_rewards.function(config, env), static)
 
 
 def make_sac(config: RunConfig, env: envs.Env) -> sac.SAC:
@@ -43,7 +43,7 @@ def make_sac(config: RunConfig, env: envs.Env) -> sac.SAC:
       ConfigError: the reward cannot be relabelled, but should be.
     """
     static = _static(sac.Static, config, config.sac)
-    return sac.SAC(env, policy_rewards.function(config, len(env.classes)), static)
+    return sac.SAC(env, policy_rewards.function(config, env), static)
 
 
 def _static(kind: Any, config: RunConfig, chosen: PPOConfig | SACConfig) -> Any:

@@ -38,6 +38,7 @@ __all__ = [
     "init",
     "node_embeddings",
     "readout",
+    "sees_robot",
 ]
 
 # Encoders that embed each node before they pool; of scene graphs; of anything.
@@ -139,6 +140,13 @@ def readout(
       ConfigError: this kind of encoder does not embed nodes, or it is an ensemble.
     """
     return _node_module(config).readout(params, embeddings, graph, config, alpha=alpha)
+
+
+def sees_robot(config: AnyConfig) -> bool:
+    """Whether latents depend on the robot; if not, a graph may as well come without its nodes."""
+    if not isinstance(config, NodeConfig):
+        return True
+    return config.pool_robot or config.robot_messages
 
 
 def _side_by_side(params, graph, config, alpha, form):

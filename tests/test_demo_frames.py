@@ -108,9 +108,9 @@ def test_no_policy_is_paid_for_pictures_of_a_task_that_has_none():
     on_table = EnvConfig(name="shoes_in_box", reward="staged")
     shoes = RunConfig(env=on_table, encoder=EncoderConfig(kind="pixels"))
     with pytest.raises(ConfigError, match=r"a policy for shoes_in_box, which has no pictures"):
-        policy_rewards.function(shoes, 7)
-    own = dataclasses.replace(shoes.run, reward="environmental")
-    assert policy_rewards.function(dataclasses.replace(shoes, run=own), 7) is rewards.environmental
+        policy_rewards.function(shoes, make("shoes_in_box"))
+    own = dataclasses.replace(shoes, run=dataclasses.replace(shoes.run, reward="environmental"))
+    assert policy_rewards.function(own, make("shoes_in_box")) is rewards.environmental
 
 
 def test_what_does_not_fit_is_named(demo_set, tmp_path):

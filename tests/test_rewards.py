@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gril_jax.envs import Objects
 
-from gril_jax import encoder, graphs, reward, shaping, subtask_chain
+from gril_jax import encoder, ensemble, graphs, reward, shaping, subtask_chain
 from gril_jax.rl import rewards
 from gril_jax.rl.rewards import Reward
 
@@ -97,6 +97,40 @@ def test_the_learned_reward_is_that_of_the_scene_with_its_activity_bits(encoded)
     values, _ = _run(rewards.as_reward(rewards.learned(CONFIG)), learned)
     expected = -2.0 * np.linalg.norm(latents - latents[-1], axis=1)
     np.testing.assert_allclose(values, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("config", "spared"),
+    [
+        (CONFIG, True),
+        (encoder.EncoderConfig(3, width=4, latent=3, relations=True, members=2), True),
+        (encoder.EncoderConfig(3, width=4, latent=3, pool_robot=True), False),
+        (encoder.EncoderConfig(3, width=4, latent=3, robot_messages=True), False),
+        (encoder.InteractionConfig(3, width=3, pool_robot=False, robot_messages=False), True),
+        (encoder.InteractionConfig(3, width=3), False),
+        (encoder.MLPConfig(3, width=4), False),
+    ],
+)
+def test_a_robot_that_does_not_count_is_spared_and_the_reward_is_the_same(
+    monkeypatch, config, spared
+):
+    """The robot moves along a line of its own, so that one that counts would show."""
+    params = jax.jit(encoder.init, static_argnums=1)(jax.random.key(0), config)
+    scale = jnp.ones(ensemble.num_members(config)) if ensemble.num_members(config) > 1 else 1.0
+    goal = jnp.zeros(ensemble.latent_size(config))
+    learned = reward.RewardParams(params, goal, jnp.asarray(scale), jnp.float32(ALPHA))
+    nodes = []
+
+    def counted(*boxes):
+        nodes.append(len(boxes[0]))
+        return graphs.scene_graph(*boxes)
+
+    monkeypatch.setattr(rewards, "scene_graph", counted)
+    plain, _ = _run(rewards.as_reward(rewards.learned(config)), learned)
+    known, _ = _run(rewards.as_reward(rewards.learned(config, robots=(1,))), learned)
+    assert nodes == [3, 2 if spared else 3]
+    np.testing.assert_allclose(known, plain, atol=1e-6)
+    assert encoder.sees_robot(config) is not spared
 
 
 def test_an_offset_is_paid_at_each_moment_and_none_leaves_the_reward_itself():

@@ -64,15 +64,21 @@ def environmental(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Ar
     return state.reward
 
 
-def learned(config: GraphConfig) -> RewardFn:
+def learned(config: GraphConfig, *, robots: Sequence[int] = ()) -> RewardFn:
     """The latent-goal reward (Eq. 7) of what a detector would see.
 
     Its parameters are a `RewardParams`: an argument, not a constant of the program, so that the
     seeds of a sweep can each have their own.
+
+    Args:
+      config: of the encoder.
+      robots: objects that belong to the robot, as `is_robot` says of each state. Where they are
+        known beforehand, an encoder that does not look at them is spared their nodes.
     """
+    scene = _scene(config, robots)
 
     def reward(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
-        return jnp.asarray(latent_goal_reward(params, _scene(state, active), config))
+        return jnp.asarray(latent_goal_reward(params, scene(state, active), config))
 
     return reward
 
@@ -136,6 +142,7 @@ def pixels(
 def subtasks(
     config: GraphConfig,
     *,
+    robots: Sequence[int] = (),
     mode: subtask_chain.Mode = "continuous",
     alpha: Float[Array, ""] | float = 5.0,
 ) -> Reward:
@@ -143,13 +150,14 @@ def subtasks(
 
     Its parameters are a pair: the encoder's, and the chain's. The policy sees the share of the
     subtasks that are finished, since the reward depends on it. `alpha` is the weight of an active
-    node in the pooling, as when the goals were found.
+    node in the pooling, as when the goals were found; `robots` are those of `learned`.
     """
+    scene = _scene(config, robots)
 
     def step(params, memory, state, active):
         encoder_params, chain = params
         progress, _ = memory
-        latent = encoder.apply(encoder_params, _scene(state, active), config, alpha=alpha)
+        latent = encoder.apply(encoder_params, scene(state, active), config, alpha=alpha)
         progress, reward = subtask_chain.step(chain, progress, latent, mode=mode)
         share = progress.index / jnp.maximum(chain.count, 1)
         return (progress, share.astype(jnp.float32)), reward
@@ -207,6 +215,18 @@ def weighted_sum(rewards: Sequence[AnyReward]) -> Reward:
     )
 
 
-def _scene(state: Any, active: Bool[Array, "N"]) -> SceneGraph:
-    seen = jax.tree.map(jnp.asarray, state.objects)
-    return scene_graph(seen.center, seen.size, seen.label, seen.is_robot, active)
+def _scene(
+    config: GraphConfig, robots: Sequence[int]
+) -> Callable[[Any, Bool[Array, "N"]], SceneGraph]:
+    """(state, activity bits) -> the graph of all objects that the encoder looks at."""
+    unseen = () if encoder.sees_robot(config) else tuple(robots)
+
+    def scene(state, active):
+        seen = jax.tree.map(jnp.asarray, state.objects)
+        nodes = seen.center, seen.size, seen.label, seen.is_robot, active
+        kept = [i for i in range(len(active)) if i not in unseen]
+        if unseen:
+            nodes = tuple(jnp.stack([x[i] for i in kept]) for x in nodes)
+        return scene_graph(*nodes)
+
+    return scene
