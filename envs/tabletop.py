@@ -82,6 +82,7 @@ class TabletopData(NamedTuple):
     record: Record
     time: Int[Array, ""]  # control steps since reset
     unplaced: Bool[Array, ""]  # the start found no free place
+    varied: Bool[Array, ""]  # the episode began at a moment of another
 
 
 class Tabletop:
@@ -188,7 +189,7 @@ class Tabletop:
         return TabletopData(
             motion, jnp.concatenate([arm, fingers[:1]]), start.fixtures,
             jnp.zeros(self.action_size), rewards.no_record(len(self.stage_names)),
-            jnp.zeros((), jnp.int32), start.unplaced,
+            jnp.zeros((), jnp.int32), start.unplaced, jnp.zeros((), bool),
         )  # fmt: skip
 
     def _within(self, moment: Moments) -> tuple[TabletopData, Bool[Array, "N"]]:
@@ -197,6 +198,7 @@ class Tabletop:
         data = TabletopData(
             motion, moment.target, moment.fixtures, jnp.zeros(self.action_size),
             tabletop_moments.record_of(moment), jnp.zeros((), jnp.int32), jnp.zeros((), bool),
+            jnp.ones((), bool),
         )  # fmt: skip
         return data, moment.moved
 
@@ -273,6 +275,7 @@ class Tabletop:
                 "score": jnp.maximum(jnp.mean(progress.done.astype(jnp.float32)), success),
                 "success": success,
                 "unplaced": data.unplaced.astype(jnp.float32),
+                "varied": data.varied.astype(jnp.float32),
                 **stages,
             },
         )

@@ -28,6 +28,7 @@ from .bench_pendulum import SacSetting, Setting
 
 __all__ = ["compared", "main", "measure"]
 
+EPISODES = 256  # of mean actions: starts differ, and the mean over a few does, too
 SIDES = {"ours": bench_ours.all_returns, "stock": bench_stock.all_returns}
 
 _CHILD = """
@@ -82,7 +83,7 @@ def measure(
     """
     ground = GROUND[task]
     start = time.perf_counter()
-    returns = SIDES[side](setting or ground.settings[algorithm], ground.task(), seeds)
+    returns = SIDES[side](setting or ground.settings[algorithm], ground.task(), seeds, EPISODES)
     return {
         "returns": [round(each[-1], 2) for each in returns],
         "untrained": [round(each[0], 2) for each in returns],

@@ -115,8 +115,14 @@ def train(
     return returns
 
 
-def all_returns(setting: Setting | SacSetting, task: Any, seeds: int) -> list[list[float]]:
-    """Returns of mean actions, for each seed one at each evaluation; the seeds are one program."""
+def all_returns(
+    setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
+) -> list[list[float]]:
+    """Returns of mean actions, for each seed one at each evaluation; the seeds are one program.
+
+    The last one's is the mean over at least so many `episodes`, the others' over those of half the
+    environments.
+    """
     make = sac_chunks if isinstance(setting, SacSetting) else chunks
     init, run = make(setting, task)
     state = jax.vmap(init)(np.arange(seeds))
@@ -126,4 +132,10 @@ def all_returns(setting: Setting | SacSetting, task: Any, seeds: int) -> list[li
         count = np.int32(setting.updates if part else 0)
         state, _, scores = run(state, count, np.bool_(True))
         returns.append(np.asarray(scores.reward)[:, 0, 0])
+    again = [returns[-1]]
+    for number in range(1, -(-episodes // (setting.num_envs // 2))):  # training is over: other keys
+        state = state._replace(key=jax.vmap(jax.random.fold_in, (0, None))(state.key, number))
+        state, _, scores = run(state, np.int32(0), np.bool_(True))
+        again.append(np.asarray(scores.reward)[:, 0, 0])
+    returns[-1] = np.mean(again, axis=0)
     return np.stack(returns, axis=1).tolist()

@@ -176,9 +176,13 @@ def _noting(returns: list[float], progress: Progress) -> Callable[[int, Any], No
     return note
 
 
-def all_returns(setting: Setting | SacSetting, task: Any, seeds: int) -> list[list[float]]:
-    """Returns of mean actions, for each seed one at each evaluation; one seed after the other."""
-    episodes = setting.num_envs // 2  # as many as ours plays with mean actions
+def all_returns(
+    setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
+) -> list[list[float]]:
+    """Returns of mean actions, for each seed one at each evaluation; one seed after the other.
+
+    Each is the mean over so many `episodes`.
+    """
     if isinstance(setting, SacSetting):
         return [train_sac(seed, setting, task=task, eval_envs=episodes) for seed in range(seeds)]
     return [

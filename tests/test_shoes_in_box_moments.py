@@ -66,9 +66,15 @@ def test_what_was_done_before_is_not_paid_again(begun):
 def test_the_rest_of_the_episodes_begin_as_the_task_does(plain, found):
     keys = jax.random.split(jax.random.key(2), 256)
     half = Tabletop(task(), varied_starts=0.5, moments=found)
-    moved = jax.jit(jax.vmap(half.reset))(keys).moved.any(axis=1)
+    drawn = jax.jit(jax.vmap(half.reset))(keys)
+    moved = drawn.moved.any(axis=1)
     assert 0.4 < moved.mean() < 0.6
     own = jax.jit(jax.vmap(plain.reset))(keys)
+    # Training counts success only where an episode began as the task does.
+    varied = drawn.metrics["varied"] == 1
+    assert moved[varied].any()
+    assert not moved[~varied].any()
+    assert not own.metrics["varied"].any()
     none = jax.jit(jax.vmap(Tabletop(task(), moments=found).reset))(keys)
     jax.tree.map(np.testing.assert_array_equal, own, none)
 
