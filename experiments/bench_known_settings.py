@@ -47,7 +47,7 @@ GROUND = {
         InvertedPendulum,
         {
             "ppo": Setting(num_timesteps=307_200, learning_rate=5e-4, discounting=0.99),
-            "sac": SacSetting(discounting=0.99, reward_scaling=0.1),
+            "sac": SacSetting(num_timesteps=40_960, discounting=0.99, reward_scaling=0.1),
         },
         {
             "ppo": Published(1000.0, 0.0, _TIANSHOU),
