@@ -22,7 +22,7 @@ from gril_jax import encoder, envs
 from gril_jax.reward import RewardParams
 from gril_jax.rl import env_loop, fleet, ppo, rewards, training
 
-from . import bench_seeds, setup
+from . import bench_seeds, policy_rewards, setup
 from .bench_clock import compile_timed, times_in_turn
 
 __all__ = ["Sizes", "costs", "main", "starts"]
@@ -101,7 +101,9 @@ def costs(env: Any, sizes: Sizes, repeats: int) -> dict[str, Any]:
         jax.jit(lambda key: encoder.init(key, config))(jax.random.key(0)),
         jnp.zeros(config.latent), jnp.float32(1), jnp.float32(1),
     )  # fmt: skip
-    learned = _ppo(env, rewards.learned(config, robots=env.stages.robots), sizes, sizes.lanes)
+    learned = _ppo(
+        env, rewards.learned(config, robots=policy_rewards.robots(env)), sizes, sizes.lanes
+    )
     own = _ppo(env, rewards.environmental, sizes, sizes.lanes)
     calls = {
         "learned": _Call(*_training(learned, sizes.updates, params)),

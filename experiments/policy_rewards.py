@@ -18,7 +18,7 @@ from gril_jax.types import DemoBatch
 
 from . import setup
 
-__all__ = ["blank", "function", "parameters"]
+__all__ = ["blank", "function", "parameters", "robots"]
 
 _MOST = 8  # subtasks of a chain
 
@@ -35,10 +35,10 @@ def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
         if chosen == "sum":
             return rewards.weighted_sum([learned, rewards.environmental])
         return rewards.offset(learned, config.run.reward_offset)
-    robots = _robots(env)
+    known = robots(env)
     if chosen == "subtasks":
-        return rewards.subtasks(scene, robots=robots, alpha=config.pool.alpha)
-    learned = rewards.learned(scene, robots=robots)
+        return rewards.subtasks(scene, robots=known, alpha=config.pool.alpha)
+    learned = rewards.learned(scene, robots=known)
     if chosen == "sum":
         return rewards.weighted_sum([learned, rewards.environmental])
     if chosen == "shaped":
@@ -46,7 +46,7 @@ def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
     return rewards.offset(learned, config.run.reward_offset)
 
 
-def _robots(env: envs.Env) -> tuple[int, ...]:
+def robots(env: envs.Env) -> tuple[int, ...]:
     """Objects that belong to the robot; none of a task that does not say."""
     stages = getattr(env, "stages", None)
     return stages.robots if stages else ()

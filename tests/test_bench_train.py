@@ -77,7 +77,7 @@ def test_sizes_that_do_not_fit_are_refused_before_anything_is_compiled():
 
 @pytest.mark.slow
 def test_training_is_compared_with_random_actions_and_starts_with_each_other(monkeypatch):
-    monkeypatch.setattr(rewards, "learned", lambda config: rewards.environmental)
+    monkeypatch.setattr(rewards, "learned", lambda config, robots: rewards.environmental)
     found = bench_train.costs(Success(), SIZES, 1)
     assert set(found["steps_per_s"]) == {"learned", "environmental", "random"}
     assert 0 < found["learning_share_of_an_update"]
