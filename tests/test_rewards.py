@@ -107,6 +107,17 @@ def test_the_learned_reward_is_that_of_the_scene_with_its_activity_bits(encoded)
         (encoder.EncoderConfig(3, width=4, latent=3, pool_robot=True), False),
         (encoder.EncoderConfig(3, width=4, latent=3, robot_messages=True), False),
         (encoder.InteractionConfig(3, width=3, pool_robot=False, robot_messages=False), True),
+        (
+            encoder.InteractionConfig(
+                3,
+                width=3,
+                distances=True,
+                self_blocks="class",
+                pool_robot=False,
+                robot_messages=False,
+            ),
+            True,
+        ),
         (encoder.InteractionConfig(3, width=3), False),
         (encoder.MLPConfig(3, width=4), False),
     ],

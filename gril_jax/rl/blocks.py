@@ -1,10 +1,10 @@
 """Environments in blocks that never mix: devices that hold whole blocks have nothing to exchange.
 
 Whatever takes environments out of their order (minibatches, starts from a pool) does so within
-blocks of them. How many there are depends on the number of environments alone, so that the numbers
-drawn, and with them the results, are the same on any number of devices.
+blocks of them. How many there are follows from the numbers of environments and minibatches, and not
+from the devices, so that on any number of these the same numbers are drawn.
 
-Shapes use B for environments, K for blocks, and M for minibatches.
+Shapes use B for environments, K for blocks, L = B / K for those of one, and M for minibatches.
 """
 
 import math
@@ -21,23 +21,35 @@ _LEAST = 256  # environments of a block: enough of them to be shuffled among
 
 
 def count(num_envs: int, minibatches: int = 1) -> int:
-    """The number K of blocks, a power of two; a block divides evenly into its minibatches."""
+    """The number K of blocks, a power of two: each has `_LEAST` environments or more, if there are
+    so many, and divides evenly into its minibatches.
+
+    Args:
+      num_envs: B.
+      minibatches: M, a divisor of it.
+    """
     most = min(_MOST, max(1, num_envs // _LEAST))
     return math.gcd(2 ** (most.bit_length() - 1), num_envs // minibatches)
 
 
 def split(tree: Any, blocks: int) -> Any:
-    """Leaves (B, ...) as (K, B / K, ...)."""
+    """Leaves (B, ...) as (K, L, ...); K, here `blocks`, divides B."""
     return jax.tree.map(lambda x: x.reshape(blocks, -1, *x.shape[1:]), tree)
 
 
 def join(tree: Any) -> Any:
-    """Leaves (K, B / K, ...) as (B, ...)."""
+    """Leaves (K, L, ...) as (B, ...)."""
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), tree)
 
 
 def minibatches(tree: Any, key: PRNGKeyArray, number: int) -> Any:
-    """Leaves (B, ...) shuffled and dealt out, (M, B / M, ...): of each block a share to each."""
+    """Leaves (B, ...) shuffled and dealt out, (M, B / M, ...): of each block a share to each.
+
+    Args:
+      tree: what is known of each environment.
+      key: consumed.
+      number: M, a divisor of B.
+    """
     num_envs = len(jax.tree.leaves(tree)[0])
     blocks = count(num_envs, number)
     order = jnp.argsort(jax.random.bits(key, (blocks, num_envs // blocks)))

@@ -138,7 +138,7 @@ def unroll(
 
 
 def _turned(fleet: Fleet) -> Lane:
-    """The start for each lane."""
+    """The start that waits for each lane, (B, ...): in its block, so many places on as `drawn`."""
     num_envs = len(fleet.lanes.time)
     parts = blocks.count(num_envs)
     size = num_envs // parts

@@ -224,8 +224,8 @@ def _scene(
     def scene(state, active):
         seen = jax.tree.map(jnp.asarray, state.objects)
         nodes = seen.center, seen.size, seen.label, seen.is_robot, active
-        kept = [i for i in range(len(active)) if i not in unseen]
         if unseen:
+            kept = [i for i in range(len(active)) if i not in unseen]
             nodes = tuple(jnp.stack([x[i] for i in kept]) for x in nodes)
         return scene_graph(*nodes)
 
