@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gril_jax.experiments.bench_known_settings import GROUND
 from gril_jax.experiments.bench_known_tasks import InvertedPendulum, Reacher
-from gril_jax.experiments.bench_pendulum import SacSetting, Setting
+from gril_jax.experiments.bench_pendulum import Pendulum, SacSetting, Setting
 
 from gril_jax import cli
 from gril_jax.commands import arguments
@@ -167,6 +167,21 @@ def test_both_sides_train_on_a_task_that_ends_and_on_one_that_does_not(side, alg
     assert all(2 < value < 1000 for value in found["returns"] + found["untrained"])
     found = measure("pendulum", algorithm, side, 1, _TINY[algorithm])
     assert -200 * 16.3 < found["returns"][0] < 0
+
+
+@pytest.mark.slow
+def test_the_last_return_is_the_mean_over_as_many_episodes_as_are_asked_for():
+    """Four environments play mean actions at a time: those asked for beyond them are others."""
+    from gril_jax.experiments import bench_ours
+
+    found = [
+        bench_ours.all_returns(_TINY["ppo"], Pendulum(), 1, episodes)[0] for episodes in (4, 8)
+    ]
+    assert found[0][0] == found[1][0]  # before training
+    few, twice = found[0][-1], found[1][-1]
+    other = 2 * twice - few
+    assert few != other
+    assert -200 * 16.3 < other < 0
 
 
 @pytest.mark.slow
