@@ -1,6 +1,7 @@
 """MuJoCo Warp in place of MJX: equal behaviour, and a sentence where it is not installed."""
 
 import functools
+import importlib
 import importlib.util
 
 import jax
@@ -58,6 +59,14 @@ def test_a_step_is_that_of_c_mujoco(starts):
     np.testing.assert_allclose(_qpos(after["jax"]), true, atol=5e-3)
     shapes = [[(x.shape, x.dtype) for x in jax.tree.leaves(state)] for state in after.values()]
     assert shapes[0] == shapes[1]
+
+
+@with_warp
+def test_kernels_do_not_report_among_what_a_command_prints(monkeypatch):
+    warp = importlib.import_module("warp")
+    monkeypatch.setattr(warp.config, "log_level", warp.LOG_INFO)
+    assert _env.__wrapped__("warp").observation_size  # made anew
+    assert warp.config.log_level == warp.LOG_WARNING
 
 
 @with_warp
