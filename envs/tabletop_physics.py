@@ -16,6 +16,7 @@ and has no derivatives.
 """
 
 import contextlib
+import importlib
 import io
 from typing import NamedTuple
 
@@ -69,6 +70,8 @@ class Physics:
             raise ValueError(
                 f"impl is {impl!r}, which needs a package: pip install 'gril-jax[warp]' ({error})"
             ) from error
+        if impl == "warp":
+            self._model = _untold_of_iterations(self._model)
         self._blank = mjx.make_data(model if room else self._model, impl=impl, **room)
 
     def start(self, qpos: Float[Array, "Q"]) -> Motion:
@@ -96,3 +99,14 @@ class Physics:
         # On graphics processors products may otherwise be rounded to ten bits.
         with jax.default_matmul_precision("highest"):
             return jax.lax.scan(substep, motion, length=self.substeps)[0]
+
+
+def _untold_of_iterations(model: mjx.Model) -> mjx.Model:
+    """Warp's model without a line of print for each solution that the few iterations cut short.
+
+    They are so few on purpose, and thousands of environments would say so in each step. What says
+    that a contact found no room is left.
+    """
+    kinds = importlib.import_module("mujoco.mjx.third_party.mujoco_warp").OverflowType
+    told = model.opt._impl.warn_overflow & ~(kinds.ITERATIONS | kinds.LS_ITERATIONS)
+    return model.tree_replace({"opt._impl.warn_overflow": int(told)})

@@ -70,6 +70,15 @@ def test_kernels_do_not_report_among_what_a_command_prints(monkeypatch):
 
 
 @with_warp
+def test_only_what_is_lost_is_told_of():
+    """Not each solution that ends at the iterations' limit, but contacts without room."""
+    kinds = importlib.import_module("mujoco.mjx.third_party.mujoco_warp").OverflowType
+    told = _env("warp").physics._model.opt._impl.warn_overflow
+    assert not told & (kinds.ITERATIONS | kinds.LS_ITERATIONS)
+    assert told & kinds.NEFC and told & kinds.NARROWPHASE
+
+
+@with_warp
 def test_lanes_of_lanes_are_lanes(starts):
     action = jnp.zeros((LANES, 5))
     nested = jax.tree.map(lambda x: x.reshape(2, LANES // 2, *x.shape[1:]), (starts, action))
