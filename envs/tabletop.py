@@ -282,7 +282,8 @@ class Tabletop:
 
     def outlines(self, data: TabletopData) -> list[Outline]:
         """What to paint for one moment (host side): boxes as the camera sees them, far to near."""
-        seen = [*zip(*jax.tree.map(np.asarray, self.world_boxes(data)), strict=True)]
+        found = self.world_boxes(jax.tree.map(jnp.asarray, data))
+        seen = [*zip(*jax.tree.map(np.asarray, found), strict=True)]
         away = [np.linalg.norm(place - np.array(self.camera.place)) for place, *_ in seen]
         shapes = [cameras.outline(self.camera, *thing) for thing in seen]
         return [

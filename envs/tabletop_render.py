@@ -89,9 +89,11 @@ class Renderer:
           fixtures: position and quaternion of what stands still.
           colour: whether to paint the frame; else it is black, at half the cost.
         """
-        self._gl.make_current()
-        self._place(qpos, fixtures)
-        frame = self._read() if colour else np.zeros((self.pixels, self.pixels, 3), np.uint8)
+        if colour:
+            frame = self.frame(qpos, fixtures)
+        else:
+            self._place(qpos, fixtures)
+            frame = np.zeros((self.pixels, self.pixels, 3), np.uint8)
         segmented = (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)
         for flag in segmented:
             self._scene.flags[flag] = True
@@ -105,7 +107,15 @@ class Renderer:
             thing[geom.segid + 1] = self._owner[geom.objid]
         return Picture(frame, thing[number])
 
+    def frame(
+        self, qpos: Float[np.ndarray, "Q"], fixtures: Float[np.ndarray, "M 7"]
+    ) -> UInt8[np.ndarray, "P P 3"]:
+        """The colours alone of one moment; arguments as those of `picture`."""
+        self._place(qpos, fixtures)
+        return self._read()
+
     def _place(self, qpos: np.ndarray, fixtures: np.ndarray) -> None:
+        self._gl.make_current()
         self._data.qpos[:] = qpos
         self._data.mocap_pos[:], self._data.mocap_quat[:] = np.split(fixtures, [3], axis=1)
         mujoco.mj_kinematics(self._model, self._data)

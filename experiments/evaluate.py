@@ -18,8 +18,7 @@ from gril_jax.progress import Progress
 from gril_jax.rl.evaluate import Evaluation, evaluate
 from gril_jax.rl.policy import Policy
 
-from . import policy_rewards, policy_setup, setup
-from .make_demos import film
+from . import filming, policy_rewards, policy_setup, setup
 
 __all__ = ["main", "play"]
 
@@ -94,8 +93,8 @@ def play(
         jax.device_get(policy_setup.fresh_policy(config, algorithm, keys[1])), keys[2], False
     )
     shown = int(np.argmax(np.asarray(trained.success)))  # the first success, if there is one
-    data = jax.tree.map(lambda x: x[shown], trained.states.data)
-    video.write_video(folder / "rollout.mp4", film(env, data), env.control_hz)
+    film = filming.episode(env, jax.tree.map(lambda x: x[shown], trained.states))
+    video.write_video(folder / "rollout.mp4", film, env.control_hz)
     np.savez(
         folder / "rollouts.npz",
         reward=np.asarray(trained.reward),

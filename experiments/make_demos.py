@@ -15,16 +15,16 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs import scripted
 
-from gril_jax import render, video
+from gril_jax import video
 from gril_jax.config import MakeDemosConfig, RunConfig
 from gril_jax.errors import DemoError
 from gril_jax.interop.import_demos import Imported, import_videos
 from gril_jax.parallel_map import parallel_map
 from gril_jax.progress import Progress
 
-from . import setup, shoes_demos
+from . import filming, setup, shoes_demos
 
-__all__ = ["film", "main", "make"]
+__all__ = ["main", "make"]
 
 _SPARE = 2  # successes played for each that is kept: the brisker half, as a person would choose
 _ROUNDS = 8  # batches of episodes before giving up on an expert that fails
@@ -70,7 +70,7 @@ def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> 
         def shoot(episode):
             number, (data, outcome) = episode
             path = Path(scratch) / f"{number:03d}_{outcome}.mp4"
-            video.write_video(path, film(env, data), env.control_hz)
+            video.write_video(path, filming.outlines(env, data), env.control_hz)
 
         for done, _ in enumerate(parallel_map(shoot, enumerate(episodes)), 1):
             phase.update(done)
@@ -86,21 +86,6 @@ def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> 
             source=f"scripted expert, {config.demos.variant} layout, seed {config.demos.seed}",
             progress=lambda done, total, last: phase.update(done),
         )
-
-
-def film(env, data) -> np.ndarray:
-    """Paint a trajectory: simulator data with leaves (T, ...) to uint8 (T, 384, 384, 3)."""
-    data = jax.device_get(data)
-    length = jax.tree.leaves(data)[0].shape[0]
-    moments = (jax.tree.map(lambda x, t=t: x[t], data) for t in range(length))
-    return np.stack(
-        [
-            render.paint(
-                env.outlines(moment), half_extent=env.half_extent, background=env.background
-            )
-            for moment in moments
-        ]
-    )
 
 
 def _play(env, wanted: int, failures: int, seed: int, progress: Progress) -> list:

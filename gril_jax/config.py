@@ -201,6 +201,7 @@ def _check_sizes(config: RunConfig) -> None:
                 f"{name}.num_envs x {name}.unroll_length = {unroll} steps"
             )
     _check_replay(config.sac)
+    _check_worlds(config)
     if demos.path is None and pretrain.num_videos > demos.num:
         raise ConfigError(
             f"pretrain.num_videos is {pretrain.num_videos}, but must be at most demos.num, "
@@ -230,6 +231,16 @@ def _check_pixels(config: RunConfig) -> None:
             raise ConfigError(
                 f"{path} is {value!r}, but must be {text}, because encoder.kind is 'pixels'"
             )
+
+
+def _check_worlds(config: RunConfig) -> None:
+    """Warp has room for the contacts of so many environments, and loses those beyond."""
+    env, name = config.env, config.run.algorithm
+    at_once = getattr(config, name).num_envs
+    if env.impl == "warp" and env.worlds < at_once:
+        raise ConfigError(
+            f"env.worlds is {env.worlds}, but must be at least {name}.num_envs, which is {at_once}"
+        )
 
 
 def _check_replay(sac: SACConfig) -> None:

@@ -167,6 +167,15 @@ def test_minibatches_divide_the_environments():
         RunConfig(ppo=PPOConfig(num_minibatches=5))
 
 
+def test_warp_has_room_for_the_environments():
+    warp = EnvConfig(name="shoes_in_box", impl="warp", worlds=32)
+    assert RunConfig(env=warp, ppo=PPOConfig(num_envs=32)).env.worlds == 32
+    with pytest.raises(ConfigError) as caught:
+        RunConfig(env=warp, ppo=PPOConfig(num_envs=64))
+    assert str(caught.value) == "env.worlds is 32, but must be at least ppo.num_envs, which is 64"
+    assert RunConfig(env=EnvConfig(worlds=32), ppo=PPOConfig(num_envs=64)).env.impl == "jax"
+
+
 def test_the_timesteps_cover_one_update():
     with pytest.raises(ConfigError, match=r"ppo\.num_timesteps is 1279.* = 1280 steps"):
         RunConfig(ppo=PPOConfig(num_timesteps=1279))

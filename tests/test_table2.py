@@ -127,7 +127,7 @@ def test_shipped_configurations_are_rows_of_the_table():
     from gril_jax.config_files import load
 
     for name, row in (
-        ("shoes_in_box", "ours audited"),
+        ("shoes_in_box", "ours for policies"),
         ("shoes_in_box_paper", "paper's form without robot"),
     ):
         config = load(name)

@@ -94,6 +94,7 @@ def test_a_frame_has_colours_and_the_same_moment_the_same_bytes(scene, renderer)
     assert first.frame.shape == (PIXELS, PIXELS, 3)
     red, _, blue = first.frame[first.thing == 6].mean(axis=0)  # a shoe is brown
     assert red > 1.5 * blue
+    np.testing.assert_array_equal(renderer.frame(qpos, fixtures), first.frame)
     dark = renderer.picture(qpos, fixtures, colour=False)
     assert not dark.frame.any()
     np.testing.assert_array_equal(dark.thing, first.thing)
