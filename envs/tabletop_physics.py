@@ -9,10 +9,10 @@ slowly: it repeats each link's chain for each number that depends on it. There, 
 `jax.jit(..., compiler_options={"xla_cpu_use_fusion_emitters": False})`, or set the same flag in
 XLA_FLAGS.
 
-MuJoCo Warp, where it is installed, can take the place of MJX's own JAX code. A step of it is that
-of C MuJoCo; MJX's differs by some 1e-3 rad in a joint whose servo is at the limit of its force, and
-the two keep other contacts when there are many. Warp is written for NVIDIA GPUs, runs on a CPU too,
-and has no derivatives.
+MuJoCo Warp, where it is installed, can take the place of MJX's own JAX code. A step of either is
+that of C MuJoCo (`spent_servos` says what MJX needs for it); they keep other contacts when there
+are many. Warp is written for NVIDIA GPUs, where it is several times faster, runs on a CPU too, and
+has no derivatives.
 """
 
 import contextlib
@@ -24,6 +24,8 @@ import jax
 import jax.numpy as jnp
 import mujoco
 from jaxtyping import Array, Float
+
+from .spent_servos import constant_where_spent, driven
 
 with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
     from mujoco import mjx
@@ -60,7 +62,8 @@ class Physics:
     def __init__(
         self, model: mujoco.MjModel, *, substeps: int, impl: str = "jax", worlds: int = 4096
     ):
-        self.mj_model, self.substeps = model, substeps
+        self.mj_model, self.substeps, self._impl = model, substeps, impl
+        self._driven = driven(model)
         self.dt = model.opt.timestep * substeps
         most = int(model.numeric("max_contact_points").data[0])
         room = {"naconmax": most * worlds, "njmax": _ROWS * most} if impl == "warp" else {}
@@ -79,6 +82,11 @@ class Physics:
         rest = jnp.zeros(self.mj_model.nv)
         return Motion(qpos, rest, rest)
 
+    def _for(self, motion: Motion, aim: Float[Array, "U"]):
+        if self._impl == "warp":
+            return self._model
+        return constant_where_spent(self._model, self._driven, motion.qpos, motion.qvel, aim)
+
     def step(self, motion: Motion, aim: Float[Array, "U"], fixtures: Float[Array, "M 7"]) -> Motion:
         """One control step.
 
@@ -93,7 +101,7 @@ class Physics:
                 qpos=motion.qpos, qvel=motion.qvel, qacc_warmstart=motion.warmstart, ctrl=aim,
                 mocap_pos=fixtures[:, :3], mocap_quat=fixtures[:, 3:],
             )  # fmt: skip
-            data = mjx.step(self._model, data)
+            data = mjx.step(self._for(motion, aim), data)
             return Motion(data.qpos, data.qvel, data.qacc_warmstart), None
 
         # On graphics processors products may otherwise be rounded to ten bits.

@@ -29,9 +29,11 @@ def episode(env: Env, states: State) -> UInt8[np.ndarray, "T P P 3"]:
         try:
             data = states.data
             places = zip(data.motion.qpos, data.fixtures, strict=True)
-            return np.stack([renderer.frame(*moment) for moment in places])
+            frames = np.stack([renderer.frame(*moment) for moment in places])
         finally:
             renderer.close()
+        nothing = (frames == 0).all(axis=-1, keepdims=True)  # all that is there has some light
+        return np.where(nothing, np.uint8(env.background), frames)
     return outlines(env, states.data)
 
 

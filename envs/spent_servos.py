@@ -1,0 +1,67 @@
+"""Servos at the limit of their force, integrated by MJX as C MuJoCo does.
+
+The integrator "implicitfast" takes the damping of a servo (its force falls by kv for each rad/s) as
+implicit. C MuJoCo leaves it out for a servo that is at the limit of its force, which does not
+change with the speed then; MJX (3.17) does not, so that its arm is too slow whenever it is driven
+hard: 0.1 rad behind after four control steps, and what C MuJoCo's arm can do, its own cannot. Here
+such a servo is made a constant force for the substep.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+__all__ = ["Driven", "constant_where_spent", "driven"]
+
+
+class Driven(NamedTuple):
+    """Where the joints of U servos are among positions and velocities."""
+
+    position: Int[np.ndarray, "U"]
+    velocity: Int[np.ndarray, "U"]
+
+
+def driven(model: mujoco.MjModel) -> Driven:
+    """Of a model whose servos each drive one joint.
+
+    Raises:
+      ValueError: an actuator drives something else, by a gear, or has no limit to its force.
+    """
+    joint = model.actuator_trnid[:, 0]
+    of_joints = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT).all()
+    direct = (model.actuator_gear[:, 0] == 1).all()
+    if not (of_joints and direct and model.actuator_forcelimited.all()):
+        raise ValueError("each actuator must drive a joint without a gear, its force limited")
+    return Driven(model.jnt_qposadr[joint], model.jnt_dofadr[joint])
+
+
+def constant_where_spent(
+    model,
+    at: Driven,
+    qpos: Float[Array, "Q"],
+    qvel: Float[Array, "V"],
+    aim: Float[Array, "U"],
+):
+    """The model for one substep, an `mjx.Model`, in which spent servos are constant forces.
+
+    Args:
+      model: of MJX.
+      at: of `driven`.
+      qpos, qvel: where the substep begins.
+      aim: of the servos.
+    """
+    low, high = model.actuator_ctrlrange.T
+    control = jnp.where(model.actuator_ctrllimited, jnp.clip(aim, low, high), aim)
+    gain, bias = model.actuator_gainprm, model.actuator_biasprm
+    force = gain[:, 0] * control + bias[:, 0]
+    force += bias[:, 1] * qpos[at.position] + bias[:, 2] * qvel[at.velocity]
+    least, most = model.actuator_forcerange.T
+    spent = ((force <= least) | (force >= most))[:, None]
+    constant = jnp.zeros_like(bias).at[:, 0].set(jnp.clip(force, least, most))
+    return model.replace(
+        actuator_gainprm=jnp.where(spent, 0.0, gain),
+        actuator_biasprm=jnp.where(spent, constant, bias),
+    )
