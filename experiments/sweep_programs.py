@@ -81,6 +81,8 @@ def programs(
         params = policy_rewards.blank(config, algorithm.episodes.env)
         needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
         each = memory.split(len(members), needed, _available_bytes(), len(devices))
+        if config.env.impl == "warp":  # it has room for the contacts of so many environments
+            each = min(each, config.env.worlds // algorithm.num_envs)
         per_update = algorithm.num_envs * algorithm.unroll_length
         updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
         tasks = {
