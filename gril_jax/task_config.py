@@ -101,7 +101,7 @@ class DemosConfig:
     num: int = field(default=48, metadata=at_least(2))
     """Scripted demonstrations to learn from."""
     num_validation: int = field(default=8, metadata=at_least(1))
-    """Scripted demonstrations kept aside to measure the reward."""
+    """Demonstrations kept aside to measure the reward; of those at demos.path a quarter at most."""
     num_failures: int = field(default=8, metadata=at_least(0))
     """Scripted failures, which only measure the reward and never train it."""
     variant: Places = "layout"

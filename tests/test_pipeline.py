@@ -50,6 +50,21 @@ def test_the_policy_has_stepped_and_the_reward_is_scaled(run):
         assert set(profiles["split"]) == {"train", "validation", "failure"}
 
 
+@pytest.mark.parametrize(
+    ("path", "wanted", "held"),
+    [(None, 4, (4, 4)), (None, 1, (7, 1)), ("own", 4, (6, 2)), ("own", 1, (7, 1))],
+)
+def test_as_many_are_kept_aside_as_asked_but_of_ones_own_a_quarter(run, path, wanted, held):
+    """Of the eight successes that the run has made."""
+    flags = ["--demos.num-validation", str(wanted), "--pretrain.num-videos", "2"]
+    flags += ["--demos.path", str(run / "demos")] * (path is not None)
+    config = load("quickstart", flags, prog="test", description="")
+    env = setup.make_env(config.env, training=False)
+    with Progress() as progress:
+        found = demonstrations.gather(config, env, run / "demos", progress)
+    assert (len(found.names["train"]), len(found.names["validation"])) == held
+
+
 def test_failures_are_kept_from_the_encoder(run):
     config = run_dir.read_config(run)
     env = setup.make_env(config.env, training=False)
