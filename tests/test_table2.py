@@ -112,7 +112,9 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch, capsys, 
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
     assert cli.main(["table2", "--rows", "ours without robot", "--seeds", "3"]) == 0
     assert cli.main(["table2", "--quick", "--demos.num", "30"]) == 0
-    (config, settings), (quick, every) = (args for args, _ in calls)
+    assert cli.main(["table2", "shoes_in_box", "--rows", "ours for policies"]) == 0
+    (config, settings), (quick, every), (named, _) = (args for args, _ in calls)
+    assert [x.pretrain.steps for x in (config, quick, named)] == [1200, 1200, 6000]
     assert (list(settings.rows), settings.seeds) == (["ours without robot"], 3)
     assert (config.env.name, config.encoder.latent) == ("shoes_in_box", 1)
     assert (quick.demos.num, quick.demos.num_failures, every.seeds) == (30, 21, 2)

@@ -30,19 +30,19 @@ def _table2(args: list[str]) -> Work:
     quick = "--quick" in args
     if quick:
         args.remove("--quick")
-    name = positional(args) or "shoes_in_box"
+    name = positional(args)
     chosen = take(args, "--rows") or (known.QUICK_ROWS if quick else None)
     seeds = whole_number(args, "--seeds", None)
-    if quick:  # what is said on the command line counts for more
-        args = [f"--{path}={value}" for path, value in known.QUICK.items()] + args
-    config = run_config(name, args, "gril table2", _ABOUT)
+    usual = known.QUICK if quick else known.USUAL if name is None else {}
+    # what is said on the command line counts for more
+    args = [f"--{path}={value}" for path, value in usual.items()] + args
+    config = run_config(name or "shoes_in_box", args, "gril table2", _ABOUT)
     if config.run.reward != "learned":
         raise ConfigError(
             f"run.reward is {config.run.reward!r}, but must be 'learned' to compare learned rewards"
         )
     rows = named_rows.chosen_rows(chosen, known.ROWS)
-    usual = known.QUICK_SEEDS if quick else known.Settings.seeds
-    settings = known.Settings(rows, seeds or usual)
+    settings = known.Settings(rows, seeds or (known.QUICK_SEEDS if quick else known.Settings.seeds))
     if chosen is None:
         return _of_all_rows(config, settings)
     return tables.made("table2", config, settings)
