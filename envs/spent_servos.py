@@ -2,9 +2,9 @@
 
 The integrator "implicitfast" takes the damping of a servo (its force falls by kv for each rad/s) as
 implicit. C MuJoCo leaves it out for a servo that is at the limit of its force, which does not
-change with the speed then; MJX (3.17) does not, so that its arm is too slow whenever it is driven
-hard: 0.1 rad behind after four control steps, and what C MuJoCo's arm can do, its own cannot. Here
-such a servo is made a constant force for the substep.
+change with the speed then, and since February 2026 MuJoCo Warp does (its pull request 1149); MJX
+(3.17) does not, so that its arm is too slow whenever it is driven hard. Here such a servo is made a
+constant force for the substep.
 """
 
 from typing import NamedTuple
