@@ -56,7 +56,8 @@ class Physics:
         table, and those that find no room in it are lost; Warp says so.
 
     Raises:
-      ValueError: Warp is not installed.
+      ValueError: Warp is not installed, or the scene's servos are not as `spent_servos.driven`
+        takes them.
     """
 
     def __init__(
@@ -82,7 +83,7 @@ class Physics:
         rest = jnp.zeros(self.mj_model.nv)
         return Motion(qpos, rest, rest)
 
-    def _for(self, motion: Motion, aim: Float[Array, "U"]):
+    def _model_for(self, motion: Motion, aim: Float[Array, "U"]):
         if self._impl == "warp":
             return self._model
         return constant_where_spent(self._model, self._driven, motion.qpos, motion.qvel, aim)
@@ -101,7 +102,7 @@ class Physics:
                 qpos=motion.qpos, qvel=motion.qvel, qacc_warmstart=motion.warmstart, ctrl=aim,
                 mocap_pos=fixtures[:, :3], mocap_quat=fixtures[:, 3:],
             )  # fmt: skip
-            data = mjx.step(self._for(motion, aim), data)
+            data = mjx.step(self._model_for(motion, aim), data)
             return Motion(data.qpos, data.qvel, data.qacc_warmstart), None
 
         # On graphics processors products may otherwise be rounded to ten bits.

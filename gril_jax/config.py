@@ -236,11 +236,15 @@ def _check_pixels(config: RunConfig) -> None:
 def _check_worlds(config: RunConfig) -> None:
     """Warp has room for the contacts of so many environments, and loses those beyond."""
     env, name = config.env, config.run.algorithm
-    at_once = getattr(config, name).num_envs
-    if env.impl == "warp" and env.worlds < at_once:
-        raise ConfigError(
-            f"env.worlds is {env.worlds}, but must be at least {name}.num_envs, which is {at_once}"
-        )
+    at_once = {
+        f"{name}.num_envs": getattr(config, name).num_envs,
+        "run.eval_episodes": config.run.eval_episodes,
+    }
+    for path, number in at_once.items():
+        if env.impl == "warp" and env.worlds < number:
+            raise ConfigError(
+                f"env.worlds is {env.worlds}, but must be at least {path}, which is {number}"
+            )
 
 
 def _check_replay(sac: SACConfig) -> None:

@@ -17,6 +17,7 @@ from gril_jax.config import (
     MakeDemosConfig,
     PPOConfig,
     RunConfig,
+    RunSettings,
 )
 from gril_jax.errors import ConfigError
 from gril_jax.options import options
@@ -169,10 +170,15 @@ def test_minibatches_divide_the_environments():
 
 def test_warp_has_room_for_the_environments():
     warp = EnvConfig(name="shoes_in_box", impl="warp", worlds=32)
-    assert RunConfig(env=warp, ppo=PPOConfig(num_envs=32)).env.worlds == 32
-    with pytest.raises(ConfigError) as caught:
-        RunConfig(env=warp, ppo=PPOConfig(num_envs=64))
-    assert str(caught.value) == "env.worlds is 32, but must be at least ppo.num_envs, which is 64"
+    few, enough = RunSettings(eval_episodes=32), PPOConfig(num_envs=32)
+    assert RunConfig(env=warp, ppo=enough, run=few).env.worlds == 32
+    for path, changes in {
+        "ppo.num_envs": {"ppo": PPOConfig(num_envs=64), "run": few},
+        "run.eval_episodes": {"ppo": enough, "run": RunSettings(eval_episodes=64)},
+    }.items():
+        with pytest.raises(ConfigError) as caught:
+            RunConfig(env=warp, **changes)
+        assert str(caught.value) == f"env.worlds is 32, but must be at least {path}, which is 64"
     assert RunConfig(env=EnvConfig(worlds=32), ppo=PPOConfig(num_envs=64)).env.impl == "jax"
 
 

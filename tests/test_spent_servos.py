@@ -72,7 +72,7 @@ def test_mjx_alone_is_behind():
 def test_only_spent_servos_change():
     model = mujoco.MjModel.from_xml_string(ARM)
     compiled, at = mjx.put_model(model), driven(model)
-    state = jnp.array([0.1, 0.0]), jnp.array([0.0, 0.02])  # forces -450 + 450 aim..., 2000 aim - 4
+    state = jnp.array([0.1, 0.0]), jnp.array([0.0, 0.02])  # forces 4500 (aim - 0.1), 2000 aim - 4
     held = constant_where_spent(compiled, at, *state, jnp.array([0.5, 0.003]))
     assert held.actuator_gainprm[:, 0].tolist() == [0.0, 2000.0]
     np.testing.assert_allclose(held.actuator_biasprm[:, :3], [[87, 0, 0], [0, -2000, -200]])
