@@ -29,7 +29,7 @@ lint: .venv/installed
 
 docs: .venv/installed
 	$(BIN)/pip install -q --disable-pip-version-check "pdoc>=15"
-	$(BIN)/python -m gril_jax.experiments.api_reference docs
+	$(BIN)/python -m gril_jax.experiments.docs.api_reference docs
 
 lock:
 	uv pip compile -q --universal --python-version 3.11 --extra test --no-annotate --no-header \

@@ -1,8 +1,9 @@
 """Tasks by name."""
 
+from gril_jax.envs.magical.match_regions.task import MatchRegions
+from gril_jax.envs.tabletop.shoes_in_box.task import shoes_in_box
+
 from .base import Env
-from .match_regions import MatchRegions
-from .shoes_in_box import shoes_in_box
 
 __all__ = ["make", "names"]
 

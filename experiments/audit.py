@@ -19,18 +19,21 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.experiments.pipeline import setup
 
-from gril_jax import audit_measures, envs, run_dir
-from gril_jax.audit_measures import Audit, States, make_states
-from gril_jax.audit_report import Findings, write_report
-from gril_jax.audit_scene import Scene, scene_reward
+from gril_jax import envs
+from gril_jax.audit import measures
+from gril_jax.audit.measures import Audit, States, make_states
+from gril_jax.audit.scene_reward import Scene, scene_reward
 from gril_jax.config import EnvConfig
-from gril_jax.encoder import PixelConfig
+from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
-from gril_jax.learned_reward import LearnedReward
-from gril_jax.reward_file import load_reward
+from gril_jax.interop.reward_file import load_reward
+from gril_jax.report.audit_report import Findings, write_report
+from gril_jax.reward.learned_reward import LearnedReward
+from gril_jax.runs import run_dir
 
-from . import export_reward, setup
+from . import export_reward
 
 __all__ = ["main"]
 
@@ -58,7 +61,7 @@ def main(
     """Audits a reward; writes `audit.json`, `report.html` and its pictures.
 
     Args:
-      source: a run's folder, or a file of `gril_jax.reward_file.save_reward`.
+      source: a run's folder, or a file of `gril_jax.interop.reward_file.save_reward`.
       task: the task's name; a run's own if left out.
       out: folder for the results, made if need be; `audit` in the run's folder, or beside the file
         under its name with "-audit", if left out.
@@ -88,9 +91,7 @@ def main(
     make = jax.vmap(functools.partial(make_states, task=stages))
     states = jax.jit(make)(keys[1:], subject.starts)
     _check_states(states, subject)
-    run = functools.partial(
-        audit_measures.audit, reward, task=stages, states=states, ascents=ascents
-    )
+    run = functools.partial(measures.audit, reward, task=stages, states=states, ascents=ascents)
     found: Audit = jax.tree.map(np.asarray, jax.jit(run)(learned.params, key=keys[0]))
     states = jax.tree.map(np.asarray, states)
     _check_finite(states, found, subject.names)
@@ -180,7 +181,7 @@ def _check_states(states: States, subject: _Subject) -> None:
     score = np.asarray(states.battery.score)
     if (score[:, 0] > 0).any():
         raise ConfigError("the task's starts have made progress already, but must have made none")
-    missing = score.max(axis=1) < audit_measures.SUCCESS
+    missing = score.max(axis=1) < measures.SUCCESS
     if missing.any():
         names = ", ".join(stage.name for stage in subject.env.stages.stages)
         raise ConfigError(f"no state was made with all of these stages done: {names}")

@@ -10,15 +10,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.experiments.pipeline import filming, policy_rewards, policy_setup, setup
 
-from gril_jax import checkpoint, run_dir, video
 from gril_jax.config import RunConfig
+from gril_jax.demos.vision import video
 from gril_jax.errors import RunError
-from gril_jax.progress import Progress
 from gril_jax.rl.evaluate import Evaluation, evaluate
 from gril_jax.rl.policy import Policy
-
-from . import filming, policy_rewards, policy_setup, setup
+from gril_jax.runs import run_dir
+from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.progress import Progress
 
 __all__ = ["main", "play"]
 

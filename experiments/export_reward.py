@@ -2,7 +2,7 @@
 
     python -m gril_jax.experiments.export_reward RUN reward.npz        a few seconds
 
-`gril_jax.reward_file.load_reward` reads it; the run's folder is only read.
+`gril_jax.interop.reward_file.load_reward` reads it; the run's folder is only read.
 """
 
 import sys
@@ -11,13 +11,15 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from gril_jax.experiments.pipeline import setup
 
-from gril_jax import checkpoint, demo_schema, envs, run_dir
+from gril_jax import envs
 from gril_jax.config import RunConfig
+from gril_jax.demos import schema
 from gril_jax.errors import RunError
-from gril_jax.reward_file import save_reward
-
-from . import setup
+from gril_jax.interop.reward_file import save_reward
+from gril_jax.runs import run_dir
+from gril_jax.runs.checkpoints import checkpoint
 
 __all__ = ["main"]
 
@@ -68,10 +70,10 @@ def _half_extent(config: RunConfig, env: envs.Env) -> float:
 
 def _provenance(folder: Path, config: RunConfig) -> dict:
     """Where the demonstrations came from, and how well the reward orders those held out."""
-    demos = Path(config.demos.path or folder / "demos") / demo_schema.HEADER
+    demos = Path(config.demos.path or folder / "demos") / schema.HEADER
     known = {"run": folder.resolve().name, "seed": config.run.seed}
     if demos.is_file():  # its entries hold the digests of the demonstrations
-        known["demos_sha256"] = demo_schema.digest(demos)
+        known["demos_sha256"] = schema.digest(demos)
     results = folder / "results.json"
     if results.is_file() and "tau" in (found := run_dir.read_results(folder)):
         known["kendall_tau"] = found["tau"]

@@ -16,25 +16,21 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.experiments.pipeline import cheats, demonstrations, learners, setup
 from jaxtyping import Array, Bool, Float, Int
 
-from gril_jax import (
-    checkpoint,
-    report,
-    reward,
-    run_dir,
-    state_leaves,
-    subtask_agreement,
-    training_loop,
-)
-from gril_jax.audit_scene import Scene
-from gril_jax.compiler import compiled
+from gril_jax import reward
+from gril_jax.audit.scene_reward import Scene
+from gril_jax.compilation import ahead
+from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
-from gril_jax.progress import Progress
-from gril_jax.report_data import SPLITS
-from gril_jax.reward import RewardParams
-
-from . import ahead, cheats, demonstrations, learners, setup
+from gril_jax.report import run_report
+from gril_jax.report.data import SPLITS
+from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.runs import loop, run_dir
+from gril_jax.runs.checkpoints import checkpoint, state_leaves
+from gril_jax.runs.progress import Progress
+from gril_jax.subtasks import agreement
 
 __all__ = ["check_cheats", "learn", "learned", "main"]
 
@@ -71,7 +67,7 @@ def main(
         demos = demonstrations.gather_once(config, env, run, progress)
         results = learn(config, env, demos, run, progress, policies=policies, echo=echo)
         run.finish(results)
-    page = report.write_report(run.path)
+    page = run_report.write_report(run.path)
     echo(f"Kendall's tau on held-out demonstrations: {results['tau']:.3f}; report: {page}")
     return run.path
 
@@ -201,9 +197,9 @@ def _train_encoder(
         phase.update(chunk * updates, loss=means["loss"])
         return {"step": chunk * updates, **means}
 
-    return training_loop.run_chunks(
+    return loop.run_chunks(
         step,
-        training_loop.restore(run, "pretrain", fresh, tell=echo),
+        loop.restore(run, "pretrain", fresh, tell=echo),
         run=run,
         name="pretrain",
         chunks=config.pretrain.steps // updates,
@@ -250,7 +246,7 @@ def _stage_ends(
     """
     good = rewards[:successes], length[:successes]
     failed = rewards[successes:], length[successes:]
-    patience, agreed = subtask_agreement.agreed_stages(*good, **_STAGES)
-    alone = subtask_agreement.each_alone(*failed, **_STAGES, patience=patience)
+    patience, agreed = agreement.agreed_stages(*good, **_STAGES)
+    alone = agreement.each_alone(*failed, **_STAGES, patience=patience)
     ends = jnp.concatenate([agreed.frames, alone])
     return (ends[:, :, None] == jnp.arange(rewards.shape[1])).any(axis=1)

@@ -6,13 +6,13 @@ gril report RUN                    seconds
 from collections.abc import Callable
 from pathlib import Path
 
-from gril_jax import report
+from gril_jax.report import run_report
 
 __all__ = ["main"]
 
 
 def main(folder: Path, echo: Callable[[str], None] = print) -> Path:
     """Write the report of a run from its folder alone; returns the page."""
-    page = report.write_report(folder)
+    page = run_report.write_report(folder)
     echo(f"report: {page}")
     return page

@@ -17,16 +17,26 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.experiments.pipeline import (
+    cheats,
+    demonstrations,
+    policy_rewards,
+    policy_setup,
+    setup,
+)
 from jaxtyping import Array, Bool, Int
 
-from gril_jax import checkpoint, report, run_dir, state_leaves, training_loop
+from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
-from gril_jax.progress import Progress
-from gril_jax.reward import RewardParams
-from gril_jax.rl import sharding, training
+from gril_jax.report import run_report
+from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.rl import training
 from gril_jax.rl.policy import Policy
+from gril_jax.runs import loop, run_dir
+from gril_jax.runs.checkpoints import checkpoint, state_leaves
+from gril_jax.runs.progress import Progress
 
-from . import ahead, cheats, demonstrations, evaluate, policy_rewards, policy_setup, setup
+from . import evaluate
 from . import pretrain as pretraining
 
 __all__ = ["Plan", "main"]
@@ -77,7 +87,7 @@ def main(
         results = results | found | played | {"seconds": clock.seconds}
         run.finish(results)
         writing = progress.phase("writing the report", total=1, unit="pages", compiles=False)
-        page = report.write_report(run.path)
+        page = run_report.write_report(run.path)
         writing.update(1)
     echo(_summary(results, page))
     return run.path
@@ -166,7 +176,7 @@ def _train(
     phase = progress.phase("learning the policy", total=updates * per_update, unit="env steps")
     keys, hyper, compiled, layout, compile_s = program
     params = sharding.place(layout, _one(reward_params))
-    begun = training_loop.restore(run, name, compiled.init(keys, hyper), tell=echo)
+    begun = loop.restore(run, name, compiled.init(keys, hyper), tell=echo)
     plan = Plan(updates, per_chunk, config.run.evaluations)
     phase.update(min(begun.chunks * per_chunk, updates) * per_update)
     chunks = itertools.count(begun.chunks)
@@ -183,7 +193,7 @@ def _train(
         scored = _scores(scores) if scores is not None and bool(examined) else {}
         return {**means, **scored, "env_steps": steps, "env_steps_per_s": steps / seconds}
 
-    trained = training_loop.run_chunks(
+    trained = loop.run_chunks(
         advance,
         begun,
         run=run,

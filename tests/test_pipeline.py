@@ -6,14 +6,17 @@ import shutil
 
 import numpy as np
 import pytest
-from gril_jax.experiments import demonstrations, evaluate, setup
+from gril_jax.experiments import evaluate
+from gril_jax.experiments.pipeline import demonstrations, setup
 
-from gril_jax import checkpoint, cli, run_dir
+from gril_jax.cli import main
 from gril_jax.config import RunConfig
-from gril_jax.config_files import load
-from gril_jax.demos import load_demo_set, select_objects
+from gril_jax.config.files import load
+from gril_jax.demos.demo_set import load_demo_set, select_objects
 from gril_jax.errors import DemoError, RunError
-from gril_jax.progress import Progress
+from gril_jax.runs import run_dir
+from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.progress import Progress
 
 SMALL = (
     *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
@@ -28,7 +31,7 @@ SMALL = (
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> pathlib.Path:
     out = tmp_path_factory.mktemp("pipeline") / "run"
-    assert cli.main(["quickstart", "--out", str(out), *SMALL]) == 0
+    assert main.main(["quickstart", "--out", str(out), *SMALL]) == 0
     return out
 
 
@@ -93,7 +96,7 @@ def test_evaluation_and_report_work_from_a_copy_of_the_folder_alone(run, tmp_pat
     numbers = evaluate.main(copy, episodes=2, seed=3, echo=said.append)
     assert 0 <= numbers["success"] <= numbers["success_ever"] <= 1
     assert len(said) == 1
-    assert cli.main(["report", str(copy)]) == 0
+    assert main.main(["report", str(copy)]) == 0
     assert (copy / "report.html").stat().st_size > 100_000
 
 

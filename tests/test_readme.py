@@ -1,14 +1,15 @@
 """The README's Python runs as it stands there."""
 
 import re
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+from support.paths import REPOSITORY
 
-from gril_jax import encoder, reward
+from gril_jax import reward
+from gril_jax.encoders import encoder
 
-README = (Path(__file__).parents[1] / "README.md").read_text()
+README = (REPOSITORY / "README.md").read_text()
 
 
 def _snippets():

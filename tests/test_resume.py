@@ -11,11 +11,13 @@ import types
 
 import pytest
 
-from gril_jax import cli, parallel_map, run_dir
-from gril_jax.commands import arguments, heavy_imports
+from gril_jax import threads as parallel_map
+from gril_jax.cli import arguments, heavy_imports
+from gril_jax.cli import main as cli
 from gril_jax.config import DemosConfig, EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import ConfigError, DemoError, RunError
-from gril_jax.run_phases import read_phases, write_phases
+from gril_jax.runs import run_dir
+from gril_jax.runs.phases import read_phases, write_phases
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from email.parser import Parser
 from pathlib import Path
 
 import pytest
+from support.paths import REPOSITORY as ROOT
 
-ROOT = Path(__file__).parents[1]
 FOLDERS = {
     "gril_jax": "gril_jax",
     "envs": "gril_jax/envs",
@@ -78,7 +78,7 @@ def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
     code = (
         "import sys\n"
         "sys.meta_path = [f for f in sys.meta_path if 'editable' not in str(f).lower()]\n"
-        "import gril_jax, gril_jax.envs, gril_jax.config_files as c\n"
+        "import gril_jax, gril_jax.envs, gril_jax.config.files as c\n"
         "print(gril_jax.__file__, gril_jax.envs.__file__, c.load('quickstart').ppo.num_timesteps)\n"
     )
     paths = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH")]))

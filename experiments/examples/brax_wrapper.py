@@ -12,7 +12,7 @@ from brax.envs.base import Env, State
 from brax.envs.wrappers import training
 
 from gril_jax.interop.brax import LearnedReward
-from gril_jax.reward_file import load_reward
+from gril_jax.interop.reward_file import load_reward
 
 from . import pushing
 

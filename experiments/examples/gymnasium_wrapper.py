@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from gril_jax.interop.gymnasium import LearnedReward
-from gril_jax.reward_file import load_reward
+from gril_jax.interop.reward_file import load_reward
 
 from . import pushing
 

@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from gril_jax import encoder, losses, metrics, reward
-from gril_jax.reward_file import load_reward, save_reward
+from gril_jax import losses, metrics, reward
+from gril_jax.encoders import encoder
+from gril_jax.interop.reward_file import load_reward, save_reward
 
 from . import pushing
 

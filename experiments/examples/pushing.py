@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from gril_jax.graphs import safe_norm
+from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import DemoBatch
 
 __all__ = ["CLASSES", "OBJECTS", "ROBOTS", "boxes", "demonstrations", "reset", "step"]

@@ -14,7 +14,7 @@ from gymnax.environments import spaces
 from gymnax.environments.environment import Environment, EnvParams
 
 from gril_jax.interop.gymnax import LearnedReward
-from gril_jax.reward_file import load_reward
+from gril_jax.interop.reward_file import load_reward
 
 from . import pushing
 

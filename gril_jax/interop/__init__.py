@@ -1,1 +1,1 @@
-"""Adapters to foreign formats and libraries: one file each."""
+"""Files that leave the house, and adapters to other libraries: one file each."""

@@ -19,8 +19,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from .. import learned_reward
-from ..errors import ConfigError
+from gril_jax.errors import ConfigError
+from gril_jax.reward import learned_reward
 
 __all__ = ["LearnedReward"]
 
@@ -44,7 +44,7 @@ class LearnedReward:
         """
         Args:
           env: the environment.
-          learned: from `gril_jax.reward_file.load_reward`.
+          learned: from `gril_jax.interop.reward_file.load_reward`.
           boxes: box centres and sizes of a state, in the order of `learned.objects`, in the world
             units of the reward.
           action_repeat: of the episode wrapper around this one, which counts that many steps once.

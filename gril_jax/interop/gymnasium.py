@@ -12,7 +12,7 @@ import gymnasium
 import jax
 import numpy as np
 
-from .. import learned_reward
+from gril_jax.reward import learned_reward
 
 __all__ = ["LearnedReward"]
 
@@ -29,7 +29,7 @@ class LearnedReward(gymnasium.Wrapper):
         """
         Args:
           env: the environment.
-          learned: from `gril_jax.reward_file.load_reward`.
+          learned: from `gril_jax.interop.reward_file.load_reward`.
           boxes: `boxes(env, observation)` gives box centres and sizes, arrays of shape (N, 2) in
             the order of `learned.objects`, in the world units of the reward. `env` is unwrapped.
         """

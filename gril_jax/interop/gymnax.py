@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from gymnax.environments.environment import Environment
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from .. import learned_reward
+from gril_jax.reward import learned_reward
 
 __all__ = ["LearnedReward", "State"]
 
@@ -41,7 +41,7 @@ class LearnedReward(Environment):
         """
         Args:
           env: the environment.
-          learned: from `gril_jax.reward_file.load_reward`.
+          learned: from `gril_jax.interop.reward_file.load_reward`.
           boxes: box centres and sizes of the environment's state, in the order of
             `learned.objects`, in the world units of the reward.
           five_values: `step` gives `done` in place of terminated and truncated, as gymnax did

@@ -12,10 +12,10 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from ..encoder import GraphConfig, NodeConfig, Params
-from ..errors import ConfigError, ShapeError
-from ..types import Nodes
-from .soft_neighbour import check_positive
+from gril_jax.encoders.encoder import GraphConfig, NodeConfig, Params
+from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.losses.tcc.soft_neighbour import check_positive
+from gril_jax.types import Nodes
 
 __all__ = [
     "decode",
@@ -71,7 +71,7 @@ def decode_graph(
     frame, and its logits are easily learned; the boxes are what the vector must carry. A robot
     that has no weight in the pooling cannot be decoded; take it out of `present` in the loss.
 
-    >>> from gril_jax.encoder import EncoderConfig
+    >>> from gril_jax.encoders.encoder import EncoderConfig
     >>> config = EncoderConfig(num_classes=3, latent=8)
     >>> params = init_graph(jax.random.key(0), config, num_nodes=5)
     >>> box, logits = decode_graph(params, jnp.zeros(8), config, num_nodes=5)

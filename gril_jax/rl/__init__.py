@@ -1,1 +1,17 @@
-"""Reinforcement learning with any pure reward, in one compiled step."""
+"""From a reward and a task to a policy, in one compiled step."""
+
+from . import rewards
+from .evaluate import Evaluation
+from .policy import Policy
+from .ppo import PPO
+from .sac import SAC
+from .training import Algorithm
+
+__all__ = [
+    "PPO",
+    "SAC",
+    "Algorithm",
+    "Evaluation",
+    "Policy",
+    "rewards",
+]

@@ -18,8 +18,8 @@ from brax.training.acme import running_statistics
 from brax.training.agents.ppo import losses, networks
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from . import blocks, fleet, ppo_loss, training
-from .env_loop import Episodes, Lane
+from . import blocks, ppo_loss, rollout, training
+from .episodes import Episodes, Lane
 from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
 from .rewards import AnyReward
 
@@ -63,7 +63,7 @@ class TrainState(NamedTuple):
     params: losses.PPONetworkParams
     optimiser: Any
     normalizer: running_statistics.RunningStatisticsState
-    fleet: fleet.Fleet  # (B, ...)
+    rollout: rollout.Fleet  # (B, ...)
     key: PRNGKeyArray
     updates: Int[Array, ""]
     replay: tuple[()] = ()  # learning is from the last unroll alone
@@ -94,7 +94,7 @@ class PPO:
             value_hidden_layer_sizes=static.hidden,
         )
         self._make_policy = networks.make_inference_fn(self.networks)
-        self._renewals = fleet.renewals(static.num_envs, static.unroll_length, env.episode_length)
+        self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)
         self.keys_to_collect = self._renewals + static.unroll_length
         self.keys_to_learn = static.num_epochs * (static.num_minibatches + 1)
 
@@ -106,12 +106,12 @@ class PPO:
         key, key_weights, key_time = keys[0], keys[1], keys[2]
         both = self.networks.policy_network, self.networks.value_network
         params = losses.PPONetworkParams(*fresh_weights(key_weights, *both))
-        begun = fleet.init(self.episodes, keys[3:])
+        begun = rollout.init(self.episodes, keys[3:])
         return TrainState(
             params=params,
             optimiser=_optimiser(hyper, 0.0).init(params),
             normalizer=fresh_normalizer(self.observation_size),
-            fleet=fleet.scatter(begun, key_time, self.env.episode_length),
+            fleet=rollout.scatter(begun, key_time, self.env.episode_length),
             key=key,
             updates=jnp.zeros((), jnp.int32),
         )
@@ -143,7 +143,7 @@ class PPO:
         reward_params: Any,
         *,
         deterministic: Bool[Array, "B"],
-    ) -> tuple[TrainState, fleet.Steps]:
+    ) -> tuple[TrainState, rollout.Steps]:
         """T control steps of every environment; `deterministic` ones play mean actions.
 
         `keys` are as many as `keys_to_collect`: first those of new starts, then one a step.
@@ -158,14 +158,14 @@ class PPO:
             extras = {"raw_action": raw, "log_prob": actions.log_prob(logits, raw)}
             return jnp.where(deterministic[:, None], mean, drawn), extras
 
-        renewed = fleet.renew(self.episodes, state.fleet, keys[: self._renewals])
-        moved, steps = fleet.unroll(
+        renewed = rollout.renew(self.episodes, state.fleet, keys[: self._renewals])
+        moved, steps = rollout.unroll(
             self.episodes, reward_params, renewed, act, keys[self._renewals :], tau=hyper.tau
         )
         return state._replace(fleet=moved), steps
 
     def store(
-        self, state: TrainState, steps: fleet.Steps, *, wanted: Bool[Array, ""] | bool = True
+        self, state: TrainState, steps: rollout.Steps, *, wanted: Bool[Array, ""] | bool = True
     ) -> TrainState:
         """The state itself: nothing is kept for later."""
         del steps, wanted
@@ -174,7 +174,7 @@ class PPO:
     def learn(
         self,
         state: TrainState,
-        steps: fleet.Steps,
+        steps: rollout.Steps,
         keys: Key[Array, "K"],
         hyper: Hyper,
         reward_params: Any,
@@ -214,9 +214,9 @@ class PPO:
         state = state._replace(
             params=params, optimiser=moments, normalizer=normalizer, updates=state.updates + 1
         )
-        return state, fleet.summary(steps) | metrics
+        return state, rollout.summary(steps) | metrics
 
-    def _batch(self, steps: fleet.Steps, params, normalizer, hyper: Hyper) -> ppo_loss.Batch:
+    def _batch(self, steps: rollout.Steps, params, normalizer, hyper: Hyper) -> ppo_loss.Batch:
         """All that was collected, with a time limit's value in its reward.
 
         The value of the last observation before a reset at the time limit is added to that step's

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
-from ..errors import ShapeError
+from gril_jax.errors import ShapeError
 
 __all__ = ["Replay", "init", "insert", "sample"]
 

@@ -12,10 +12,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, UInt8
 
-from .. import encoder, pixel_encoder, shaping, subtask_chain
-from ..encoder import GraphConfig, PixelConfig
-from ..graphs import SceneGraph, scene_graph
-from ..reward import latent_goal_reward
+from gril_jax.encoders import encoder, resnet
+from gril_jax.encoders.encoder import GraphConfig, PixelConfig
+from gril_jax.graphs.scene import SceneGraph, scene_graph
+from gril_jax.reward import chain as subtask_chain
+from gril_jax.reward import shaping
+from gril_jax.reward.latent_goal import latent_goal_reward
 
 __all__ = [
     "AnyReward",
@@ -115,7 +117,7 @@ def pixels(
 
     @jax.custom_batching.custom_vmap
     def value(params, frames):  # of 8 bits, so that the frames of all lanes wait in a quarter
-        return jnp.asarray(latent_goal_reward(params, pixel_encoder.floats(frames), config))
+        return jnp.asarray(latent_goal_reward(params, resnet.floats(frames), config))
 
     @value.def_vmap
     def _(size, batched, params, frames):
@@ -133,7 +135,7 @@ def pixels(
         del active
         frame = render(state.data)
         if side_by_side:
-            return jnp.asarray(latent_goal_reward(params, pixel_encoder.floats(frame), config))
+            return jnp.asarray(latent_goal_reward(params, resnet.floats(frame), config))
         return value(params, frame)
 
     return reward
@@ -146,7 +148,7 @@ def subtasks(
     mode: subtask_chain.Mode = "continuous",
     alpha: Float[Array, ""] | float = 5.0,
 ) -> Reward:
-    """The chain of latent goals (`gril_jax.subtask_chain`), one for each stage of the task.
+    """The chain of latent goals (`gril_jax.reward.chain`), one for each stage of the task.
 
     Its parameters are a pair: the encoder's, and the chain's. The policy sees the share of the
     subtasks that are finished, since the reward depends on it. `alpha` is the weight of an active
@@ -173,7 +175,7 @@ def shaped(potential: RewardFn) -> Reward:
     """The task's own reward, with a learned one as a potential that guides to it.
 
     Of a step from s to s' it is `w0 * (discount * phi(s') - phi(s)) + w1 * own`, where phi is the
-    potential (`gril_jax.shaping`): the best policies are those of the task's own reward.
+    potential (`gril_jax.reward.shaping`): the best policies are those of the task's own reward.
     Its parameters are `(weights (2,), the learner's discount, those of the potential)`.
 
     A reward does not see the state that an episode begins in, so the first potential counts as -1,

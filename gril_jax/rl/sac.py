@@ -21,12 +21,13 @@ from brax.training.types import Transition
 from flax import linen
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from ..errors import ConfigError
-from . import fleet, replay, sac_update, training
-from .env_loop import Episodes, Lane
+from gril_jax.errors import ConfigError
+
+from . import replay, rollout, sac_loss, training
+from .episodes import Episodes, Lane
 from .policy import Policy, fresh_normalizer, normalize, observed
 from .rewards import AnyReward
-from .sac_update import Hyper, Learned
+from .sac_loss import Hyper, Learned
 
 __all__ = ["SAC", "Hyper", "Row", "Seen", "Static", "TrainState"]
 
@@ -55,7 +56,7 @@ class TrainState(NamedTuple):
     learned: Learned
     normalizer: running_statistics.RunningStatisticsState
     replay: replay.Replay  # of `Row`
-    fleet: fleet.Fleet  # (B, ...)
+    rollout: rollout.Fleet  # (B, ...)
     key: PRNGKeyArray
     updates: Int[Array, ""]  # unrolls so far
 
@@ -109,7 +110,7 @@ class SAC:
             activation=linen.swish,  # as in PPO, so that policies are exported alike
         )
         self._make_policy = networks.make_inference_fn(self.networks)
-        self._renewals = fleet.renewals(static.num_envs, static.unroll_length, env.episode_length)
+        self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)
         self.keys_to_collect = self._renewals + static.unroll_length
         self.keys_to_learn = 1 + static.updates_per_step
 
@@ -119,12 +120,12 @@ class SAC:
         """Fresh weights, an empty replay, and environments at random times of an episode."""
         keys = jax.random.split(key, 3 + 2 * self.num_envs)
         key, key_weights, key_time = keys[0], keys[1], keys[2]
-        begun = fleet.init(self.episodes, keys[3:])
+        begun = rollout.init(self.episodes, keys[3:])
         return TrainState(
-            learned=sac_update.begin(self.networks, key_weights, hyper),
+            learned=sac_loss.begin(self.networks, key_weights, hyper),
             normalizer=fresh_normalizer(self.observation_size),
             replay=replay.init(self._row(begun.lanes), self.static.replay_size),
-            fleet=fleet.scatter(begun, key_time, self.env.episode_length),
+            fleet=rollout.scatter(begun, key_time, self.env.episode_length),
             key=key,
             updates=jnp.zeros((), jnp.int32),
         )
@@ -156,7 +157,7 @@ class SAC:
         reward_params: Any,
         *,
         deterministic: Bool[Array, "B"],
-    ) -> tuple[TrainState, fleet.Steps]:
+    ) -> tuple[TrainState, rollout.Steps]:
         """T control steps of every environment; `deterministic` ones play mean actions.
 
         The others act at random, uniformly, until the replay holds `min_replay` transitions. `keys`
@@ -173,15 +174,15 @@ class SAC:
             action = jnp.where(self._ready(state), drawn, uniform)
             return jnp.where(deterministic[:, None], mean, action), ()
 
-        renewed = fleet.renew(self.episodes, state.fleet, keys[: self._renewals])
-        moved, steps = fleet.unroll(
+        renewed = rollout.renew(self.episodes, state.fleet, keys[: self._renewals])
+        moved, steps = rollout.unroll(
             self.episodes, reward_params, renewed, act, keys[self._renewals :],
             tau=hyper.tau, keep=self._keep,
         )  # fmt: skip
         return state._replace(fleet=moved), steps
 
     def store(
-        self, state: TrainState, steps: fleet.Steps, *, wanted: Bool[Array, ""] | bool = True
+        self, state: TrainState, steps: rollout.Steps, *, wanted: Bool[Array, ""] | bool = True
     ) -> TrainState:
         """The state with all of these transitions in its replay, if they are wanted."""
         rows = Row(
@@ -198,7 +199,7 @@ class SAC:
     def learn(
         self,
         state: TrainState,
-        steps: fleet.Steps,
+        steps: rollout.Steps,
         keys: Key[Array, "K"],
         hyper: Hyper,
         reward_params: Any,
@@ -216,9 +217,7 @@ class SAC:
         )
 
         def update(learned, batch_and_key):
-            return sac_update.gradient_step(
-                self.networks, learned, normalizer, *batch_and_key, hyper
-            )
+            return sac_loss.gradient_step(self.networks, learned, normalizer, *batch_and_key, hyper)
 
         learned, metrics = jax.lax.scan(update, state.learned, (batches, keys[1:]))
         ready = self._ready(state)
@@ -226,7 +225,7 @@ class SAC:
         metrics = {name: jnp.where(ready, jnp.mean(x), 0.0) for name, x in metrics.items()}
         metrics |= {"alpha": jnp.exp(learned.params.log_alpha)}
         state = state._replace(learned=learned, normalizer=normalizer, updates=state.updates + 1)
-        return state, fleet.summary(steps) | metrics
+        return state, rollout.summary(steps) | metrics
 
     # ---------------------------------------------------------------- transitions
 

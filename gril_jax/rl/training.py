@@ -23,8 +23,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from .env_loop import Episodes, Lane
-from .fleet import Steps
+from .episodes import Episodes, Lane
+from .rollout import Steps
 
 __all__ = ["Algorithm", "Scores", "chunk", "rounds", "step"]
 

@@ -1,0 +1,1 @@
+"""What MAGICAL's tasks share; one folder a task."""

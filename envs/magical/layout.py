@@ -1,0 +1,185 @@
+"""What is drawn at the start of a MatchRegions episode, inside jit.
+
+MAGICAL's variants: where things start, which colours and shapes they have, how strong the robot and
+the table are. Entities are placed one after another (region, robot, blocks), each at the first of
+`_CANDIDATES` uniform poses that touches nothing placed before, the region included. If none is free
+the first is taken and the episode says so (`unplaced`). Blocks count as their bounding circles,
+which is a little stricter than MAGICAL's exact test.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gril_jax.envs.planar.joints import Strengths
+from gril_jax.envs.planar.robots import PIVOTS, Robot
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+__all__ = [
+    "COLOURS",
+    "DEMO_BLOCKS",
+    "DEMO_GOAL",
+    "DEMO_ROBOT",
+    "RADII",
+    "VARIANTS",
+    "Layout",
+    "colours",
+    "dynamics",
+    "jitter",
+    "place_robot",
+    "scatter",
+    "shapes",
+]
+
+VARIANTS = ("demo", "jitter", "layout", "color", "shape", "dynamics", "all")
+COLOURS = ("green", "blue", "yellow", "red")
+# MAGICAL's Demo layout: x, y (arena units) and angle (rad).
+DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
+DEMO_BLOCKS = {
+    "green star": (0.80, -0.70, 2.37),
+    "green square": (-0.68, 0.72, 1.28),
+    "blue pentagon": (-0.05, -0.20, -1.09),
+    "yellow circle": (-0.75, -0.55, 2.78),
+    "yellow pentagon": (0.30, -0.82, -1.15),
+}
+DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
+RADII = np.array([0.156, 0.1525, 0.138, 0.12], np.float32)  # of star, square, pentagon, circle
+_CANDIDATES = 64
+_FACING = (0.55, 0.75, 0.4)  # distances from which a robot faces a point, and rad off it
+_DYNAMICS = Strengths((3.2, 5.5), (0.7, 1.5), (2.5, 4.5), (1.0, 1.8), (0.07, 0.15))
+
+
+class Layout(NamedTuple):
+    """Where an episode starts."""
+
+    robot: Float[Array, "3"]
+    blocks: Float[Array, "B 3"]
+    goal: Float[Array, "4"]  # centre x, y; width, height
+    unplaced: Bool[Array, ""]  # something found no free place
+
+
+def jitter(key: PRNGKeyArray, layout: Layout, *, arena: float) -> Layout:
+    """MAGICAL's Jitter variant: every number moves a little, and no overlap can arise."""
+    keys = jax.random.split(key, 3)
+    spread = jnp.array([0.025 * arena, 0.025 * arena, 0.157])
+    unit = lambda k, like: jax.random.uniform(k, like.shape, minval=-1.0)  # noqa: E731
+    size = jnp.array([0.025 * arena, 0.025 * arena, 0.0075, 0.0075])
+    return layout._replace(
+        robot=layout.robot + spread * unit(keys[0], layout.robot),
+        blocks=layout.blocks + spread * unit(keys[1], layout.blocks),
+        goal=layout.goal + size * unit(keys[2], layout.goal),
+    )
+
+
+def _gap_to_goal(xy: Float[Array, "*C 2"], goal: Float[Array, "4"]) -> Float[Array, "*C"]:
+    outside = jnp.maximum(jnp.abs(xy - goal[:2]) - goal[2:] / 2, 0.0)
+    return jnp.sqrt(jnp.sum(outside**2, axis=-1))
+
+
+def _turn(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    return jnp.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1)
+
+
+def rim(robot: Robot) -> np.ndarray:
+    """Points (V, 2) all around a robot with open fingers, in its frame, 0.03 apart or nearer."""
+    outlines = [robot.parts[0].outline]
+    for part, pivot, side in zip(robot.parts[1:], PIVOTS, (1, -1), strict=False):
+        c, s = np.cos(side * np.pi / 8), np.sin(side * np.pi / 8)
+        outlines.append(part.outline @ np.array([[c, s], [-s, c]]) + pivot)
+    points = []
+    for outline in outlines:
+        for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+            count = int(np.ceil(np.linalg.norm(b - a) / 0.03))
+            points.append(a + np.linspace(0, 1, count, endpoint=False)[:, None] * (b - a))
+    return np.concatenate(points).astype(np.float32)
+
+
+def _first(free: Bool[Array, "C"], poses: Float[Array, "C 3"]):
+    return poses[jnp.argmax(free)], ~free.any()
+
+
+def _candidates(key: PRNGKeyArray, limit: float | Array) -> Float[Array, "C 3"]:
+    unit = jax.random.uniform(key, (_CANDIDATES, 3), minval=-1.0)
+    limit = jnp.asarray(limit, jnp.float32)
+    return unit * jnp.stack([limit, limit, jnp.full_like(limit, jnp.pi)])
+
+
+def place_robot(
+    key: PRNGKeyArray,
+    robot: Robot,
+    blocks: Float[Array, "B 3"],
+    radii: Float[Array, "B"],
+    goal: Float[Array, "4"] | None,
+    *,
+    arena: float,
+    facing: Float[Array, "2"] | None = None,
+) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
+    """A pose for the robot that is clear of walls, blocks and region (None: may stand in it), and
+    whether there was none; anywhere, or a little before a point and about `facing` it."""
+    poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
+    if facing is not None:
+        poses = _before(poses, facing)
+    points = _turn(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
+    free = (jnp.abs(points) < arena).all(axis=(1, 2))
+    if goal is not None:
+        free &= (_gap_to_goal(points, goal) > 0).all(axis=1)
+    if len(radii):
+        apart = jnp.sum((points[:, :, None] - blocks[:, :2]) ** 2, axis=-1)
+        free &= (apart > radii**2).all(axis=(1, 2))
+    return _first(free, poses)
+
+
+def _before(unit: Float[Array, "C 3"], point: Float[Array, "2"]) -> Float[Array, "C 3"]:
+    """Poses around a point, from candidates with x and y in [-1, 1]."""
+    nearest, furthest, aside = _FACING
+    angle = unit[:, 2]
+    away = nearest + (furthest - nearest) * (unit[:, :1] + 1.0) / 2
+    forward = jnp.stack([-jnp.sin(angle), jnp.cos(angle)], axis=1)  # a robot's y axis
+    return jnp.concatenate([point - away * forward, angle[:, None] + aside * unit[:, 1:2]], axis=1)
+
+
+def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena: float) -> Layout:
+    """MAGICAL's Layout variant: region, then robot, then blocks, anywhere without overlap."""
+    key_goal, key_robot, *keys = jax.random.split(key, 2 + len(radii))
+    unit = jax.random.uniform(key_goal, (4,))
+    size = 0.5 + 0.3 * unit[2:]
+    goal = jnp.concatenate([(2 * unit[:2] - 1) * (arena - size / 2), size])
+    none = jnp.zeros((0, 3))
+    pose, unplaced = place_robot(key_robot, robot, none, none[:, 0], goal, arena=arena)
+    points = _turn(pose[2], jnp.asarray(rim(robot))) + pose[:2]
+    blocks = jnp.zeros((0, 3))
+    for b, key_b in enumerate(keys):
+        poses = _candidates(key_b, arena - radii[b])
+        clear = jnp.sum((poses[:, None, :2] - points) ** 2, axis=-1).min(axis=1) > radii[b] ** 2
+        clear &= _gap_to_goal(poses[:, :2], goal) > radii[b]
+        apart = jnp.sum((poses[:, None, :2] - blocks[:, :2]) ** 2, axis=-1)
+        clear &= (apart > (radii[b] + radii[:b]) ** 2).all(axis=1)
+        block, failed = _first(clear, poses)
+        blocks = jnp.concatenate([blocks, block[None]])
+        unplaced |= failed
+    return Layout(pose, blocks, goal, unplaced)
+
+
+def colours(key: PRNGKeyArray, colour: Int[Array, "B"], num_targets: int) -> Int[Array, "B"]:
+    """MAGICAL's Color variant: any colour for the targets, the other three for the distractors.
+
+    The distractors' colours keep their order: two of one colour stay alike.
+    """
+    target = jax.random.randint(key, (), 0, len(COLOURS))
+    rank = colour - (colour > colour[0])  # among the colours that the targets do not have
+    other = rank + (rank >= target)
+    return jnp.where(jnp.arange(len(colour)) < num_targets, target, other).astype(jnp.int32)
+
+
+def shapes(key: PRNGKeyArray, num_blocks: int) -> Int[Array, "B"]:
+    """MAGICAL's Shape variant: any shape for every block."""
+    return jax.random.randint(key, (num_blocks,), 0, len(RADII), jnp.int32)
+
+
+def dynamics(key: PRNGKeyArray) -> Strengths:
+    """MAGICAL's Dynamics variant: forces and torques, uniform in the original's ranges."""
+    low, high = np.array(_DYNAMICS, np.float32).T
+    drawn = jax.random.uniform(key, (len(low),), minval=low, maxval=high)
+    return Strengths(*drawn)

@@ -1,0 +1,1 @@
+"""MAGICAL: MatchRegions."""

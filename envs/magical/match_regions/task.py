@@ -1,0 +1,265 @@
+"""MatchRegions: put the green blocks, and only them, into the green region (MAGICAL's task).
+
+A square arena |x|, |y| <= 1.1 seen from above; a robot drives, turns and, if it has fingers, grips;
+blocks slide on the table and stop at once when nothing pushes them. Control runs at 8 Hz.
+
+Action (3,), or (2,) for a stick, each in [-1, 1]:
+  0  forward speed, clipped to +-0.8 units/s
+  1  turn. "original": x-magical's law, bang-bang beyond 0.0625; "smooth": linear to +-2.5 rad/s
+  2  grip: the fingers aim at clip(pi/8 - a, 0, pi/8) rad; 0 or less opens them, 0.393 closes them
+Observation: see `match_regions_observation`; `observation_names` says what each number is.
+Objects: region, robot, targets, distractors, in that order.
+Score, success (score 1) and the dense rewards: see `match_regions_reward`.
+
+Physics presets:
+  "xmagical"  arena 1.1, block mass 0.01, drive force 5: blocks stop within a hundredth of a second
+  "magical"   the original MAGICAL's: arena 1.0, block mass 0.5, drive force 3, so blocks coast; the
+              action is rounded to its 18: forward 0.8, stop, or reverse 0.6; left, none or right;
+              open or closed. `magical_physics` says what else differs
+
+Engines: "impulse", our own solver (`planar_physics`), which follows the original closely and serves
+every option; or "mjx", MuJoCo's (`planar_mjx`), which serves the gripper, fixed shapes and
+"xmagical" physics.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gril_jax.envs.base import Outline, State
+from gril_jax.envs.magical import action as actions
+from gril_jax.envs.magical import layout as layouts
+from gril_jax.envs.magical import observation as observations
+from gril_jax.envs.magical import options, raster, scene
+from gril_jax.envs.magical import score as rewards
+from gril_jax.envs.magical import start as starts
+from gril_jax.envs.magical import state as states
+from gril_jax.envs.magical.options import CLASSES, COLOURS, DISTRACTORS, PRESETS, SHAPES, TARGETS
+from gril_jax.envs.magical.physics import MagicalPhysics
+from gril_jax.envs.magical.state import PlanarData
+from gril_jax.envs.planar import robots
+from gril_jax.envs.planar import shapes as block_shapes
+from gril_jax.envs.planar.joints import Command, Strengths
+from gril_jax.envs.planar.mjx_engine import MjxPhysics
+from gril_jax.envs.planar.physics import Physics
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from . import stages as definition
+
+__all__ = ["CLASSES", "DISTRACTORS", "PRESETS", "TARGETS", "MatchRegions", "PlanarData"]
+
+
+class MatchRegions:
+    """The task; see the module's text for actions, observations and rewards.
+
+    Args:
+      robot: "gripper", or a stick: "short", "medium" or "long".
+      physics: the preset, "xmagical" or "magical"; see above.
+      engine: "impulse" or "mjx"; see above.
+      targets, distractors: block names, "<colour> <shape>", from `CLASSES`.
+      variant: what is drawn at reset: nothing ("demo"), a little of everything ("jitter",
+        +-0.0275 and +-9 degrees), places ("layout"), colours ("color"), shapes ("shape"), forces
+        ("dynamics"), or the last four together ("all").
+      varied_starts: share of episodes that begin with the robot anywhere, and of those two in three
+        with one target already in the region. For training; 0 is the task itself.
+      on_the_way: in those, how likely a target that is not in the region is on its way there.
+      facing: in those, how likely the robot stands before such a target and faces it.
+      turn: "original" or "smooth"; see above.
+      observation: "rich", "sorted" or "xmagical"; see `match_regions_observation`.
+      reward: the task's own reward: "S4", "V5", "S3" or "sparse".
+      substeps: physics steps a control step; the original's is 10. None is the engine's own
+        choice: 10, or 5 with "mjx".
+      iterations: sweeps of the solver a substep; the original's is 10. None: 6, or 2 with "mjx".
+    """
+
+    classes = CLASSES
+    background = scene.BACKGROUND
+    control_hz = 8.0
+
+    def __init__(
+        self,
+        *,
+        robot: str = "gripper",
+        physics: str = "xmagical",
+        engine: str = "impulse",
+        targets: tuple[str, ...] = TARGETS,
+        distractors: tuple[str, ...] = DISTRACTORS,
+        variant: str = "demo",
+        varied_starts: float = 0.0,
+        on_the_way: float = 0.0,
+        facing: float = 0.0,
+        turn: str = "original",
+        observation: str = "rich",
+        reward: str = "S4",
+        episode_length: int = 120,
+        substeps: int | None = None,
+        iterations: int | None = None,
+    ):
+        options.check_names(
+            robot=robot, physics=physics, engine=engine, variant=variant, turn=turn,
+            observation=observation, reward=reward,
+        )  # fmt: skip
+        options.check_engine(engine, robot, physics, variant)
+        options.check_blocks(targets, distractors, variant)
+        options.check_shares(varied_starts=varied_starts, on_the_way=on_the_way, facing=facing)
+        options.check_counts(episode_length=episode_length)
+        self.blocks = (*targets, *distractors)
+        self.num_targets, self.variant = len(targets), variant
+        self.varied_starts, self.on_the_way, self.facing = varied_starts, on_the_way, facing
+        self.episode_length = episode_length
+        self.turn_gain = actions.TURN_GAIN[turn]
+        self.robot, self.physics = robots.robot(robot), physics
+        self.action_size = 3 if self.robot.has_fingers else 2
+        self._preset = PRESETS[physics]
+        self.arena, self.half_extent = self._preset.arena, 1.02 * self._preset.arena
+        self.stages = definition.stages(targets, distractors, arena=self.arena)
+        self._reward, self._kind = reward, observation
+        self._parts = len(self.robot.parts)
+        self.observation_names = observations.names(
+            observation, self.blocks, fingers=self.robot.has_fingers, targets=len(targets)
+        )
+        self.observation_size = len(self.observation_names)
+        self.action_names = ("forward speed", "turn", "grip")[: self.action_size]
+        split = [name.split() for name in self.blocks]
+        self._colour = np.array([COLOURS.index(c) for c, _ in split], np.int32)
+        self._shape = np.array([SHAPES.index(s) for _, s in split], np.int32)
+        self._engine = self._make_engine(engine, *options.solving(engine, substeps, iterations))
+        self._rest = np.asarray(self._engine.rest())
+
+    def _make_engine(self, engine: str, substeps: int, iterations: int):
+        common = dict(arena=self.arena, control_hz=self.control_hz, substeps=substeps,
+                      iterations=iterations)  # fmt: skip
+        if engine == "mjx":
+            return MjxPhysics(tuple(SHAPES[s] for s in self._shape), **common)
+        kind = MagicalPhysics if self.physics == "magical" else Physics
+        mass = self._preset.block_mass
+        return _impulses(kind, self.robot.name, len(self.blocks), block_mass=mass, **common)
+
+    # ---------------------------------------------------------------- episode
+
+    def reset(self, key: PRNGKeyArray) -> State:
+        """A new episode of the task's variant."""
+        keys = jax.random.split(key, 6)
+        shape, colour = starts.looks(
+            keys[:2], self.variant, jnp.asarray(self._shape), jnp.asarray(self._colour),
+            self.num_targets,
+        )  # fmt: skip
+        strengths = starts.strengths(keys[2], self.variant, self._preset)
+        radii = jnp.asarray(layouts.RADII)[shape]
+        within = dict(robot=self.robot, radii=radii, arena=self.arena)
+        layout = starts.places(keys[3], self.variant, self.blocks, **within)
+        start = states.distances(layout.blocks[: self.num_targets], layout.goal[:2])
+        layout, vary, moved = starts.varied(
+            keys[4:], layout, share=self.varied_starts, on_the_way=self.on_the_way,
+            facing=self.facing, targets=self.num_targets, **within,
+        )  # fmt: skip
+        pose = jnp.concatenate([starts.robot_pose(self.robot, layout.robot), layout.blocks])
+        nearest = states.distances(layout.blocks[: self.num_targets], layout.robot[:2])
+        data = PlanarData(
+            pose, jnp.zeros_like(pose), jnp.asarray(self._rest), shape, colour,
+            jnp.stack(strengths), layout.goal, start, nearest, layout.unplaced,
+            vary.astype(jnp.float32), moved,
+        )  # fmt: skip
+        return self._observe(data)
+
+    def reset_to(
+        self,
+        pose: Float[Array, "E 3"],
+        velocity: Float[Array, "E 3"],
+        *,
+        goal: Float[Array, "4"] | None = None,
+        start: Float[Array, "K 2"] | None = None,
+        action: Float[Array, "A"] | None = None,
+    ) -> State:
+        """The state with given poses and velocities of the robot, its fingers and the blocks.
+
+        Args:
+          pose: x, y, angle of each body, in the order of `PlanarData`.
+          velocity: their rates.
+          goal: centre x, y, width, height of the region; None is the Demo layout's.
+          start: where the targets were at reset, which S4 counts from; None is where they are.
+          action: what brought the scene here. The solver then starts with the impulses that it
+            would have given; None starts with none, as after a reset.
+        """
+        goal = jnp.array(layouts.DEMO_GOAL) if goal is None else goal
+        targets = pose[self._parts : self._parts + self.num_targets]
+        strengths = Strengths(*(jnp.float32(s) for s in self._preset.strengths))
+        memory = jnp.asarray(self._rest)
+        if action is not None:
+            shapes = block_shapes.blocks(jnp.asarray(self._shape))
+            command = self._command(jnp.clip(action, -1.0, 1.0))
+            memory = self._engine.settle(pose, velocity, shapes, strengths, command)
+        start = states.distances(targets if start is None else start, goal[:2])
+        data = PlanarData(
+            pose, velocity, memory, jnp.asarray(self._shape), jnp.asarray(self._colour),
+            jnp.stack(strengths), goal, start, states.distances(targets, pose[0, :2]),
+            jnp.zeros((), bool), jnp.zeros(()), jnp.zeros(len(self.blocks), bool),
+        )  # fmt: skip
+        return self._observe(data)
+
+    def clearance(self, pose: Float[Array, "E 3"]) -> Float[Array, ""]:
+        """Gap between the robot and the nearest block or wall, for the task's own shapes."""
+        return self._engine.clearance(pose, block_shapes.blocks(jnp.asarray(self._shape)))
+
+    def step(self, state: State, action: Float[Array, "A"]) -> State:
+        """One control step: 1/8 s under a held action."""
+        data = state.data
+        # Shapes that never change are constants of the compiled program.
+        shape = data.shape if self.variant in ("shape", "all") else jnp.asarray(self._shape)
+        pose, velocity, memory = self._engine.step(
+            data.pose, data.velocity, data.memory, block_shapes.blocks(shape),
+            Strengths(*data.strengths), self._command(jnp.clip(action, -1.0, 1.0)),
+        )  # fmt: skip
+        targets = pose[self._parts : self._parts + self.num_targets]
+        nearest = jnp.minimum(data.nearest, states.distances(targets, pose[0, :2]))
+        return self._observe(
+            data._replace(pose=pose, velocity=velocity, memory=memory, nearest=nearest)
+        )
+
+    def _command(self, action: Float[Array, "A"]) -> Command:
+        if self.physics == "magical":
+            return actions.rounded_command(action)
+        return actions.command(action, gain=self.turn_gain, dt=self._engine.dt)
+
+    # ---------------------------------------------------------------- what is seen
+
+    def _observe(self, data: PlanarData) -> State:
+        progress = states.progress(data, parts=self._parts, targets=self.num_targets)
+        score = rewards.score(progress)
+        seen = observations.Scene(data.pose, data.velocity, data.goal, progress.inside)
+        return State(
+            data=data,
+            obs=observations.observe(self._kind, seen, parts=self._parts, targets=self.num_targets),
+            objects=states.objects(data, self.robot),
+            moved=jnp.concatenate([jnp.zeros(2, bool), data.moved]),
+            reward=rewards.reward(self._reward, progress),
+            done=jnp.zeros(()),
+            metrics={
+                "score": score,
+                "success": (score > 0.999).astype(jnp.float32),
+                "varied": data.varied,
+                "unplaced": data.unplaced.astype(jnp.float32),
+            },
+        )
+
+    def render(self, data: PlanarData, *, size: int = 384, antialias: bool = False) -> Array:
+        """The scene as an image (size, size, 3) of uint8, inside jit; see `raster`."""
+        drawn = raster.Scene(data.pose, data.shape, data.colour, data.goal, data.colour[0])
+        return raster.render(
+            drawn, size=size, half_extent=self.half_extent, antialias=antialias,
+            robot=self.robot.name, arena=self.arena,
+        )  # fmt: skip
+
+    def outlines(self, data: PlanarData) -> list[Outline]:
+        """What to paint for one moment (host side)."""
+        data = jax.tree.map(np.asarray, data)
+        names = [(COLOURS[c], SHAPES[s]) for c, s in zip(data.colour, data.shape, strict=True)]
+        exact = (f.astype(np.float64) for f in (data.pose, data.goal))
+        return scene.outlines(self.robot, names, self.arena, *exact)
+
+
+@functools.cache
+def _impulses(kind: type[Physics], robot: str, num_blocks: int, **options) -> Physics:
+    """One engine for all tasks that move alike: it is the longest thing to trace."""
+    return kind(robots.robot(robot), num_blocks, **options)

@@ -1,0 +1,300 @@
+"""MatchRegions from above as pixels, painted by one pure function on the device.
+
+Geometry and colours are those of `match_regions_scene`, whose outlines are painted on the host.
+Here each pixel asks every body how far from its outline it is, and bodies are painted one over the
+other: arithmetic alone, which XLA fuses into one pass. So learners from pixels can keep their
+pictures where they are made.
+
+Distances are in pixels, from a pixel's centre, negative inside. Outside a corner they are those to
+an edge's line and not to the corner, so that lines have pointed corners. B blocks; N bodies: the
+robot's, then (gripper only) its left and right finger, then the blocks. One scene a call: batch
+with `jax.vmap`.
+"""
+
+import functools
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from gril_jax.envs.planar import robots, shapes
+from jaxtyping import Array, Float, Int, UInt8
+
+from . import scene as look
+
+__all__ = ["COLOURS", "ROBOTS", "Scene", "render"]
+
+COLOURS = tuple(look.FILL)
+ROBOTS = ("gripper", "short", "medium", "long")
+_STICK_WIDTH = {"short": 0.3, "medium": 0.6, "long": 1.6}  # across the direction of travel
+_STICK_DEPTH = 0.1
+
+_Plane = Float[Array, "#S #S"]  # a number a pixel, or a row or column of them
+_Pixels = Float[Array, "S S 3"]
+
+
+class Scene(NamedTuple):
+    """What is to be seen. Lengths are in arena units, angles in radians, counter-clockwise."""
+
+    pose: Float[Array, "N 3"]  # x, y, angle; a finger's x, y is its pivot; closed: robot's angle
+    shape: Int[Array, "B"]  # index into `block_shapes.SHAPES`: star, square, pentagon, circle
+    colour: Int[Array, "B"]  # index into `COLOURS`: green, blue, yellow, red
+    goal: Float[Array, "4"]  # the region's centre x, y; width, height
+    goal_colour: Int[Array, ""]  # index into `COLOURS`
+
+
+class _Canvas(NamedTuple):
+    """Where the pixels are."""
+
+    x: Float[Array, "1 S"]  # of their centres, in pixels from the picture's middle
+    y: Float[Array, "S 1"]
+    scale: float  # pixels a unit
+    zoom: float  # pixels a pixel of the 384-pixel picture that widths are given for
+    antialias: bool
+
+    def width(self, pixels: int) -> float:
+        """Of a line."""
+        return pixels * self.zoom if self.antialias else float(round(pixels * self.zoom))
+
+    def local(self, pose: Float[Array, "3"]) -> tuple[_Plane, _Plane]:
+        """The pixels in a body's frame: to its right, and forward."""
+        c, s = jnp.cos(pose[2]), jnp.sin(pose[2])
+        right, up = self.x - self.scale * pose[0], self.y - self.scale * pose[1]
+        return c * right + s * up, c * up - s * right
+
+
+class _Layer(NamedTuple):
+    """One painted outline; the line around it, if any, is centred on it."""
+
+    distance: _Plane
+    fill: Int[Array, "3"]
+    rim: Int[Array, "3"] | None = None
+    width: float = 0.0  # of the line, in pixels
+
+
+def render(
+    scene: Scene,
+    *,
+    robot: str = "gripper",
+    arena: float = 1.1,
+    size: int = 384,
+    half_extent: float = 1.122,
+    antialias: bool = False,
+) -> UInt8[Array, "size size 3"]:
+    """One picture of a scene; x points right, y up, and row 0 is the top.
+
+    Every keyword is static; poses, shapes and colours are data, so one compiled picture serves
+    all scenes of as many blocks. A pose that is not finite hides its body.
+
+    Args:
+      scene: what to paint; an index beyond its list counts as the nearest in it.
+      robot: "gripper", or "short", "medium" or "long" for a stick without fingers.
+      arena: half the width of the floor.
+      size: width and height of the picture in pixels.
+      half_extent: half the width of the world that the picture shows.
+      antialias: mix colours at edges by the share of the pixel that is covered, judged by the
+        distance of its centre. Lines then keep their true width, be it a fraction of a pixel.
+        Without it, every pixel has one colour of the palette, and lines are whole pixels wide: as
+        in `gril_jax.demos.vision.render`, those of blocks and robot vanish in pictures of 192
+        pixels or less.
+
+    Returns:
+      RGB, 0 to 255.
+
+    Raises:
+      ValueError: an option is not one of those above, or shapes, colours and poses do not fit
+        together.
+    """
+    _check(scene, robot, size, half_extent, arena)
+    place = jnp.arange(size, dtype=jnp.float32) - (size - 1) / 2
+    scale, zoom = size / (2 * half_extent), size / 384
+    canvas = _Canvas(place[None, :], -place[:, None], scale, zoom, antialias)
+    ground, blocks = _ground(scene.goal, scene.goal_colour, arena, canvas), _blocks(scene, canvas)
+    parts = scene.pose[: scene.pose.shape[0] - scene.shape.shape[0]]
+    return _paint([*ground, *blocks, *_robot(parts, robot, canvas)], size, antialias)
+
+
+def _check(scene: Scene, robot: str, size: int, half_extent: float, arena: float) -> None:
+    if robot not in ROBOTS:
+        raise ValueError(f"robot is {robot!r}, but must be one of {', '.join(ROBOTS)}")
+    if size < 1:
+        raise ValueError(f"size is {size}, but a picture needs at least 1 pixel")
+    for name, value in (("half_extent", half_extent), ("arena", arena)):
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} is {value}, but must be a positive length")
+    parts, blocks = (3 if robot == "gripper" else 1), scene.shape.shape[0]
+    if scene.colour.shape[0] != blocks:
+        raise ValueError(f"{blocks} shapes need as many colours, not {scene.colour.shape[0]}")
+    if scene.pose.shape != (parts + blocks, 3):
+        raise ValueError(
+            f"poses of shape {scene.pose.shape} do not fit: the {robot} robot with {blocks} blocks "
+            f"needs {(parts + blocks, 3)}"
+        )
+
+
+# ---------------------------------------------------------------- painting
+
+
+def _paint(layers: Iterable[_Layer], size: int, antialias: bool) -> UInt8[Array, "size size 3"]:
+    """Painter's order: a line's colour up to its outer side, the fill up to its inner side."""
+    blend = _mix if antialias else _replace
+    image = jnp.broadcast_to(jnp.array(look.BACKGROUND, jnp.float32), (size, size, 3))
+    for distance, fill, rim, width in layers:
+        depth = -distance[..., None]
+        if not width:
+            image = blend(image, depth, fill, image)
+        else:
+            image = blend(image, depth + width / 2, rim, image)
+            image = blend(image, depth - width / 2, fill, rim)
+    return jnp.round(image).astype(jnp.uint8)
+
+
+def _replace(image: _Pixels, depth: Float[Array, "S S 1"], colour, _below) -> _Pixels:
+    return jnp.where(depth > 0, colour, image)
+
+
+def _mix(image: _Pixels, depth: Float[Array, "S S 1"], colour, below) -> _Pixels:
+    """An edge one pixel wide; `below` is what the covered share of the pixel has shown so far."""
+    share = jnp.where(depth > -0.5, jnp.minimum(depth + 0.5, 1.0), 0.0)  # 0 for NaN
+    return image + share * (colour - below)
+
+
+# ---------------------------------------------------------------- what is painted
+
+
+def _ground(
+    goal: Float[Array, "4"], colour: Int[Array, ""], arena: float, canvas: _Canvas
+) -> Iterable[_Layer]:
+    floor = jnp.maximum(jnp.abs(canvas.x), jnp.abs(canvas.y)) - canvas.scale * arena
+    line = canvas.width(look.FLOOR_WIDTH)
+    yield _Layer(floor, jnp.array(look.FLOOR), jnp.array(look.GREY), line)
+    yield _Layer(_region(goal, canvas), _pick(look.GOAL_FILL, colour))
+    if canvas.width(look.GOAL_WIDTH):
+        yield _Layer(_dashes(goal, canvas), _pick(look.FILL, colour))
+
+
+def _blocks(scene: Scene, canvas: _Canvas) -> Iterable[_Layer]:
+    blocks = scene.shape.shape[0]
+    wedges = jnp.take(_WEDGES, scene.shape, axis=0, mode="clip")
+    for i, pose in enumerate(scene.pose[scene.pose.shape[0] - blocks :]):
+        distance = _block(wedges[i], *canvas.local(pose), canvas.scale)
+        fill, rim = (_pick(palette, scene.colour[i]) for palette in (look.FILL, look.RIM))
+        yield _Layer(distance, fill, rim, canvas.width(look.BODY_WIDTH))
+
+
+def _robot(parts: Float[Array, "P 3"], robot: str, canvas: _Canvas) -> Iterable[_Layer]:
+    scale, line = canvas.scale, canvas.width(look.BODY_WIDTH)
+    grey, grey_rim = jnp.array(look.GREY), jnp.array(look.GREY_RIM)
+    right, forward = canvas.local(parts[0])
+    if robot != "gripper":
+        half_width, half_depth = scale * _STICK_WIDTH[robot] / 2, scale * _STICK_DEPTH / 2
+        stick = jnp.maximum(jnp.abs(right) - half_width, jnp.abs(forward) - half_depth)
+        yield _Layer(stick, grey, grey_rim, line)
+        return
+    for side, pose in zip((-1, 1), parts[1:], strict=True):
+        across, along = canvas.local(pose)
+        yield _Layer(_finger(side * across, along, scale), jnp.array(look.BACKGROUND), grey, line)
+    yield _Layer(_disc(right, forward, scale * look.ROBOT_RADIUS), grey, grey_rim, line)
+    eye = jnp.abs(right) - scale * look.EYE[0], forward - scale * look.EYE[1]  # both at once
+    yield _Layer(_disc(*eye, scale * look.EYE_RADIUS), jnp.array(look.EYE_FILL))
+    yield _Layer(_disc(*eye, scale * look.PUPIL_RADIUS), jnp.array(look.PUPIL_FILL))
+
+
+def _pick(palette: dict[str, tuple[int, int, int]], index: Int[Array, ""]) -> Int[Array, "3"]:
+    return jnp.take(jnp.array([palette[c] for c in COLOURS]), index, axis=0, mode="clip")
+
+
+# ---------------------------------------------------------------- distances
+
+
+def _disc(x: _Plane, y: _Plane, radius: float) -> _Plane:
+    """To first order around the rim, because XLA would not fuse a square root.
+
+    Only where a smooth disc is no larger than its edge, as pupils in small pictures, is it paler.
+    """
+    return (x * x + y * y) / (2 * radius) - radius / 2
+
+
+def _wedge(name: str) -> np.ndarray:
+    """A block in numbers: two mirrors' normals, an edge's normal, curvature and offset.
+
+    A regular outline is the same in every wedge between a corner and the middle of an edge (or a
+    tip and a notch), so a point that is mirrored into one wedge has one edge to look at. A circle
+    has no edge: it is `_disc`.
+    """
+    vertices = shapes.outline(name)
+    if name == "circle":
+        radius = np.linalg.norm(vertices[0])
+        return np.array([0, 0, 0, 0, 0, 0, 1 / (2 * radius), radius / 2])
+    angles = np.radians([-90, 135] if name == "square" else [-36, 216])
+    normals, offsets = _half_planes(vertices)
+    mirrors = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return np.array([*mirrors.ravel(), *normals[-1], 0, offsets[-1]])
+
+
+def _half_planes(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Outward normals (V, 2) and offsets (V,) of a counter-clockwise outline's edges.
+
+    Edge i runs from vertex i to the next, so the last one ends in vertex 0.
+    """
+    along = np.roll(vertices, -1, axis=0) - vertices
+    normals = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    normals /= np.linalg.norm(along, axis=1, keepdims=True)
+    return normals, np.sum(normals * vertices, axis=1)
+
+
+_WEDGES = np.stack([_wedge(name) for name in shapes.SHAPES]).astype(np.float32)
+# Edges of a finger: outer side of the arm, of the forearm, tip, the inner sides, root.
+_FINGER = robots.robot("gripper").parts[2].outline
+_SIDES = _half_planes(_FINGER)
+_ELBOW = _half_planes(_FINGER[[1, 4]])  # between arm and forearm
+
+
+def _block(wedge: Float[Array, "8"], x: _Plane, y: _Plane, scale: float) -> _Plane:
+    x = jnp.abs(x)
+    for a, b in (wedge[:2], wedge[2:4]):
+        twice = 2 * jnp.maximum(a * x + b * y, 0.0)
+        x, y = x - twice * a, y - twice * b
+    edge = wedge[4] * jnp.abs(x) + wedge[5] * y
+    return edge + wedge[6] / scale * (x * x + y * y) - scale * wedge[7]
+
+
+def _finger(x: _Plane, y: _Plane, scale: float) -> _Plane:
+    """The right finger: its arm, or beyond the elbow its forearm; each is convex."""
+
+    def outside(edges: tuple[np.ndarray, np.ndarray], *numbers: int) -> _Plane:
+        rows = [(*map(float, edges[0][i]), float(edges[1][i])) for i in numbers]
+        return functools.reduce(jnp.maximum, [a * x + b * y - scale * c for a, b, c in rows])
+
+    beyond = outside(_ELBOW, 0) > 0
+    return jnp.where(beyond, outside(_SIDES, 1, 2, 3), outside(_SIDES, 4, 5, 0))
+
+
+def _region(goal: Float[Array, "4"], canvas: _Canvas) -> _Plane:
+    centre, half = canvas.scale * goal[:2], canvas.scale * goal[2:] / 2
+    across = jnp.abs(canvas.x - centre[0]) - half[0]
+    return jnp.maximum(across, jnp.abs(canvas.y - centre[1]) - half[1])
+
+
+def _dashes(goal: Float[Array, "4"], canvas: _Canvas) -> _Plane:
+    """The dashes of the region's rim, which begin anew at each corner.
+
+    Sides run counter-clockwise, so half a turn takes top to bottom and left to right.
+    """
+    x, y = canvas.x - canvas.scale * goal[0], canvas.y - canvas.scale * goal[1]
+    length, dash = canvas.scale * goal[2:], canvas.zoom * look.GOAL_DASH
+    start = 2 * dash * jnp.floor(length / (2 * dash))
+    short = length - start <= canvas.zoom * look.GOAL_WIDTH  # such a last dash is left out
+    end = jnp.where(short, start - dash, length)
+    half_width = canvas.width(look.GOAL_WIDTH) / 2
+
+    def side(along: _Plane, across: _Plane, i: int) -> _Plane:
+        along = along + length[i] / 2
+        phase = along - 2 * dash * jnp.floor(along / (2 * dash))
+        gap = jnp.maximum(jnp.abs(phase - dash / 2) - dash / 2, jnp.maximum(along - end[i], -along))
+        return jnp.maximum(gap, jnp.abs(across - length[1 - i] / 2) - half_width)
+
+    bottom = side(jnp.where(y > 0, -x, x), jnp.abs(y), 0)
+    right = side(jnp.where(x < 0, -y, y), jnp.abs(x), 1)
+    return jnp.minimum(bottom, right)

@@ -1,0 +1,87 @@
+"""What MatchRegions looks like from above: outlines and colours, in the order they are painted.
+
+Colours are those of MAGICAL and x-magical, so that their videos and ours pass the same detector.
+"""
+
+import numpy as np
+from gril_jax.envs.base import Outline
+from gril_jax.envs.planar import shapes
+from gril_jax.envs.planar.robots import Robot
+
+__all__ = ["BACKGROUND", "outlines"]
+
+BACKGROUND = (231, 231, 234)  # outside the arena
+FLOOR, GREY, GREY_RIM = (255, 255, 255), (162, 163, 175), (144, 145, 159)
+FILL = {
+    "green": (195, 208, 130),
+    "blue": (135, 185, 211),
+    "yellow": (254, 213, 123),
+    "red": (245, 129, 165),
+}
+RIM = {
+    "green": (183, 198, 105),
+    "blue": (110, 170, 202),
+    "yellow": (254, 201, 86),
+    "red": (243, 94, 141),
+}
+GOAL_FILL = {  # half as saturated as the blocks
+    "green": (224, 231, 191),
+    "blue": (195, 220, 233),
+    "yellow": (254, 234, 189),
+    "red": (250, 192, 210),
+}
+FLOOR_WIDTH, GOAL_WIDTH, GOAL_DASH, BODY_WIDTH = 2, 4, 10, 1  # pixels of a 384-pixel picture
+ROBOT_RADIUS = 0.2
+EYE, EYE_RADIUS, PUPIL_RADIUS = (0.08, 0.06), 0.04, 0.024  # the right eye, in the robot's frame
+EYE_FILL, PUPIL_FILL = (255, 255, 255), (26, 26, 26)
+
+
+def _turn(vertices: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return vertices @ np.array([[c, s], [-s, c]])
+
+
+def _box(center: np.ndarray, size: np.ndarray) -> np.ndarray:
+    return center + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(size) / 2
+
+
+def _disc(center: np.ndarray, radius: float) -> np.ndarray:
+    a = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    return center + radius * np.stack([np.cos(a), np.sin(a)], axis=1)
+
+
+def outlines(
+    robot: Robot,
+    blocks: list[tuple[str, str]],
+    arena: float,
+    pose: np.ndarray,
+    goal: np.ndarray,
+) -> list[Outline]:
+    """One moment, from the blocks' (colour, shape), all poses (E, 3) and the region (4,)."""
+    floor = _box(np.zeros(2), np.full(2, 2 * arena))
+    region, colour = _box(goal[:2], goal[2:]), blocks[0][0]
+    painted = [
+        Outline(floor, FLOOR, GREY, width=FLOOR_WIDTH),
+        Outline(region, GOAL_FILL[colour], FILL[colour], width=GOAL_WIDTH, dash=GOAL_DASH),
+    ]
+    parts = len(robot.parts)
+    for (colour, shape), (x, y, angle) in zip(blocks, pose[parts:], strict=True):
+        vertices = _turn(shapes.outline(shape), angle) + np.array([x, y])
+        painted.append(Outline(vertices, FILL[colour], RIM[colour], width=BODY_WIDTH))
+    return painted + _robot(robot, pose[:parts])
+
+
+def _robot(robot: Robot, pose: np.ndarray) -> list[Outline]:
+    painted = []
+    for part, (x, y, angle) in zip(robot.parts[1:], pose[1:], strict=True):
+        vertices = _turn(part.outline, angle) + np.array([x, y])
+        painted.append(Outline(vertices, BACKGROUND, GREY, width=BODY_WIDTH))
+    base, center, yaw = robot.parts[0], pose[0, :2], pose[0, 2]
+    body = _disc(center, base.radius) if base.radius else _turn(base.outline, yaw) + center
+    painted.append(Outline(body, GREY, GREY_RIM, width=BODY_WIDTH))
+    if base.radius:
+        for side in (-1, 1):
+            eye = _turn(np.array([side * EYE[0], EYE[1]]), yaw) + center
+            painted.append(Outline(_disc(eye, EYE_RADIUS), EYE_FILL, None))
+            painted.append(Outline(_disc(eye, PUPIL_RADIUS), PUPIL_FILL, None))
+    return painted

@@ -1,0 +1,1 @@
+"""A Franka Panda arm: model, kinematics, control."""

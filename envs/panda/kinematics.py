@@ -1,0 +1,137 @@
+"""Kinematics of the Franka Panda: where its hand is, how it moves, and joints that reach a pose.
+
+Numbers are those that the maker publishes in its robot description (`franka_description`). The base
+is at the origin, x points forward, y to the robot's left, z up; lengths are metres, angles rad.
+The seven joints each turn about their link's own z axis. Functions take one arm; batch with vmap.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .frames import Frame, small_turn
+
+__all__ = [
+    "FINGER_OFFSET",
+    "FINGER_RANGE",
+    "FLANGE",
+    "HAND_TURN",
+    "JOINT_RANGE",
+    "JOINT_SPEED",
+    "LINK_OFFSETS",
+    "LINK_TURNS",
+    "TCP",
+    "finger",
+    "hand",
+    "jacobian",
+    "reach",
+    "tcp",
+]
+
+LINK_OFFSETS = (
+    (0.0, 0.0, 0.333), (0.0, 0.0, 0.0), (0.0, -0.316, 0.0), (0.0825, 0.0, 0.0),
+    (-0.0825, 0.384, 0.0), (0.0, 0.0, 0.0), (0.088, 0.0, 0.0),
+)  # fmt: skip
+LINK_TURNS = (0, -1, 1, 1, -1, 1, 1)  # quarter turns about the parent's x axis
+FLANGE = 0.107  # from the last link along its z axis
+HAND_TURN = -np.pi / 4  # of the hand on the flange, about z
+TCP = 0.1034  # tool centre point: from the hand's origin along its z axis
+FINGER_OFFSET = 0.0584  # of the fingers' origin, likewise
+FINGER_RANGE = (0.0, 0.04)  # how far each finger is from the middle
+JOINT_RANGE = np.array([
+    (-2.8973, 2.8973), (-1.7628, 1.7628), (-2.8973, 2.8973), (-3.0718, -0.0698),
+    (-2.8973, 2.8973), (-0.0175, 3.7525), (-2.8973, 2.8973),
+])  # fmt: skip
+JOINT_SPEED = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # largest, rad/s
+
+_DAMPING = 0.03  # of the least squares: a singular arm moves less instead of wildly
+
+
+def _links(q: Float[Array, "7"]) -> tuple[Float[Array, "7 3"], Float[Array, "7 3"], Frame]:
+    """Origins and axes of the joints, and the last link's frame."""
+    x, y, z = jnp.eye(3)
+    place = jnp.zeros(3)
+    origins, axes = [], []
+    for offset, turn, angle in zip(LINK_OFFSETS, LINK_TURNS, q, strict=True):
+        place = place + offset[0] * x + offset[1] * y + offset[2] * z
+        if turn:
+            y, z = turn * z, -turn * y
+        c, s = jnp.cos(angle), jnp.sin(angle)
+        x, y = c * x + s * y, c * y - s * x
+        origins.append(place)
+        axes.append(z)
+    return jnp.stack(origins), jnp.stack(axes), Frame(place, jnp.stack([x, y, z], axis=1))
+
+
+def _on_flange(link: Frame) -> Frame:
+    x, y, z = link.rotation.T
+    c, s = np.cos(HAND_TURN), np.sin(HAND_TURN)
+    rotation = jnp.stack([c * x + s * y, c * y - s * x, z], axis=1)
+    return Frame(link.position + FLANGE * z, rotation)
+
+
+def hand(q: Float[Array, "7"]) -> Frame:
+    """The hand: z is where it points, y the axis along which its fingers open."""
+    return _on_flange(_links(q)[2])
+
+
+def tcp(q: Float[Array, "7"]) -> Frame:
+    """The tool centre point, between the fingertips."""
+    return _ahead(hand(q), TCP)
+
+
+def finger(hand: Frame, opening: Float[Array, ""], side: int) -> Frame:
+    """One finger, the left (`side` 1) or the right (-1); its pad faces against its y axis.
+
+    Args:
+      hand: the hand's frame.
+      opening: of this finger from the middle, metres.
+      side: as above; the right finger is turned half around the hand's z axis.
+    """
+    flip = jnp.array([side, side, 1.0])
+    base = _ahead(hand, FINGER_OFFSET)
+    return Frame(base.position + side * opening * hand.rotation[:, 1], hand.rotation * flip)
+
+
+def _ahead(frame: Frame, distance: float) -> Frame:
+    return frame._replace(position=frame.position + distance * frame.rotation[:, 2])
+
+
+def jacobian(q: Float[Array, "7"]) -> tuple[Float[Array, "6 7"], Frame]:
+    """How joint rates move the tool centre point, and where it is.
+
+    Rows are its velocity (m/s) and its angular velocity (rad/s), world axes.
+    """
+    origins, axes, link = _links(q)
+    point = _ahead(_on_flange(link), TCP)
+    linear = jnp.cross(axes, point.position - origins)
+    return jnp.concatenate([linear.T, axes.T]), point
+
+
+def reach(
+    q: Float[Array, "7"], goal: Frame, *, rest: Float[Array, "7"], pull: float = 0.1, steps: int = 2
+) -> Float[Array, "7"]:
+    """Joints near `q` that bring the tool centre point to `goal`, within the joints' ranges.
+
+    Damped least squares (Nakamura and Hanafusa 1986) with a pull towards a posture of rest within
+    the motions that leave the hand where it is (Liegeois 1977). A goal out of reach is approached.
+
+    Args:
+      q: where to begin.
+      goal: of the tool centre point.
+      rest: the posture of rest.
+      pull: share of the way to it, in the first step only.
+      steps: of the iteration; 2 are enough for the motion of a control step.
+    """
+    low, high = JOINT_RANGE.T
+    for number in range(steps):
+        rows, point = jacobian(q)
+        turn = small_turn(point.rotation, goal.rotation)
+        missing = jnp.concatenate([goal.position - point.position, turn])
+        wish = (pull if number == 0 else 0.0) * (rest - q)
+        with jax.default_matmul_precision("highest"):
+            square = rows @ rows.T + _DAMPING**2 * jnp.eye(6)
+            weights = jax.scipy.linalg.solve(square, missing - rows @ wish, assume_a="pos")
+            q = jnp.clip(q + wish + weights @ rows, low, high)
+    return q

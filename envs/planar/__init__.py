@@ -1,0 +1,1 @@
+"""Rigid bodies in the plane, in JAX or in MuJoCo MJX."""

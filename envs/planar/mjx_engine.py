@@ -1,0 +1,264 @@
+"""The second engine of a planar scene: the gripper and blocks of fixed shapes, in MuJoCo MJX.
+
+Its interface is that of `planar_physics.Physics`, its model that of `planar_model`. What MuJoCo has
+no equal for is computed here each substep: the drive as forces, the walls as ranges of joints, and
+the table's friction, which is a disc in the original but a square in MuJoCo, as a loss on each axis
+that follows the direction of travel. Motion without contacts agrees with the other engine; contacts
+are softer and corners rounder. As there, positions advance before velocities.
+"""
+
+import contextlib
+import io
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from . import joints as jointing
+from . import model as planar_model
+from . import robots
+from . import shapes as block_shapes
+from .contacts import Frames
+from .joints import Command, Strengths
+from .physics import Physics
+from .plane import Vec, heading
+from .shapes import BlockShape
+
+with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
+    from mujoco import mjx
+
+__all__ = ["MjxPhysics"]
+
+_PARTS, _JOINTS = 3, 5  # of the gripper: base and fingers; x, y, yaw and the fingers' angles
+_SLOW = 1e-3  # units/s; below it the direction of travel means nothing
+_LEAST_LOSS = 0.02  # share of the table's force; MuJoCo's rows must not vanish
+_FREE = 1e3  # a range that no angle reaches, rad
+
+
+class MjxPhysics:
+    """The gripper among blocks.
+
+    Args:
+      blocks: the blocks' shapes, each one of `block_shapes.SHAPES`.
+      arena: half the side of the walls' square.
+      substeps: physics steps a control step.
+      iterations: of MuJoCo's Newton solver, each substep.
+      max_contacts: most contacts that one substep resolves; the deepest count.
+    """
+
+    def __init__(
+        self,
+        blocks: tuple[str, ...],
+        *,
+        arena: float,
+        control_hz: float = 8.0,
+        substeps: int = 5,
+        iterations: int = 2,
+        max_contacts: int = 16,
+    ):
+        self.arena, self.substeps = arena, substeps
+        self.dt = 1.0 / (control_hz * substeps)
+        self._ahead = 0.5 - 0.05 * substeps if substeps < 10 else 0.0
+        self.mj_model = planar_model.build(
+            blocks, timestep=self.dt, iterations=iterations, max_contacts=max_contacts
+        )
+        self._model = mjx.put_model(self.mj_model, impl="jax")
+        self._blank = mjx.make_data(self._model, impl="jax")
+        robot = robots.robot("gripper")
+        self._outlines = Physics(robot, len(blocks), arena=arena)  # which has no capsules
+        self._base, *fingers = robot.parts
+        self._finger = fingers[0]  # the right one weighs the same
+        self._corners = np.stack([f.corners for f in fingers]).astype(np.float32)  # (2, C, 2)
+
+    @property
+    def memory_size(self) -> int:
+        """How many numbers `step` remembers beside poses and velocities."""
+        return self.mj_model.nv
+
+    def rest(self) -> Float[Array, "I"]:
+        """The memory of a scene in which nothing has touched yet."""
+        return jnp.zeros(self.memory_size)
+
+    def step(
+        self,
+        pose: Float[Array, "E 3"],
+        velocity: Float[Array, "E 3"],
+        memory: Float[Array, "I"],
+        shapes: BlockShape,
+        strengths: Strengths,
+        command: Command,
+    ) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"], Float[Array, "I"]]:
+        """One control step.
+
+        Args:
+          pose: x, y (arena units) and angle (rad) of base, left finger, right finger, blocks.
+          velocity: their rates, per second.
+          memory: the last accelerations, with which the solver begins.
+          shapes: of the blocks; those that the model was built for.
+
+        Returns:
+          The same three a control step later.
+        """
+        dt, ahead = self.dt, self._ahead
+
+        def substep(carry, _):
+            before, rate, memory = carry
+            place = before + dt * (1 - ahead) * rate
+            force = self._drive(before, place, rate, strengths, command)
+            memory = self._acceleration(place, rate, memory, force, shapes, strengths)
+            rate = rate + dt * memory
+            return (place + dt * ahead * rate, rate, memory), None
+
+        carry, _ = jax.lax.scan(substep, (*_joints(pose, velocity), memory), length=self.substeps)
+        return *_poses(*carry[:2]), carry[2]
+
+    def settle(
+        self,
+        pose: Float[Array, "E 3"],
+        velocity: Float[Array, "E 3"],
+        shapes: BlockShape,
+        strengths: Strengths,
+        command: Command,
+    ) -> Float[Array, "I"]:
+        """The memory of a scene that `command` has just brought to these poses and velocities."""
+        place, rate = _joints(pose, velocity)
+        force = self._drive(place - self.dt * rate, place, rate, strengths, command)
+        return self._acceleration(place, rate, self.rest(), force, shapes, strengths)
+
+    def clearance(self, pose: Float[Array, "E 3"], shapes: BlockShape) -> Float[Array, ""]:
+        """Gap between the robot and the nearest block or wall; negative where they overlap.
+
+        It is that between the true outlines, which both engines share.
+        """
+        return self._outlines.clearance(pose, shapes)
+
+    def _acceleration(self, place, rate, memory, force, shapes, strengths) -> Float[Array, "Q"]:
+        """What MuJoCo's solver finds for joints at `place` that move at `rate`."""
+        model = self._model.replace(
+            jnt_range=self._ranges(place, shapes), dof_frictionloss=_losses(rate, strengths)
+        )
+        force = jnp.concatenate([force, jnp.zeros(len(place) - _JOINTS)])
+        data = self._blank.replace(qpos=place, qvel=rate, qacc_warmstart=memory, qfrc_applied=force)
+        return mjx.forward(model, data).qacc
+
+    # ---------------------------------------------------------------- drive
+
+    def _drive(self, before, place, rate, strengths: Strengths, command: Command):
+        """Forces (5,) on the gripper's joints: servos towards a velocity, each within its strength.
+
+        The force that reaches the aim in one substep takes the whole inertia matrix: servos on each
+        joint alone would shake the light fingers.
+        """
+        parts, _ = _poses(before, rate)
+        now, _ = _poses(place, rate)
+        frames = Frames(Vec(now[:_PARTS, 0], now[:_PARTS, 1]), heading(now[:_PARTS, 2]))
+        aim = jointing.aims(parts[:_PARTS], now[:_PARTS], frames, rate[2], command, dt=self.dt)
+        # The original's aim jumps from substep to substep about half the offset's rate. Here that
+        # mean is aimed at: over an odd number of longer substeps the jumps do not even out.
+        turn = jnp.clip(command.turn / (2 * self.dt), -jointing.TURN_RATE, jointing.TURN_RATE)
+        wanted = jnp.concatenate([jnp.stack([aim.drive.x, aim.drive.y, turn]), aim.rate])
+        mass, missing = self._inertia(place[2]), wanted - rate[:_JOINTS]
+        # A blocked finger misses 1 rad/s at most. One that turns back misses more, and may take
+        # what its rotor needs, because the original has none.
+        grip = strengths.finger * jnp.maximum(1.0, jnp.abs(missing[3:]))
+        limited = lambda force: _limited(force, strengths.drive, strengths.turn, grip)  # noqa: E731
+        speedup = missing / self.dt
+        # A joint at its limit accelerates less, and then the others need other forces.
+        for _ in range(2):
+            force = mass @ speedup
+            speedup = speedup + (limited(force) - force) / jnp.diagonal(mass)
+        return limited(mass @ speedup)
+
+    def _inertia(self, yaw: Float[Array, ""]) -> Float[Array, "5 5"]:
+        """Joint-space inertia of the gripper: x, y, yaw, left finger, right finger."""
+        mass, turn = self._finger.mass, self._finger.inertia
+        arm = _arms(yaw)
+        whole = self._base.mass + 2 * mass
+        x, y = -mass * arm.y.sum(), mass * arm.x.sum()  # how turning pulls at x and y
+        yaw_yaw = self._base.inertia + 2 * turn + mass * arm.dot(arm).sum()
+        finger = turn + planar_model.finger_armature(self.dt)
+        zero = jnp.zeros(())
+        rows = [
+            [whole, 0.0, x, 0.0, 0.0],
+            [0.0, whole, y, 0.0, 0.0],
+            [x, y, yaw_yaw, turn, turn],
+            [0.0, 0.0, turn, finger, 0.0],
+            [0.0, 0.0, turn, 0.0, finger],
+        ]
+        return jnp.stack([jnp.stack([zero + value for value in row]) for row in rows])
+
+    # ---------------------------------------------------------------- walls
+
+    def _ranges(self, place: Float[Array, "Q"], shapes: BlockShape) -> Float[Array, "Q 2"]:
+        """Walls and stops: how far each joint may go at the bodies' present angles."""
+        low, high = block_shapes.extents(shapes, place[_JOINTS + 2 :: 3])
+        points = self._tips(place)
+        disc = self._base.radius
+        low = jnp.concatenate([jnp.minimum(points.min(axis=0), -disc)[None], low])
+        high = jnp.concatenate([jnp.maximum(points.max(axis=0), disc)[None], high])
+        slides = jnp.stack([-self.arena - low, self.arena - high], axis=-1)  # (1 + B, 2, 2)
+        turns = jnp.broadcast_to(jnp.array([-_FREE, _FREE]), (len(slides), 1, 2))
+        free = jnp.concatenate([slides, turns], axis=1)
+        stops = robots.FINGER_OPEN * jnp.array([[0.0, 1.0], [-1.0, 0.0]])
+        return jnp.concatenate([free[0], stops, free[1:].reshape(-1, 2)])
+
+    def _tips(self, place: Float[Array, "Q"]) -> Float[Array, "C 2"]:
+        """Corners of both fingers relative to the base's centre, world axes."""
+        arm, turned = _arms(place[2]), heading((place[2] + place[3:_JOINTS])[:, None])
+        corners = Vec(self._corners[..., 0], self._corners[..., 1]).out_of(turned)
+        x, y = arm.x[:, None] + corners.x, arm.y[:, None] + corners.y
+        return jnp.stack([x.reshape(-1), y.reshape(-1)], axis=-1)
+
+
+# -------------------------------------------------------------------- coordinates
+
+
+def _arms(yaw: Float[Array, ""]) -> Vec:
+    """From the base's centre to the left and the right pivot, world axes."""
+    return Vec(*robots.PIVOTS.T.astype(np.float32)).out_of(heading(yaw))
+
+
+def _joints(
+    pose: Float[Array, "E 3"], velocity: Float[Array, "E 3"]
+) -> tuple[Float[Array, "Q"], Float[Array, "Q"]]:
+    """Joint positions and rates from poses and velocities of parts and blocks."""
+
+    def joined(rows):
+        fingers = rows[1:_PARTS, 2] - rows[0, 2]
+        return jnp.concatenate([rows[0], fingers, rows[_PARTS:].reshape(-1)])
+
+    return joined(pose), joined(velocity)
+
+
+def _poses(
+    place: Float[Array, "Q"], rate: Float[Array, "Q"]
+) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"]]:
+    """Poses and velocities from joint positions and rates; the fingers sit on their pivots."""
+    arm = _arms(place[2])
+    swing = arm.turned() * rate[2]
+
+    def rows(joints, offset):
+        x, y, turn = joints[:3]
+        fingers = jnp.stack([x + offset.x, y + offset.y, turn + joints[3:_JOINTS]], axis=-1)
+        return jnp.concatenate([joints[None, :3], fingers, joints[_JOINTS:].reshape(-1, 3)])
+
+    return rows(place, arm), rows(rate, swing)
+
+
+def _limited(force: Float[Array, "5"], push, turn, grip: Float[Array, "2"]) -> Float[Array, "5"]:
+    """Forces cut to the largest push, which keeps its direction, turn and grip."""
+    share = jnp.minimum(1.0, push / jnp.sqrt(jnp.sum(force[:2] ** 2) + 1e-12))
+    turned = jnp.clip(force[2:3], -turn, turn)
+    return jnp.concatenate([share * force[:2], turned, jnp.clip(force[3:], -grip, grip)])
+
+
+def _losses(rate: Float[Array, "Q"], strengths: Strengths) -> Float[Array, "Q"]:
+    """The table's friction on each joint, along the blocks' directions of travel."""
+    travel = rate[_JOINTS:].reshape(-1, 3)[:, :2]
+    speed = jnp.sqrt(jnp.sum(travel**2, axis=1, keepdims=True) + 1e-12)
+    share = jnp.where(speed > _SLOW, jnp.abs(travel) / speed, 0.75)
+    force = strengths.table * jnp.maximum(share, _LEAST_LOSS)
+    turn = jnp.broadcast_to(strengths.table_turn, (len(travel), 1))
+    losses = jnp.concatenate([force, turn], axis=1).reshape(-1)
+    return jnp.concatenate([jnp.zeros(_JOINTS), losses])

@@ -1,0 +1,141 @@
+"""MJCF of a planar scene for the MJX engine: the gripper and blocks on a table, from above.
+
+Every free body has two slide joints (x, y) and a hinge (yaw) at its centre of mass, so a joint's
+position *is* the pose. A finger hangs on one hinge at its pivot, which is its centre of mass, as in
+the original simulator. The table is friction loss on the blocks' joints, the walls are joint limits
+(the caller sets both each substep: they depend on how a body moves and is turned), and contacts are
+an explicit list of pairs with the friction coefficient that Chipmunk would use: the product of both
+surfaces'. MuJoCo alone would take the larger of the two.
+
+The text is generated, not shipped as a file, because block lists combine freely.
+"""
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from . import capsules as planar_capsules
+from . import robots, shapes
+from .capsules import Capsule
+from .joints import FINGER_RATE
+from .physics import BLOCK_FRICTION, BLOCK_MASS
+
+__all__ = ["FINGER_TORQUE", "build", "finger_armature"]
+
+FINGER_TORQUE = 4.0  # largest, of the original's finger motors
+TABLE_FORCE, TABLE_TORQUE = 1.5, 0.1  # most that the original's table resists a block with
+# MuJoCo's contacts are springs whose stiffness scales with the lighter body's mass, so a gripped
+# block of 0.01 would be pierced. At this impedance it yields by 0.005 at the largest grip.
+_HARD = "0.999 0.999 0.01"
+
+
+def finger_armature(timestep: float) -> float:
+    """Rotor inertia of the finger motors.
+
+    The motor is a velocity servo applied as an explicit force. A force that reaches the wanted rate
+    (at most 1 rad/s) in one substep is tiny for so light a finger, so a blocked finger would hardly
+    grip; Chipmunk's motor grips with its full torque. This inertia makes the two agree.
+    """
+    return FINGER_TORQUE * timestep / FINGER_RATE
+
+
+def _geom(name: str, capsule: Capsule) -> str:
+    (ax, ay), (bx, by), r = capsule
+    if (ax, ay) == (bx, by):
+        return f'<geom name="{name}" type="sphere" size="{r}" pos="{ax} {ay} 0"/>'
+    return f'<geom name="{name}" type="capsule" size="{r}" fromto="{ax} {ay} 0 {bx} {by} 0"/>'
+
+
+def _geoms(body: str, capsules: tuple[Capsule, ...]) -> tuple[list[str], str]:
+    names = [f"{body}_{i}" for i in range(len(capsules))]
+    return names, "".join(_geom(n, c) for n, c in zip(names, capsules, strict=True))
+
+
+def _inertial(mass: float, inertia: float) -> str:
+    return f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>'
+
+
+def _free_planar(name: str, inertial: str, loss: tuple[float, float], inner: str) -> str:
+    """A body that slides and turns; `loss` is the table's largest force and torque."""
+    slide = f'type="slide" limited="true" range="-1 1" frictionloss="{loss[0]}"'
+    return (
+        f'<body name="{name}">{inertial}'
+        f'<joint name="{name}_x" axis="1 0 0" {slide}/>'
+        f'<joint name="{name}_y" axis="0 1 0" {slide}/>'
+        f'<joint name="{name}_yaw" axis="0 0 1" type="hinge" frictionloss="{loss[1]}"/>'
+        f"{inner}</body>"
+    )
+
+
+def _finger(name: str, side: int, part: robots.Part, geoms: str, timestep: float) -> str:
+    x, y = robots.PIVOTS[side]
+    low, high = ((0.0, robots.FINGER_OPEN), (-robots.FINGER_OPEN, 0.0))[side]
+    return (
+        f'<body name="{name}" pos="{x} {y} 0">{_inertial(part.mass, part.inertia)}'
+        f'<joint name="{name}" type="hinge" axis="0 0 1" limited="true" range="{low} {high}"'
+        f' armature="{finger_armature(timestep)}"/>{geoms}</body>'
+    )
+
+
+def _pairs(surfaces: list[tuple[list[str], float]], robot_parts: int) -> str:
+    """Contact pairs between every two bodies, but not among the robot's own parts."""
+    text = []
+    for i, (first, mu1) in enumerate(surfaces):
+        for second, mu2 in surfaces[max(i + 1, robot_parts) :]:
+            mu = mu1 * mu2
+            text += [
+                f'<pair geom1="{a}" geom2="{b}" condim="3" friction="{mu} {mu}"/>'
+                for a in first
+                for b in second
+            ]
+    return "".join(text)
+
+
+def build(
+    blocks: tuple[str, ...], *, timestep: float, iterations: int, max_contacts: int
+) -> mujoco.MjModel:
+    """Compile the scene of the gripper and blocks.
+
+    Joint positions are the gripper's x, y (arena units), yaw, left and right finger (rad, relative
+    to the base), then x, y, yaw of each block. Bodies: robot, left_finger, right_finger, block_0,
+    block_1, ...
+
+    Args:
+      blocks: the blocks' shapes, each one of `block_shapes.SHAPES`.
+      timestep: length of a substep (s).
+      iterations: of the contact solver.
+      max_contacts: most contacts that a substep resolves; the deepest count.
+    """
+    base, *fingers = robots.robot("gripper").parts
+    names, inner = _geoms("robot", planar_capsules.disc(base.radius))
+    surfaces = [(names, base.friction)]
+    for side, part in enumerate(fingers):
+        name = ("left_finger", "right_finger")[side]
+        names, geoms = _geoms(name, planar_capsules.finger(part))
+        surfaces.append((names, part.friction))
+        inner += _finger(name, side, part, geoms, timestep)
+    bodies = _free_planar("robot", _inertial(base.mass, base.inertia), (0.0, 0.0), inner)
+    index = jnp.array([shapes.SHAPES.index(shape) for shape in blocks], jnp.int32)
+    inertias = 1.0 / np.asarray(shapes.blocks(index).inverse_inertia, np.float64)
+    for i, (shape, inertia) in enumerate(zip(blocks, inertias, strict=True)):
+        names, geoms = _geoms(f"block_{i}", planar_capsules.block(shape))
+        surfaces.append((names, BLOCK_FRICTION))
+        inertial = _inertial(BLOCK_MASS, inertia)
+        bodies += _free_planar(f"block_{i}", inertial, (TABLE_FORCE, TABLE_TORQUE), geoms)
+    return mujoco.MjModel.from_xml_string(f"""
+<mujoco model="planar">
+  <compiler angle="radian"/>
+  <option timestep="{timestep}" gravity="0 0 0" solver="Newton" iterations="{iterations}"
+          ls_iterations="5" cone="pyramidal" integrator="Euler">
+    <flag eulerdamp="disable"/>
+  </option>
+  <custom><numeric name="max_contact_points" data="{max_contacts}"/></custom>
+  <default>
+    <geom contype="0" conaffinity="0"/>
+    <joint solreflimit="{2 * timestep} 1" solreffriction="{2 * timestep} 1"
+           solimplimit="{_HARD}" solimpfriction="0.98 0.98 0.01"/>
+    <pair solref="{2 * timestep} 1" solimp="{_HARD}"/>
+  </default>
+  <worldbody>{bodies}</worldbody>
+  <contact>{_pairs(surfaces, 1 + len(fingers))}</contact>
+</mujoco>""")

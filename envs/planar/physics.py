@@ -1,0 +1,349 @@
+"""One control step of a robot and blocks on a table, seen from above; pure arrays in and out.
+
+Every body, fingers included, has a pose (x, y, angle) and a velocity; joints are impulses like
+contacts. The order of work in a substep is Chipmunk's: positions advance with the velocities that
+the last substep left, then contacts are found, then velocities are solved.
+
+With fewer substeps than the original's ten, positions take a share of the new velocity, so that a
+body that accelerates evenly covers the same way in a control step as with ten.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from . import contacts as touching
+from . import joints as jointing
+from .contacts import Frames
+from .impulses import Bodies, Impulse, Motion, Rows, kick, prepare, solve
+from .joints import Command, Strengths
+from .plane import Vec, fence, heading
+from .robots import Robot
+from .shapes import BlockShape
+
+__all__ = ["BLOCK_MASS", "Physics"]
+
+BLOCK_MASS = 0.01  # of the blocks whose inertia `BlockShape` gives
+BLOCK_FRICTION, WALL_FRICTION = 0.5, 0.8  # of one surface; Chipmunk multiplies the two that touch
+
+
+class _Impulses(NamedTuple):
+    """What contacts and joints have given in a substep."""
+
+    contacts: list[Impulse]  # a layer each
+    table: jointing.Servo
+    drive: jointing.Servo
+    fingers: jointing.FingerImpulses | None
+
+
+class _Layer(NamedTuple):
+    """A layer of contacts and whom it joins."""
+
+    rows: Rows
+    kind: str  # "part", "blocks", "part walls" or "block walls"
+    which: int  # the part, or by how much the second blocks are shifted
+
+
+class Physics:
+    """A robot among `num_blocks` blocks.
+
+    Args:
+      substeps: physics steps a control step; the original's is 10.
+      iterations: sweeps over contacts and joints a substep; the original's is 10.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        num_blocks: int,
+        *,
+        arena: float,
+        control_hz: float = 8.0,
+        substeps: int = 10,
+        iterations: int = 10,
+        block_mass: float = BLOCK_MASS,
+    ):
+        self.robot, self.num_blocks, self.arena = robot, num_blocks, arena
+        self.substeps, self.iterations = substeps, iterations
+        self.dt = 1.0 / (control_hz * substeps)
+        self.block_mass = block_mass
+        self._ahead = 0.5 - 0.05 * substeps if substeps < 10 else 0.0
+        parts = robot.parts
+        most = max(len(p.corners) for p in parts)
+        index = [np.minimum(np.arange(most), len(p.corners) - 1) for p in parts]
+        corners = np.stack([p.corners[i] for p, i in zip(parts, index, strict=True)])
+        self._corners = Vec(*np.moveaxis(corners, 2, 0).transpose(0, 2, 1).astype(np.float32))
+        self._radius = np.array([p.radius for p in parts], np.float32)
+        self._rough = np.array([p.friction for p in parts], np.float32)
+        self._parts = Bodies(
+            np.array([1 / p.mass for p in parts], np.float32),
+            np.array([1 / p.inertia for p in parts], np.float32),
+        )
+
+    @property
+    def memory_size(self) -> int:
+        """How many numbers `step` remembers beside poses and velocities."""
+        # Not by making one: outside of a program each array would be compiled by itself.
+        return jax.eval_shape(lambda: self._pack(self._none())).size
+
+    def rest(self) -> Float[Array, "I"]:
+        """The memory of a scene in which nothing has touched yet."""
+        return jnp.zeros(self.memory_size)
+
+    # By itself, so that programs which share this object trace it once.
+    @functools.partial(jax.jit, static_argnums=0)
+    def step(
+        self,
+        pose: Float[Array, "E 3"],
+        velocity: Float[Array, "E 3"],
+        memory: Float[Array, "I"],
+        shapes: BlockShape,
+        strengths: Strengths,
+        command: Command,
+    ) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"], Float[Array, "I"]]:
+        """One control step.
+
+        Args:
+          pose: x, y (arena units) and angle (rad) of the robot's parts, then of the blocks.
+          velocity: their rates, per second.
+          memory: the last step's impulses, with which the solver begins.
+
+        Returns:
+          The same three a control step later.
+        """
+
+        def substep(carry, _):
+            pose, velocity, shift, impulses = carry
+            return self._substep(pose, velocity, shift, impulses, shapes, strengths, command), None
+
+        carry = (pose, velocity, jnp.zeros_like(velocity), self._unpack(memory))
+        carry, _ = jax.lax.scan(substep, carry, length=self.substeps)
+        return carry[0], carry[1], self._pack(carry[3])
+
+    def clearance(self, pose: Float[Array, "E 3"], shapes: BlockShape) -> Float[Array, ""]:
+        """Gap between the robot and the nearest block or wall; negative where they overlap."""
+        count = len(self.robot.parts)
+        place = Frames(Vec(pose[:, 0], pose[:, 1]), heading(pose[:, 2]))
+        parts, blocks = (Frames(*(f[s] for f in place)) for s in (slice(count), slice(count, None)))
+        found = touching.walls(self._corners, self._radius, parts, arena=self.arena)
+        for p, part in enumerate(self.robot.parts):
+            at = Frames(*(f[p] for f in parts))
+            found += touching.with_part(part, at, shapes, blocks)
+        return jnp.stack([layer.gap.min() for layer in found]).min()
+
+    def settle(
+        self,
+        pose: Float[Array, "E 3"],
+        velocity: Float[Array, "E 3"],
+        shapes: BlockShape,
+        strengths: Strengths,
+        command: Command,
+        *,
+        iterations: int = 100,
+    ) -> Float[Array, "I"]:
+        """The memory of a scene that `command` has just brought to these poses and velocities."""
+        layers, aim = self._problem(
+            pose - self.dt * velocity, pose, velocity[0, 2], shapes, command
+        )
+        motion = self._motions(velocity)
+        sweep = lambda _, s: self._sweep(layers, aim, *s, shapes, strengths)  # noqa: E731
+        _, impulses = jax.lax.fori_loop(0, iterations, sweep, (motion, self._none()))
+        return self._pack(impulses)
+
+    # ---------------------------------------------------------------- one substep
+
+    def _substep(self, before, velocity, shift, impulses, shapes, strengths, command):
+        pose = before + self.dt * ((1 - self._ahead) * velocity + shift)
+        layers, aim = self._problem(before, pose, velocity[0, 2], shapes, command)
+        contacts = [
+            Impulse(*(jnp.where(layer.rows.mass.x > 0, f, 0.0) for f in j[:2]), 0.0 * j.shift)
+            for layer, j in zip(layers, impulses.contacts, strict=True)
+        ]
+        impulses = impulses._replace(contacts=contacts)
+        motion = self._warm(layers, aim, self._motions(velocity), impulses, shapes)
+        sweep = lambda _, s: self._sweep(layers, aim, *s, shapes, strengths)  # noqa: E731
+        motion, impulses = jax.lax.fori_loop(0, self.iterations, sweep, (motion, impulses))
+        velocity = _stacked(*((m.push, m.spin) for m in motion))
+        shift = _stacked(*((m.shift, m.twist) for m in motion))
+        return pose + self.dt * self._ahead * velocity, velocity, shift, impulses
+
+    def _motions(self, velocity: Float[Array, "E 3"]) -> tuple[Motion, Motion]:
+        """Of the robot's parts and of the blocks."""
+        count = len(self.robot.parts)
+
+        def motion(v):
+            zero = jnp.zeros_like(v[:, 2])
+            return Motion(Vec(v[:, 0], v[:, 1]), v[:, 2], Vec(zero, zero), zero)
+
+        return motion(velocity[:count]), motion(velocity[count:])
+
+    def _blocks(self, shapes: BlockShape) -> Bodies:
+        inertia = shapes.inverse_inertia * (BLOCK_MASS / self.block_mass)
+        return Bodies(jnp.full_like(inertia, 1 / self.block_mass), inertia)
+
+    def _problem(self, before, pose, spin, shapes: BlockShape, command: Command):
+        """Contacts and aims of a substep."""
+        count, dt = len(self.robot.parts), self.dt
+        place = Frames(Vec(pose[:, 0], pose[:, 1]), heading(pose[:, 2]))
+        place = fence(place)
+        parts, blocks = (Frames(*(f[s] for f in place)) for s in (slice(count), slice(count, None)))
+        aim = jointing.aims(before[:count], pose[:count], parts, spin, command, dt=dt)
+        light, layers = self._blocks(shapes), []
+        for p, part in enumerate(self.robot.parts):
+            at, heavy = Frames(*(f[p] for f in parts)), Bodies(*(f[p] for f in self._parts))
+            offset, rough = blocks.center - at.center, part.friction * BLOCK_FRICTION
+            for found in touching.with_part(part, at, shapes, blocks):
+                rows = prepare(found, rough, heavy, offset, light, dt=dt)
+                layers.append(_Layer(rows, "part", p))
+        for k, found in enumerate(touching.between_blocks(shapes, blocks), start=1):
+            second = Bodies(*(jnp.roll(f, -k) for f in light))
+            offset = blocks.center.roll(-k) - blocks.center
+            rows = prepare(found, BLOCK_FRICTION**2, light, offset, second, dt=dt)
+            layers.append(_Layer(rows, "blocks", k))
+        for found in touching.walls(self._corners, self._radius, parts, arena=self.arena):
+            rows = prepare(found, WALL_FRICTION * self._rough, None, None, self._parts, dt=dt)
+            layers.append(_Layer(rows, "part walls", 0))
+        for found in touching.walls(shapes.corners, shapes.radius, blocks, arena=self.arena):
+            rows = prepare(found, WALL_FRICTION * BLOCK_FRICTION, None, None, light, dt=dt)
+            layers.append(_Layer(rows, "block walls", 0))
+        return layers, aim
+
+    def _warm(self, layers, aim, motion, impulses: _Impulses, shapes) -> tuple[Motion, Motion]:
+        """Motions after the last substep's impulses."""
+        parts, blocks = motion
+        for layer, j in zip(layers, impulses.contacts, strict=True):
+            parts, blocks = _kicked(layer, j, parts, blocks)
+        blocks = _served(blocks, impulses.table, self._blocks(shapes))
+        base = _served(_only(parts, 0), impulses.drive, Bodies(*(f[0] for f in self._parts)))
+        parts = _with_base(parts, base)
+        if impulses.fingers is not None:
+            j = impulses.fingers
+            push, spin = jointing.pin(parts.push, parts.spin, j.pivot, aim, self._parts)
+            spin = jointing.turn_fingers(spin, j.limit + j.motor, self._parts)
+            parts = parts._replace(push=push, spin=spin)
+        return parts, blocks
+
+    def _sweep(self, layers, aim, motion, impulses: _Impulses, shapes, strengths: Strengths):
+        """One pass over all contacts, then all joints."""
+        parts, blocks = motion
+        contacts = []
+        for layer, j in zip(layers, impulses.contacts, strict=True):
+            new = fence(solve(layer.rows, j, *_sides(layer, parts, blocks)))
+            step = Impulse(*(a - b for a, b in zip(new, j, strict=True)))
+            parts, blocks = fence(_kicked(layer, step, parts, blocks))
+            contacts.append(new)
+
+        dt, light, s = self.dt, self._blocks(shapes), strengths
+        table = jointing.hold(
+            blocks.push, blocks.spin, impulses.table, light, s.table * dt, s.table_turn * dt
+        )
+        blocks = _served(blocks, _less(table, impulses.table), light)
+        base, heavy = _only(parts, 0), Bodies(*(f[0] for f in self._parts))
+        drive = jointing.drive(
+            base.push, base.spin, impulses.drive, aim, heavy, s.drive * dt, s.turn * dt
+        )
+        parts = _with_base(parts, _served(base, _less(drive, impulses.drive), heavy))
+        fingers = impulses.fingers
+        if fingers is not None:
+            push, spin, fingers = jointing.fingers(
+                parts.push, parts.spin, fingers, aim, self._parts, s.finger * dt
+            )
+            parts = parts._replace(push=push, spin=spin)
+        return (parts, blocks), _Impulses(contacts, table, drive, fingers)
+
+    # ---------------------------------------------------------------- memory
+
+    def _none(self) -> _Impulses:
+        parts, blocks = len(self.robot.parts), self.num_blocks
+        layers = sum(2 if p.boxes else 1 for p in self.robot.parts) + max(blocks - 1, 0)
+        sizes = [blocks] * layers + [parts] * 4 + [blocks] * 4
+        zero, some = jnp.zeros(()), jnp.zeros(blocks)
+        fingers = None
+        if self.robot.has_fingers:
+            pair = jnp.zeros(2)
+            fingers = jointing.FingerImpulses(Vec(pair, pair), pair, pair)
+        return _Impulses(
+            [Impulse(*[jnp.zeros(n)] * 3) for n in sizes],
+            jointing.Servo(Vec(some, some), some),
+            jointing.Servo(Vec(zero, zero), zero),
+            fingers,
+        )
+
+    def _pack(self, impulses: _Impulses) -> Float[Array, "I"]:
+        kept = impulses._replace(contacts=[j[:2] for j in impulses.contacts])
+        return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(kept)])
+
+    def _unpack(self, memory: Float[Array, "I"]) -> _Impulses:
+        none = self._none()
+        kept = none._replace(contacts=[j[:2] for j in none.contacts])
+        leaves, tree = jax.tree.flatten(kept)
+        ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
+        pieces = jnp.split(memory, ends)
+        leaves = [p.reshape(leaf.shape) for p, leaf in zip(pieces, leaves, strict=True)]
+        kept = jax.tree.unflatten(tree, leaves)
+        return kept._replace(contacts=[Impulse(*j, 0.0 * j[0]) for j in kept.contacts])
+
+
+# ---------------------------------------------------------------- motions
+
+
+def _plus(a: Motion, b: Motion) -> Motion:
+    return jax.tree.map(jnp.add, a, b)
+
+
+def _only(motion: Motion, which: int) -> Motion:
+    return Motion(*(f[which] for f in motion))
+
+
+def _with_base(parts: Motion, base: Motion) -> Motion:
+    return jax.tree.map(lambda all_, one: jnp.concatenate([one[None], all_[1:]]), parts, base)
+
+
+def _less(new: jointing.Servo, old: jointing.Servo) -> jointing.Servo:
+    return jax.tree.map(jnp.subtract, new, old)
+
+
+def _served(motion: Motion, j: jointing.Servo, bodies: Bodies) -> Motion:
+    """Motions after the impulses of the table or the drive."""
+    push = motion.push + j.push * bodies.inverse_mass
+    return motion._replace(push=push, spin=motion.spin + j.turn * bodies.inverse_inertia)
+
+
+def _sides(layer: _Layer, parts: Motion, blocks: Motion) -> tuple[Motion | None, Motion]:
+    """Motions of the layer's first and second bodies."""
+    if layer.kind == "part":
+        return _only(parts, layer.which), blocks
+    if layer.kind == "blocks":
+        return blocks, jax.tree.map(lambda f: jnp.roll(f, -layer.which), blocks)
+    return None, parts if layer.kind == "part walls" else blocks
+
+
+def _kicked(layer: _Layer, j: Impulse, parts: Motion, blocks: Motion) -> tuple[Motion, Motion]:
+    """Motions after a layer's impulses."""
+    first, second = kick(layer.rows, j)
+    if layer.kind == "part":
+        p = layer.which
+        push = lambda all_, one: all_ + _at(p, len(all_)) * one.sum()  # noqa: E731
+        return jax.tree.map(push, parts, first), _plus(blocks, second)
+    if layer.kind == "blocks":
+        second = jax.tree.map(lambda f: jnp.roll(f, layer.which), second)
+        return parts, _plus(_plus(blocks, first), second)
+    if layer.kind == "part walls":
+        return _plus(parts, second), blocks
+    return parts, _plus(blocks, second)
+
+
+def _at(which: int, count: int) -> np.ndarray:
+    return (np.arange(count) == which).astype(np.float32)
+
+
+def _stacked(*motions: tuple[Vec, Array]) -> Float[Array, "E 3"]:
+    """Velocities of parts and blocks as one array."""
+    x, y, spin = (
+        jnp.concatenate(f) for f in zip(*((v.x, v.y, w) for v, w in motions), strict=True)
+    )
+    return jnp.stack([x, y, spin], axis=-1)

@@ -1,0 +1,1 @@
+"""What tasks on a table share; one folder a task."""

@@ -1,0 +1,86 @@
+"""The camera that looks at the table: boxes in space to boxes in the picture.
+
+It stands opposite the robot, a little to the robot's right, and looks down at the table: x of the
+picture is to the robot's left, y is up. Pictures are square, and their units are half a width: the
+middle is 0, edges are at -1 and 1, so that a picture's half extent is 1. A box that leaves the
+picture keeps its box beyond the edge.
+"""
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from .boxes import Boxes
+
+__all__ = ["CAMERA", "HALF_EXTENT", "Camera", "axes", "outline", "project"]
+
+HALF_EXTENT = 1.0  # of every picture, in its own units
+
+_NEAREST = 0.05  # metres before the camera; what is nearer counts as there
+_SIGNS = np.array([[(i >> k & 1) * 2.0 - 1 for k in range(3)] for i in range(8)], np.float32)
+
+
+class Camera(NamedTuple):
+    """A pinhole camera that keeps the horizon level."""
+
+    place: tuple[float, float, float]  # metres
+    target: tuple[float, float, float]  # what the middle of the picture shows; not straight below
+    field: float  # of view, from edge to edge, rad
+
+
+CAMERA = Camera(place=(1.5, -0.05, 1.0), target=(0.45, -0.05, 0.2), field=float(np.radians(50)))
+
+
+@functools.cache
+def axes(camera: Camera) -> np.ndarray:
+    """Rows: the picture's x and y axes and the direction of view, in the world's axes (3, 3)."""
+    forward = np.subtract(camera.target, camera.place)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(right, forward), forward]).astype(np.float32)
+
+
+def _corners(camera: Camera, position, rotation, half):
+    """The corners (..., 8, 2) of boxes, in the picture; arrays of NumPy or of JAX."""
+    offset = _SIGNS * half[..., None, :]
+    offset = (rotation[..., None, :, :] * offset[..., None, :]).sum(-1)
+    away = position[..., None, :] + offset - np.array(camera.place, np.float32)
+    seen = (axes(camera) * away[..., None, :]).sum(-1)
+    depth = seen[..., 2:].clip(_NEAREST) * np.float32(np.tan(camera.field / 2))
+    return seen[..., :2] / depth
+
+
+def project(camera: Camera, boxes: Boxes) -> tuple[Float[Array, "*N 2"], Float[Array, "*N 2"]]:
+    """Middles, and widths and heights, of the boxes in the picture: of all eight corners of each.
+
+    Nothing hides anything here: these are the boxes of whole things.
+    """
+    corners = _corners(camera, *boxes)
+    low, high = corners.min(axis=-2), corners.max(axis=-2)
+    return (low + high) / 2, high - low
+
+
+def outline(camera: Camera, position: np.ndarray, rotation: np.ndarray, half: np.ndarray):
+    """The corners (V, 2) of one box's silhouette in the picture, counter-clockwise (host side)."""
+    corners = _corners(camera, position, rotation, half).astype(np.float64)
+    points = corners[np.lexsort(corners.T[::-1])]
+    return np.array([*_chain(points), *_chain(points[::-1])])
+
+
+def _chain(points: np.ndarray) -> list[np.ndarray]:
+    """Half of a convex hull, without its last point (Andrew's monotone chain)."""
+    chain: list[np.ndarray] = []
+    for point in points:
+        while len(chain) > 1 and _turn(chain[-2], chain[-1], point) <= 0:
+            chain.pop()
+        chain.append(point)
+    return chain[:-1]
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    """Above 0 if the way over b turns left."""
+    (x, y), (u, v) = b - a, c - b
+    return float(x * v - y * u)

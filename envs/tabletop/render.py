@@ -1,0 +1,216 @@
+"""Pictures of a tabletop scene, and which thing each of their pixels shows, without a display.
+
+OpenGL comes through EGL (a graphics card, or Mesa in software) or OSMesa; the environment variable
+MUJOCO_GL may name one of them. What is painted is what a graph has: each thing is the box that the
+task says it is, unless it is made of several, and each robot node likewise. The rest of the arm and
+the table are scenery.
+"""
+
+import copy
+import importlib
+import os
+from typing import NamedTuple
+
+import jax
+import mujoco
+import numpy as np
+from gril_jax.envs.base import State
+from gril_jax.envs.tabletop.task import Tabletop
+from jaxtyping import Float, Int8, UInt8
+
+from .boxes import Boxes
+from .camera import Camera
+
+__all__ = ["Picture", "Renderer"]
+
+_BACKENDS = ("egl", "osmesa")
+_BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
+_UNSEEN = 5  # a group of geoms that is not painted
+_SCENERY = -1
+_TABLE, _ARM = (0.62, 0.5, 0.38), (0.93, 0.93, 0.94)
+_COLOURS = (
+    (0.25, 0.25, 0.27), (0.25, 0.25, 0.27), (0.8, 0.8, 0.82), (0.5, 0.53, 0.58), (0.68, 0.7, 0.74),
+    (0.42, 0.24, 0.14), (0.55, 0.34, 0.2), (0.3, 0.5, 0.32), (0.55, 0.35, 0.6),
+)  # fmt: skip
+
+
+class Picture(NamedTuple):
+    """One moment as the camera sees it; the first row is the top."""
+
+    frame: UInt8[np.ndarray, "P P 3"]  # RGB
+    thing: Int8[np.ndarray, "P P"]  # index of the object that a pixel shows; -1 scenery
+
+
+class Renderer:
+    """Paints moments of one environment.
+
+    Objects find their shapes by name: those of "shoe A" are in the body "shoe_a".
+
+    Args:
+      env: a tabletop environment.
+      start: any state of it; only where boxes lie in their bodies is read.
+      pixels: width and height of the pictures.
+
+    Raises:
+      ValueError: the size is out of range, or no body is named after an object.
+      RuntimeError: there is no OpenGL on this machine.
+    """
+
+    def __init__(self, env: Tabletop, start: State, *, pixels: int = 256):
+        if not 16 <= pixels <= 2048:
+            raise ValueError(f"pixels is {pixels}, but must be from 16 to 2048")
+        self.pixels = pixels
+        self._gl = _open(pixels)
+        self._model = copy.copy(env.physics.mj_model)
+        self._data = mujoco.MjData(self._model)
+        self._owner = _dress(self._model, self._data, env, start)
+        _set_view(self._model, env.camera, pixels)
+        self._camera = _camera(env.camera)
+        self._options = mujoco.MjvOption()
+        self._options.geomgroup[:] = [group != _UNSEEN for group in range(6)]
+        self._scene = mujoco.MjvScene(self._model, maxgeom=self._model.ngeom)
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._scene.flags[flag] = False
+        self._gl.make_current()
+        self._target = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._target)
+
+    def picture(
+        self,
+        qpos: Float[np.ndarray, "Q"],
+        fixtures: Float[np.ndarray, "M 7"],
+        *,
+        colour: bool = True,
+    ) -> Picture:
+        """One moment.
+
+        Args:
+          qpos: joint positions, as in `Motion`.
+          fixtures: position and quaternion of what stands still.
+          colour: whether to paint the frame; else it is black, at half the cost.
+        """
+        if colour:
+            frame = self.frame(qpos, fixtures)
+        else:
+            self._place(qpos, fixtures)
+            frame = np.zeros((self.pixels, self.pixels, 3), np.uint8)
+        segmented = (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)
+        for flag in segmented:
+            self._scene.flags[flag] = True
+        codes = self._read()
+        for flag in segmented:
+            self._scene.flags[flag] = False
+        number = codes[:, :, 0].astype(np.int32) + 256 * codes[:, :, 1].astype(np.int32)
+        # What is painted first has number 1; 0 is the background.
+        thing = np.full(self._model.ngeom + 1, _SCENERY, np.int8)
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            thing[geom.segid + 1] = self._owner[geom.objid]
+        return Picture(frame, thing[number])
+
+    def frame(
+        self, qpos: Float[np.ndarray, "Q"], fixtures: Float[np.ndarray, "M 7"]
+    ) -> UInt8[np.ndarray, "P P 3"]:
+        """The colours alone of one moment; arguments as those of `picture`."""
+        self._place(qpos, fixtures)
+        return self._read()
+
+    def _place(self, qpos: np.ndarray, fixtures: np.ndarray) -> None:
+        self._gl.make_current()
+        self._data.qpos[:] = qpos
+        self._data.mocap_pos[:], self._data.mocap_quat[:] = np.split(fixtures, [3], axis=1)
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mjv_updateScene(
+            self._model, self._data, self._options, None, self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL, self._scene,
+        )  # fmt: skip
+
+    def _read(self) -> UInt8[np.ndarray, "P P 3"]:
+        pixels = np.empty((self.pixels, self.pixels, 3), np.uint8)
+        area = mujoco.MjrRect(0, 0, self.pixels, self.pixels)
+        mujoco.mjr_render(area, self._scene, self._target)
+        mujoco.mjr_readPixels(pixels, None, area, self._target)
+        return np.ascontiguousarray(pixels[::-1])
+
+    def close(self) -> None:
+        """Give the memory back."""
+        self._gl.make_current()
+        self._target.free()
+        self._gl.free()
+
+
+def _open(pixels: int):
+    """An OpenGL context of the first backend that works."""
+    wanted = os.environ.get("MUJOCO_GL", "").lower()
+    platform, reasons = os.environ.get("PYOPENGL_PLATFORM"), []
+    for name in (wanted,) if wanted in _BACKENDS else _BACKENDS:
+        try:
+            # Which of them can be imported depends on the machine's own libraries.
+            context = importlib.import_module(f"mujoco.{name}").GLContext(pixels, pixels)
+            context.make_current()
+        except (ImportError, AttributeError, OSError, RuntimeError) as error:
+            reasons.append(f"{name}: {type(error).__name__}")
+            if platform is None:  # MuJoCo has set it for the backend that failed
+                os.environ.pop("PYOPENGL_PLATFORM", None)
+        else:
+            return context
+    raise RuntimeError(
+        "no OpenGL works here without a display, so nothing can be painted; install libegl1 or "
+        f"libosmesa6, or name the one to use in MUJOCO_GL ({'; '.join(reasons)})"
+    )
+
+
+def _dress(model: mujoco.MjModel, data: mujoco.MjData, env: Tabletop, start: State) -> np.ndarray:
+    """Turn shapes into the boxes of the things, in colours; gives the object of each geom."""
+    motion = start.data.motion
+    data.qpos[:] = motion.qpos
+    data.mocap_pos[:], data.mocap_quat[:] = np.split(np.asarray(start.data.fixtures), [3], axis=1)
+    mujoco.mj_kinematics(model, data)
+    boxes = jax.device_get(jax.jit(env.world_boxes)(start.data))
+    owner = np.full(model.ngeom, _SCENERY, np.int8)
+    model.geom_rgba[:] = (*_ARM, 1)
+    model.geom_rgba[model.geom_bodyid == 0] = (*_TABLE, 1)
+    for index, name in enumerate(env.classes):
+        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name.lower().replace(" ", "_"))
+        if body < 0:
+            raise ValueError(f"no body of the scene is named after {name!r}")
+        shapes = np.flatnonzero(model.geom_bodyid == body)
+        owner[shapes] = index
+        model.geom_rgba[shapes] = (*_COLOURS[index % len(_COLOURS)], 1)
+        flat = shapes[model.geom_type[shapes] == _BOX]
+        if len(flat) < 2:
+            only = int(flat[0]) if len(flat) else int(shapes[0])
+            model.geom_group[shapes[shapes != only]] = _UNSEEN
+            _make_box(model, data, only, body, Boxes(*(x[index] for x in boxes)))
+    return owner
+
+
+def _make_box(model, data, geom: int, body: int, box: Boxes) -> None:
+    """Give a geom the place and shape of a box in space."""
+    turn = data.xmat[body].reshape(3, 3)
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, (turn.T @ box.rotation).astype(np.float64).reshape(9))
+    model.geom_type[geom] = _BOX
+    model.geom_size[geom] = box.half
+    model.geom_pos[geom] = turn.T @ (box.position - data.xpos[body])
+    model.geom_quat[geom] = quaternion
+    model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+
+
+def _set_view(model: mujoco.MjModel, camera: Camera, pixels: int) -> None:
+    model.vis.global_.offwidth = model.vis.global_.offheight = pixels
+    model.vis.quality.offsamples = 0  # rough edges, but without a graphics card twice the speed
+    model.vis.global_.fovy = float(np.degrees(camera.field))
+    model.vis.headlight.ambient[:] = 0.45
+    model.vis.headlight.diffuse[:] = 0.5
+    model.vis.headlight.specular[:] = 0.0
+
+
+def _camera(camera: Camera) -> mujoco.MjvCamera:
+    view = mujoco.MjvCamera()
+    view.type = mujoco.mjtCamera.mjCAMERA_FREE
+    way = np.subtract(camera.target, camera.place)
+    view.distance = np.linalg.norm(way)
+    view.azimuth = np.degrees(np.arctan2(way[1], way[0]))
+    view.elevation = np.degrees(np.arcsin(way[2] / view.distance))
+    view.lookat[:] = camera.target
+    return view

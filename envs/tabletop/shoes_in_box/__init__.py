@@ -1,0 +1,1 @@
+"""Shoes into their box, the lid first."""

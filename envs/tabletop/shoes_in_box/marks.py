@@ -1,0 +1,58 @@
+"""What shows that an episode of a scripted failure is one of its kind: the positions alone.
+
+Each mark reads the things' places (T, 2 shoes), the lid's angle (T,), and which shoes are in at the
+end. A script that slips makes another failure than it meant to; such episodes are not used.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from . import model
+
+__all__ = ["shows"]
+
+_SHUT, _OPENED = 0.1, 1.571  # rad
+_OFF_TABLE = 0.1  # metres: the centre of a carried shoe
+_ON_LID = (0.17, 0.25)  # metres: the centre of a shoe that lies on the closed lid
+_FAR = 0.1  # metres
+
+
+def shows(
+    kind: str,
+    shoes: Float[np.ndarray, "T 2 3"],
+    lid: Float[np.ndarray, "T"],
+    inside: Bool[np.ndarray, "2"],
+    box: Float[np.ndarray, "2"],
+) -> bool:
+    """Whether an episode that is no success shows this kind of failure.
+
+    Args:
+      kind: of the failure.
+      shoes: their centres, metres.
+      lid: its angle, rad.
+      inside: which shoes are in at the end.
+      box: x and y of its middle.
+    """
+    number, opened = int(inside.sum()), bool((lid > _OPENED).any())
+    lifted = shoes[:, :, 2].max(axis=0) > _OFF_TABLE
+    away = np.linalg.norm(shoes[-1, :, :2] - shoes[0, :, :2], axis=1)
+    if kind == "lid only":
+        return bool(lid[-1] > _OPENED) and number == 0 and not lifted.any()
+    if kind == "one shoe":
+        return opened and number == 1 and not lifted[~inside].any()
+    if kind == "shoe outside":
+        down = shoes[-1, ~inside, 2] < _OFF_TABLE
+        return opened and number == 1 and bool(lifted.all() and down.all())
+    if kind == "lid closed again":
+        return opened and bool(lid[-1] < _SHUT)
+    if kind == "wrong order":
+        return bool(_on_closed_lid(shoes, lid, box).any())
+    if kind == "shoe knocked away":
+        return number == 1 and not lifted[~inside].any() and bool((away[~inside] > _FAR).all())
+    return kind == "stops early"
+
+
+def _on_closed_lid(shoes, lid, box) -> Bool[np.ndarray, "T 2"]:
+    low, high = _ON_LID
+    over = np.linalg.norm(shoes[:, :, :2] - box, axis=2) < model.BOX_HALF[0]
+    return over & (shoes[:, :, 2] > low) & (shoes[:, :, 2] < high) & (lid < _SHUT)[:, None]

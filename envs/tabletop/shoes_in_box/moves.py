@@ -1,0 +1,137 @@
+"""Manoeuvres of a hand at the shoe box: open its lid and close it, take a shoe, put it down.
+
+Places are in the box's frame unless said otherwise: its origin on the table below its middle, the
+hinge along its -y wall, the shoes beyond its +y wall. Lengths are metres.
+"""
+
+import numpy as np
+from gril_jax.envs.tabletop.hand import CLOSED, OPEN, Hand
+from jaxtyping import Float
+
+from .style import Style
+
+__all__ = [
+    "box_yaw", "carry", "close_lid", "holds", "knock", "open_lid", "out_of_box", "release",
+    "shoe_place", "take",
+]  # fmt: skip
+
+_HINGE, _FIRST_SHOE = 9, 10  # positions of the joints after the arm's
+# Closed fingers below the lip, up with it, over the top, and down behind it (y, z).
+_LIFT = ((0.21, 0.2), (0.195, 0.1), (0.155, 0.1), (0.15, 0.22), (0.11, 0.3), (0.05, 0.37),
+         (-0.02, 0.41), (-0.12, 0.43), (-0.2, 0.42))  # fmt: skip
+_AFTER_LIFT = (-0.05, 0.45)
+# The same from behind an open lid.
+_SHUT = ((-0.41, 0.4), (-0.41, 0.17), (-0.36, 0.17), (-0.35, 0.28), (-0.25, 0.36), (-0.13, 0.38),
+         (-0.02, 0.38), (0.05, 0.36), (0.05, 0.45))  # fmt: skip
+_SHUT_SIDE = -0.16  # x: the robot's side, as the way behind the lid is long
+_TAKE = 0.03  # height of the tool centre point that holds a shoe on the table
+_ABOVE = 0.2  # height from which it goes down to one
+
+
+def box_yaw(hand: Hand) -> float:
+    """The yaw of the box, rad."""
+    w, _, _, z = hand.fixtures[0, 3:]
+    return float(2 * np.arctan2(z, w))
+
+
+def out_of_box(hand: Hand, point) -> Float[np.ndarray, "3"]:
+    """A point of the box's frame, in the world."""
+    yaw, (x, y, z) = box_yaw(hand), point
+    c, s = np.cos(yaw), np.sin(yaw)
+    return hand.fixtures[0, :3] + np.array([c * x - s * y, s * x + c * y, z])
+
+
+def shoe_place(hand: Hand, shoe: int) -> tuple[Float[np.ndarray, "3"], float]:
+    """Where a shoe is, in the world, and how far fingers turn for it: at most a quarter turn."""
+    pose = hand.qpos[_FIRST_SHOE + 7 * shoe : _FIRST_SHOE + 7 * (shoe + 1)]
+    w, x, y, z = pose[3:]
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return pose[:3].copy(), float((yaw + np.pi / 2) % np.pi - np.pi / 2)
+
+
+def open_lid(hand: Hand, style: Style) -> None:
+    """Lift the lid with closed fingers and push it over."""
+    _along(hand, _LIFT, style.lid_side, speed=style.lid_speed)
+    hand.move(out_of_box(hand, (0.0, *_AFTER_LIFT)), speed=style.lid_speed)
+
+
+def close_lid(hand: Hand, style: Style) -> None:
+    """Push an open lid back from behind, until it falls shut."""
+    for y in (-0.1, -0.41):
+        above = out_of_box(hand, (_SHUT_SIDE, y, 0.5))
+        hand.move(above, speed=style.carry_speed, yaw=box_yaw(hand))
+    _along(hand, _SHUT, _SHUT_SIDE, speed=style.lid_speed)
+    hand.move(out_of_box(hand, (0.0, 0.1, 0.45)), speed=style.lid_speed)
+    hand.rest(20)
+
+
+def _along(hand: Hand, path, x: float, *, speed: float) -> None:
+    """Along (y, z) with closed fingers."""
+    hand.grip = CLOSED
+    for y, z in path:
+        hand.move(out_of_box(hand, (x, y, z)), speed=speed, yaw=box_yaw(hand))
+
+
+def holds(hand: Hand, shoe: int) -> bool:
+    """Whether a shoe is off the ground and with the hand."""
+    place, _ = shoe_place(hand, shoe)
+    return bool(place[2] > 0.1 and np.linalg.norm(place - hand.place) < 0.1)
+
+
+def take(hand: Hand, style: Style, shoe: int) -> None:
+    """Take a shoe from the table and lift it; a shoe that slips is tried for once more."""
+    for _ in range(2):
+        _grasp(hand, style, shoe)
+        if style.again[shoe] and holds(hand, shoe):  # think again: down with it, and once more
+            here = hand.place.copy()
+            hand.move((*here[:2], 0.06), speed=style.carry_speed)
+            hand.move((*here[:2], _TAKE + 0.005), speed=0.15)
+            hand.open()
+            hand.move((*here[:2], 0.12), speed=style.carry_speed)
+            _grasp(hand, style, shoe)
+        if holds(hand, shoe):
+            return
+
+
+def _grasp(hand: Hand, style: Style, shoe: int) -> None:
+    place, yaw = shoe_place(hand, shoe)
+    along = style.grip[shoe] * np.array([np.cos(yaw), np.sin(yaw)])
+    spot = place[:2] + along
+    hand.grip = OPEN
+    if hand.place[2] < _ABOVE:
+        hand.move((*hand.place[:2], style.arc), speed=style.carry_speed)
+    hand.move((*spot, _ABOVE), speed=style.carry_speed, yaw=yaw)
+    hand.move((*spot, _TAKE), speed=min(0.25, style.carry_speed))
+    hand.rest(3)
+    hand.close()
+    hand.move((*spot, style.arc), speed=style.carry_speed)
+
+
+def carry(hand: Hand, style: Style, where) -> None:
+    """Over the box, or another place of its frame, and down to it."""
+    goal = out_of_box(hand, where)
+    above = np.array([*goal[:2], style.arc])
+    middle = (hand.place + above) / 2 + [*style.detour, 0.02]
+    hand.move(middle, speed=style.carry_speed)
+    hand.move(above, speed=style.carry_speed, yaw=box_yaw(hand))
+    hand.move(goal, speed=min(0.25, style.carry_speed))
+    hand.rest(3)
+
+
+def release(hand: Hand, style: Style, *, pause: int = 0) -> None:
+    """Let go and go up."""
+    hand.rest(pause)
+    hand.open()
+    hand.move((*hand.place[:2], style.arc), speed=style.carry_speed)
+
+
+def knock(hand: Hand, style: Style, shoe: int, way) -> None:
+    """Strike a shoe with closed fingers, along a direction (x, y) of the world, by 20 cm."""
+    place, _ = shoe_place(hand, shoe)
+    way = np.asarray(way) / np.linalg.norm(way)
+    hand.grip = CLOSED
+    behind = place[:2] - 0.13 * way
+    hand.move((*behind, style.arc), speed=style.carry_speed)
+    hand.move((*behind, 0.03), speed=0.3)
+    hand.move((*(place[:2] + 0.12 * way), 0.03), speed=0.45)
+    hand.move((*hand.place[:2], style.arc), speed=style.carry_speed)

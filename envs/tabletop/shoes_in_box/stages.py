@@ -1,0 +1,129 @@
+"""The stages of shoes in the box by what a picture shows: boxes alone, no depth and no grip.
+
+Objects are left finger, right finger, hand, box, lid, shoe A, shoe B; lengths are those of the
+picture. Places are told in sizes of the box, from its middle. How the lid's box changes while it
+opens is a curve through the camera's views of the hinge's angles, means over 256 starts. A start
+turns the box by up to 22.5 degrees: then its own curve is up to an eighth of the box aside, and the
+open lid's sizes are another ninth more or less in the median.
+
+A lid elsewhere, which its hinge forbids, counts as open or closed by the curve's nearest point.
+What a picture cannot tell: a shoe that is held above the box, or lies on its closed lid, from one
+that lies in it, and a lid that was closed again over both shoes, which is a success for the task,
+from one that was never opened. So true progress here is the share of stages that hold, each by
+itself; the lid comes first in the order in which they are done.
+"""
+
+import jax
+import jax.numpy as jnp
+from gril_jax.envs.stages import Stage, Stages, free_place
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+__all__ = ["BOX", "LID", "LID_CURVE", "ROBOTS", "SHOES", "stages"]
+
+ROBOTS, BOX, LID, SHOES = (0, 1, 2), 3, 4, (5, 6)
+
+# Angle of the hinge, rad; middle of the lid's box, in sizes of the box; its width and height, as
+# shares of those when it is closed. Up to 0.1 rad a box changes less than a layout varies.
+LID_CURVE = (
+    (0.0, (0.054, 0.161), (1.0, 1.0)),
+    (0.1, (0.053, 0.192), (1.0, 1.0)),
+    (0.4, (0.025, 0.288), (0.959, 1.192)),
+    (0.8, (-0.078, 0.396), (0.780, 1.486)),
+    (1.2, (-0.241, 0.471), (0.484, 1.686)),
+    (1.571, (-0.444, 0.495), (0.355, 1.746)),
+    (2.0, (-0.658, 0.463), (0.748, 1.665)),
+    (2.3, (-0.772, 0.406), (0.951, 1.514)),
+    (2.6, (-0.840, 0.329), (1.070, 1.305)),
+)
+_OPEN = 1.571  # rad
+_AT_REST, _ASIDE = (2.4, 2.6), 0.05  # where an open lid lies, rad, and how exactly
+# Middles of shoes on the box's floor: where they count, and where they clearly do.
+_INSIDE = ((-0.32, -0.30), (0.32, 0.20))
+_CLEARLY = ((-0.22, -0.20), (0.22, 0.10))
+
+
+def stages(things: tuple[str, ...], *, half_extent: float) -> Stages:
+    """The stages of the task in a picture |x|, |y| <= `half_extent`; `things` name the objects."""
+    lid = Stage(f"{things[LID]} open", (LID,), _lid_open, _open_lid)
+    shoes = [
+        Stage(f"{things[i]} in", (i,), _holds(i), _place(i), required_before=(lid.name,))
+        for i in SHOES
+    ]
+    return Stages(
+        stages=(lid, *shoes),
+        movable=(LID, *SHOES),
+        robots=ROBOTS,
+        half_extent=half_extent,
+        score=_share_that_holds,
+        sizes=_sizes,
+    )
+
+
+def _share_that_holds(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
+    held = [stage.holds(center, size) for stage in task.stages]
+    return jnp.mean(jnp.stack(held).astype(jnp.float32))
+
+
+def _relative(index: int, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
+    return (center[index] - center[BOX]) / size[BOX]
+
+
+def _curve():
+    angle, middle, shares = zip(*LID_CURVE, strict=True)
+    return jnp.array(angle), jnp.array(middle), jnp.array(shares)
+
+
+def _nearest(center, size):
+    """The curve's point nearest to the lid: its segment, and the share of it."""
+    _, middle, _ = _curve()
+    place = _relative(LID, center, size)
+    way = middle[1:] - middle[:-1]
+    share = jnp.sum((place - middle[:-1]) * way, axis=1) / jnp.sum(way**2, axis=1)
+    share = jnp.clip(share, 0.0, 1.0)
+    away = jnp.sum((middle[:-1] + share[:, None] * way - place) ** 2, axis=1)
+    segment = jnp.argmin(away)
+    return segment, share[segment]
+
+
+def _between(values, segment, share):
+    return values[segment] + share * (values[segment + 1] - values[segment])
+
+
+def _sizes(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
+    segment, share = _nearest(center, size)
+    return size.at[LID].multiply(_between(_curve()[2], segment, share))
+
+
+def _lid_open(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, ""]:
+    return _between(_curve()[0], *_nearest(center, size)) > _OPEN
+
+
+def _open_lid(
+    key: PRNGKeyArray, center: Float[Array, "N 2"], size: Float[Array, "N 2"]
+) -> Float[Array, "N 2"]:
+    key_angle, key_aside = jax.random.split(key)
+    low, high = _AT_REST
+    at = jax.random.uniform(key_angle, (), minval=low, maxval=high)
+    angles, middle, _ = _curve()
+    place = jnp.stack([jnp.interp(at, angles, middle[:, axis]) for axis in range(2)])
+    place += jax.random.uniform(key_aside, (2,), minval=-_ASIDE, maxval=_ASIDE)
+    return center.at[LID].set(center[BOX] + place * size[BOX])
+
+
+def _holds(shoe: int):
+    def holds(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, ""]:
+        low, high = jnp.array(_INSIDE)
+        place = _relative(shoe, center, size)
+        return ((place > low) & (place < high)).all()
+
+    return holds
+
+
+def _place(shoe: int):
+    def place(
+        key: PRNGKeyArray, center: Float[Array, "N 2"], size: Float[Array, "N 2"]
+    ) -> Float[Array, "N 2"]:
+        low, high = center[BOX] + jnp.array(_CLEARLY) * size[BOX]
+        return free_place(key, shoe, center, size, low=low, high=high, others=SHOES)
+
+    return place

@@ -1,0 +1,102 @@
+"""How an episode on the table starts: a group of things moved as one, and each of them a little.
+
+As in RLBench a task's things are one rigid group, put down with a random offset and yaw; each then
+gets a jitter of its own. Arrangements in which things overlap are rejected, inside the compiled
+program: a fixed number is drawn and the first that fits is taken.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from gril_jax.envs.panda.frames import quaternion_about_z
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+__all__ = ["Footprint", "Start", "apart", "free_joint", "group", "place"]
+
+GROUP_SHIFT, GROUP_YAW = 0.04, 0.3927  # metres, rad (22.5 degrees): at most, either way
+SHIFT, YAW = 0.02, 0.3  # of each thing within the group
+_MIDDLE = (0.5, 0.0)  # about which the group turns, metres
+_GAP = 0.01  # metres, between things
+_CANDIDATES = 32
+
+
+class Start(NamedTuple):
+    """A start of a task's own things."""
+
+    joints: Float[Array, "J"]  # positions of the joints after the arm's
+    fixtures: Float[Array, "M 7"]  # position and quaternion of what stands still
+    unplaced: Bool[Array, ""]  # no arrangement was free of overlap; this is the first one drawn
+
+
+class Footprint(NamedTuple):
+    """Where N things stand on the table."""
+
+    place: Float[Array, "*N 3"]  # x, y (metres), yaw (rad)
+    half: Float[Array, "*N 2"]  # half extents along their own axes, metres
+
+
+def apart(a: Footprint, b: Footprint) -> Bool[Array, ""]:
+    """Whether a gap of 1 cm or more is between two things (the separating axis theorem)."""
+    yaws = jnp.stack([a.place[2], a.place[2] + jnp.pi / 2, b.place[2], b.place[2] + jnp.pi / 2])
+    axes = jnp.stack([jnp.cos(yaws), jnp.sin(yaws)], axis=1)  # (4, 2)
+
+    def spread(thing: Footprint) -> Float[Array, "4"]:
+        turn = yaws - thing.place[2]
+        return thing.half[0] * jnp.abs(jnp.cos(turn)) + thing.half[1] * jnp.abs(jnp.sin(turn))
+
+    distance = jnp.abs(jnp.sum(axes * (a.place[:2] - b.place[:2]), axis=1))
+    return (distance - spread(a) - spread(b) >= _GAP).any()
+
+
+def group(key: PRNGKeyArray, places: Float[Array, "N 3"], *, share: float) -> Float[Array, "N 3"]:
+    """Places (x, y, yaw) after one draw of the group's offset and yaw; the key is consumed.
+
+    Args:
+      places: in the task's own layout.
+      share: of the ranges; 0 leaves everything where it is.
+    """
+    drawn = share * jax.random.uniform(key, (3,), minval=-1.0)
+    shift, turn = GROUP_SHIFT * drawn[:2], GROUP_YAW * drawn[2]
+    c, s = jnp.cos(turn), jnp.sin(turn)
+    away = places[:, :2] - jnp.array(_MIDDLE)
+    moved = jnp.stack([c * away[:, 0] - s * away[:, 1], s * away[:, 0] + c * away[:, 1]], axis=1)
+    moved += jnp.array(_MIDDLE) + shift
+    return jnp.concatenate([moved, places[:, 2:] + turn], axis=1)
+
+
+def place(
+    key: PRNGKeyArray, things: Footprint, standing: Footprint, *, share: float
+) -> tuple[Float[Array, "N 3"], Bool[Array, ""]]:
+    """The things a little elsewhere, clear of each other and of what is standing.
+
+    Args:
+      key: consumed.
+      things: N of them, where the layout has them.
+      standing: others, which stay.
+      share: of the ranges of the jitter.
+
+    Returns:
+      Their places, and whether no arrangement was found (then that of the first draw).
+    """
+    count = len(things.place)
+    shape = (_CANDIDATES, count, 3)
+    jitter = share * jax.random.uniform(key, shape, minval=-1.0) * jnp.array([SHIFT, SHIFT, YAW])
+    candidates = things.place + jitter
+
+    def fits(places: Float[Array, "N 3"]) -> Bool[Array, ""]:
+        moved = things._replace(place=places)
+        every = Footprint(*(jnp.concatenate(p) for p in zip(moved, standing, strict=True)))
+        gaps = jax.vmap(jax.vmap(apart, in_axes=(None, 0)), in_axes=(0, None))(moved, every)
+        own = jnp.arange(count)[:, None] == jnp.arange(len(every.place))
+        return (gaps | own).all()
+
+    fit = jax.vmap(fits)(candidates)
+    return candidates[jnp.argmax(fit)], ~fit.any()
+
+
+def free_joint(places: Float[Array, "N 3"], height: Float[Array, ""] | float):
+    """Positions (7 N,) of free joints of things that stand level with their centres at `height`."""
+    heights = jnp.full((len(places), 1), height)
+    rows = (places[:, :2], heights, quaternion_about_z(places[:, 2]))
+    return jnp.concatenate(rows, axis=1).reshape(-1)

@@ -1,0 +1,291 @@
+"""A Panda at a table: the environment that all tabletop tasks share.
+
+Control runs at 20 Hz over physics of 5 ms. The base of the arm is the origin, x points forward,
+y to its left, z up, and the table is at z = 0; lengths are metres. What a task adds (things,
+their starts and stages) is a `Task`: a value with a few pure functions, no class to inherit from.
+
+Actions: see `panda_control`. Observation: see `tabletop_observation`.
+Objects: left finger, right finger, hand, then the task's; their boxes are those of whole things in
+the camera's picture (`tabletop_camera`). `world_boxes` gives the same boxes in space.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gril_jax.envs.base import Objects, Outline, State
+from gril_jax.envs.panda import control, kinematics
+from gril_jax.envs.panda import model as panda_model
+from gril_jax.envs.panda.frames import Frame
+from gril_jax.envs.stages import Stages
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from . import boxes, options
+from . import camera as cameras
+from . import moments as tabletop_moments
+from . import observation as observations
+from . import reward as rewards
+from .boxes import Boxes
+from .model import Scene, build
+from .moments import Moments
+from .physics import Motion, Physics
+from .reward import Progress, Record
+from .start import Start
+
+__all__ = ["Tabletop", "TabletopData", "Task", "View"]
+
+CONTROL_HZ = 20.0
+_ROBOT = ("left finger", "right finger", "hand")
+_ARM_NOISE = 0.02  # rad, standard deviation at reset (ManiSkill's)
+_COLOURS = (
+    (90, 90, 96), (90, 90, 96), (60, 60, 66), (176, 120, 70), (206, 158, 104), (58, 96, 176),
+    (176, 62, 58), (76, 140, 84), (150, 96, 160),
+)  # fmt: skip
+
+
+class View(NamedTuple):
+    """What a task's functions read of a scene."""
+
+    hand: Frame  # of the tool centre point
+    pads: Boxes  # of both fingertips, (2, ...)
+    joints: Float[Array, "J"]  # positions of the task's joints
+    rates: Float[Array, "W"]  # their velocities
+    fixtures: Float[Array, "M 7"]  # position and quaternion of what stands still
+    reached: Bool[Array, "K"]  # stages that have held at some time of the episode
+
+
+class Task(NamedTuple):
+    """What a task adds to the arm and the table."""
+
+    things: tuple[str, ...]  # names, in the order of `boxes`
+    stages: tuple[str, ...]  # names
+    scene: Scene
+    home: tuple[float, ...]  # the arm's joints at reset
+    start: Callable[[PRNGKeyArray, float], Start]  # (key, share of the ranges) -> start
+    boxes: Callable[[View], Boxes]  # of the things, (N, ...)
+    progress: Callable[[View, Boxes], Progress]
+    episode_length: int
+    by_boxes: Callable[..., Stages] | None = None
+    """(classes, half_extent=) -> what the stages are in a picture, for those who judge rewards."""
+
+
+class TabletopData(NamedTuple):
+    """What an episode must remember."""
+
+    motion: Motion
+    target: Float[Array, "8"]  # the servos' aims: joints, opening of a finger
+    fixtures: Float[Array, "M 7"]
+    action: Float[Array, "A"]  # the last one
+    record: Record
+    time: Int[Array, ""]  # control steps since reset
+    unplaced: Bool[Array, ""]  # the start found no free place
+    varied: Bool[Array, ""]  # the episode began at a moment of another
+
+
+class Tabletop:
+    """A task on the table; see the module's text for actions and observations.
+
+    Args:
+      task: what is on the table.
+      controller: one of `panda_control.CONTROLLERS`.
+      reward: one of `tabletop_reward.REWARDS`.
+      jitter: share of the ranges of the start's randomness, from 0 to 1.
+      varied_starts: share of the episodes that begin at one of these moments:
+      moments: within recorded episodes of the task.
+      substeps: physics steps a control step.
+      iterations, ls_iterations: of the contact solver and its line search. With 4 and 6 three
+        of a thousand episodes of random actions were not finite on a GPU.
+      max_contacts: most contacts that a substep resolves; the deepest count.
+      impl, worlds: what computes the physics, and for how many environments at most; see
+        `tabletop_physics.Physics`.
+
+    Raises:
+      ValueError: a name or a number is out of range, or a package is missing.
+    """
+
+    control_hz = CONTROL_HZ
+    half_extent = cameras.HALF_EXTENT
+    camera = cameras.CAMERA
+    background = (236, 236, 232)
+
+    def __init__(
+        self,
+        task: Task,
+        *,
+        controller: str = "ee_delta_yaw",
+        reward: str = "staged",
+        jitter: float = 1.0,
+        varied_starts: float = 0.0,
+        moments: Moments | None = None,
+        episode_length: int | None = None,
+        substeps: int = 10,
+        iterations: int = 6,
+        ls_iterations: int = 8,
+        max_contacts: int = 24,
+        impl: str = "jax",
+        worlds: int = 4096,
+    ):
+        length = task.episode_length if episode_length is None else episode_length
+        options.check_names(controller=controller, reward=reward, impl=impl)
+        options.check_shares(jitter=jitter, varied_starts=varied_starts)
+        if varied_starts and moments is None:
+            raise ValueError(f"varied_starts is {varied_starts}, but there are no moments for it")
+        options.check_counts(
+            episode_length=length, substeps=substeps, iterations=iterations,
+            ls_iterations=ls_iterations, max_contacts=max_contacts, worlds=worlds,
+        )  # fmt: skip
+        self.task, self.controller, self.jitter = task, controller, jitter
+        self._varied_starts, self._moments = varied_starts, moments
+        self.episode_length, self._reward = length, reward
+        self.classes = (*_ROBOT, *task.things)
+        self.action_names = control.ACTION_NAMES[controller]
+        self.action_size = len(self.action_names)
+        self.stage_names, self.stages = task.stages, None
+        if task.by_boxes is not None:
+            self.stages = task.by_boxes(self.classes, half_extent=self.half_extent)
+        self._home = np.array(task.home, np.float32)
+        model = build(
+            task.scene, timestep=1 / (CONTROL_HZ * substeps), iterations=iterations,
+            ls_iterations=ls_iterations, max_contacts=max_contacts,
+        )  # fmt: skip
+        self.physics = Physics(model, substeps=substeps, impl=impl, worlds=worlds)
+        self.observation_names = observations.names(
+            task.things, self.stage_names, self.action_names, rates=model.nv - panda_model.DOFS
+        )
+        self.observation_size = len(self.observation_names)
+
+    # ---------------------------------------------------------------- episode
+
+    def reset(self, key: PRNGKeyArray) -> State:
+        """A new episode; the key is consumed."""
+        if not self._varied_starts:
+            return self._observe(*[self._begin(key)] * 2)
+        key, key_varied, key_moment = jax.random.split(key, 3)
+        varied = jax.random.uniform(key_varied) < self._varied_starts
+        data, moved = self._within(tabletop_moments.draw(key_moment, self._moments))
+        data = jax.tree.map(lambda a, b: jnp.where(varied, a, b), data, self._begin(key))
+        return self._observe(data, data)._replace(moved=moved & varied)
+
+    def reset_to(
+        self, arm: Float[Array, "7"], start: Start, *, opening: Float[Array, ""] | float
+    ) -> State:
+        """An episode that begins at rest with given joints, things, and opening of each finger."""
+        return self._observe(*[self._at_rest(arm, start, opening)] * 2)
+
+    def _begin(self, key: PRNGKeyArray) -> TabletopData:
+        """As the task begins."""
+        key_start, key_arm = jax.random.split(key)
+        start = self.task.start(key_start, self.jitter)
+        noise = self.jitter * _ARM_NOISE * jax.random.normal(key_arm, (7,))
+        arm = jnp.asarray(self._home) + noise
+        return self._at_rest(arm, start, kinematics.FINGER_RANGE[1])
+
+    def _at_rest(self, arm, start: Start, opening) -> TabletopData:
+        fingers = jnp.full((2,), opening)
+        motion = self.physics.start(jnp.concatenate([arm, fingers, start.joints]))
+        return TabletopData(
+            motion, jnp.concatenate([arm, fingers[:1]]), start.fixtures,
+            jnp.zeros(self.action_size), rewards.no_record(len(self.stage_names)),
+            jnp.zeros((), jnp.int32), start.unplaced, jnp.zeros((), bool),
+        )  # fmt: skip
+
+    def _within(self, moment: Moments) -> tuple[TabletopData, Bool[Array, "N"]]:
+        """At a moment of a recorded episode, and what has moved by then."""
+        motion = self.physics.start(moment.qpos)._replace(qvel=moment.qvel)
+        data = TabletopData(
+            motion, moment.target, moment.fixtures, jnp.zeros(self.action_size),
+            tabletop_moments.record_of(moment), jnp.zeros((), jnp.int32), jnp.zeros((), bool),
+            jnp.ones((), bool),
+        )  # fmt: skip
+        return data, moment.moved
+
+    def step(self, state: State, action: Float[Array, "A"]) -> State:
+        """One control step: 50 ms under a held aim."""
+        before = state.data
+        action = jnp.clip(action, -1.0, 1.0)
+        target = control.aim(
+            self.controller, before.target, before.motion.qpos[:7], action,
+            rest=jnp.asarray(self._home), dt=self.physics.dt,
+        )  # fmt: skip
+        motion = self.physics.step(before.motion, target, before.fixtures)
+        return self._observe(
+            before,
+            before._replace(motion=motion, target=target, action=action, time=before.time + 1),
+        )
+
+    # ---------------------------------------------------------------- what is seen
+
+    def view(self, data: TabletopData) -> View:
+        """What can be read of a scene without asking the simulator."""
+        robot, own = jnp.split(data.motion.qpos, [panda_model.DOFS])
+        hand = kinematics.hand(robot[:7])
+        pads = [
+            boxes.box(
+                kinematics.finger(hand, robot[7 + i], side),
+                panda_model.PAD_CENTER, panda_model.PAD_HALF,
+            )
+            for i, side in enumerate((1, -1))
+        ]  # fmt: skip
+        tcp = hand.position + kinematics.TCP * hand.rotation[:, 2]
+        return View(
+            Frame(tcp, hand.rotation), jax.tree.map(lambda *x: jnp.stack(x), *pads), own,
+            data.motion.qvel[panda_model.DOFS :], data.fixtures, data.record.reached,
+        )  # fmt: skip
+
+    def world_boxes(self, data: TabletopData) -> Boxes:
+        """Boxes in space of left finger, right finger, hand, and the task's things."""
+        robot = data.motion.qpos[: panda_model.DOFS]
+        hand = kinematics.hand(robot[:7])
+        own = [
+            boxes.box(kinematics.finger(hand, robot[7], 1), *panda_model.TIP_BOX),
+            boxes.box(kinematics.finger(hand, robot[8], -1), *panda_model.TIP_BOX),
+            boxes.box(hand, *panda_model.HAND_BOX),
+        ]
+        own = jax.tree.map(lambda *x: jnp.stack(x), *own)
+        things = self.task.boxes(self.view(data))
+        return Boxes(*(jnp.concatenate(x) for x in zip(own, things, strict=True)))
+
+    def _observe(self, before: TabletopData, data: TabletopData) -> State:
+        """The state after a step that began at `before`; the record is brought up to date."""
+        view = self.view(data)
+        things = self.task.boxes(view)
+        progress = self.task.progress(view, things)
+        data = data._replace(record=rewards.record(before.record, progress, data.time))
+        center, size = cameras.project(self.camera, self.world_boxes(data))
+        count = len(self.classes)
+        change = data.action - before.action
+        stages = {
+            f"stage {name}": held.astype(jnp.float32)
+            for name, held in zip(self.stage_names, progress.done, strict=True)
+        }
+        success = data.record.success.astype(jnp.float32)
+        return State(
+            data=data,
+            obs=observations.observe(
+                data.motion, data.target, view.hand, things, data.record.reached, data.action
+            ),
+            objects=Objects(center, size, jnp.arange(count), jnp.arange(count) < len(_ROBOT)),
+            moved=jnp.zeros(count, bool),
+            reward=rewards.reward(self._reward, before.record, data.record, progress, change),
+            done=jnp.zeros(()),
+            metrics={
+                "score": jnp.maximum(jnp.mean(progress.done.astype(jnp.float32)), success),
+                "success": success,
+                "unplaced": data.unplaced.astype(jnp.float32),
+                "varied": data.varied.astype(jnp.float32),
+                **stages,
+            },
+        )
+
+    def outlines(self, data: TabletopData) -> list[Outline]:
+        """What to paint for one moment (host side): boxes as the camera sees them, far to near."""
+        found = self.world_boxes(jax.tree.map(jnp.asarray, data))
+        seen = [*zip(*jax.tree.map(np.asarray, found), strict=True)]
+        away = [np.linalg.norm(place - np.array(self.camera.place)) for place, *_ in seen]
+        shapes = [cameras.outline(self.camera, *thing) for thing in seen]
+        return [
+            Outline(shapes[i], _COLOURS[i % len(_COLOURS)], (30, 30, 30))
+            for i in np.argsort(away)[::-1]
+        ]

@@ -1,0 +1,1 @@
+"""What is fast: benchmarks, each with its rivals."""

@@ -1,0 +1,184 @@
+"""The losses beside what others offer, value plus gradient, as JSON.
+
+    gril bench losses                   a few minutes on 2 CPU cores
+
+All forms of one case take turns, so that a busy machine slows them alike; times are medians in
+milliseconds, and a ratio above 1 says how many times longer, or how much more memory, the other
+form takes. Peers that are not installed (ott-jax, tslearn) are left out. Each section is one
+function that returns a dict, listed in `_SECTIONS`.
+"""
+
+import json
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gril_jax.experiments.pipeline import setup
+
+from gril_jax.losses import expected_alignment, soft_dtw_between
+
+from . import encoder as bench_encoder
+from . import tcc as bench_tcc
+
+try:
+    from ott.geometry import costs as ott_costs
+except ImportError:
+    ott_costs = None
+try:
+    from tslearn.metrics.soft_dtw_fast import _njit_soft_dtw_batch, _njit_soft_dtw_grad_batch
+except ImportError:
+    _njit_soft_dtw_batch = None
+
+__all__ = ["main", "medians", "soft_dtw"]
+
+_SHAPES = [(64, 64), (32, 128), (16, 256)]  # pairs, frames of both sequences
+_GPU_SHAPES = [(64, 64), (512, 256)]
+_FEATURES = 32
+_GAMMA = 0.1
+
+
+def main(repeats: int, *, echo: Callable[[str], None]) -> None:
+    """Echo every section's figures as JSON."""
+    result: dict[str, Any] = {"device": setup.device_in_words(), "jax": jax.__version__}
+    result |= {name: section(repeats) for name, section in _SECTIONS.items()}
+    echo(json.dumps(result, indent=2))
+
+
+def medians(forms: dict[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
+    """Median milliseconds of each form; they take turns, after one call each that is not timed."""
+    seconds: dict[str, list[float]] = {name: [] for name in forms}
+    for number in range(repeats + 1):
+        for name, form in forms.items():
+            time.sleep(0.01)  # until the last form's thread pool has stopped spinning
+            start = time.perf_counter()
+            jax.block_until_ready(form())
+            if number:
+                seconds[name].append(time.perf_counter() - start)
+    return {name: round(1e3 * statistics.median(times), 3) for name, times in seconds.items()}
+
+
+# --- soft-DTW
+
+
+def soft_dtw(repeats: int) -> list[dict]:
+    """Soft-DTW from features: time, temporary memory and the float32 gradient's error."""
+    gpu = jax.default_backend() == "gpu"
+    return [_soft_dtw_case(*shape, repeats) for shape in (_GPU_SHAPES if gpu else _SHAPES)]
+
+
+def _soft_dtw_case(pairs, frames, repeats):
+    rng = np.random.default_rng(0)
+    query, other = 0.3 * rng.normal(size=(2, pairs, frames, _FEATURES)).astype(np.float32)
+    gpu = jax.default_backend() == "gpu"
+    programs = {"ours": _ours("auto")} | ({"scan": _ours("scan")} if gpu else {})
+    if ott_costs is not None:
+        programs["ott"] = jax.vmap(ott_costs.SoftDTW(gamma=_GAMMA))
+    forms, memory = {}, {}
+    for name, program in programs.items():
+        arguments = jnp.asarray(query), jnp.asarray(other)
+        compiled = _compiled(program, *arguments)
+        memory[name] = round(compiled.memory_analysis().temp_size_in_bytes / 1e6, 2)
+        forms[name] = lambda compiled=compiled, arguments=arguments: compiled(*arguments)
+    if _njit_soft_dtw_batch is not None and not gpu:
+        forms["tslearn"] = lambda: _tslearn(query, other)
+    times = medians(forms, repeats)
+    case = {
+        "pairs": pairs,
+        "frames": frames,
+        "ms": times,
+        "temporary_mb": memory,
+        "times_as_slow": {n: round(t / times["ours"], 2) for n, t in times.items()},
+        "times_the_memory": {n: round(m / memory["ours"], 2) for n, m in memory.items()},
+    }
+    return case if gpu else case | {"gradient_error": _gradient_errors(query, other)}
+
+
+def _ours(implementation):
+    return lambda query, other: soft_dtw_between(
+        query, other, gamma=_GAMMA, implementation=implementation
+    )
+
+
+def _compiled(program, query, other):
+    def total(query, other):
+        values = program(query, other)
+        return jnp.sum(values), values
+
+    both = jax.value_and_grad(total, argnums=(0, 1), has_aux=True)
+    return jax.jit(both).lower(query, other).compile()
+
+
+def _squares(query, other):
+    """Squared distances in float64."""
+    query, other = (np.asarray(x, np.float64) for x in (query, other))
+    norms = (query**2).sum(-1)[:, :, None] + (other**2).sum(-1)[:, None, :]
+    return np.maximum(norms - 2.0 * query @ other.transpose(0, 2, 1), 0.0)
+
+
+def _tslearn(query, other):
+    """Its parallel numba loops, value and gradient by the cost.
+
+    The gradient by the features, which the others' times hold, is left out in its favour.
+    """
+    cost = _squares(query, other)
+    pairs, rows, columns = cost.shape
+    sums = np.zeros((pairs, rows + 2, columns + 2))
+    _njit_soft_dtw_batch(cost, sums, _GAMMA)
+    values = sums[:, -2, -2].copy()
+    padded = np.zeros((pairs, rows + 1, columns + 1))
+    padded[:, :-1, :-1] = cost
+    gradient = np.zeros_like(sums)
+    _njit_soft_dtw_grad_batch(padded, sums, gradient, _GAMMA)
+    return values, gradient[:, 1:-1, 1:-1]
+
+
+def _gradient_errors(query, other):
+    """Largest error of the derivative by the cost, of the first pairs, against float64.
+
+    The same float32 costs go to both. "textbook" is the recursion of Cuturi and Blondel's
+    algorithm 2, which takes exponentials of differences of the stored sums.
+    """
+    cost = _squares(query[:8], other[:8]).astype(np.float32)
+    truth = _textbook(cost.astype(np.float64))
+    found = {"ours": np.asarray(expected_alignment(jnp.asarray(cost), gamma=_GAMMA))}
+    found["textbook"] = _textbook(cost)
+    errors = {name: float(np.abs(e - truth).max()) for name, e in found.items()}
+    return errors | {"textbook_over_ours": round(errors["textbook"] / errors["ours"], 1)}
+
+
+def _textbook(cost):
+    """Algorithms 1 and 2 of Cuturi and Blondel (2017), in the cost's own precision."""
+    pairs, rows, columns = cost.shape
+    gamma, dtype = cost.dtype.type(_GAMMA), cost.dtype
+    far = dtype.type(1e10)
+    sums = np.full((rows + 2, columns + 2, pairs), far, dtype)
+    sums[0, 0] = 0
+    padded = np.zeros((rows + 2, columns + 2, pairs), dtype)
+    padded[1:-1, 1:-1] = cost.transpose(1, 2, 0)
+    for i in range(1, rows + 1):
+        for j in range(1, columns + 1):
+            before = -np.stack([sums[i - 1, j], sums[i, j - 1], sums[i - 1, j - 1]]) / gamma
+            most = before.max(axis=0)
+            log_sum = most + np.log(np.exp(before - most).sum(axis=0))
+            sums[i, j] = padded[i, j] - gamma * log_sum
+    sums[-1, :], sums[:, -1] = -far, -far
+    sums[-1, -1] = sums[-2, -2]
+    flow = np.zeros_like(sums)
+    flow[-1, -1] = 1
+    for i in range(rows, 0, -1):
+        for j in range(columns, 0, -1):
+            for a, b in ((i + 1, j), (i, j + 1), (i + 1, j + 1)):
+                weight = np.exp((sums[a, b] - sums[i, j] - padded[a, b]) / gamma)
+                flow[i, j] += weight * flow[a, b]
+    return flow[1:-1, 1:-1].transpose(2, 0, 1)
+
+
+_SECTIONS: dict[str, Callable[[int], Any]] = {
+    "soft_dtw": soft_dtw,
+    "tcc": lambda repeats: bench_tcc.measure(repeats=repeats),
+    "encoder": lambda repeats: bench_encoder.measure(repeats=repeats),
+}

@@ -1,0 +1,143 @@
+"""Our side of the comparison with brax's PPO and SAC: `train` has the shape of brax's there.
+
+Seeds can be vmapped over: `chunks` and `sac_chunks` hand out pure functions.
+"""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+
+from gril_jax.compilation.compiler import compiled
+from gril_jax.rl import ppo, rewards, sac, training
+
+from .pendulum import Pendulum, SacSetting, Setting
+
+__all__ = ["all_returns", "chunks", "sac_chunks", "train"]
+
+_SEEING = {"observe_activity": False, "window": 1}
+
+
+def chunks(setting: Setting, task: Any = None):
+    """PPO's two programs: seed -> state, and (state, count, examine) -> what `chunk` returns."""
+    static = ppo.Static(
+        num_envs=setting.num_envs,
+        unroll_length=setting.unroll_length,
+        num_minibatches=setting.num_minibatches,
+        num_epochs=setting.num_epochs,
+        hidden=setting.hidden,
+        **_SEEING,
+    )
+    hyper = ppo.Hyper(
+        learning_rate=setting.learning_rate,
+        discounting=setting.discounting,
+        gae_lambda=setting.gae_lambda,
+        entropy_cost=setting.entropy_cost,
+        clipping_epsilon=setting.clipping_epsilon,
+        reward_scaling=setting.reward_scaling,
+        max_grad_norm=setting.max_grad_norm,
+    )
+    task = Pendulum() if task is None else task
+    algorithm = ppo.PPO(task, rewards.environmental, static)
+    return _programs(algorithm, hyper, task, setting.updates)
+
+
+def sac_chunks(setting: SacSetting, task: Any):
+    """The same of SAC, with what brax has fixed."""
+    static = sac.Static(
+        num_envs=setting.num_envs,
+        unroll_length=1,
+        updates_per_step=setting.updates_per_step,
+        batch_size=setting.batch_size,
+        replay_size=setting.replay_size,
+        min_replay=setting.min_replay,
+        hidden=setting.hidden,
+        **_SEEING,
+    )
+    hyper = sac.Hyper(
+        learning_rate=setting.learning_rate,
+        alpha_learning_rate=3e-4,
+        initial_alpha=1.0,
+        target_entropy=-0.5,
+        discounting=setting.discounting,
+        soft_update=setting.soft_update,
+        reward_scaling=setting.reward_scaling,
+        max_grad_norm=float("inf"),
+    )
+    algorithm = sac.SAC(task, rewards.environmental, static)
+    return _programs(algorithm, hyper, task, setting.updates)
+
+
+def _programs(algorithm: training.Algorithm, hyper: Any, task: Any, updates: int):
+    @partial(jax.jit, donate_argnums=0)
+    def run(state, count, examine):
+        return training.chunk(
+            algorithm, state, hyper, None, updates=updates, evaluation=(task,),
+            count=count, examine=examine,
+        )  # fmt: skip
+
+    @jax.jit
+    def init(seed):
+        return algorithm.init(jax.random.key(seed), hyper)
+
+    return init, run
+
+
+def train(
+    seed: int, setting: Setting, progress: Callable[[int, float, float], None] = lambda *_: None
+) -> list[float]:
+    """Returns of PPO's sampled actions on the pendulum at each evaluation.
+
+    Args:
+      seed: of the run.
+      setting: hyper-parameters and length.
+      progress: called after each evaluation with the steps so far, the return, and the steps a
+        second of the part before it, evaluation included.
+    """
+    init, run = chunks(setting)
+    with ThreadPoolExecutor(
+        1
+    ) as thread:  # as `gril_jax.compilation.sharding` does for `gril train`
+        begun = init.trace(seed)
+        ready = thread.submit(compiled, begun.lower())
+        run = compiled(run.lower(begun.out_info, np.int32(0), np.bool_(True)))
+        state = ready.result()(seed)
+    returns: list[float] = []
+    for part in range(setting.num_evals):
+        start = time.perf_counter()
+        count = setting.updates if part else 0
+        state, _, scores = run(state, np.int32(count), np.bool_(True))
+        returns.append(float(np.asarray(scores.reward)[0, 1]))  # jax's own index compiles
+        steps = count * setting.num_envs * setting.unroll_length
+        progress(part * steps, returns[-1], steps / (time.perf_counter() - start))
+    return returns
+
+
+def all_returns(
+    setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
+) -> list[list[float]]:
+    """Returns of mean actions, for each seed one at each evaluation; the seeds are one program.
+
+    The last one's is the mean over at least so many `episodes`, the others' over those of half the
+    environments.
+    """
+    make = sac_chunks if isinstance(setting, SacSetting) else chunks
+    init, run = make(setting, task)
+    state = jax.vmap(init)(np.arange(seeds))
+    run = jax.jit(jax.vmap(run, in_axes=(0, None, None)), donate_argnums=0)
+    returns = []
+    for part in range(setting.num_evals):
+        count = np.int32(setting.updates if part else 0)
+        state, _, scores = run(state, count, np.bool_(True))
+        returns.append(np.asarray(scores.reward)[:, 0, 0])
+    again = [returns[-1]]
+    for number in range(1, -(-episodes // (setting.num_envs // 2))):  # training is over: other keys
+        state = state._replace(key=jax.vmap(jax.random.fold_in, (0, None))(state.key, number))
+        state, _, scores = run(state, np.int32(0), np.bool_(True))
+        again.append(np.asarray(scores.reward)[:, 0, 0])
+    returns[-1] = np.mean(again, axis=0)
+    return np.stack(returns, axis=1).tolist()

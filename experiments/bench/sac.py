@@ -1,0 +1,226 @@
+"""Our SAC beside a loop on the host, as users of Gymnasium write it, as JSON.
+
+    gril bench sac                      a minute on 2 CPU cores
+    gril bench sac --target 0.9         and how long each takes to that success
+
+Task: MatchRegions with one block and the task's own reward. The loop has one environment; a jitted
+call acts, another steps, the replay is NumPy's, and a third jitted call makes the gradient step:
+the same one, with the same networks and batch. Both make as many gradient steps for each control
+step. Speeds leave out compiling, times to a success do not.
+"""
+
+import collections
+import contextlib
+import dataclasses
+import functools
+import io
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.training.types import Transition
+from gril_jax.experiments.pipeline import setup
+
+from gril_jax import envs
+from gril_jax.rl import policy, rewards, sac, sac_loss, training
+
+__all__ = ["HostLoop", "Ours", "main", "speeds", "until_success"]
+
+_RECENT = 100  # episodes whose success counts
+
+
+def main(
+    *,
+    learning_rate: float,
+    discounting: float,
+    repeats: int,
+    target: float | None,
+    limit_s: float,
+    echo: Callable[[str], None],
+    **sizes: Any,
+) -> None:
+    """Echo the figures as JSON.
+
+    Args:
+      learning_rate: of actor, critics and temperature.
+      discounting: of a control step.
+      repeats: timed calls, of which the best counts.
+      target: success of the last episodes at which learning is over; None leaves this out.
+      limit_s: seconds after which either gives up.
+      echo: takes the JSON.
+      sizes: fields of `sac.Static`, the same for both.
+    """
+    static = sac.Static(**sizes)
+    hyper = sac.Hyper(
+        learning_rate=learning_rate, alpha_learning_rate=learning_rate, discounting=discounting
+    )
+    with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
+        env = envs.make("match_regions", targets=("green square",), distractors=())
+    result = {
+        "device": setup.device_in_words(), "jax": jax.__version__, "sizes": vars(static),
+        "speeds": speeds(env, static, hyper, repeats),
+    }  # fmt: skip
+    if target is not None:
+        result["until_success"] = until_success(env, static, hyper, target, limit_s)
+    echo(json.dumps(result, indent=2))
+
+
+def speeds(env: Any, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict[str, Any]:
+    """Control steps per second of both, which take turns; the best of some calls."""
+    static = dataclasses.replace(static, min_replay=0)
+    sides = {"ours": Ours(env, static, hyper), "host_loop": HostLoop(env, static, hyper)}
+    best = dict.fromkeys(sides, 0.0)
+    for number in range(repeats + 1):
+        for name, side in sides.items():
+            start = time.perf_counter()
+            steps = side.advance()
+            if number:  # the first compiles
+                best[name] = max(best[name], steps / (time.perf_counter() - start))
+    return {
+        "steps_per_s": {name: round(speed) for name, speed in best.items()},
+        "times_as_fast": round(best["ours"] / best["host_loop"], 1),
+    }
+
+
+def until_success(
+    env: Any, static: sac.Static, hyper: sac.Hyper, target: float, limit_s: float
+) -> dict[str, Any]:
+    """Seconds, compiling included, until the last 100 training episodes succeed so often."""
+    found = {}
+    for name, side in {"ours": Ours, "host_loop": HostLoop}.items():
+        jax.clear_caches()
+        start, steps = time.perf_counter(), 0
+        learner = side(env, static, hyper)
+        while learner.success < target and time.perf_counter() - start < limit_s:
+            steps += learner.advance()
+        found[name] = {
+            "seconds": round(time.perf_counter() - start, 1),
+            "steps": steps,
+            "success": round(learner.success, 3),
+            "reached": learner.success >= target,
+        }
+    return {"target": target, "limit_s": limit_s, **found}
+
+
+class _Learner:
+    """What both count: the success of recent training episodes."""
+
+    def __init__(self) -> None:
+        self._recent: collections.deque[float] = collections.deque(maxlen=_RECENT)
+
+    @property
+    def success(self) -> float:
+        full = len(self._recent) == _RECENT
+        return sum(self._recent) / _RECENT if full else 0.0
+
+
+class Ours(_Learner):
+    """Our SAC, a chunk of updates a call."""
+
+    def __init__(self, env: Any, static: sac.Static, hyper: sac.Hyper, updates: int = 10):
+        super().__init__()
+        algorithm = sac.SAC(env, rewards.environmental, static)
+        self._steps = updates * static.num_envs * static.unroll_length
+        self._state = jax.jit(algorithm.init)(jax.random.key(0), hyper)
+        self._advance = jax.jit(
+            lambda state: training.chunk(algorithm, state, hyper, None, updates=updates)[:2],
+            donate_argnums=0,
+        )
+
+    def advance(self) -> int:
+        """Learns for a while; returns the control steps it took."""
+        self._state, metrics = self._advance(self._state)
+        metrics = jax.device_get(metrics)
+        for mean, episodes in zip(metrics["success"], metrics["episodes"], strict=True):
+            self._recent.extend([float(mean)] * int(episodes))
+        return self._steps
+
+
+class HostLoop(_Learner):
+    """One environment, stepped from Python, with the replay in NumPy."""
+
+    def __init__(self, env: Any, static: sac.Static, hyper: sac.Hyper, steps: int = 320):
+        super().__init__()
+        self._static, self._call = static, steps
+        algorithm = sac.SAC(env, rewards.environmental, static)
+        size = algorithm.observation_size
+        self._every = max(1, static.num_envs * static.unroll_length // static.updates_per_step)
+        self._random, self._key = np.random.default_rng(0), jax.random.key(0)
+        shape = {"observation": (size,), "action": (env.action_size,), "next_observation": (size,),
+                 "discount": (), "dropped": (), "reward": ()}  # fmt: skip
+        self._replay = {
+            name: np.zeros((static.replay_size, *x), np.float32) for name, x in shape.items()
+        }
+        self._count, self._action_size = 0, env.action_size
+        self._learned = sac_loss.begin(algorithm.networks, jax.random.key(1), hyper)
+        self._normalizer = policy.fresh_normalizer(size)
+        self._reset = jax.jit(algorithm.episodes.begin)
+        self._observe = jax.jit(algorithm.episodes.observe)
+        self._act = jax.jit(algorithm.act)
+
+        @jax.jit
+        def step(lane, action):
+            lane, moment = algorithm.episodes.advance(None, lane, action, tau=hyper.tau)
+            return lane, algorithm.episodes.observe(lane), moment
+
+        @functools.partial(jax.jit, donate_argnums=(0, 1))
+        def learn(learned, normalizer, seen, rows, key):
+            normalizer = policy.observed(normalizer, seen)
+            dropped = {"policy_extras": {}, "state_extras": {"truncation": rows.pop("dropped")}}
+            batch = Transition(extras=dropped, **rows)
+            learned, _ = sac_loss.gradient_step(
+                algorithm.networks, learned, normalizer, batch, key, hyper
+            )
+            return learned, normalizer
+
+        self._step, self._learn = step, learn
+        self._lane = self._reset(self._next_key())
+        self._seen = np.asarray(self._observe(self._lane))
+
+    def _next_key(self) -> Any:
+        self._key, key = jax.random.split(self._key)
+        return key
+
+    def advance(self) -> int:
+        """Learns for a while; returns the control steps it took."""
+        for _ in range(self._call):
+            self._one_step()
+            if self._count % self._every == 0 and self._count >= self._static.min_replay:
+                self._one_gradient_step()
+        jax.block_until_ready(self._learned)
+        return self._call
+
+    def _one_step(self) -> None:
+        if self._count < self._static.min_replay:
+            action = self._random.uniform(-1, 1, self._action_size).astype(np.float32)
+        else:
+            acting = policy.Policy(self._normalizer, self._learned.params.policy)
+            action = np.asarray(self._act(acting, self._lane, self._next_key()))
+        self._lane, seen, moment = self._step(self._lane, action)
+        seen, moment = jax.device_get((seen, moment))
+        row = {
+            "observation": self._seen, "action": action, "next_observation": seen,
+            "discount": 1 - moment.terminated, "dropped": moment.nonfinite,
+            "reward": moment.reward,
+        }  # fmt: skip
+        for name, value in row.items():
+            self._replay[name][self._count % self._static.replay_size] = value
+        self._count, self._seen = self._count + 1, seen
+        if moment.terminated + moment.truncated > 0:
+            self._recent.append(float(moment.metrics["success"]))
+            self._lane = self._reset(self._next_key())
+            self._seen = np.asarray(self._observe(self._lane))
+
+    def _one_gradient_step(self) -> None:
+        stored = min(self._count, self._static.replay_size)
+        drawn = self._random.integers(stored, size=self._static.batch_size)
+        latest = np.arange(self._count - self._every, self._count) % self._static.replay_size
+        rows = {name: jnp.asarray(values[drawn]) for name, values in self._replay.items()}
+        self._learned, self._normalizer = self._learn(
+            self._learned, self._normalizer, self._replay["observation"][latest], rows,
+            self._next_key(),
+        )  # fmt: skip

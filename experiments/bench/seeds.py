@@ -1,0 +1,118 @@
+"""Seeds beside each other against one by one, and one device against all: PPO's throughput.
+
+`gril bench train` has these figures among its own.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gril_jax.compilation import sharding
+from gril_jax.rl import ppo, training
+
+from .clock import compile_timed, times_in_turn, without_cache
+
+__all__ = ["devices", "seeds"]
+
+
+def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:
+    """Seeds side by side in one program, and one by one, each compiled anew.
+
+    Args:
+      algorithm: of one seed.
+      num: seeds side by side.
+      updates: of each seed's whole training.
+      separate: seeds that are really run one by one; the time of all follows from theirs.
+    """
+    keys = jax.random.split(jax.random.key(0), num)
+    jax.block_until_ready(keys)
+    with without_cache():
+        together = _whole(jax.vmap, algorithm, keys, updates)
+        alone = [_whole(lambda f: f, algorithm, keys[i], updates)
+                 for i in range(separate)]  # fmt: skip
+    each = {name: sum(part[name] for part in alone) / len(alone) for name in together}
+    apart = {name: num * value for name, value in each.items()}
+    return {
+        "seeds": num,
+        "steps_of_a_seed": updates * algorithm.num_envs * algorithm.unroll_length,
+        "together_s": {name: round(value, 2) for name, value in together.items()},
+        "one_by_one_s": {name: round(value, 2) for name, value in apart.items()},
+        "one_by_one": f"{len(alone)} measured, times {num / len(alone):g}",
+        "times_as_fast": round(sum(apart.values()) / sum(together.values()), 2),
+        "times_as_fast_to_run": round(apart["run"] / together["run"], 2),
+    }
+
+
+def _whole(
+    mapped: Callable, algorithm: training.Algorithm, key: Any, updates: int
+) -> dict[str, float]:
+    """Seconds of a whole training by someone who has just started Python."""
+    jax.clear_caches()
+    hyper = ppo.Hyper()
+
+    def run(state):
+        return training.chunk(algorithm, state, hyper, None, updates=updates)[0]
+
+    start = time.perf_counter()
+    state = jax.jit(mapped(partial(algorithm.init, hyper=hyper)))(key)
+    advance, _ = compile_timed(mapped(run), state, donate_argnums=0)
+    jax.block_until_ready(state)
+    compiled = time.perf_counter()
+    jax.block_until_ready(advance(state))
+    return {"compile": compiled - start, "run": time.perf_counter() - compiled}
+
+
+def devices(
+    make: Callable[[int], training.Algorithm], lanes: int, updates: int, repeats: int
+) -> dict[str, Any]:
+    """One device and all, with as many environments on each; of one seed, and of many.
+
+    Args:
+      make: the algorithm with so many environments.
+      lanes: environments on each device.
+      updates: of a timed call.
+      repeats: timed calls, of which the best counts.
+    """
+    every = jax.devices()
+    small, large = make(lanes), make(len(every) * lanes)
+    cases = {
+        "one": (small, every[:1], 1),
+        "all_one_seed": (large, every, 1),
+        "all_a_seed_each": (small, every, len(every)),
+    }
+    calls = {name: _spread(*case, updates) for name, case in cases.items()}
+    taken = {name: min(times) for name, times in times_in_turn(calls, repeats).items()}
+    steps = {
+        name: count * updates * algorithm.num_envs * algorithm.unroll_length
+        for name, (algorithm, _, count) in cases.items()
+    }
+    speed = {name: steps[name] / taken[name] for name in cases}
+    return {
+        "devices": len(every),
+        "environments_on_each": lanes,
+        "steps_per_s": {name: round(value) for name, value in speed.items()},
+        "times_one": {name: round(value / speed["one"], 2) for name, value in speed.items()},
+    }
+
+
+def _spread(
+    algorithm: training.Algorithm, on: Sequence[Any], count: int, updates: int
+) -> Callable[[], Any]:
+    layout = sharding.mesh(on, seeds=count, num_envs=algorithm.num_envs)
+    hyper = jax.tree.map(lambda x: jnp.full((count,), x, jnp.float32), ppo.Hyper())
+    hyper = sharding.place(layout, hyper)
+    keys = jax.random.split(jax.random.key(0), count)
+    state = sharding.init(algorithm, layout, keys, hyper)
+    run = sharding.advance(algorithm, layout, state, updates)
+
+    def call():
+        nonlocal state
+        state, _ = run(state, hyper, None, np.int32(updates), np.bool_(True))
+        return state
+
+    return call

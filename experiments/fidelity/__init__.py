@@ -1,0 +1,1 @@
+"""Whether our physics moves like the original."""

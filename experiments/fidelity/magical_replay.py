@@ -1,0 +1,186 @@
+"""Replays the actions of MAGICAL's human demonstrations in our physics, as JSON.
+
+    python -m gril_jax.experiments.fidelity.magical_replay FOLDER      # 20 s on 2 cores
+    python -m gril_jax.experiments.fidelity.magical_replay FOLDER --states replayed_states.npz
+
+Each demonstration's actions are played open loop from the Demo start, with the physics "magical".
+Every one of them ended with score 1 when it was recorded. Contacts are chaotic: MAGICAL itself,
+started a millionth of a unit beside, ends with other scores. So the replay is repeated from
+`--moved` starts in which the robot stands about 1e-5 units away, and the figures that tell how well
+the physics agree are those of the first steps.
+
+STATES, if given, holds for each demonstration, under the last part of its file's name (`000`), the
+poses (T + 1, 6, 3) of robot, star, square, blue pentagon, yellow circle and yellow pentagon. Errors
+are distances to them in arena units, "blocks" those of blocks that have been moved by then.
+"""
+
+import json
+import sys
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from gril_jax.envs.magical.action import from_magical
+from jaxtyping import Float, Int
+
+from gril_jax import envs
+from gril_jax.demos.magical_pickles import list_magical, read_actions
+from gril_jax.errors import DemoError, GrilError
+
+__all__ = ["main", "measure"]
+
+_AHEAD = (10, 20, 40, 120)  # control steps from the start over which errors are taken
+_ASIDE = 1e-5  # arena units: standard deviation of a moved start
+_MOVED = 0.01  # arena units: a block this far from its start has been moved
+
+
+@dataclass(frozen=True)
+class _Options:
+    demos: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of *.pkl.gz files, or such files."""
+    states: Path | None = None
+    """Recorded poses to compare with, an .npz file."""
+    substeps: int | None = None
+    """Physics steps for each control step; None is the engine's default, 10."""
+    iterations: int | None = None
+    """Sweeps of the solver for each physics step; None is the engine's default, 6."""
+    moved: int = 8
+    """Further replays, from starts beside the true one."""
+
+
+def _name(path: Path) -> str:
+    """`000` of demo-MatchRegions-Demo-v0-000.pkl.gz."""
+    return path.name.removesuffix(".pkl.gz").rpartition("-")[2]
+
+
+def _load(paths: tuple[Path, ...]) -> dict[str, Int[np.ndarray, "T"]]:
+    """Actions of each demonstration by its name, all of the same length."""
+    files = [f for path in paths for f in (list_magical(path) if path.is_dir() else [path])]
+    if not files:
+        raise DemoError("no demonstration is named, but at least one folder or file must be")
+    found = {_name(file): read_actions(file) for file in files}
+    if len({len(actions) for actions in found.values()}) > 1:
+        lengths = ", ".join(f"{name}: {len(actions)}" for name, actions in found.items())
+        raise DemoError(f"demonstrations differ in length ({lengths}), but must be equally long")
+    return found
+
+
+def _recorded(path: Path, names: list[str], steps: int) -> Float[np.ndarray, "D T1 6 3"]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in names if name in file}
+    except FileNotFoundError:
+        raise DemoError(f"{path} does not exist, but must be an .npz file of poses") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise DemoError(f"{path} is not a whole .npz file of plain arrays ({error})") from error
+    for name in names:
+        if name not in arrays:
+            raise DemoError(f"{path} has no poses of the demonstration {name}")
+        if arrays[name].shape != (steps + 1, 6, 3):
+            raise DemoError(
+                f"{path}: {name} is {arrays[name].shape}, but must be {(steps + 1, 6, 3)}"
+            )
+    return np.stack([arrays[name] for name in names]).astype(np.float32)
+
+
+def _replay(env: envs.Env, actions: Float[np.ndarray, "D T 3"], aside: Float[np.ndarray, "K 2"]):
+    """Places (K, D, T, 6, 2) of robot and blocks, and final scores (K, D)."""
+    parts = len(env.robot.parts)
+    start = env.reset(jax.random.key(0))
+
+    def move(state, action):
+        state = env.step(state, action)
+        place = jnp.concatenate([state.data.pose[:1], state.data.pose[parts:]])[:, :2]
+        return state, (place, state.metrics["score"])
+
+    def play(aside, actions):
+        pose = start.data.pose.at[:parts, :2].add(aside)
+        state = start._replace(data=start.data._replace(pose=pose))
+        places, scores = jax.lax.scan(move, state, actions)[1]
+        return places, scores[-1]
+
+    over = jax.vmap(jax.vmap(play, (None, 0)), (0, None))
+    places, scores = jax.jit(over)(jnp.asarray(aside, jnp.float32), jnp.asarray(actions))
+    return np.asarray(places), np.asarray(scores)
+
+
+def _figures(errors: np.ndarray) -> dict[str, float | int | None]:
+    if not errors.size:
+        return {"median": None, "p95": None, "count": 0}
+    median, p95 = np.percentile(errors, [50, 95])
+    return {"median": round(float(median), 5), "p95": round(float(p95), 5), "count": errors.size}
+
+
+def _errors(places: np.ndarray, recorded: np.ndarray) -> dict:
+    """Of replays (D, T, 6, 2) against recorded poses, over the first steps."""
+    theirs = recorded[:, 1:, :, :2]
+    apart = np.linalg.norm(places - theirs, axis=-1)
+    moved = np.linalg.norm(theirs - recorded[:, :1, :, :2], axis=-1) > _MOVED
+    return {
+        f"first_{n}": {
+            "robot": _figures(apart[:, :n, 0]),
+            "blocks": _figures(apart[:, :n, 1:][moved[:, :n, 1:]]),
+        }
+        for n in _AHEAD
+        if n <= places.shape[1]
+    }
+
+
+def measure(
+    actions: dict[str, Int[np.ndarray, "T"]],
+    recorded: Float[np.ndarray, "D T1 6 3"] | None = None,
+    *,
+    moved: int = 8,
+    **options,
+) -> dict:
+    """Scores of replayed actions by demonstration, and how far they stray from recorded poses.
+
+    `options` make the task, beside its physics; see the module's text for the rest.
+    """
+    env = envs.make("match_regions", physics="magical", **options)
+    ids = np.stack([*actions.values()])
+    aside = np.random.default_rng(0).normal(scale=_ASIDE, size=(1 + moved, 2))
+    aside[0] = 0.0
+    places, scores = _replay(env, from_magical(ids), aside)
+    won = (scores > 0.999).sum(axis=1)
+    result = {
+        "demonstrations": len(ids),
+        "score_1": int(won[0]),
+        "mean_score": round(float(scores[0].mean()), 4),
+        "scores": {n: round(float(s), 4) for n, s in zip(actions, scores[0], strict=True)},
+    }
+    if moved:
+        mean = round(float(scores[1:].mean()), 4)
+        result["moved_starts"] = {"score_1": won[1:].tolist(), "mean_score": mean}
+    if recorded is not None:
+        result["errors"] = _errors(places[0], recorded)
+    return result
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Prints the figures; 0 if that worked, 2 if a file or an option is not right."""
+    options = tyro.cli(_Options, args=argv)
+    solver = {"substeps": options.substeps, "iterations": options.iterations}
+    try:
+        if options.moved < 0:
+            raise ValueError(f"moved is {options.moved}, but must be at least 0")
+        actions = _load(options.demos)
+        recorded = None
+        if options.states is not None:
+            steps = len(next(iter(actions.values())))
+            recorded = _recorded(options.states, [*actions], steps)
+        figures = measure(actions, recorded, moved=options.moved, **solver)
+    except (GrilError, ValueError) as error:
+        print(f"magical_replay: {str(error).rstrip('.')}.", file=sys.stderr)
+        return 2
+    print(json.dumps({"options": solver, **figures}, indent=2), file=sys.stdout)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,102 @@
+"""The demonstrations of a run: made or found, reduced to the task's objects, split."""
+
+import math
+import shutil
+from pathlib import Path
+from typing import NamedTuple
+
+from gril_jax.config import RunConfig
+from gril_jax.demos import schema
+from gril_jax.demos.demo_set import DemoSet, demo_batch, load_demo_set, select_objects
+from gril_jax.errors import DemoError, RunError
+from gril_jax.runs import run_dir
+from gril_jax.runs.progress import Progress
+from gril_jax.types import DemoBatch
+
+from . import make_demos
+
+__all__ = ["Demonstrations", "gather", "gather_once"]
+
+
+class Demonstrations(NamedTuple):
+    """What a run learns from and is measured on."""
+
+    demo_set: DemoSet
+    names: dict[str, list[str]]  # "train", "validation" and "failure" to demonstrations
+    trimmed: int  # frames cut from the static tails, in all
+
+    def batch(self, split: str) -> DemoBatch:
+        """The demonstrations of one split, which must not be empty."""
+        return demo_batch(self.demo_set, self.names[split])
+
+    def trimmed_of(self, split: str) -> list[int]:
+        """Frames cut from the static tail of each demonstration of one split."""
+        entries = {e.name: e for e in self.demo_set.entries}
+        return [entries[name].trimmed for name in self.names[split]]
+
+
+def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress) -> Demonstrations:
+    """`gather` into the run's folder, as its first phase.
+
+    Raises:
+      DemoError: see `gather`.
+      RunError: the set is not the one that the run began with.
+    """
+    demos = gather(config, env, run.path / "demos", progress)
+    source = Path(config.demos.path or run.path / "demos")
+    digest = schema.digest(source / schema.HEADER)
+    begun = run.finished_phase("demos")
+    if begun is None:
+        run.finish_phase("demos", {"sha256": digest})
+    elif begun["sha256"] != digest:
+        raise RunError(
+            f"the demonstration set {source} has been changed since the run in {run.path} began, "
+            "so the run cannot go on with it"
+        )
+    return demos
+
+
+def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstrations:
+    """Load `config.demos.path`, or the set in `folder`, after making it there where it lacks.
+
+    Objects that the task does not have are left out, so that a task with fewer blocks can learn
+    from videos with more. Failures never train the encoder.
+
+    Raises:
+      DemoError: the set cannot be used for this task.
+    """
+    # A set appears whole: one that is there is the one that these settings make.
+    if config.demos.path is None and not (folder / schema.HEADER).is_file():
+        for left in folder.parent.glob(f".{folder.name}.*"):  # by a process that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        make_demos.make(config, folder, progress)
+    source = Path(config.demos.path or folder)
+    demo_set = load_demo_set(source)
+    if tuple(demo_set.classes) != tuple(env.classes):
+        raise DemoError(
+            f"{source}: its class names are not those of {config.env.name}; import the videos "
+            "again for this task"
+        )
+    wanted = ("goal", "robot", *env.blocks) if hasattr(env, "blocks") else env.classes
+    demo_set = select_objects(demo_set, tuple(wanted))
+    good = [e.name for e in demo_set.entries if e.outcome != "failure"]
+    if len(good) < 3:
+        raise DemoError(f"{source}: holds {len(good)} demonstrations, but at least 3 are needed")
+    held = _kept_aside(config, len(good))
+    if len(good) - held < config.pretrain.num_videos:
+        raise DemoError(
+            f"{source}: {len(good) - held} demonstrations are left to train on, but "
+            f"pretrain.num_videos is {config.pretrain.num_videos} and must be at most that"
+        )
+    names = {
+        "train": good[: len(good) - held],
+        "validation": good[len(good) - held :],
+        "failure": [e.name for e in demo_set.entries if e.outcome == "failure"],
+    }
+    return Demonstrations(demo_set, names, sum(e.trimmed for e in demo_set.entries))
+
+
+def _kept_aside(config: RunConfig, successes: int) -> int:
+    """How many successes are not learned from: of somebody's own videos a quarter at the most."""
+    wanted = config.demos.num_validation
+    return wanted if config.demos.path is None else min(wanted, math.ceil(successes / 4))

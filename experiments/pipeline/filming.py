@@ -1,0 +1,54 @@
+"""An episode in the simulator as a film.
+
+What a table holds is painted by MuJoCo, the arm included, where OpenGL works; everything else, and
+everywhere else, as the outlines of the objects.
+"""
+
+import jax
+import numpy as np
+from gril_jax.envs import Env, State
+from gril_jax.envs.tabletop.render import Renderer
+from gril_jax.envs.tabletop.task import Tabletop
+from jaxtyping import UInt8
+
+from gril_jax.demos.vision import render
+
+__all__ = ["episode", "outlines"]
+
+_PIXELS = 384
+
+
+def episode(env: Env, states: State) -> UInt8[np.ndarray, "T P P 3"]:
+    """The film of one episode, leaves (T, ...), as people should see it."""
+    states = jax.device_get(states)
+    if isinstance(env, Tabletop):
+        try:
+            renderer = Renderer(env, _moments(states)[0], pixels=_PIXELS)
+        except RuntimeError:  # no OpenGL
+            return outlines(env, states.data)
+        try:
+            data = states.data
+            places = zip(data.motion.qpos, data.fixtures, strict=True)
+            frames = np.stack([renderer.frame(*moment) for moment in places])
+        finally:
+            renderer.close()
+        nothing = (frames == 0).all(axis=-1, keepdims=True)  # all that is there has some light
+        return np.where(nothing, np.uint8(env.background), frames)
+    return outlines(env, states.data)
+
+
+def outlines(env: Env, data) -> UInt8[np.ndarray, "T P P 3"]:
+    """The same by the objects' outlines alone; `data` is the simulator's, leaves (T, ...)."""
+    return np.stack(
+        [
+            render.paint(
+                env.outlines(moment), half_extent=env.half_extent, background=env.background
+            )
+            for moment in _moments(jax.device_get(data))
+        ]
+    )
+
+
+def _moments(episode) -> list:
+    length = jax.tree.leaves(episode)[0].shape[0]
+    return [jax.tree.map(lambda x, t=t: x[t], episode) for t in range(length)]

@@ -1,0 +1,145 @@
+"""An encoder's training, on boxes or on frames, behind one interface.
+
+    one = learner(config, demos)
+    state = one.init(key, one.data)
+    state, metrics = one.step(state, one.data, hyper)      # `one.static.updates` updates
+    params = one.reward(state, one.data, hyper)
+
+The demonstrations' arrays are arguments and no constants: frames are too many for a program.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from gril_jax import reward
+from gril_jax.audit.scene_reward import Scene
+from gril_jax.config import RunConfig
+from gril_jax.demos.demo_set import demo_batch
+from gril_jax.demos.frames import frame_batch
+from gril_jax.encoders.encoder import Params
+from gril_jax.encoders.ensemble import member, num_members
+from gril_jax.pretraining import pixel_pretrain, pretrain
+from gril_jax.pretraining.pixel_pretrain import PixelPretrainConfig
+from gril_jax.pretraining.pretrain import Hyper, PretrainConfig
+from gril_jax.reward import pixels as pixel_reward
+from gril_jax.reward.latent_goal import RewardParams
+
+from . import demonstrations, setup
+
+__all__ = ["Learner", "learner", "static_config"]
+
+
+class Learner(NamedTuple):
+    """Functions of a state, of the data and of the traced choices: pure but for `films`."""
+
+    static: PretrainConfig | PixelPretrainConfig
+    data: Any  # of the training and of the held-out demonstrations, and scenes to learn from, too
+    init: Callable[[PRNGKeyArray, Any], Any]
+    step: Callable[[Any, Any, Hyper], tuple[Any, Any]]
+    reward: Callable[[Any, Any, Hyper], RewardParams]
+    measure: Callable[[Any, Any, Hyper], dict[str, Float[Array, ""]]]
+    latents: Callable[[Params, Any, Hyper], Float[Array, "B T D"]]  # of all frames of `films`
+    films: Callable[[Sequence[str]], Any]  # arrays of demonstrations by name; may read files
+
+
+def static_config(config: RunConfig, num_classes: int) -> PretrainConfig | PixelPretrainConfig:
+    """The static half of the training that the configuration asks for."""
+    if config.encoder.kind == "pixels":
+        return setup.pixel_pretrain_config(config)
+    return setup.pretrain_config(config, num_classes)
+
+
+def learner(
+    config: RunConfig, demos: demonstrations.Demonstrations, pool: Scene | None = None
+) -> Learner:
+    """The training of the configuration's encoder on some demonstrations.
+
+    Args:
+      config: a valid one.
+      demos: of `demonstrations.gather`.
+      pool: scenes that earlier policies were overpaid for; for boxes alone.
+
+    Raises:
+      ConfigError: a batch would hold more videos than there are.
+      DemoError: a video cannot be read, or is not square.
+    """
+    if config.encoder.kind == "pixels":
+        return _of_frames(config, demos)
+    return _of_boxes(config, demos, pool)
+
+
+def _of_boxes(config, demos, pool) -> Learner:
+    static = setup.pretrain_config(config, len(demos.demo_set.classes))
+    init, step = _of_members(static)
+
+    def learned(state, data, hyper):
+        bits = pretrain.activity_bits(data[0], hyper, static)
+        encoder = state.params.encoder
+        return reward.from_demos(encoder, data[0], static.encoder, alpha=hyper.alpha, active=bits)
+
+    return Learner(
+        static,
+        (demos.batch("train"), demos.batch("validation"), pool),
+        init,
+        step,
+        learned,
+        lambda state, data, hyper: pretrain.evaluate(
+            state.params.encoder, data[1], data[0], hyper, static
+        ),
+        lambda params, films, hyper: pretrain.embed(params, films, hyper, static),
+        lambda names: demo_batch(demos.demo_set, names),
+    )
+
+
+def _of_members(static: PretrainConfig):
+    """`init` and `step`; an ensemble's are those of its members, each with a key of its own.
+
+    Networks begin apart and draw other batches. The metrics are their means.
+    """
+    members = num_members(static.encoder)
+    one = dataclasses.replace(static, encoder=member(static.encoder))
+
+    def init(key, data):
+        return pretrain.init(key, data[0], one)
+
+    def step(state, data, hyper):
+        return pretrain.step(state, data[0], hyper, one, data[2])
+
+    def init_all(key, data):
+        return jax.vmap(init, (0, None))(jax.random.split(key, members), data)
+
+    def step_all(state, data, hyper):
+        state, metrics = jax.vmap(step, (0, None, None))(state, data, hyper)
+        return state, jax.tree.map(lambda x: jnp.mean(x, axis=0), metrics)
+
+    return (init, step) if members == 1 else (init_all, step_all)
+
+
+def _of_frames(config, demos) -> Learner:
+    static = setup.pixel_pretrain_config(config)
+    env, pixels = setup.make_env(config.env, training=False), config.encoder.pixels
+    half_extent = None  # all that the videos show
+    if hasattr(env, "render"):  # no more than the pictures that a policy is paid for
+        half_extent = env.half_extent * pixels / (pixels + 2 * setup.picture_border(pixels))
+
+    @functools.cache  # the seeds of a row are measured on the same films
+    def frames(*names):
+        found = frame_batch(demos.demo_set, names, pixels=pixels, half_extent=half_extent)
+        return jax.tree.map(jnp.asarray, found)
+
+    return Learner(
+        static,
+        (frames(*demos.names["train"]), frames(*demos.names["validation"])),
+        lambda key, data: pixel_pretrain.init(key, data[0], static),
+        lambda state, data, hyper: pixel_pretrain.step(state, data[0], hyper, static),
+        lambda state, data, hyper: pixel_reward.from_videos(state.params, data[0], static.encoder),
+        lambda state, data, hyper: pixel_pretrain.evaluate(state.params, data[1], data[0], static),
+        lambda params, films, hyper: pixel_reward.embed(params, films, static.encoder),
+        lambda names: frames(*names),
+    )

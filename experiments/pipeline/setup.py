@@ -1,0 +1,211 @@
+"""From a configuration to the objects that the experiments compose."""
+
+import contextlib
+import dataclasses
+import importlib
+import importlib.util
+import io
+
+import jax
+import numpy as np
+
+from gril_jax import envs
+from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.encoders import encoder, ensemble
+from gril_jax.errors import ConfigError
+from gril_jax.pretraining import pixel_pretrain, pretrain
+from gril_jax.reward.latent_goal import RewardParams
+
+__all__ = [
+    "blank_reward",
+    "device_in_words",
+    "encoder_config",
+    "few_updates",
+    "make_env",
+    "picture_border",
+    "pixel_pretrain_config",
+    "pretrain_config",
+    "pretrain_hyper",
+    "quieten_warp",
+    "require_boxes",
+]
+
+
+# What a task on a table takes of the section `env`, and what nothing else does.
+_ON_A_TABLE = (
+    "name", "reward", "substeps", "iterations", "episode_length", "impl", "worlds", "varied_starts",
+)  # fmt: skip
+_THERE_ALONE = ("impl", "worlds")
+
+_FEW_UPDATES = 5000  # it pays after 4,300 with displaced copies, 7,800 without (H200, JAX 0.11)
+
+
+def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -> envs.Env:
+    """The task; varied starts belong to training alone.
+
+    Raises:
+      ConfigError: the task does not offer what the configuration asks for.
+    """
+    options = dataclasses.asdict(config) | {
+        "variant": variant or config.variant,
+        "varied_starts": config.varied_starts if training else 0.0,
+        "on_the_way": config.on_the_way if training else 0.0,
+        "facing": config.facing if training else 0.0,
+    }
+    if config.name == "shoes_in_box":
+        options = {k: options[k] for k in _ON_A_TABLE if options[k] is not None}
+    elif config.impl != "jax":
+        raise ConfigError(f"env.impl is {config.impl!r}, but {config.name} has env.engine instead")
+    else:
+        options = {k: v for k, v in options.items() if k not in _THERE_ALONE}
+    if config.impl == "warp":
+        quieten_warp()
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
+            return envs.make(options.pop("name"), **options)
+    except ValueError as error:
+        raise ConfigError(f"env: {error}") from error
+
+
+def quieten_warp() -> None:
+    """Warp would report on each of its kernels, in the middle of what commands print."""
+    if importlib.util.find_spec("warp") is not None:  # the task says if it is not installed
+        warp = importlib.import_module("warp")
+        warp.config.log_level = warp.LOG_WARNING
+
+
+def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
+    """The encoder's sizes and options."""
+    chosen = config.encoder
+    if chosen.kind == "pixels":
+        return _pixel_config(config)
+    robot = {"pool_robot": chosen.pool_robot}
+    if chosen.kind == "mlp":
+        return encoder.MLPConfig(num_classes, width=chosen.width, **robot)
+    robot["robot_messages"] = chosen.robot_messages
+    if chosen.kind == "interaction":
+        own = "class" if chosen.distances else "robot"
+        return encoder.InteractionConfig(
+            num_classes, width=chosen.width, self_blocks=own, distances=chosen.distances, **robot
+        )
+    sizes = {name: getattr(chosen, name) for name in ("width", "rounds", "latent", "members")}
+    return encoder.EncoderConfig(num_classes, relations=chosen.relations, **sizes, **robot)
+
+
+def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainConfig:
+    """The static half of encoder training; `updates` is one call's share of all steps.
+
+    Raises:
+      ConfigError: the encoder takes pictures.
+    """
+    require_boxes(config, "training on boxes")
+    chosen = config.pretrain
+    return pretrain.PretrainConfig(
+        encoder=encoder_config(config, num_classes),
+        consistency=config.loss.consistency,
+        form=config.loss.form,
+        matching=config.loss.matching,
+        similarity=config.loss.similarity,
+        decoder=config.loss.decoder,
+        updates=_updates(config),
+        num_videos=chosen.num_videos,
+        num_frames=chosen.num_frames,
+        window=config.pool.window,
+        smoothing=config.pool.smoothing,
+        noise=config.pool.noise,
+        turn_scenes=chosen.turn_scenes,
+        touched=chosen.touched,
+        copies=chosen.copies,
+        anchors=chosen.anchors,
+        ascents=chosen.ascents,
+    )
+
+
+def pixel_pretrain_config(config: RunConfig) -> pixel_pretrain.PixelPretrainConfig:
+    """The same for an encoder of pictures."""
+    chosen = config.pretrain
+    return pixel_pretrain.PixelPretrainConfig(
+        encoder=_pixel_config(config),
+        form=config.loss.form,
+        matching=config.loss.matching,
+        similarity=config.loss.similarity,
+        updates=_updates(config),
+        num_videos=chosen.num_videos,
+        num_frames=chosen.num_frames,
+        turn_scenes=chosen.turn_scenes,
+    )
+
+
+def _pixel_config(config: RunConfig) -> encoder.PixelConfig:
+    chosen = config.encoder
+    return encoder.PixelConfig(chosen.latent, pixels=chosen.pixels, precision=chosen.precision)
+
+
+def _updates(config: RunConfig) -> int:
+    return next(n for n in (100, 50, 20, 10, 5, 2, 1) if config.pretrain.steps % n == 0)
+
+
+def picture_border(pixels: int) -> int:
+    """Pixels that pictures leave out on each side beyond their own: those of the arena's wall.
+
+    It is drawn broader in the videos than on the device, and would tell one from the other.
+    """
+    return max(1, round(pixels / 64))
+
+
+def require_boxes(config: RunConfig, purpose: str) -> None:
+    """Refuses an encoder of pictures for what needs the objects' boxes.
+
+    Raises:
+      ConfigError: the encoder takes pictures.
+    """
+    if config.encoder.kind == "pixels":
+        raise ConfigError(
+            f"encoder.kind is 'pixels', but must be 'paper', 'interaction' or 'mlp' for {purpose}"
+        )
+
+
+def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
+    """The traced half of encoder training."""
+    return pretrain.Hyper(
+        learning_rate=config.pretrain.learning_rate,
+        lambda_=config.loss.lambda_,
+        temperature=config.loss.temperature,
+        soft_dtw_weight=config.loss.soft_dtw_weight,
+        gamma=config.loss.gamma,
+        warmup=float(config.loss.warmup),
+        contrast=config.loss.contrast,
+        near=config.loss.near,
+        idle_cost=config.loss.idle_cost,
+        touch=config.loss.touch,
+        tail=config.loss.tail,
+        span=config.loss.span,
+        decay_updates=float(config.pretrain.steps),
+        learning_rate_left=config.pretrain.learning_rate_left,
+        alpha=config.pool.alpha,
+        tau=config.pool.tau,
+    )
+
+
+def few_updates(config: RunConfig) -> bool:
+    """Whether an encoder's training is over on a GPU before the compiler's best has paid."""
+    return config.pretrain.steps <= _FEW_UPDATES
+
+
+def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
+    """Reward parameters of the right shapes, to restore a checkpoint into."""
+    chosen = encoder_config(config, num_classes)
+    members = ensemble.num_members(chosen)
+    shapes = jax.eval_shape(lambda: encoder.init(jax.random.key(0), chosen))
+    blank = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
+    goal, scale, alpha = (
+        np.zeros(shape, np.float32)
+        for shape in (ensemble.latent_size(chosen), members if members > 1 else (), ())
+    )
+    return jax.device_put(RewardParams(blank, goal, scale, alpha))  # nothing is compiled
+
+
+def device_in_words() -> str:
+    """What JAX computes on, such as "2 x cpu"."""
+    devices = jax.devices()
+    return f"{len(devices)} x {devices[0].device_kind}"

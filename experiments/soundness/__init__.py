@@ -1,0 +1,1 @@
+"""Whether an audit foretells what a policy makes of a reward."""

@@ -1,0 +1,1 @@
+"""The stages of a task, found in a run's learned reward."""

@@ -1,0 +1,254 @@
+"""The stages of a task, found in the learned reward of a run: figures, scores, cut demonstrations.
+
+    gril subtasks RUN                   about a minute
+    gril subtasks RUN --sets True       and a demonstration set for each subtask
+
+Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
+where the set has stage times (`DemoEntry.stages`), those of held-out demonstrations are scored.
+Writes `subtasks.json`, a figure for some held-out demonstrations, and with `sets` the folders
+`subtask-1`, `subtask-2`, ..., from which `gril pretrain --demos` learns a subtask's reward.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gril_jax.experiments.pipeline import demonstrations, learners, setup
+from jaxtyping import Float, Int
+
+from gril_jax import reward
+from gril_jax.config import RunConfig
+from gril_jax.demos import schema
+from gril_jax.demos.schema import DemoEntry
+from gril_jax.demos.vision.video import read_video
+from gril_jax.errors import DemoError, RunError
+from gril_jax.report.figures.style import png
+from gril_jax.runs import run_dir
+from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.metric_rows import plain
+from gril_jax.runs.progress import Progress
+from gril_jax.safe_files import write_whole
+from gril_jax.subtasks import agreement
+
+from .plot import stages_figure
+from .scores import scores
+from .sets import segments, write_sets
+
+__all__ = ["Rule", "Traces", "discover", "main", "traces_of"]
+
+
+class Rule(NamedTuple):
+    """How stages are found; see `gril_jax.subtasks.agreement`."""
+
+    prominence: float = 0.125
+    smoothing: int = 15
+    patience: int | None = None
+    support: float = 0.5
+
+
+class Traces(NamedTuple):
+    """Rewards of the successful demonstrations."""
+
+    entries: list[DemoEntry]
+    held_out: list[bool]
+    reward: Float[np.ndarray, "B T"]
+    length: Int[np.ndarray, "B"]
+
+
+def main(
+    folder: Path,
+    out: Path,
+    rule: Rule,
+    *,
+    tolerance: int | None = None,
+    figures: int = 3,
+    sets: bool = False,
+    echo: Callable[[str], None] = print,
+) -> None:
+    """Write it all into a new folder.
+
+    Args:
+      folder: of the run.
+      out: to create.
+      rule: how stages are found.
+      tolerance: frames by which a found end may miss a true one; None for one second.
+      figures: how many held-out demonstrations are drawn.
+      sets: whether to write the subtasks' demonstration sets.
+      echo: takes what is said.
+
+    Raises:
+      RunError: the run has no reward, its demonstrations are gone, or there are no stages to tell
+        apart.
+      DemoError: a demonstration is damaged.
+    """
+    config = run_dir.read_config(folder)
+    with Progress() as progress:
+        demos = _demos(config, folder, progress)
+        traces = traces_of(config, folder, demos)
+        found, patience = discover(traces, rule)
+        agreed = np.asarray(found.frames)[:, : int(np.sum(found.kept))]
+        _require_stages(folder, traces, rule, patience, agreed.shape[1])
+        tolerance = round(demos.demo_set.fps) if tolerance is None else tolerance
+        alone = _alone(traces, rule, patience)
+        measured = _scores(traces, {"agreed": agreed, "each alone": alone}, tolerance)
+        with run_dir.writing(out):
+            out.mkdir(parents=True)
+            about = {"rule": rule._asdict() | {"patience": patience}, "tolerance": tolerance}
+            text = json.dumps(plain(about | _json(traces, found, agreed, measured)), indent=1)
+            write_whole(out / "subtasks.json", text + "\n")
+        drawn = [i for i, held in enumerate(traces.held_out) if held][:figures]
+        phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
+        for count, i in enumerate(drawn, 1):
+            _draw(out, demos, traces, i, agreed[i])
+            phase.update(count)
+        if sets:
+            write_sets(out, demos.demo_set, traces.entries, agreed, progress)
+    for line in _sentences(agreed.shape[1], found, measured, out):
+        echo(line)
+
+
+def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrations) -> Traces:
+    """The run's reward along its successful demonstrations.
+
+    Raises:
+      RunError: there is no reward yet.
+    """
+    last = checkpoint.latest(folder / "reward")
+    if last is None:
+        raise RunError(f"{folder} has no reward, so its run has not got that far yet")
+    params = checkpoint.restore(last, setup.blank_reward(config, len(demos.demo_set.classes)))
+    entries = {entry.name: entry for entry in demos.demo_set.entries}
+    owners = [(name, split) for split in ("train", "validation") for name in demos.names[split]]
+    names = [name for name, _ in owners]
+    learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
+    latents = jnp.asarray(learner.latents(params.encoder, learner.films(names), hyper))
+    return Traces(
+        [entries[name] for name in names],
+        [split == "validation" for _, split in owners],
+        np.asarray(reward.latent_reward(params, latents)),
+        np.array([entries[name].frames for name in names], np.int32),
+    )
+
+
+def discover(traces: Traces, rule: Rule) -> tuple[agreement.AgreedBoundaries, int]:
+    """Boundaries on which all demonstrations agree, and the patience with which they were found."""
+    values, length = jnp.asarray(traces.reward), jnp.asarray(traces.length)
+    options = rule._asdict()
+    patience = options.pop("patience")
+    if patience is None:
+        patience, found = _stages(values, length, **options)
+    else:
+        found = _agreed(values, length, **options, patience=patience)
+    return jax.device_get(found), int(patience)
+
+
+_stages = jax.jit(agreement.agreed_stages, static_argnames="smoothing")
+_agreed = jax.jit(agreement.agreed_boundaries, static_argnames="smoothing")
+_each_alone = jax.jit(agreement.each_alone, static_argnames="smoothing")
+
+
+def _alone(traces: Traces, rule: Rule, patience: int) -> Int[np.ndarray, "B M"]:
+    options = {"prominence": rule.prominence, "smoothing": rule.smoothing, "patience": patience}
+    return np.asarray(
+        _each_alone(jnp.asarray(traces.reward), jnp.asarray(traces.length), **options)
+    )
+
+
+def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstrations.Demonstrations:
+    source = Path(config.demos.path or folder / "demos")
+    if not (source / schema.HEADER).is_file():
+        raise DemoError(f"{source} is gone, but the reward is to be followed along its films")
+    env = setup.make_env(config.env, training=False)
+    return demonstrations.gather(config, env, folder / "demos", progress)
+
+
+def _require_stages(folder: Path, traces: Traces, rule: Rule, patience: int, count: int) -> None:
+    """Two boundaries or more; else says what the rewards look like and which knob helps."""
+    if count >= 2:
+        return
+    climbs, pauses = zip(*map(_shape, traces.reward, traces.length.tolist()), strict=True)
+    climb, pause = float(np.median(climbs)), int(np.median(pauses))
+    knob = f"a --patience below {pause} frames (it was {patience})"
+    if climb < 2 * rule.prominence:
+        knob = f"a --prominence below half of that (it was {rule.prominence:g})"
+    elif pause > patience:
+        knob = f"a --support below {rule.support:g}, since few agree on where it pauses"
+    raise RunError(
+        f"{folder}: {count} of the stages' ends is agreed on by the demonstrations, but at least 2 "
+        f"are needed: their reward climbs by {climb:.2f} with {pause} frames at most between two "
+        f"advances (medians), so try {knob}"
+    )
+
+
+def _shape(reward: Float[np.ndarray, "T"], length: int) -> tuple[float, int]:
+    """How far a trace climbs, and for how many frames it makes no progress."""
+    trace = np.maximum.accumulate(reward[:length])
+    climb = float(trace[-1] - trace[0])
+    advances = np.flatnonzero(np.diff(np.floor((trace - trace[0]) / max(climb / 40, 1e-9))) > 0)
+    stops = np.concatenate([[0], advances + 1, [length - 1]])
+    return climb, int(np.diff(stops).max())
+
+
+def _scores(
+    traces: Traces, found: Mapping[str, Int[np.ndarray, "B M"]], tolerance: int
+) -> dict[str, Any]:
+    """Of held-out demonstrations with stage times; nothing if there are none."""
+    known = [i for i, e in enumerate(traces.entries) if traces.held_out[i] and e.stages]
+    if not known:
+        return {}
+    stages = [traces.entries[i].stages or {} for i in known]
+    return {
+        name: scores([frames[i] for i in known], stages, tolerance)
+        for name, frames in found.items()
+    }
+
+
+def _json(traces: Traces, found, agreed, measured: Mapping[str, Any]) -> dict[str, Any]:
+    """All of it; `segments` are first and last frames of each subtask."""
+    kept = agreed.shape[1]
+    demos = {}
+    for i, entry in enumerate(traces.entries):
+        demos[entry.name] = {
+            "split": "validation" if traces.held_out[i] else "train",
+            "ends": agreed[i].tolist(),
+            "found": found.found[i, :kept].tolist(),
+            "segments": segments(agreed[i], entry.frames),
+            "stages": entry.stages,
+        }
+    return {
+        "scores": measured,
+        "level": found.level[:kept].tolist(),
+        "support": found.support[:kept].tolist(),
+        "demonstrations": demos,
+    }
+
+
+def _draw(out: Path, demos, traces: Traces, i: int, ends: Int[np.ndarray, "K"]) -> None:
+    entry, length = traces.entries[i], int(traces.length[i])
+    frames = read_video(demos.demo_set.folder / entry.video)[:length]
+    figure = stages_figure(
+        traces.reward[i, :length], ends, frames,
+        stages=entry.stages, name=entry.name, fps=demos.demo_set.fps,
+    )  # fmt: skip
+    with run_dir.writing(out):
+        (out / f"{entry.name.replace('/', '_')}.png").write_bytes(png(figure))
+
+
+def _sentences(count: int, found, measured: Mapping[str, Any], out: Path) -> Sequence[str]:
+    levels = ", ".join(f"{x:.2f}" for x in found.level[:count])
+    lines = [f"{count} stages, which end at rewards of {levels}"]
+    for name, one in measured.items():
+        lines.append(
+            f"held-out demonstrations ({name}): all stages found in {one['all_found']:.0%} of "
+            f"{one['demonstrations']}, precision {one['precision']:.2f}, recall "
+            f"{one['recall']:.2f}, median timing error {one['median_error']:.1f} frames, "
+            f"{one['false']:.2f} false boundaries a demonstration, right number in "
+            f"{one['right_count']:.0%}"
+        )
+    if not measured:
+        lines.append("the demonstrations have no stage times, so the stages are not scored")
+    return [*lines, f"written to {out}"]

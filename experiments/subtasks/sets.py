@@ -1,0 +1,83 @@
+"""Demonstrations cut at the ends of their stages: a set for each subtask."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from gril_jax.demos.demo_set import Demo, DemoSet, save_demo_set
+from gril_jax.demos.schema import DemoEntry
+from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.vision.video import read_video
+from gril_jax.runs.progress import Progress
+
+__all__ = ["segment", "segments", "write_sets"]
+
+_LEAST = 2  # frames of a demonstration
+
+
+def write_sets(
+    out: Path,
+    demo_set: DemoSet,
+    entries: Sequence[DemoEntry],
+    ends: Int[np.ndarray, "B K"],
+    progress: Progress,
+) -> None:
+    """A set in `out/subtask-1`, ... for each of the K subtasks.
+
+    A subtask's demonstration begins with the last frame of the stage before, where a policy of
+    this subtask would begin, and ends with its own; the last subtask's goes on to the film's end,
+    where the task is done for certain. Those of fewer than 2 frames are left out.
+
+    Args:
+      out: a folder.
+      demo_set: with all frames that the films have.
+      entries: of the demonstrations to cut, in their order.
+      ends: the last frame of each of their stages.
+      progress: shows a phase.
+
+    Raises:
+      DemoError: a film cannot be read, or nothing is left of a subtask.
+    """
+    phase = progress.phase("cutting", total=ends.size, unit="films", compiles=False)
+    tracks = {e.name: t for e, t in zip(demo_set.entries, demo_set.tracks, strict=True)}
+    done = 0
+
+    def demos(number: int) -> Iterator[Demo]:
+        nonlocal done
+        for entry, own in zip(entries, ends, strict=True):
+            first, last = segments(own, entry.frames)[number]
+            if last - first + 1 >= _LEAST:
+                frames = read_video(demo_set.folder / entry.video)[first : last + 1]
+                yield segment(entry, tracks[entry.name], frames, first)
+            done += 1
+            phase.update(done)
+
+    for number in range(ends.shape[1]):
+        save_demo_set(
+            out / f"subtask-{number + 1}", demos(number), task=demo_set.task,
+            classes=demo_set.classes, half_extent=demo_set.half_extent, fps=demo_set.fps,
+            source=f"subtask {number + 1} of {ends.shape[1]} of: {demo_set.source}",
+        )  # fmt: skip
+
+
+def segments(ends: Int[np.ndarray, "K"], num_frames: int) -> list[tuple[int, int]]:
+    """First and last frame of each subtask, see `write_sets`.
+
+    >>> segments(np.array([4, 7]), 10)
+    [(0, 4), (4, 9)]
+    """
+    firsts = [0, *ends[:-1].tolist()]
+    return list(zip(firsts, [*firsts[1:], num_frames - 1], strict=True))
+
+
+def segment(entry: DemoEntry, tracks: Tracks, frames: np.ndarray, first: int) -> Demo:
+    """Some frames of a demonstration, from the frame `first` on, with their boxes and stages."""
+    span = slice(first, first + len(frames))
+    cut = Tracks(tracks.center[span], tracks.size[span], tracks.label, tracks.seen[span])
+    stages = entry.stages and {
+        name: frame - first if first <= frame < first + len(frames) else -1
+        for name, frame in entry.stages.items()
+    }
+    return Demo(entry.name, frames, cut, 0, entry.outcome, stages)

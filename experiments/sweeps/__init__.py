@@ -1,0 +1,1 @@
+"""Many policies in one program; rows, tables and figures of them."""

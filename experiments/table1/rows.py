@@ -1,0 +1,213 @@
+"""The rows of Table I: what each changes in the configuration, and what the paper reports of it.
+
+Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gril_jax.experiments.sweeps import named_rows
+
+from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError, DemoError
+
+__all__ = [
+    "EVALUATIONS",
+    "PAPER",
+    "QUICK",
+    "QUICK_EVALUATIONS",
+    "QUICK_SEEDS",
+    "QUICK_STEPS",
+    "ROWS",
+    "Settings",
+    "check",
+    "chosen_rows",
+    "paths",
+    "read_settings",
+    "write_settings",
+]
+
+# Every learned row says all that any of them changes, so that defaults may move without moving the
+# table. What trains policies, `ppo` or `sac`, and the task are the configuration's in all of them.
+_PAPER: dict[str, Any] = {
+    "env.reward": "S4",
+    "run.reward": "learned",
+    "run.reward_offset": 0.0,
+    "encoder.kind": "paper",
+    "encoder.relations": False,
+    "encoder.distances": True,
+    "encoder.pool_robot": False,
+    "encoder.robot_messages": False,
+    "loss.lambda_": 1.0,
+    "loss.consistency": "tcc",
+    "loss.warmup": 0,
+    "loss.contrast": 30.0,  # these act on copies alone
+    "loss.near": 0.8,
+    "loss.touch": 0.0,
+    "pretrain.steps": 2500,
+    "pretrain.learning_rate_left": 1.0,
+    "pretrain.turn_scenes": False,
+    "pretrain.touched": 0.0,
+    "pretrain.copies": 0,
+    "pretrain.ascents": 0,
+}
+_WITH_ROBOT = {"encoder.pool_robot": True, "encoder.robot_messages": True}
+# GraphIRL and XIRL train by cycle-consistency alone.
+_GRAPHIRL = _PAPER | {"encoder.kind": "interaction", "loss.lambda_": 0.0}
+_XIRL = _PAPER | {
+    "encoder.kind": "pixels",
+    "encoder.pixels": 64,
+    "encoder.precision": "bfloat16",
+    "loss.lambda_": 0.0,
+}
+_AUDITED = _PAPER | {
+    "encoder.relations": True,
+    "loss.warmup": 1500,
+    "pretrain.steps": 8000,
+    "pretrain.learning_rate_left": 0.0,
+    "pretrain.turn_scenes": True,
+    "pretrain.touched": 0.1,
+    "pretrain.copies": 4,
+    "pretrain.ascents": 2,
+}
+# As much for a touch and for the way as the audit allows, and 0 where nothing has been done: what
+# leads a policy that has to find the blocks by itself.
+_DENSER = _AUDITED | {"loss.near": 0.5, "loss.touch": 0.05, "run.reward_offset": 1.0}
+# The potential's part of a whole episode is as much as ten control steps with full score.
+_SHAPED = {"env.reward": "sparse", "run.reward": "shaped", "run.reward_weights": (10.0, 1.0)}
+
+
+def _environmental(reward: str) -> dict[str, Any]:
+    return {"env.reward": reward, "run.reward": "environmental"}
+
+
+ROWS: dict[str, dict[str, Any]] = {
+    "environmental": _environmental("S4"),
+    "environmental V5": _environmental("V5"),
+    "XIRL": _XIRL,
+    "XIRL with agreed times": _XIRL | {"loss.warmup": 1500},
+    "GraphIRL with robot": _GRAPHIRL | _WITH_ROBOT,
+    "GraphIRL without robot": _GRAPHIRL,
+    "ours with robot": _PAPER | _WITH_ROBOT,
+    "ours without robot": _PAPER,
+    "ours audited": _AUDITED,
+    "ours audited and denser": _DENSER,
+    "ours with soft-DTW": _AUDITED | {"loss.consistency": "soft_dtw"},
+    "ours with potential shaping": _AUDITED | _SHAPED,
+    "sparse score": _environmental("sparse"),
+}
+
+# Success that the paper's Table I reports, percent.
+PAPER = {
+    "environmental": 85.0,
+    "XIRL": 0.0,
+    "GraphIRL with robot": 0.0,
+    "GraphIRL without robot": 33.7,
+    "ours with robot": 33.3,
+    "ours without robot": 94.6,
+}
+
+EVALUATIONS = 10  # of each policy while it is trained
+
+# A setting that two CPU cores finish in minutes.
+QUICK = "environmental,ours without robot"
+QUICK_SEEDS = 2
+QUICK_STEPS = 1500  # of each encoder
+QUICK_EVALUATIONS = 10
+
+_FILE = "table1.json"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All that is not in the configuration."""
+
+    rows: named_rows.Rows = field(default_factory=lambda: ROWS)
+    seeds: int = 5
+    """Policies of each row, and encoders."""
+    ascents: int = 1000
+    """Gradient ascents of the audit, shared by the starts."""
+    starts: int = 4
+    """Starts that an audit begins from."""
+
+
+def chosen_rows(names: str | None, *, encoder_steps: int | None = None) -> named_rows.Rows:
+    """Rows by their names with commas between; all where there is no choice.
+
+    Args:
+      names: of the rows.
+      encoder_steps: gradient steps of every encoder; its row's own where None.
+
+    Raises:
+      ConfigError: there is no row of this name, or one is named twice.
+    """
+    rows = named_rows.chosen_rows(names, ROWS)
+    if encoder_steps is None:
+        return rows
+    return {
+        name: change | ({"pretrain.steps": encoder_steps} if "pretrain.steps" in change else {})
+        for name, change in rows.items()
+    }
+
+
+def paths(rows: named_rows.Rows) -> set[str]:
+    """What the rows set, so that it cannot be chosen for all of them."""
+    return {path for change in rows.values() for path in change}
+
+
+def check(config: RunConfig) -> None:
+    """What is wrong about the task or the demonstrations, found before work starts.
+
+    Raises:
+      ConfigError: the task is another one than the table's.
+      DemoError: the demonstrations are of another task, or too few.
+    """
+    if config.env.name != "match_regions":
+        raise ConfigError(f"env.name is {config.env.name!r}, but must be 'match_regions' here")
+    if config.demos.path is None:
+        return
+    header = Path(config.demos.path) / "demos.json"
+    try:
+        about = json.loads(header.read_text(encoding="utf-8"))
+        task, outcomes = about["task"], [demo["outcome"] for demo in about["demos"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise DemoError(f"{header} is damaged, but must describe demonstrations") from None
+    if task != config.env.name:
+        raise DemoError(
+            f"{config.demos.path} holds demonstrations of {task!r}, but must hold some of "
+            f"{config.env.name!r}"
+        )
+    _check_count(config, len(outcomes) - outcomes.count("failure"))
+
+
+def _check_count(config: RunConfig, good: int) -> None:
+    """Counts as `demonstrations.gather` does."""
+    held, needed = min(config.demos.num_validation, math.ceil(good / 4)), config.pretrain.num_videos
+    if good - held < needed:
+        raise DemoError(
+            f"{config.demos.path} has {good - held} demonstrations to train on beside {held} kept "
+            f"aside, but a batch needs {needed}: add some, or lower pretrain.num_videos"
+        )
+
+
+def write_settings(folder: Path, settings: Settings) -> None:
+    """Beside the run's configuration, for `read_settings`."""
+    named_rows.write_settings(folder / _FILE, settings)
+
+
+def read_settings(folder: Path) -> Settings:
+    """What `write_settings` wrote.
+
+    Raises:
+      RunError: the file is missing or damaged.
+    """
+    found = named_rows.read_settings(folder / _FILE, Settings, "run of gril table1")
+    rows: Mapping[str, Any] = {
+        name: {path: tuple(x) if isinstance(x, list) else x for path, x in change.items()}
+        for name, change in found.rows.items()
+    }
+    return Settings(rows, found.seeds, found.ascents, found.starts)

@@ -1,0 +1,23 @@
+"""Could this reward be hacked? States that are paid without being earned."""
+
+from .ascent import Found, search
+from .measures import Audit, Measures, audit, measure
+from .scene_reward import Scene, SceneReward, activity_bits, scene_reward
+from .states import FACTORS, Battery, battery, orders
+
+__all__ = [
+    "FACTORS",
+    "Audit",
+    "Battery",
+    "Found",
+    "Measures",
+    "Scene",
+    "SceneReward",
+    "activity_bits",
+    "audit",
+    "battery",
+    "measure",
+    "orders",
+    "scene_reward",
+    "search",
+]

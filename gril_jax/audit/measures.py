@@ -1,0 +1,233 @@
+"""How sound a reward is: does it order states by true progress, and can it be had for nothing?
+
+    states = jax.vmap(partial(make_states, task=env.stages))(keys, starts)  # once for all rewards
+    one = lambda params: audit(reward, params, key, env.stages, states).measures
+    measures = jax.jit(jax.vmap(one))(many_params)
+
+Everything is pure: jit it, and map it over the parameters of many rewards. "Range" is what a reward
+pays for success more than for the reset; shares are shares of the start's own range. Shapes use B
+for starts, S for the states of a battery, F for factors, M for objects that can move, G for a side
+of a grid and A for ascents.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from .ascent import Found, search
+from .scene_reward import Scene, SceneReward
+from .states import FACTORS, Battery, battery
+from .sweeps import alone, pushed
+
+__all__ = [
+    "Audit",
+    "Measures",
+    "Rewards",
+    "States",
+    "audit",
+    "make_states",
+    "measure",
+    "rewards_of",
+]
+
+SUCCESS = 0.999  # true progress that counts as success
+_SIDE = 25
+_TOGETHER = 256  # states side by side
+
+
+class States(NamedTuple):
+    """All states that do not depend on the reward; leading axis B."""
+
+    battery: Battery
+    alone: Scene  # (2, M, G, G): each object swept over the plane, from the start and from success
+    alone_free: Bool[Array, "*B 2 M G G"]  # where there is no progress
+    pushed: Scene  # (G, G): all targets side by side
+    pushed_free: Bool[Array, "*B G G"]
+
+
+class Rewards(NamedTuple):
+    """What a reward pays for `States`."""
+
+    battery: Float[Array, "B S"]
+    alone: Float[Array, "B 2 M G G"]
+    pushed: Float[Array, "B G G"]
+
+
+class Measures(NamedTuple):
+    """The audit of one reward. Indices point into the arrays of `States` and `Found`."""
+
+    order_accuracy: Float[Array, ""]  # share of pairs with the better-paid state further on
+    factor_accuracy: Float[Array, "F"]  # the same by factor; NaN where there is no pair
+    worst_violation: Float[Array, ""]  # how much more the lesser state of a pair got; a share
+    worst_pair: Int[Array, "3"]  # start, the lesser state, the better state
+    hack_gap: Float[Array, ""]  # worst success less best state without progress; units of reward
+    hack_gap_scattered: Float[Array, ""]  # the same with other objects moved in the successes
+    hack_share: Float[Array, ""]  # what the best state without progress gets; a share
+    range: Float[Array, ""]  # mean success less mean reset, units of reward
+    start_reward: Float[Array, ""]  # mean reset, units of reward
+    worst_success: Float[Array, ""]  # units of reward
+    best_unearned: Float[Array, ""]  # of all states with true progress 0, units of reward
+    touch_share: Float[Array, ""]  # all bits set, nothing moved
+    push_share: Float[Array, ""]  # all targets pushed to the best-paid wrong place
+    alone_share: Float[Array, "M"]  # each object alone moved to its best-paid useless place
+    finite: Bool[Array, ""]  # all rewards are
+
+
+class Audit(NamedTuple):
+    """Measures, and what they were taken from."""
+
+    measures: Measures
+    rewards: Rewards
+    found: Found  # leading axes B, A
+
+
+def make_states(key: PRNGKeyArray, start: Scene, *, task: Any, side: int = _SIDE) -> States:
+    """All states around one start, which has made no progress; batch with `jax.vmap`.
+
+    Args:
+      key: consumed.
+      start: the state after a reset.
+      task: a `gril_jax.envs.stages.Stages`.
+      side: of the grids.
+    """
+    made = battery(key, task, start)
+    success = made.scenes.center[jnp.argmax(made.factor == FACTORS.index("success"))]
+    swept = jax.vmap(lambda center: alone(task, start, center, side=side))(
+        jnp.stack([start.center, success])
+    )
+    progress = jnp.vectorize(task.progress, signature="(n,k),(n,k)->()")
+    return States(
+        made,
+        swept,
+        progress(swept.center, swept.size) <= 0,
+        *pushed(task, start, side=side),
+    )
+
+
+def audit(
+    reward: SceneReward,
+    params: Any,
+    key: PRNGKeyArray,
+    task: Any,
+    states: States,
+    *,
+    ascents: int = 1000,
+    steps: int = 100,
+) -> Audit:
+    """Adversary and measures in one; jit it, and `jax.vmap` it over `params`.
+
+    Args:
+      reward: of one state, differentiable in its centres.
+      params: of the reward.
+      key: of the ascents; consumed.
+      task: a `gril_jax.envs.stages.Stages`.
+      states: from `make_states`, leading axis B.
+      ascents: in all, shared by the starts.
+      steps: of each ascent.
+    """
+    begins = jax.tree.map(lambda x: x[:, 0], states.battery.scenes)
+    count = begins.center.shape[0]
+
+    def one(key, start):
+        return search(reward, params, key, task, start, ascents=-(-ascents // count), steps=steps)
+
+    found = jax.lax.map(lambda x: one(*x), (jax.random.split(key, count), begins))
+    rewards = rewards_of(reward, params, states)
+    return Audit(measure(rewards, states, found), rewards, found)
+
+
+def rewards_of(reward: SceneReward, params: Any, states: States) -> Rewards:
+    """What the reward pays for every state."""
+    parts = (states.battery.scenes, states.alone, states.pushed)
+    shapes = [scenes.active.shape[:-1] for scenes in parts]
+    sizes = [math.prod(shape) for shape in shapes]
+    padding = -sum(sizes) % _TOGETHER  # a remainder would be a program of its own
+
+    def flat(*leaves):
+        joined = jnp.concatenate(
+            [
+                x.reshape(n, *x.shape[len(s) :])
+                for x, n, s in zip(leaves, sizes, shapes, strict=True)
+            ]
+        )
+        return jnp.concatenate([joined, jnp.repeat(joined[:1], padding, axis=0)])
+
+    paid = jax.lax.map(
+        lambda scene: reward(params, scene), jax.tree.map(flat, *parts), batch_size=_TOGETHER
+    )
+    ends = [sizes[0], sizes[0] + sizes[1], sum(sizes)]
+    return Rewards(*(x.reshape(s) for x, s in zip(jnp.split(paid, ends), shapes, strict=False)))
+
+
+def measure(rewards: Rewards, states: States, found: Found) -> Measures:
+    """The measures, from what is paid for the states and what the ascents found (leading B, A)."""
+    made, paid = states.battery, rewards.battery
+    kind = made.factor[0]  # every start has the same factors
+    reset = paid[:, 0]
+    success = made.score >= SUCCESS
+    strict = success & (kind != FACTORS.index("scattered")) & (kind != FACTORS.index("random"))
+    plain = kind == FACTORS.index("success")
+    plain = plain & success
+    span = jnp.sum(jnp.where(plain, paid, 0.0), axis=1) / jnp.sum(plain, axis=1) - reset
+    unit = jnp.where(span > 0, span, jnp.nan)  # a reward that pays success less has no range
+
+    def share(x):
+        """Of each start's own range."""
+        lead = (-1, *[1] * (x.ndim - 1))
+        return (x - reset.reshape(lead)) / unit.reshape(lead)
+
+    unearned = jnp.stack([
+        jnp.max(paid, where=made.score <= 0, initial=-jnp.inf),
+        jnp.max(rewards.alone, where=states.alone_free, initial=-jnp.inf),
+        jnp.max(rewards.pushed, where=states.pushed_free, initial=-jnp.inf),
+        jnp.max(found.reward),
+    ]).max()  # fmt: skip
+    worst = jnp.min(paid, where=strict, initial=jnp.inf)
+    touched = (kind == FACTORS.index("touched")) & _at_start(made)
+    in_any_way = lambda values, where, axis=None: jnp.max(  # noqa: E731
+        share(values), where=where, initial=-jnp.inf, axis=axis
+    )
+    return Measures(
+        **_order(made, paid, unit),
+        hack_gap=worst - unearned,
+        hack_gap_scattered=jnp.min(paid, where=success, initial=jnp.inf) - unearned,
+        hack_share=(unearned - jnp.mean(reset)) / jnp.mean(unit),
+        range=jnp.mean(span),
+        start_reward=jnp.mean(reset),
+        worst_success=worst,
+        best_unearned=unearned,
+        touch_share=in_any_way(paid, touched),
+        push_share=in_any_way(rewards.pushed, states.pushed_free),
+        alone_share=in_any_way(rewards.alone, states.alone_free, (0, 1, 3, 4)),
+        finite=jnp.stack([jnp.isfinite(x).all() for x in (*rewards, found.reward)]).all(),
+    )
+
+
+def _at_start(made: Battery) -> Bool[Array, "B S"]:
+    """States in which nothing has moved."""
+    return (made.scenes.center == made.scenes.center[:, :1]).all(axis=(2, 3))
+
+
+def _order(made: Battery, paid: Float[Array, "B S"], unit: Float[Array, "B"]) -> dict[str, Array]:
+    """Over all pairs whose true scores differ: is the better one paid more?"""
+    first, second, kind = made.first[0], made.second[0], made.pair_factor[0]
+    ahead = made.score[:, first] - made.score[:, second]
+    more = paid[:, first] - paid[:, second]
+    counts = jnp.abs(ahead) > 1e-6
+    right = counts & (jnp.sign(ahead) * more > 0)
+    of = kind == jnp.arange(len(FACTORS))[:, None]  # (F, P)
+    share = lambda chosen: (right & chosen).sum() / (counts & chosen).sum()  # noqa: E731
+    violation = jnp.where(counts, -jnp.sign(ahead) * more, -jnp.inf)
+    start, pair = jnp.unravel_index(jnp.argmax(violation), violation.shape)
+    swap = ahead[start, pair] > 0
+    lesser = jnp.where(swap, second[pair], first[pair])
+    better = jnp.where(swap, first[pair], second[pair])
+    return {
+        "order_accuracy": share(True),
+        "factor_accuracy": jax.vmap(share)(of),
+        "worst_violation": jnp.maximum(violation[start, pair], 0.0) / unit[start],
+        "worst_pair": jnp.stack([start, lesser, better]).astype(jnp.int32),
+    }

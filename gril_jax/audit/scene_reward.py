@@ -1,0 +1,68 @@
+"""One state as a reward sees it, and a reward as a function of such states.
+
+Shapes use N for objects; `*S` are any leading axes.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from gril_jax.encoders import encoder
+from gril_jax.encoders.encoder import AnyConfig, GraphConfig
+from gril_jax.errors import ConfigError
+from gril_jax.graphs.scene import scene_graph
+from gril_jax.reward.latent_goal import latent_reward
+
+__all__ = ["Scene", "SceneReward", "activity_bits", "scene_reward"]
+
+_MOVED = 1e-4  # world units: less is rounding
+
+
+class Scene(NamedTuple):
+    """States: the arguments of `gril_jax.graphs.scene_graph`."""
+
+    center: Float[Array, "*S N 2"]  # world units
+    size: Float[Array, "*S N 2"]
+    label: Int[Array, "*S N"]
+    is_robot: Bool[Array, "*S N"]
+    active: Bool[Array, "*S N"]
+
+
+SceneReward = Callable[[Any, Scene], Float[Array, ""]]  # (parameters, one state) -> reward
+
+
+def scene_reward(
+    config: AnyConfig, *, softness: Float[Array, ""] | float | None = None
+) -> SceneReward:
+    """The learned reward (Eq. 7) of one state; its parameters are a `RewardParams`.
+
+    An encoder with a history sees the state at rest: as long as its history. Where the latent is
+    not finite the reward is NaN.
+
+    Raises:
+      ConfigError: the encoder takes pictures.
+    """
+    if not isinstance(config, GraphConfig):
+        raise ConfigError(f"the encoder is a {type(config).__name__}; it must take boxes.")
+    history = getattr(config, "history", 1)
+
+    def reward(params: Any, scene: Scene) -> Float[Array, ""]:
+        graph = scene_graph(*scene)
+        if history > 1:
+            graph = jax.tree.map(lambda x: jnp.broadcast_to(x, (history, *x.shape)), graph)
+        latent = encoder.apply(params.encoder, graph, config, alpha=params.alpha)
+        paid = latent_reward(params, latent, softness=softness)
+        # The distance of a NaN counts as 0, which would be the best reward of all.
+        known = jnp.isfinite(latent).all() & jnp.isfinite(params.goal).all()
+        return jnp.where(known, paid, jnp.nan)
+
+    return reward
+
+
+def activity_bits(start: Scene, center: Float[Array, "N 2"]) -> Bool[Array, "N"]:
+    """The bits (Eq. 4) of what is not where the episode began, and then of the robot, too."""
+    moved = jnp.sum((center - start.center) ** 2, axis=1) > _MOVED**2
+    return moved | (start.is_robot & moved.any())

@@ -1,0 +1,213 @@
+"""A battery of made-up states with known true progress, for judging a reward before a policy does.
+
+From one start of a task and its stage definition (`gril_jax.envs.stages.Stages`) follow chains of
+states, from the start to success, stage by stage, and around them states in which a single thing is
+other than it should be:
+
+    touched        every activity bit set, nothing else
+    wrong place    the next stage's objects moved, but not to where the stage holds
+    detour         the same on the way to their places, by way of a random point
+    robot          the robot moved alone
+    undone         a stage's objects back where they began
+    wrong object   a fault committed, with nothing done or with everything done
+    scattered      everything done, and the objects of no stage pushed to other places
+    random         any objects anywhere, any stages done
+
+True progress is the task's own score. An object that has moved has its activity bit set, and the
+robot has its own once anything has moved. Boxes have the sizes that the task says. Shapes use N for
+objects, S for states, G for those of a group, L for those of a chain and P for pairs of states.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from .scene_reward import Scene, activity_bits
+
+__all__ = ["FACTORS", "Battery", "battery", "orders"]
+
+FACTORS = (
+    "start", "progress", "success", "touched", "wrong place", "detour", "robot", "undone",
+    "wrong object", "scattered", "random",
+)  # fmt: skip
+
+_PLACES = 8  # draws of each factor around each state
+_FRAMES = 6  # of a detour, before and after its random point
+_SUCCESSES = 16
+_RANDOM = 128
+
+
+class Battery(NamedTuple):
+    """States around one start, and pairs of them to compare where their scores differ."""
+
+    scenes: Scene  # leading axis S; the first is the start
+    score: Float[Array, "S"]  # true progress
+    factor: Int[Array, "S"]  # index into FACTORS
+    first: Int[Array, "P"]
+    second: Int[Array, "P"]
+    pair_factor: Int[Array, "P"]
+
+
+class _Group(NamedTuple):
+    """States of one factor."""
+
+    factor: str
+    center: Float[Array, "G N 2"]
+    touched: Bool[Array, "N"] | None = None  # bits that are set besides those of what has moved
+
+
+def battery(key: PRNGKeyArray, task: Any, start: Scene) -> Battery:
+    """All states around one start; batch with `jax.vmap` over keys and starts.
+
+    Args:
+      key: of the places that are drawn; consumed.
+      task: a `gril_jax.envs.stages.Stages`.
+      start: the state after a reset.
+    """
+    ways = orders(task)
+    keys = jax.random.split(key, len(ways) + 2)
+    groups = [_Group("start", start.center[None])]
+    around = []
+    for order, key_order in zip(ways, keys[2:], strict=True):
+        key_chain, key_around = jax.random.split(key_order)
+        chain = _chain(key_chain, task, start, order)
+        groups.append(_Group("progress", chain[1:]))
+        around += _around(key_around, task, start, order, chain)
+    complete = chain[-1]
+    fixed = sum(len(group.center) for group in groups)  # states that others are compared with
+    groups += around + _complete(keys[0], task, start, complete)
+    groups.append(_Group("random", _random(keys[1], task, start)))
+    return _compared(task, start, groups, fixed)
+
+
+def orders(task: Any) -> list[tuple[int, ...]]:
+    """The declared order of the stages, and the one as far from it as their requirements allow."""
+    names = [stage.name for stage in task.stages]
+    last: list[int] = []
+    for _ in names:
+        ready = [
+            i
+            for i, stage in enumerate(task.stages)
+            if i not in last and all(names.index(n) in last for n in stage.required_before)
+        ]
+        last.append(ready[-1])
+    declared = tuple(range(len(names)))
+    return [declared] if tuple(last) == declared else [declared, tuple(last)]
+
+
+def _chain(key, task, start, order) -> Float[Array, "L N 2"]:
+    states = [start.center]
+    for index, key_stage in zip(order, jax.random.split(key, len(order)), strict=True):
+        states.append(task.stages[index].place(key_stage, states[-1], start.size))
+    return jnp.stack(states)
+
+
+def _around(key, task, start, order, chain) -> list[_Group]:
+    """Single-factor states around each state of a chain that is not complete."""
+    keys = jax.random.split(key, len(order) + 1)
+    groups = [_Group("touched", chain[:-1], _all_bits(task, start))]
+    for level, index in enumerate(order):
+        stage, center = task.stages[index], chain[level]
+        key_detour, *draws = jax.random.split(keys[level], _PLACES + 1)
+        astray = jax.vmap(lambda k, s=stage, c=center: task.astray(k, s, c, start.size))
+        groups.append(_Group("wrong place", astray(jnp.stack(draws))))
+        groups.append(_Group("detour", _detour(key_detour, task, start, stage, chain, level)))
+    if task.robots:
+        drive = lambda k, c: _scatter(k, task, task.robots, c, start.size)  # noqa: E731
+        many = jnp.repeat(chain[:-1], _PLACES, axis=0)
+        groups.append(_Group("robot", jax.vmap(drive)(jax.random.split(keys[-1], len(many)), many)))
+    return groups
+
+
+def _complete(key, task, start, complete) -> list[_Group]:
+    """States around success, and faults with nothing done."""
+    keys = jax.random.split(key, 3)
+    free = [i for i in task.movable if not any(i in stage.moves for stage in task.stages)]
+    placed = jax.vmap(lambda k: _chain(k, task, start, range(len(task.stages)))[-1])
+    undone = [
+        complete.at[jnp.array(stage.moves)].set(start.center[jnp.array(stage.moves)])
+        for stage in task.stages
+    ]
+    groups = [
+        _Group("success", placed(jax.random.split(keys[0], _SUCCESSES))),
+        _Group("undone", jnp.stack(undone), activity_bits(start, complete)),
+    ]
+    both = jnp.stack([start.center, complete])
+    for fault, key_fault in zip(
+        task.faults, jax.random.split(keys[1], len(task.faults)), strict=True
+    ):
+        faulty = jax.vmap(lambda k, c, fault=fault: fault.place(k, c, start.size))
+        groups.append(_Group("wrong object", faulty(jax.random.split(key_fault), both)))
+    if free:
+        scattered = jax.vmap(lambda k: _scatter(k, task, free, complete, start.size))
+        groups.append(_Group("scattered", scattered(jax.random.split(keys[2], _PLACES))))
+    return groups
+
+
+def _detour(key, task, start, stage, chain, level) -> Float[Array, "G N 2"]:
+    """The stage's objects on straight lines to a random point each, and from there to the place."""
+    over = _scatter(key, task, stage.moves, chain[level], start.size, clear=False)
+    share = jnp.arange(1, _FRAMES + 1)[:, None, None] / (_FRAMES + 1)
+    away = chain[level] + share * (over - chain[level])
+    return jnp.concatenate([away, over[None], over + share * (chain[level + 1] - over)])
+
+
+def _random(key, task, start) -> Float[Array, "G N 2"]:
+    """Each stage done or its objects astray or at rest; others anywhere or at rest."""
+
+    def one(key):
+        keys = jax.random.split(key, 4)
+        movable = (*task.movable, *task.robots)
+        anywhere = _scatter(keys[0], task, movable, start.center, start.size)
+        pushed = jax.random.bernoulli(keys[1], 0.5, (len(start.center), 1))
+        center = jnp.where(pushed, anywhere, start.center)
+        wanted = jax.random.bernoulli(keys[2], 0.5, (len(task.stages),))
+        return task.arrange(keys[3], center, start.size, wanted)
+
+    return jax.vmap(one)(jax.random.split(key, _RANDOM))
+
+
+def _scatter(key, task, indices, center, size, *, clear=True) -> Float[Array, "N 2"]:
+    """These objects anywhere on the plane, clear of others or not."""
+    if not clear:
+        limit = task.limit(size)
+        anywhere = jax.random.uniform(key, center.shape, minval=-limit, maxval=limit)
+        chosen = jnp.array([i in indices for i in range(len(center))])
+        return jnp.where(chosen[:, None], anywhere, center)
+
+    def place(center, x):
+        return task.scatter(x[0], x[1], center, size), None
+
+    keys = jax.random.split(key, len(indices))
+    return jax.lax.scan(place, center, (keys, jnp.array(indices)))[0]
+
+
+def _all_bits(task, start) -> Bool[Array, "N"]:
+    return jnp.array([i in (*task.movable, *task.robots) for i in range(len(start.center))])
+
+
+def _compared(task, start, groups, fixed) -> Battery:
+    """Every state is paired with every state of the chains, and random ones with each other."""
+    center = jnp.concatenate([group.center for group in groups])
+    none = jnp.zeros(len(start.center), bool)
+    touched = [none if group.touched is None else group.touched for group in groups]
+    counts = [len(group.center) for group in groups]
+    touched = jnp.concatenate([jnp.tile(t, (n, 1)) for t, n in zip(touched, counts, strict=True)])
+    active = jax.vmap(lambda c: activity_bits(start, c))(center) | touched
+    size = jax.vmap(lambda c: task.sizes(c, start.size))(center)
+    same = (jnp.broadcast_to(x, (len(center), *x.shape)) for x in (start.label, start.is_robot))
+    factor = [FACTORS.index(g.factor) for g in groups for _ in range(len(g.center))]
+    ordered = len(center) - _RANDOM
+    pairs = [(a, b) for a in range(1, ordered) for b in range(min(a, fixed))]
+    pairs += [(a, a + d) for d in (1, 2) for a in range(ordered, len(center) - d)]
+    first, second = jnp.array(pairs, jnp.int32).T
+    return Battery(
+        scenes=Scene(center, size, *same, active),
+        score=jax.vmap(lambda c: task.progress(c, start.size))(center),
+        factor=jnp.array(factor, jnp.int32),
+        first=first,
+        second=second,
+        pair_factor=jnp.array([factor[a] for a, _ in pairs], jnp.int32),
+    )

@@ -1,0 +1,75 @@
+"""States on a grid over the plane: one object alone at each place, or all targets pushed there.
+
+Shapes use N for objects, M for those that can move, the robot's last, and G for a side of the grid.
+Rows of a grid go up in y, columns to the right in x.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .scene_reward import Scene, activity_bits
+
+__all__ = ["alone", "grid", "pushed"]
+
+
+def grid(half_extent: float, side: int) -> Float[Array, "G G 2"]:
+    """Places at equal distances over |x|, |y| <= half_extent."""
+    line = jnp.linspace(-half_extent, half_extent, side)
+    return jnp.stack(jnp.meshgrid(line, line, indexing="xy"), axis=-1)
+
+
+def alone(task: Any, start: Scene, center: Float[Array, "N 2"], *, side: int) -> Scene:
+    """Each object alone swept over the plane, the others where `center` has them.
+
+    Args:
+      task: a `gril_jax.envs.stages.Stages`.
+      start: the state after a reset, which tells what has moved.
+      center: of all objects.
+      side: of the grid, whose outer places touch the walls with the object's box.
+
+    Returns:
+      States with leading axes (M, G, G), in the order of `(*task.movable, *task.robots)`.
+    """
+    limit = task.limit(start.size)
+
+    def at(index, place):
+        return _scene(task, start, center.at[index].set(place * limit[index]))
+
+    over_plane = jax.vmap(jax.vmap(at, (None, 0)), (None, 0))
+    indices = jnp.array([*task.movable, *task.robots])
+    return jax.vmap(over_plane, (0, None))(indices, grid(1.0, side))
+
+
+def pushed(task: Any, start: Scene, *, side: int) -> tuple[Scene, Bool[Array, "G G"]]:
+    """The objects of all stages pushed to one place, side by side, with nothing achieved.
+
+    Args:
+      task, start: as for `alone`.
+      side: of the grid; objects that would stick out are pushed in.
+
+    Returns:
+      States with leading axes (G, G), and where true progress is 0.
+    """
+    limit = task.limit(start.size)
+    chosen = sorted({index for stage in task.stages for index in stage.moves})
+    which = jnp.array(chosen)
+    width = start.size[which, 0]
+    offset = jnp.cumsum(width) - width / 2
+    offset = offset - jnp.sum(width) / 2
+
+    def at(place):
+        row = jnp.stack([place[0] + offset, jnp.broadcast_to(place[1], offset.shape)], axis=1)
+        row = jnp.clip(row, -limit[which], limit[which])
+        return _scene(task, start, start.center.at[which].set(row))
+
+    scenes = jax.vmap(jax.vmap(at))(grid(task.half_extent, side))
+    progress = jax.vmap(jax.vmap(task.progress))
+    return scenes, progress(scenes.center, scenes.size) <= 0
+
+
+def _scene(task, start, center):
+    size = task.sizes(center, start.size)
+    return start._replace(center=center, size=size, active=activity_bits(start, center))

@@ -1,0 +1,206 @@
+"""What the verbs share: arguments that are read and checked before anything heavy is imported."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from gril_jax.config import RunConfig
+from gril_jax.config.files import load
+from gril_jax.errors import ConfigError, DemoError, RunError
+from gril_jax.runs import run_dir
+from gril_jax.runs.phases import changed_fields
+from gril_jax.runs.sinks import require_installed
+
+__all__ = [
+    "Work",
+    "check_surroundings",
+    "demo_set_to_write",
+    "echo",
+    "existing_folder",
+    "explained",
+    "hard_negatives",
+    "in_full",
+    "positional",
+    "require_left_to_options",
+    "require_new_file",
+    "resumed_config",
+    "run_config",
+    "take",
+    "whole_number",
+]
+
+_ROUNDS = 2  # of hard negatives
+
+Work = Callable[[], int | None]  # what is left to do once the command line is understood
+
+_SHORTCUTS = {
+    "--out": "--run.out",
+    "--demos": "--demos.path",
+    "--seed": "--run.seed",
+    "--reward": "--run.reward",
+    "--algorithm": "--run.algorithm",
+    "--lambda": "--loss.lambda",
+}
+
+
+def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunConfig:
+    """The checked configuration of a run, whose paths are what they should be."""
+    config = load(name, in_full(args), prog=prog, description=explained(about))
+    check_surroundings(config)
+    if config.run.out is not None:
+        run_dir.require_new(Path(config.run.out))
+    return config
+
+
+def resumed_config(
+    folder: Path, name: str | None, args: list[str], *, prog: str, experiment: str
+) -> RunConfig:
+    """The configuration of a run that is to go on; what else the command line says agrees with it.
+
+    Args:
+      folder: the run's.
+      name: of a configuration that was given beside it.
+      args: options that were given beside it.
+      prog: the command as it appears in the help.
+      experiment: what is to go on with the run.
+
+    Raises:
+      ConfigError: the command line says something else than the run; the fields are listed.
+      RunError: the folder is no run that can go on.
+    """
+    config = run_dir.require_resumable(folder, experiment)
+    args = in_full(args)
+    given = load(name or str(folder / "config.yaml"), args, prog=prog)
+    if not any(arg.startswith("--run.out") for arg in args):
+        given = dataclasses.replace(given, run=dataclasses.replace(given.run, out=config.run.out))
+    if changed := changed_fields(config, given):
+        raise ConfigError(
+            f"a resumed run keeps the configuration in {folder / 'config.yaml'}, but the command "
+            f"line gives {', '.join(changed)}"
+        )
+    check_surroundings(config)
+    return config
+
+
+def hard_negatives(names: str, config: RunConfig) -> list[Path]:
+    """The folders of the runs whose policies give a new run hard negatives.
+
+    Args:
+      names: of one or two folders, with a comma between them.
+      config: the new run's.
+
+    Raises:
+      ConfigError: these are more than two, or a run is of another task or other blocks.
+      RunError: a folder is no run, or its run has no policy yet.
+    """
+    folders = [Path(name) for name in names.split(",") if name]
+    if not 1 <= len(folders) <= _ROUNDS:
+        raise ConfigError(
+            f"--hard-negatives names {len(folders)} runs, but must be one run, or two with a comma "
+            "between them"
+        )
+    for folder in folders:
+        of = run_dir.read_config(folder).env
+        for field in ("name", "targets", "distractors"):
+            theirs, ours = getattr(of, field), getattr(config.env, field)
+            if theirs != ours:
+                raise ConfigError(
+                    f"--hard-negatives: {folder} has env.{field} {theirs!r}, but must have that of "
+                    f"the new run, {ours!r}"
+                )
+        if not any(folder.glob("policy/[0-9]*/manifest.json")):
+            raise RunError(f"{folder} has no policy, so its run has not got that far yet")
+    return folders
+
+
+def in_full(args: list[str], shortcuts: Mapping[str, str] = _SHORTCUTS) -> list[str]:
+    """The arguments with shortcuts written out."""
+    parts = (arg.partition("=") for arg in args)
+    return [shortcuts.get(option, option) + equals + value for option, equals, value in parts]
+
+
+def explained(about: str, shortcuts: Mapping[str, str] = _SHORTCUTS) -> str:
+    """What a verb is about, with its shortcuts."""
+    return f"{about} Shortcuts: {', '.join(f'{a} for {b}' for a, b in shortcuts.items())}."
+
+
+def check_surroundings(config: RunConfig) -> None:
+    """What a run needs beside its configuration."""
+    require_installed(config.run.sinks)
+    if config.demos.path is not None:
+        folder = existing_folder(config.demos.path)
+        if not (folder / "demos.json").is_file():
+            raise DemoError(f"{folder} is not a demonstration set, because it has no demos.json")
+
+
+def positional(args: list[str]) -> str | None:
+    """Takes the leading word off the arguments, unless it is an option."""
+    return args.pop(0) if args and not args[0].startswith("-") else None
+
+
+def take(args: list[str], option: str) -> str | None:
+    """Takes an option with its value off the arguments; the last one counts."""
+    value = None
+    for index in reversed(range(len(args))):
+        name, equals, rest = args[index].partition("=")
+        if name == option:
+            if not equals and index + 1 >= len(args):
+                raise ConfigError(f"{option} is given without a value")
+            found = rest if equals else args.pop(index + 1)
+            args.pop(index)
+            value = found if value is None else value
+    return value
+
+
+def whole_number(args: list[str], option: str, usual: int | None, least: int = 1) -> int | None:
+    """Takes an option off the arguments that is a whole number; what is usual where it lacks.
+
+    Raises:
+      ConfigError: it is something else, or below the least.
+    """
+    text = take(args, option)
+    if text is None:
+        return usual
+    if not text.isdecimal() or int(text) < least:
+        raise ConfigError(f"{option} is {text!r}, but must be a whole number of at least {least}")
+    return int(text)
+
+
+def existing_folder(name: str) -> Path:
+    path = Path(name)
+    if not path.is_dir():
+        fault = "is a file" if path.exists() else "does not exist"
+        raise DemoError(f"{path} {fault}, but must be a folder")
+    return path
+
+
+def require_left_to_options(args: list[str], taken: set[str]) -> None:
+    """Refuses to choose for all rows of a table what each of them says for itself."""
+    for option in (arg.partition("=")[0] for arg in in_full(args)):
+        path = option.removeprefix("--").replace("-", "_")
+        if path in taken or f"{path}_" in taken:
+            raise ConfigError(f"{option} is given, but each row of the table sets it for itself")
+
+
+def require_new_file(path: Path) -> None:
+    with run_dir.writing(path.parent):  # a name may be too long, or a folder closed to us
+        if path.exists() or path.is_symlink():
+            raise RunError(f"{path} exists already, but --out must be a new file")
+        if not path.parent.is_dir():
+            fault = "is a file" if path.parent.exists() else "does not exist"
+            raise RunError(f"{path.parent} {fault}, but --out must be in a folder that exists")
+
+
+def demo_set_to_write(name: str) -> Path:
+    """A new or empty folder, or a demonstration set to replace."""
+    path = Path(name)
+    if path.is_dir():
+        if any(path.iterdir()) and not (path / "demos.json").is_file():
+            raise DemoError(f"{path} holds other files, but --out must be new, empty or a demo set")
+    else:
+        run_dir.require_new(path)
+    return path
+
+
+def echo(line: str) -> None:
+    print(line, flush=True)

@@ -1,0 +1,155 @@
+"""What `gril doctor` checks: versions, devices, rendering, compilation, video encoding.
+
+Each check is a process of its own with a time limit: a package that crashes on import, or an
+OpenGL driver that hangs, becomes a row of the table. So neither JAX nor MuJoCo is imported
+here.
+"""
+
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from gril_jax.runs.run_dir import package_versions
+
+__all__ = ["Check", "check_all", "exit_code", "gl_checks", "probe", "table"]
+
+_DEVICES = "import jax; print(', '.join(str(d) for d in jax.devices()))"
+
+_JIT = """
+import jax, jax.numpy as jnp
+value = float(jax.jit(lambda x: (x @ x).sum())(jnp.ones((8, 8))))
+assert value == 512.0, value
+print('a compiled product is right')
+"""
+
+_GL = """
+import mujoco
+model = mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><light pos='0 0 3'/>"
+    "<geom type='sphere' size='1' rgba='1 0 0 1'/></worldbody></mujoco>"
+)
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+with mujoco.Renderer(model, 32, 32) as renderer:
+    renderer.update_scene(data)
+    image = renderer.render()
+assert image.any(), 'the image is black'
+print('renders')
+"""
+
+_MJX = """
+import contextlib, io
+with contextlib.redirect_stdout(io.StringIO()):  # it reports optional parts on import
+    import mujoco
+    from mujoco import mjx
+mjx.put_model(mujoco.MjModel.from_xml_string("<mujoco/>"))
+print('a model loads')
+"""
+
+_X264 = """
+import io
+import av, numpy
+with av.open(io.BytesIO(), 'w', format='mp4') as container:
+    stream = container.add_stream('libx264', rate=8)
+    stream.width = stream.height = 32
+    stream.pix_fmt = 'yuv420p'
+    frame = av.VideoFrame.from_ndarray(numpy.zeros((32, 32, 3), numpy.uint8), format='rgb24')
+    packets = stream.encode(frame) + stream.encode()
+    container.mux(packets)
+assert packets
+print('libx264 encodes')
+"""
+
+_GL_BACKENDS = ("egl", "osmesa", "glfw")
+
+
+class Check(NamedTuple):
+    """One row of the table."""
+
+    name: str
+    works: bool
+    needed: bool  # nothing runs without it
+    detail: str
+
+
+def check_all(*, timeout_s: int | float = 120.0) -> list[Check]:
+    """Every check, in the order in which the table shows them."""
+    rows = [Check("python", True, True, platform.python_version())]
+    for name, version in package_versions().items():
+        rows.append(Check(name, version != "missing", True, version))
+    rows.append(probe("jax devices", _DEVICES, timeout_s=timeout_s))
+    rows.append(probe("jax compiles", _JIT, timeout_s=timeout_s))
+    rows.append(probe("mjx", _MJX, timeout_s=timeout_s))
+    rows += gl_checks(timeout_s=timeout_s)
+    rows.append(probe("video", _X264, needed=False, timeout_s=timeout_s))
+    return rows
+
+
+def gl_checks(*, timeout_s: int | float) -> list[Check]:
+    """One row for each way to render; a run that draws nothing needs none of them."""
+    return [
+        probe(f"MUJOCO_GL={backend}", _GL, needed=False, timeout_s=timeout_s, gl_backend=backend)
+        for backend in _GL_BACKENDS
+    ]
+
+
+def probe(
+    name: str,
+    code: str,
+    *,
+    needed: bool = True,
+    timeout_s: int | float,
+    gl_backend: str | None = None,
+) -> Check:
+    """Runs Python code in a process of its own; what it prints last is the detail."""
+    environment = dict(os.environ)
+    if gl_backend is not None:
+        environment |= {"MUJOCO_GL": gl_backend, "PYOPENGL_PLATFORM": gl_backend}
+        if gl_backend == "glfw":
+            del environment["PYOPENGL_PLATFORM"]
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env=environment,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=timeout_s,
+        )
+    except subprocess.TimeoutExpired:
+        return Check(name, False, needed, f"no answer in {timeout_s:g} s")
+    if done.returncode == 0:
+        return Check(name, True, needed, _last_line(done.stdout))
+    if done.returncode < 0:
+        return Check(name, False, needed, f"stopped by signal {-done.returncode}")
+    return Check(name, False, needed, _error_line(done.stderr))
+
+
+def table(checks: Sequence[Check]) -> str:
+    """The rows in aligned columns."""
+    width = max(len(check.name) for check in checks)
+    return "\n".join(f"{c.name:<{width}}  {_verdict(c):<8}  {c.detail}".rstrip() for c in checks)
+
+
+def exit_code(checks: Sequence[Check]) -> int:
+    """0 unless something that is needed does not work."""
+    return int(any(check.needed and not check.works for check in checks))
+
+
+def _verdict(check: Check) -> str:
+    if check.works:
+        return "ok"
+    return "BROKEN" if check.needed else "no"
+
+
+def _last_line(text: str) -> str:
+    return (text.strip().splitlines() or [""])[-1][:200]
+
+
+def _error_line(stderr: str) -> str:
+    """The exception itself: a renderer that failed to start complains again as it is freed."""
+    head = stderr.split("Exception ignored in")[0]
+    return _last_line(head) or _last_line(stderr)

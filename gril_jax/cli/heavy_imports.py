@@ -1,0 +1,101 @@
+"""Heavy imports, which come late: when a verb has understood its command line."""
+
+import contextlib
+import gc
+import io
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from importlib import metadata
+from pathlib import Path
+
+from gril_jax import threads
+from gril_jax.config import MakeDemosConfig, RunConfig
+from gril_jax.errors import ConfigError
+
+__all__ = ["heavy_imports"]
+
+_THREADS = 4  # of XLA on a CPU, that two of them may block
+
+
+def _xla_flags(config: RunConfig | MakeDemosConfig) -> list[str]:
+    flags = []
+    if isinstance(config, RunConfig) and config.run.deterministic:
+        flags.append("--xla_gpu_deterministic_ops=true")
+    # With the newer code generator for CPUs an arm in MJX is a thousand times slower. XLA aborts
+    # over a flag that it does not know: hence the version.
+    if config.env.name == "shoes_in_box" and metadata.version("jaxlib").startswith("0.10."):
+        flags.append("--xla_cpu_use_fusion_emitters=false")
+    return flags
+
+
+def _steps_in_mjx(config: RunConfig | MakeDemosConfig) -> bool:
+    return config.env.name == "shoes_in_box" or config.env.engine == "mjx"
+
+
+@contextlib.contextmanager
+def heavy_imports(
+    config: RunConfig | MakeDemosConfig | None = None, *, devices: bool = False
+) -> Iterator[None]:
+    """Around imports of JAX and MuJoCo: sets XLA's options and threads, and keeps stdout clean.
+
+    MJX reports on stdout, while it is imported, that optional parts are missing.
+
+    Args:
+      config: of what is to be done, where it may need other options than usual.
+      devices: JAX takes its devices meanwhile; not for what leaves them to other processes, or
+        has to connect to other hosts first.
+
+    Raises:
+      ConfigError: JAX cannot use its devices, or JAX_PLATFORMS names some that are not here.
+    """
+    flags = [] if config is None else _xla_flags(config)
+    if flags:
+        os.environ["XLA_FLAGS"] = " ".join([*os.environ.get("XLA_FLAGS", "").split(), *flags])
+    if config is not None and _steps_in_mjx(config) and threads.cores() < _THREADS:
+        # jaxlib's Cholesky of a batch (0.10.2) blocks a thread of XLA's pool until others have
+        # done the work. MJX has two at once, which on two cores wait for each other for ever.
+        os.environ.setdefault("PJRT_NPROC", str(_THREADS))
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
+    with contextlib.suppress(OSError):  # without a writable cache everything works, only slower
+        folder.mkdir(parents=True, exist_ok=True)
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+        # A run has hundreds of small programs: together they take longer than the large ones.
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    # One kernel for random bits, the same ones: else a GPU's compiler has a hundred operations to
+    # fuse for each draw.
+    os.environ.setdefault("JAX_THREEFRY_GPU_KERNEL_LOWERING", "1")
+    # OpenCV's threads cost more than they bring on pictures this small.
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+    with (
+        contextlib.redirect_stdout(io.StringIO()),
+        _spared_from_collection(),
+        _taken_devices() if devices else contextlib.nullcontext(),
+    ):
+        yield
+
+
+@contextlib.contextmanager
+def _spared_from_collection() -> Iterator[None]:
+    """What is imported stays: looking for garbage in it is a fifth of a short run's time."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+@contextlib.contextmanager
+def _taken_devices() -> Iterator[None]:
+    """Around imports: a GPU and its compiler need two seconds until the first array is there."""
+    import jax  # in this thread, since two that import the same could see it half done
+
+    with ThreadPoolExecutor(1, "devices") as pool:
+        array = pool.submit(lambda: jax.block_until_ready(jax.numpy.zeros(())))
+        yield
+    if array.exception() is not None:
+        fault = next(iter(str(array.exception()).splitlines()), "none of them is here")
+        if chosen := os.environ.get("JAX_PLATFORMS"):
+            raise ConfigError(f"JAX_PLATFORMS is {chosen!r}, but JAX cannot use these: {fault}")
+        raise ConfigError(f"JAX cannot use this machine's devices: {fault}")

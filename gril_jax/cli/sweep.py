@@ -1,0 +1,114 @@
+"""The verb that trains many policies at once."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from gril_jax.config import RunConfig
+from gril_jax.config.files import load
+from gril_jax.config.grid import Cell, cells, take_axes
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.runs import run_dir
+from gril_jax.runs.cluster import cluster_of
+
+from .arguments import Work, echo, in_full, positional, require_left_to_options, run_config, take
+from .heavy_imports import heavy_imports
+
+__all__ = ["VERBS"]
+
+_ABOUT = (
+    "Train every combination of the values given, over --seeds N seeds (5 by default). An option "
+    "whose value has commas is an axis: --reward learned,environmental --lambda 0.1,1. --rows A,B "
+    "takes rows of gril table1 as one more. "
+    "--resume RUN goes on with a sweep that was cut off. --distributed makes one of all processes "
+    "of a SLURM or Kubernetes job: see experiments/clusters.md."
+)
+_PROG = "gril sweep"
+
+Connect = Callable[[], None]
+
+
+def _sweep(args: list[str]) -> Work:
+    connect = _connection(args)
+    resume = take(args, "--resume")
+    if resume is not None:
+        return _resume(Path(resume), args, connect)
+    name, seeds = positional(args), take(args, "--seeds")
+    if seeds is not None and (not seeds.isdecimal() or int(seeds) < 1):
+        raise ConfigError(f"--seeds is {seeds!r}, but must be a whole number of at least 1")
+    rows = take(args, "--rows")
+    args[:] = in_full(args)
+    beside = _cells_of_rows(rows, args) if rows is not None else list
+    axes = take_axes(args)
+    config = run_config(name, args, _PROG, _ABOUT)
+    found = beside(cells(axes, args, lambda options: load(name, options, prog=_PROG)))
+    return _work(config, lambda: (found, int(seeds or 5)), None, connect)
+
+
+def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[Cell]]:
+    """From cells to as many for each of these rows of Table I."""
+    from gril_jax.experiments.sweeps.named_rows import changed
+    from gril_jax.experiments.table1 import rows as table1_rows
+
+    rows = table1_rows.chosen_rows(names)
+    require_left_to_options(args, table1_rows.paths(rows))
+
+    def each(found: list[Cell]) -> list[Cell]:
+        table1_rows.check(found[0].config)
+        return [
+            Cell((("row", name), *cell.labels), changed(cell.config, change))
+            for name, change in rows.items()
+            for cell in found
+        ]
+
+    return each
+
+
+def _connection(args: list[str]) -> Connect | None:
+    """What connects the processes of a job, if --distributed is given; takes it off."""
+    if "--distributed" not in args:
+        return None
+    args.remove("--distributed")
+    cluster = cluster_of(os.environ)
+
+    def connect() -> None:
+        from gril_jax.runs import hosts
+
+        hosts.initialize(cluster)
+
+    return connect
+
+
+def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
+    if args:
+        raise ConfigError(
+            f"--resume takes its options from {folder}, so {args[0]} must not be given beside it"
+        )
+    if connect is None:
+        config = run_dir.require_resumable(folder, "sweep")
+    else:  # processes that look at the same time are in each other's way: the first one will
+        config = run_dir.read_config(folder)
+    if not (folder / "sweep.json").is_file():
+        raise RunError(f"{folder} is not a sweep: it has no sweep.json")
+
+    def read():
+        from gril_jax.experiments.sweeps.sweep import read_cells
+
+        return read_cells(folder)
+
+    return _work(config, read, folder, connect)
+
+
+def _work(config: RunConfig, read: Callable, resume: Path | None, connect: Connect | None) -> Work:
+    def work() -> None:
+        with heavy_imports(config, devices=connect is None):
+            if connect is not None:  # before anything else touches JAX
+                connect()
+            from gril_jax.experiments.sweeps import sweep
+        found, seeds = read()
+        sweep.main(config, found, seeds, resume=resume, echo=echo)
+
+    return work
+
+
+VERBS: dict[str, Callable[[list[str]], Work]] = {"sweep": _sweep}

@@ -1,0 +1,1 @@
+"""Compiling ahead of time, on one device or on several."""

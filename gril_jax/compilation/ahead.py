@@ -1,0 +1,112 @@
+"""Programs that are compiled while others run.
+
+    with ahead.compiling() as pool:
+        wanted = pool.submit(lambda: compiled(jax.jit(f).lower(x)))
+        ...                                                  # something else
+        y = wanted.result()(x)
+
+    ahead.carry_out([Task("a", wanted, frozenset(), do), ...])   # first what is compiled first
+
+XLA compiles outside of Python's lock, so a machine with cores to spare has compiled what comes next
+when what comes before is done. Tracing holds that lock: programs are traced one by one, within
+`with ahead.tracing()`, so that the first need not wait until all are.
+
+A machine with two cores has none to spare: there each thing is compiled when it is asked for, since
+side by side both would take longer than one after the other. So it is with several processes, since
+arrays of all of them are placed by all at once, in one order.
+"""
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from typing import Any, NamedTuple
+
+import jax
+
+from gril_jax import threads
+
+__all__ = ["Task", "carry_out", "compiling", "tracing"]
+
+_FEW = 4  # cores that one compiler and one training keep busy
+_MOST = 8  # each compiler has threads of its own
+
+_tracing = threading.RLock()
+
+
+def tracing() -> contextlib.AbstractContextManager:
+    """Held while a program is traced and lowered, and not while it is compiled."""
+    return _tracing
+
+
+@contextlib.contextmanager
+def compiling() -> Iterator[Executor]:
+    """A pool to compile in, in the order in which it is asked; half of the cores.
+
+    What has not begun when the block ends, for whatever reason, is given up; what has is waited
+    for, since a compiler cannot be stopped.
+    """
+    cores = threads.cores()
+    spare = cores >= _FEW and jax.process_count() == 1
+    pool = ThreadPoolExecutor(min(_MOST, cores // 2), "compile") if spare else _WhenAsked()
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+class Task(NamedTuple):
+    """Something to do that may have to wait."""
+
+    name: str
+    wanted: Future[Any] | None  # the program for it; None where it needs none
+    needs: frozenset[str]  # names of the tasks that come before it
+    do: Callable[[], None]
+
+
+def carry_out(tasks: Iterable[Task]) -> None:
+    """Each task once: always the first that needs nothing undone and whose program is there.
+
+    So a device has work while there is any that can be done. Where programs are compiled when they
+    are asked for, the order is that of the tasks as far as their needs allow, in every process.
+
+    Raises:
+      ValueError: a task needs one that is not among them, or itself in the end.
+    """
+    left, done = list(tasks), set[str]()
+    while left:
+        able = [task for task in left if task.needs <= done]
+        if not able:
+            raise ValueError(
+                f"task {left[0].name!r} needs what never comes: {left[0].needs - done}"
+            )
+        task = next((task for task in able if _is_there(task.wanted)), None)
+        if task is None:
+            wait([task.wanted for task in able if task.wanted], return_when=FIRST_COMPLETED)
+            continue
+        left.remove(task)
+        task.do()
+        done.add(task.name)
+
+
+def _is_there(wanted: Future[Any] | None) -> bool:
+    """Whether there is nothing to wait for: asking is what makes a `_Task`."""
+    return wanted is None or isinstance(wanted, _Task) or wanted.done()
+
+
+class _WhenAsked(Executor):
+    """Does in the caller's thread, when its result is asked for, what would be done in a pool."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        return _Task(lambda: fn(*args, **kwargs))
+
+
+class _Task(Future):
+    def __init__(self, make):
+        super().__init__()
+        self._make = make
+
+    def result(self, timeout=None):
+        if not self.done():
+            self.set_result(self._make())
+        return super().result(timeout)

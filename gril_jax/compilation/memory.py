@@ -1,0 +1,113 @@
+"""How much memory a training program will need, before it is compiled.
+
+The estimate counts what is surely there at once: the state (twice: while it is replaced; a replay
+once, as it is written in place), the data of an unroll (as collected, in brax's order, and
+shuffled), and what the networks of one minibatch keep for their gradients. What a simulator holds
+during one control step, of all environments, comes on top, as a multiple of its state; and what
+the reward's own arrays take then, of which those of a picture's encoder are many times larger.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.extend.core import jaxprs_in_params
+
+from gril_jax.errors import ConfigError
+
+__all__ = ["predict_bytes", "split"]
+
+_COPIES = 3  # of the collected data
+# Peak of one control step, as a multiple of the task's physics state. 222 on MatchRegions with five
+# blocks, compiled for a CPU, whatever the number of environments and the length of an unroll; the
+# data of an unroll, counted below, are not there at the same moment.
+_STEP_COPIES = 180
+# Arrays of the size of its largest one that a reward holds at once, of all environments: a layer's
+# input, its output, and what the output becomes before the next layer.
+_REWARD_ARRAYS = 3
+
+
+def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
+    """Bytes that one seed needs while it trains, from shapes alone."""
+    key = jax.random.key(0)
+    state = jax.eval_shape(algorithm.init, key, hyper)
+    exploring = jax.ShapeDtypeStruct((algorithm.num_envs,), jnp.bool_)
+
+    def collect(state, hyper, reward_params, exploring):
+        keys = jax.random.split(state.key, algorithm.keys_to_collect)
+        return algorithm.collect(state, keys, hyper, reward_params, deterministic=exploring)[1]
+
+    steps = jax.eval_shape(collect, state, hyper, reward_params, exploring)
+    static = algorithm.static
+    batch = getattr(static, "batch_size", 0) or (
+        static.num_envs * static.unroll_length // static.num_minibatches
+    )
+    layers = 2 * 3 * sum(static.hidden)  # two networks; values, gradients and activations
+    physics = _bytes(state.fleet.lanes.state.data)
+    seen = _REWARD_ARRAYS * algorithm.num_envs * _largest(algorithm, state, reward_params)
+    return (
+        2 * _bytes(state)
+        - _bytes(state.replay)
+        + _COPIES * _bytes(steps)
+        + _bytes(reward_params)
+        + 4 * layers * batch
+        + max(_STEP_COPIES * physics, seen)  # the simulator is done when the reward begins
+    )
+
+
+def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -> int:
+    """How many seeds to run at once, such that they fit: a multiple of `devices` if possible.
+
+    Args:
+      rows: seeds in all, at least 1.
+      bytes_each: from `predict_bytes`.
+      available: bytes of one device; None where they are not known, and all run at once.
+      devices: how many there are.
+
+    Raises:
+      ConfigError: not even one seed fits into the memory of all devices together.
+    """
+    if available is None:
+        return rows
+    fit = available * devices // bytes_each
+    if not fit:
+        gib = 2**30
+        raise ConfigError(
+            f"one seed needs about {bytes_each / gib:.1f} GiB but there are "
+            f"{available * devices / gib:.1f} GiB: lower num_envs or unroll_length, and "
+            "encoder.pixels where encoder.kind is 'pixels'"
+        )
+    parts = math.ceil(rows / min(rows, fit))
+    each = math.ceil(rows / parts)
+    rounded = math.ceil(each / devices) * devices
+    return rounded if rounded <= fit else each
+
+
+def _largest(algorithm: Any, state: Any, reward_params: Any) -> int:
+    """Bytes of the largest array that the reward makes, for each environment.
+
+    What does not grow with their number, such as weights in another precision, is there once.
+    """
+    lanes = state.fleet.lanes
+    seen = lanes.reward_memory, lanes.state, lanes.memory.active
+    pay = jax.vmap(algorithm.episodes.reward.step, (None, 0, 0, 0))
+
+    def sizes(count):
+        some = jax.tree.map(lambda x: jax.ShapeDtypeStruct((count, *x.shape[1:]), x.dtype), seen)
+        return [_bytes(x.aval) for x in _made(jax.make_jaxpr(pay)(reward_params, *some).jaxpr)]
+
+    return max((b - a for a, b in zip(sizes(2), sizes(3), strict=True)), default=0)
+
+
+def _made(program: Any) -> Iterator[Any]:
+    """Every value that a program makes, and the programs in it."""
+    for equation in program.eqns:
+        yield from equation.outvars
+        for inner in jaxprs_in_params(equation.params):
+            yield from _made(inner)
+
+
+def _bytes(tree: Any) -> int:
+    return sum(math.prod(x.shape) * max(x.dtype.itemsize, 1) for x in jax.tree.leaves(tree))

@@ -1,0 +1,173 @@
+"""One training program on many devices: seeds are spread first, then the environments of a seed.
+
+    layout = mesh(jax.devices(), seeds=8, num_envs=4096)
+    state = init(algorithm, layout, keys, hyper)                # each with a leading axis of seeds
+    run = advance(algorithm, layout, state, updates=20, evaluation=(env,))
+    state, (metrics, scores) = run(state, hyper, reward_params, count, examine)
+
+or, before there is a state, `lowered(algorithm, layout, keys, hyper, params, updates).compile()`.
+
+Nothing else changes: the program is the one for a single device, and the compiler splits it along
+the axes that are laid out here, so that results agree up to the order of float sums. With several
+hosts (`jax.distributed`), the devices of all of them are one mesh.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+
+from gril_jax.errors import ConfigError
+from gril_jax.rl import training
+
+from .compiler import compiled
+
+__all__ = [
+    "Compiled",
+    "Lowered",
+    "advance",
+    "by_seed",
+    "init",
+    "lowered",
+    "mesh",
+    "place",
+    "shardings",
+]
+
+
+def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
+    """Devices as a grid of axes "seeds" and "envs"; as many as possible go to the seeds.
+
+    Raises:
+      ConfigError: the devices cannot be shared out evenly.
+    """
+    count = len(devices)
+    across = math.gcd(count, seeds)
+    if num_envs % (count // across):
+        raise ConfigError(
+            f"{count} devices cannot share {seeds} seeds of {num_envs} environments evenly: the "
+            f"seeds must be a multiple of {count}, or num_envs of {count // across}"
+        )
+    shape, names, auto = (across, count // across), ("seeds", "envs"), (AxisType.Auto,) * 2
+    return jax.make_mesh(shape, names, axis_types=auto, devices=devices)
+
+
+def by_seed(layout: Mesh) -> NamedSharding:
+    """Where arrays with a leading axis of seeds belong."""
+    return NamedSharding(layout, PartitionSpec("seeds"))
+
+
+def shardings(layout: Mesh, state: Any) -> Any:
+    """Where each leaf of a training state with a leading axis of seeds belongs.
+
+    Leaves of `state.fleet` have the environments as their second axis; all others are the same for
+    all devices that share a seed.
+    """
+    by_both = NamedSharding(layout, PartitionSpec("seeds", "envs"))
+    placed = jax.tree.map(lambda _: by_seed(layout), state)
+    lanes = jax.tree.map(lambda x: by_both if x.ndim > 1 else by_seed(layout), state.fleet)
+    return placed._replace(fleet=lanes)
+
+
+def place(layout: Mesh, tree: Any) -> Any:
+    """A tree with a leading axis of seeds, such as hyper-parameters, put where its seeds are."""
+    return jax.device_put(tree, by_seed(layout))
+
+
+def init(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> Any:
+    """A fresh training state for each key, made where it belongs."""
+    return _maker(algorithm, layout, keys, hyper)(keys, hyper)
+
+
+def _maker(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> Callable:
+    """The program of `init`, jitted: (keys, hyper) -> state."""
+    make = jax.vmap(algorithm.init)
+    shapes = jax.eval_shape(make, keys, hyper)
+    return jax.jit(make, out_shardings=shardings(layout, shapes))
+
+
+class Compiled(NamedTuple):
+    """A training that is ready to run."""
+
+    init: Any  # (keys, hyper) -> state
+    advance: Any  # of `advance`
+
+
+class Lowered(NamedTuple):
+    """A training that has been traced, and awaits its compiler."""
+
+    init: Future[Any]  # being compiled already
+    advance: Any
+
+    def compile(self) -> Compiled:
+        """Most of the work, and without Python's lock."""
+        return Compiled(self.init.result(), compiled(self.advance))
+
+
+def lowered(
+    algorithm: training.Algorithm,
+    layout: Mesh,
+    keys: Any,
+    hyper: Any,
+    reward_params: Any,
+    updates: int,
+    evaluation: tuple[Any, ...] = (),
+) -> Lowered:
+    """`init` and `advance`, traced: nothing is computed, so that it can be done ahead of time.
+
+    The small one is compiled in a thread of its own while the large one is traced, which keeps one
+    core busy.
+
+    Args:
+      keys, hyper: with a leading axis of seeds, placed.
+      reward_params: arrays, or their shapes and types.
+      updates, evaluation: of `advance`.
+    """
+    make = _maker(algorithm, layout, keys, hyper)
+    shapes = jax.eval_shape(make, keys, hyper)
+    thread = ThreadPoolExecutor(1, "compile init")
+    ready = thread.submit(compiled, make.lower(keys, hyper))
+    thread.shutdown(wait=False)
+    state = jax.tree.map(_abstract, shapes, shardings(layout, shapes))
+    params = jax.tree.map(lambda x: _abstract(x, by_seed(layout)), reward_params)
+    run = advance(algorithm, layout, shapes, updates, evaluation)
+    count, examine = jnp.int32(0), jnp.asarray(True)
+    return Lowered(ready, run.lower(state, hyper, params, count, examine))
+
+
+def _abstract(x: Any, sharding: NamedSharding) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding)
+
+
+def advance(
+    algorithm: training.Algorithm,
+    layout: Mesh,
+    state: Any,
+    updates: int,
+    evaluation: tuple[Any, ...] = (),
+) -> Callable[[Any, Any, Any, Any, Any], tuple[Any, tuple[Any, Any]]]:
+    """`training.chunk` over seeds, compiled once.
+
+    Returns:
+      (state, hyper, reward parameters, count, examine) -> (state, (metrics, scores)), the first
+      three with a leading axis of seeds, and so what it returns. Metrics and scores come back whole
+      to every host. The state is donated.
+    """
+
+    def chunk(state, hyper, reward_params, count, examine):
+        def one(state, hyper, reward_params):
+            return training.chunk(
+                algorithm, state, hyper, reward_params, updates=updates, evaluation=evaluation,
+                count=count, examine=examine,
+            )  # fmt: skip
+
+        state, metrics, scores = jax.vmap(one)(state, hyper, reward_params)
+        return state, (metrics, scores)
+
+    everywhere = NamedSharding(layout, PartitionSpec())
+    placed = shardings(layout, state)
+    return jax.jit(chunk, donate_argnums=0, out_shardings=(placed, everywhere))

@@ -1,0 +1,103 @@
+"""What a sweep runs: every combination of the values given, each with the same seeds.
+
+    gril sweep quickstart --seeds 8 --reward learned,environmental --lambda 0.1,1
+
+An option whose value has commas is an axis of the sweep; every other option changes all runs. JAX
+is not imported here.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from gril_jax.config.run_config import RunConfig
+from gril_jax.errors import ConfigError
+
+__all__ = ["Axis", "Cell", "cells", "take_axes", "with_seed"]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An option and the values that it takes."""
+
+    option: str  # in full, such as --ppo.discounting
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One combination: what sets it apart, and its configuration with the first seed."""
+
+    labels: tuple[tuple[str, str], ...]  # option without dashes, value
+    config: RunConfig
+
+    @property
+    def name(self) -> str:
+        """Its labels as one word a label, or "as configured"."""
+        words = (f"{option.rpartition('.')[2]} {value}" for option, value in self.labels)
+        return ", ".join(words) or "as configured"
+
+
+def take_axes(args: list[str]) -> list[Axis]:
+    """Takes the options with commas in their values off the arguments, in their order.
+
+    Raises:
+      ConfigError: an option is given twice, or a value is empty or given twice.
+    """
+    axes: list[Axis] = []
+    rest: list[str] = []
+    pending = iter(list(args))
+    for arg in pending:
+        option, equals, value = arg.partition("=")
+        if not arg.startswith("--"):
+            rest.append(arg)
+            continue
+        if not equals:
+            value = next(pending, "")
+        if "," in value:
+            axes.append(_axis(option, value))
+        else:
+            rest += [arg] if equals or not value else [arg, value]
+    args[:] = rest
+    seen = [axis.option for axis in axes]
+    twice = next((option for option in seen if seen.count(option) > 1), None)
+    if twice is not None:
+        raise ConfigError(f"{twice} is given twice, but is one axis of the sweep")
+    return axes
+
+
+def _axis(option: str, value: str) -> Axis:
+    values = tuple(part.strip() for part in value.split(","))
+    if "" in values:
+        raise ConfigError(f"{option} is {value!r}, but must have a value between all commas")
+    twice = next((part for part in values if values.count(part) > 1), None)
+    if twice is not None:
+        raise ConfigError(f"{option} is {value!r}, but must name {twice} once")
+    if option == "--run.seed":
+        raise ConfigError("--run.seed cannot be an axis: --seeds N takes N seeds from it on")
+    return Axis(option, values)
+
+
+def cells(
+    axes: Sequence[Axis], args: list[str], load: Callable[[list[str]], RunConfig]
+) -> list[Cell]:
+    """Every combination, the last axis changing fastest.
+
+    Args:
+      axes: from `take_axes`.
+      args: the options that are the same for all.
+      load: from options to a checked configuration.
+    """
+    found = []
+    for chosen in itertools.product(*(axis.values for axis in axes)):
+        pairs = [(axis.option, value) for axis, value in zip(axes, chosen, strict=True)]
+        config = load([*args, *itertools.chain.from_iterable(pairs)])
+        found.append(Cell(tuple((option[2:], value) for option, value in pairs), config))
+    return found
+
+
+def with_seed(config: RunConfig, offset: int) -> RunConfig:
+    """The configuration of the seed that comes `offset` after its first."""
+    run = dataclasses.replace(config.run, seed=config.run.seed + offset)
+    return dataclasses.replace(config, run=run)

@@ -1,0 +1,97 @@
+"""The sections of the configuration that train a policy, one for each algorithm."""
+
+from dataclasses import dataclass, field
+
+from .rules import above, at_least, between, rule
+
+__all__ = ["PPOConfig", "SACConfig"]
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Policy training."""
+
+    num_timesteps: int = field(default=1_000_000, metadata=at_least(1))
+    """Control steps in all, over all environments."""
+    num_envs: int = field(default=64, metadata=at_least(1))
+    """Environments that are stepped together."""
+    unroll_length: int = field(default=20, metadata=at_least(1))
+    """Control steps of each environment between two updates."""
+    num_minibatches: int = field(default=4, metadata=at_least(1))
+    """Parts that an update's data are split into; they divide num_envs."""
+    num_epochs: int = field(default=4, metadata=at_least(1))
+    """Passes over an update's data."""
+    learning_rate: float = field(default=3e-4, metadata=above(0))
+    """Learning rate of Adam."""
+    learning_rate_left: float = field(default=1.0, metadata=between(0, 1))
+    """Share of the learning rate at the end of training, reached linearly."""
+    discounting: float = field(default=0.99, metadata=between(0, 1))
+    """Discount of a control step."""
+    gae_lambda: float = field(default=0.95, metadata=between(0, 1))
+    """Lambda of generalised advantage estimation."""
+    entropy_cost: float = field(default=1e-2, metadata=at_least(0))
+    """Weight of the policy's entropy."""
+    entropy_left: float = field(default=1.0, metadata=between(0, 1))
+    """Share of that weight at the end of training, reached linearly."""
+    clipping_epsilon: float = field(default=0.2, metadata=between(0.001, 1))
+    """Clipping range of the probability ratio."""
+    reward_scaling: float = field(default=1.0, metadata=above(0))
+    """Factor on the reward before it reaches the value function."""
+    max_grad_norm: float = field(default=1.0, metadata=above(0))
+    """Gradients whose global norm is larger are scaled down to it."""
+    hidden: tuple[int, ...] = field(
+        default=(64, 64),
+        metadata=rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
+    )
+    """Widths of the hidden layers of policy and value function."""
+    observe_activity: bool | None = None
+    """Whether the policy sees which objects have moved, as the reward does; None: unless the
+    observation is "xmagical", so that it stays the original simulator's own."""
+
+
+@dataclass(frozen=True)
+class SACConfig:
+    """Policy training by soft actor-critic."""
+
+    num_timesteps: int = field(default=500_000, metadata=at_least(1))
+    """Control steps in all, over all environments."""
+    num_envs: int = field(default=64, metadata=at_least(1))
+    """Environments that are stepped together."""
+    unroll_length: int = field(default=4, metadata=at_least(1))
+    """Control steps of each environment between two rounds of gradient steps."""
+    updates_per_step: int = field(default=8, metadata=at_least(1))
+    """Gradient steps of such a round."""
+    batch_size: int = field(default=256, metadata=at_least(1))
+    """Transitions that a gradient step draws from the replay."""
+    replay_size: int = field(default=2**17, metadata=at_least(1))
+    """Transitions that the replay holds; a multiple of num_envs x unroll_length."""
+    min_replay: int = field(default=2**13, metadata=at_least(0))
+    """Transitions before learning begins; until then actions are random."""
+    relabel: bool = False
+    """Whether the reward is computed when a batch is drawn, not when a step is taken."""
+    learning_rate: float = field(default=3e-4, metadata=above(0))
+    """Learning rate of Adam for actor and critics."""
+    alpha_learning_rate: float = field(default=3e-4, metadata=at_least(0))
+    """The same for the logarithm of the temperature; 0 keeps the temperature."""
+    initial_alpha: float = field(default=1.0, metadata=above(0))
+    """Temperature at first: what a nat of entropy is worth in scaled reward."""
+    target_entropy: float = field(
+        default=-0.5, metadata=rule(lambda x: abs(x) < float("inf"), "finite")
+    )
+    """Entropy that the temperature steers to, nats for each number of an action."""
+    discounting: float = field(default=0.99, metadata=between(0, 1))
+    """Discount of a control step."""
+    soft_update: float = field(default=0.005, metadata=between(0, 1))
+    """Share of the critics that enters their target with each gradient step."""
+    reward_scaling: float = field(default=1.0, metadata=above(0))
+    """Factor on the reward before it reaches the critics."""
+    max_grad_norm: float = field(default=10.0, metadata=above(0))
+    """Gradients whose norm is larger are scaled down to it: actor, critics and temperature each."""
+    hidden: tuple[int, ...] = field(
+        default=(128, 128),
+        metadata=rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
+    )
+    """Widths of the hidden layers of actor and critics."""
+    observe_activity: bool | None = None
+    """Whether the policy sees which objects have moved, as the reward does; None: unless the
+    observation is "xmagical", so that it stays the original simulator's own."""

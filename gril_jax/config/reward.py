@@ -1,0 +1,138 @@
+"""The sections `encoder`, `pool`, `loss` and `pretrain` of a run's configuration.
+
+What a learned reward is made of, and how it is trained. The string under a field is its help text
+on the command line.
+"""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import tyro
+
+from .rules import above, at_least, between, rule
+
+__all__ = ["EncoderConfig", "LossConfig", "PoolConfig", "PretrainConfig"]
+
+
+@dataclass(frozen=True)
+class EncoderConfig:
+    """The encoder."""
+
+    kind: Literal["paper", "interaction", "mlp", "pixels"] = "paper"
+    """The paper's message passing with weighted pooling, GraphIRL's interaction network or MLP with
+    plain mean pooling, or XIRL's ResNet-18 on the frames themselves. Rounds and members belong to
+    the first alone, latent to the first and the last. Pixels know no boxes: they learn by temporal
+    cycle-consistency alone, and of width, relations, pool_robot, robot_messages, the section pool,
+    reconstruction, copies, ascents and touched they use nothing."""
+    width: int = field(default=64, metadata=at_least(2))
+    """Width of the hidden layers and of a node's embedding; also of the latent of GraphIRL's."""
+    rounds: int = field(default=2, metadata=between(0, 16))
+    """Rounds of message passing."""
+    latent: int = field(default=32, metadata=at_least(1))
+    """Width of the latent."""
+    pixels: int = field(default=64, metadata=between(16, 1024))
+    """Width and height of the frames that pixels see."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """What pixels convolve in: bfloat16 is meant for GPUs. Parameters, statistics and latents are
+    float32 in both."""
+    relations: bool = False
+    """Whether edges also say how far a box sticks out of the other, and is apart from it."""
+    distances: bool = True
+    """Interaction alone: each class has weights of its own, and nodes know how far the nearest
+    object of each class is, as in GraphIRL's robot tasks; if False, nodes are boxes, as in its
+    X-MAGICAL tasks, whose objects are all of one class."""
+    pool_robot: bool = False
+    """Whether the robot's node counts in the pooled latent."""
+    robot_messages: bool = False
+    """Whether the robot's node sends and receives messages."""
+    members: int = field(default=1, metadata=between(1, 100))
+    """Networks, each trained by itself; the reward is that of the most pessimistic one."""
+
+
+@dataclass(frozen=True)
+class PoolConfig:
+    """Weighted pooling: objects that have moved count more."""
+
+    alpha: float = field(default=5.0, metadata=above(0))
+    """Weight of an object that has moved; one that has not weighs 1."""
+    tau: float = field(default=0.005, metadata=at_least(0))
+    """Displacement within the window that counts as a move, in diagonals of the object's box."""
+    window: int = field(default=40, metadata=at_least(1))
+    """Frames over which displacement is measured."""
+    smoothing: int = field(
+        default=1, metadata=rule(lambda x: x >= 1 and x % 2 == 1, "odd and at least 1")
+    )
+    """Frames of the running median of positions, against single bad detections; 1 for none."""
+    noise: float | None = field(
+        default=None, metadata=rule(lambda x: x is None or 0 <= x < float("inf"), "at least 0")
+    )
+    """Standard deviation of a detected position along one axis, world units: what it explains is no
+    move. None for exact positions."""
+
+
+@dataclass(frozen=True)
+class LossConfig:
+    """The loss that trains the encoder."""
+
+    lambda_: Annotated[float, tyro.conf.arg(name="lambda")] = field(
+        default=1.0, metadata=at_least(0)
+    )
+    """Weight of reconstruction beside temporal cycle-consistency."""
+    consistency: Literal["tcc", "soft_dtw", "both"] = "tcc"
+    """What aligns videos in time: temporal cycle-consistency, soft-DTW divergence, or the sum."""
+    form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
+        "regression_mse"
+    )
+    """Form of temporal cycle-consistency."""
+    matching: Literal["deterministic", "stochastic"] = "deterministic"
+    """Cycles of every frame through every other video, or as many drawn at random."""
+    similarity: Literal["l2", "cosine"] = "l2"
+    """Similarity of two latents in temporal cycle-consistency."""
+    temperature: float = field(default=1.0, metadata=above(0))
+    """Temperature of the soft nearest neighbours in temporal cycle-consistency."""
+    soft_dtw_weight: float = field(default=1.0, metadata=at_least(0))
+    """Weight of soft-DTW."""
+    gamma: float = field(default=0.1, metadata=above(0))
+    """Softness of soft-DTW."""
+    decoder: Literal["node", "graph"] = "node"
+    """What reconstruction decodes: each node's embedding, or the latent."""
+    contrast: float = field(default=10.0, metadata=at_least(0))
+    """Weight of copies of frames with displaced objects, of which pretrain.copies says how many."""
+    near: float = field(default=0.5, metadata=between(0, 1))
+    """Share of an object's cost that is due as soon as it is out of place by half its box."""
+    idle_cost: float = field(default=0.5, metadata=at_least(0))
+    """Cost of what lies where it does not belong, beside that of what is out of place."""
+    touch: float = field(default=0.0, metadata=between(0, 1))
+    """Share of the cost of what is to be moved that is gone once it has been touched."""
+    tail: float = field(default=1.0, metadata=at_least(0))
+    """Weight of the fourth power of the copies' errors, beside their squares."""
+    span: float = field(default=10.0, metadata=above(0))
+    """Latent distance from first to last frames, where there are copies."""
+    warmup: int = field(default=1500, metadata=at_least(0))
+    """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
+
+
+@dataclass(frozen=True)
+class PretrainConfig:
+    """Encoder training."""
+
+    steps: int = field(default=2000, metadata=at_least(1))
+    """Gradient steps."""
+    learning_rate: float = field(default=1e-3, metadata=above(0))
+    """Learning rate of Adam."""
+    num_videos: int = field(default=8, metadata=at_least(2))
+    """Videos in a batch; each is aligned with each other one."""
+    num_frames: int = field(default=32, metadata=at_least(2))
+    """Frames sampled from each video of a batch."""
+    turn_scenes: bool = True
+    """Whether each video of a batch is turned and mirrored at random: eightfold variety."""
+    learning_rate_left: float = field(default=1.0, metadata=between(0, 1))
+    """Share of the learning rate at the end, reached linearly."""
+    copies: int = field(default=0, metadata=between(0, 1000))
+    """Copies with displaced objects of each frame that is copied; 0 makes none."""
+    anchors: int = field(default=8, metadata=between(1, 1000))
+    """Frames of each video of a batch that are copied."""
+    ascents: int = field(default=0, metadata=between(0, 100))
+    """Steps of each copy towards where the reward overrates it most."""
+    touched: float = field(default=0.1, metadata=between(0, 1))
+    """Probability that an object of a video counts as moved throughout: no reward for a touch."""

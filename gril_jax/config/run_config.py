@@ -1,0 +1,255 @@
+"""The configuration of a run: its fields, their defaults, their help texts and their ranges.
+
+`RunConfig` nests one frozen dataclass for each concern. The string under a field is its help
+text on the command line. A `RunConfig` is checked when it is built, so one that exists is
+valid. This is the schema that users see; which numbers a compiled program treats as static and
+which as traced is decided by the algorithms' own types. Neither JAX nor MuJoCo is imported
+here.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from gril_jax.errors import ConfigError
+
+from .policy import PPOConfig, SACConfig
+from .reward import EncoderConfig, LossConfig, PoolConfig, PretrainConfig
+from .rules import at_least, between, rule
+from .task import BLOCK_COLOURS, BLOCK_SHAPES, DemosConfig, EnvConfig, TaskName, Variant
+
+__all__ = [
+    "BLOCK_COLOURS",
+    "BLOCK_SHAPES",
+    "DemosConfig",
+    "EncoderConfig",
+    "EnvConfig",
+    "LossConfig",
+    "MakeDemosConfig",
+    "PPOConfig",
+    "PoolConfig",
+    "PretrainConfig",
+    "RunConfig",
+    "RunSettings",
+    "SACConfig",
+    "TaskName",
+    "Variant",
+    "check",
+]
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """The run as a whole."""
+
+    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
+    """Seed of everything but the scripted demonstrations."""
+    algorithm: Literal["ppo", "sac"] = "ppo"
+    """What trains the policy; its options are those of the section of its name."""
+    reward: Literal["learned", "environmental", "subtasks", "sum", "shaped"] = "learned"
+    """What the policy maximises: the learned reward, the task's own, the chain of the learned
+    subtasks, the first two together, or the task's own with the learned one as its potential."""
+    reward_weights: tuple[float, float] = field(
+        default=(1.0, 0.1),
+        metadata=rule(lambda x: all(abs(w) < float("inf") for w in x), "two finite numbers"),
+    )
+    """Of the learned and of the task's own reward in their sum, or in the shaped one."""
+    reward_offset: float = field(
+        default=0.0, metadata=rule(lambda x: abs(x) < float("inf"), "a finite number")
+    )
+    """Added to the learned reward where that is all of it. With 1 it is about 0, no longer -1,
+    where demonstrations begin: no policy is better or worse for it, but some are found sooner."""
+    evaluations: int = field(default=8, metadata=at_least(0))
+    """Evaluations while a policy is trained, in the training program itself."""
+    out: str | None = field(
+        default=None, metadata=rule(lambda x: x is None or bool(x.strip()), "a folder or None")
+    )
+    """Folder to create for the results; None names one after the time, under runs/."""
+    eval_episodes: int = field(default=100, metadata=at_least(1))
+    """Episodes of an evaluation."""
+    updates_per_chunk: int = field(default=10, metadata=at_least(1))
+    """Updates in one compiled call, after which the host logs and may save; changes no result."""
+    checkpoint_every: float = field(default=60.0, metadata=at_least(0))
+    """Seconds from one checkpoint to the next; 0 saves after each call."""
+    keep_checkpoints: int = field(default=3, metadata=at_least(1))
+    """Newest checkpoints that stay, for each phase."""
+    sinks: tuple[str, ...] = field(
+        default=(),
+        metadata=rule(
+            lambda x: {*x} <= {"tensorboard", "wandb"} and len({*x}) == len(x),
+            "a list of tensorboard and wandb, or of one of them",
+        ),
+    )
+    """Where metrics go beside metrics.jsonl: tensorboard, wandb; each is an optional extra."""
+    deterministic: bool = False
+    """Whether a GPU sums in a fixed order, for the same bits in each run; a CPU always does."""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Everything that a run depends on.
+
+    Raises:
+      ConfigError: a field is out of its range, or two fields contradict each other.
+    """
+
+    env: EnvConfig = field(default=EnvConfig())
+    demos: DemosConfig = field(default=DemosConfig())
+    encoder: EncoderConfig = field(default=EncoderConfig())
+    pool: PoolConfig = field(default=PoolConfig())
+    loss: LossConfig = field(default=LossConfig())
+    pretrain: PretrainConfig = field(default=PretrainConfig())
+    ppo: PPOConfig = field(default=PPOConfig())
+    sac: SACConfig = field(default=SACConfig())
+    run: RunSettings = RunSettings()
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True)
+class MakeDemosConfig:
+    """The part of a configuration that scripted demonstrations depend on.
+
+    Raises:
+      ConfigError: a field is out of its range, or two fields contradict each other.
+    """
+
+    env: EnvConfig = field(default=EnvConfig())
+    demos: DemosConfig = field(default=DemosConfig())
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+def check(config: RunConfig | MakeDemosConfig) -> None:
+    """Raises ConfigError for the first field that is out of range, by its dotted path."""
+    for path, value, metadata in _leaves(config, ""):
+        if metadata and not metadata["holds"](value):
+            shown = list(value) if isinstance(value, tuple) else value
+            raise ConfigError(f"{path} is {shown!r}, but must be {metadata['text']}")
+    _check_blocks(config.env, config.demos)
+    if isinstance(config, RunConfig):
+        _check_sizes(config)
+
+
+def _leaves(config: Any, prefix: str) -> Iterator[tuple[str, Any, Any]]:
+    for entry in dataclasses.fields(config):
+        value, path = getattr(config, entry.name), f"{prefix}{entry.name}".rstrip("_")
+        if dataclasses.is_dataclass(value):
+            yield from _leaves(value, f"{path}.")
+        else:
+            yield path, value, entry.metadata
+
+
+def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
+    if not env.targets:
+        raise ConfigError("env.targets is empty, but must name at least one block")
+    blocks = (*env.targets, *env.distractors)
+    twice = next((b for b in blocks if blocks.count(b) > 1), None)
+    if twice is not None:
+        raise ConfigError(
+            f"{twice!r} is named more than once in env.targets and env.distractors, but each "
+            "block must have a colour and shape of its own"
+        )
+    placed = (*EnvConfig.targets, *EnvConfig.distractors)
+    stray = next((b for b in blocks if b not in placed), None)
+    for path, variant in (("env.variant", env.variant), ("demos.variant", demos.variant)):
+        if stray is not None and variant != "layout":
+            raise ConfigError(
+                f"{stray!r} has no place in the original scene, so {path} is {variant!r}, but "
+                "must be 'layout'"
+            )
+
+
+def _check_sizes(config: RunConfig) -> None:
+    ppo, demos, pretrain = config.ppo, config.demos, config.pretrain
+    if config.encoder.members > 1 and config.encoder.kind != "paper":
+        raise ConfigError(
+            f"encoder.members is {config.encoder.members}, but must be 1, because encoder.kind is "
+            f"{config.encoder.kind!r}"
+        )
+    if config.encoder.kind == "pixels":
+        _check_pixels(config)
+    if config.encoder.kind == "mlp":
+        if config.loss.decoder == "node":
+            raise ConfigError(
+                "loss.decoder is 'node', but encoder.kind is 'mlp', which embeds no nodes, so it "
+                "must be 'graph'"
+            )
+        if config.encoder.width % 2:
+            raise ConfigError(
+                f"encoder.width is {config.encoder.width}, but must be even for encoder.kind 'mlp'"
+            )
+    if ppo.num_envs % ppo.num_minibatches:
+        raise ConfigError(
+            f"ppo.num_minibatches is {ppo.num_minibatches}, but must divide ppo.num_envs, "
+            f"which is {ppo.num_envs}"
+        )
+    for name, chosen in (("ppo", ppo), ("sac", config.sac)):
+        unroll = chosen.num_envs * chosen.unroll_length
+        if chosen.num_timesteps < unroll:
+            raise ConfigError(
+                f"{name}.num_timesteps is {chosen.num_timesteps}, but must cover one update of "
+                f"{name}.num_envs x {name}.unroll_length = {unroll} steps"
+            )
+    _check_replay(config.sac)
+    _check_worlds(config)
+    if demos.path is None and pretrain.num_videos > demos.num:
+        raise ConfigError(
+            f"pretrain.num_videos is {pretrain.num_videos}, but must be at most demos.num, "
+            f"which is {demos.num}"
+        )
+
+
+def _check_pixels(config: RunConfig) -> None:
+    """What boxes are needed for is refused where it decides what is learned."""
+    run = config.run
+    learned = run.reward != "environmental"
+    found = {
+        "loss.consistency": (config.loss.consistency, config.loss.consistency == "tcc", "'tcc'"),
+        "run.reward": (
+            run.reward,
+            run.reward in ("learned", "environmental", "sum"),
+            "'learned', 'environmental' or 'sum'",
+        ),
+        "sac.relabel": (
+            config.sac.relabel,
+            not (config.sac.relabel and run.algorithm == "sac" and learned),
+            "False",
+        ),
+    }
+    for path, (value, holds, text) in found.items():
+        if not holds:
+            raise ConfigError(
+                f"{path} is {value!r}, but must be {text}, because encoder.kind is 'pixels'"
+            )
+
+
+def _check_worlds(config: RunConfig) -> None:
+    """Warp has room for the contacts of so many environments, and loses those beyond."""
+    env, name = config.env, config.run.algorithm
+    at_once = {
+        f"{name}.num_envs": getattr(config, name).num_envs,
+        "run.eval_episodes": config.run.eval_episodes,
+    }
+    for path, number in at_once.items():
+        if env.impl == "warp" and env.worlds < number:
+            raise ConfigError(
+                f"env.worlds is {env.worlds}, but must be at least {path}, which is {number}"
+            )
+
+
+def _check_replay(sac: SACConfig) -> None:
+    unroll = sac.num_envs * sac.unroll_length
+    if sac.replay_size % unroll:
+        raise ConfigError(
+            f"sac.replay_size is {sac.replay_size}, but must be a multiple of sac.num_envs x "
+            f"sac.unroll_length = {unroll}, such as {max(1, sac.replay_size // unroll) * unroll}"
+        )
+    if sac.min_replay > sac.replay_size:
+        raise ConfigError(
+            f"sac.min_replay is {sac.min_replay}, but must be at most sac.replay_size, which is "
+            f"{sac.replay_size}"
+        )

@@ -1,0 +1,110 @@
+"""The sections `env` and `demos` of a run's configuration: the task, and what is shown of it.
+
+The string under a field is its help text on the command line.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from .rules import at_least, between, rule
+
+__all__ = [
+    "BLOCK_COLOURS",
+    "BLOCK_SHAPES",
+    "DemosConfig",
+    "EnvConfig",
+    "Places",
+    "TaskName",
+    "Variant",
+]
+
+BLOCK_COLOURS = ("red", "green", "blue", "yellow")
+BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
+
+TaskName = Literal["match_regions", "shoes_in_box"]
+Variant = Literal["demo", "jitter", "layout", "color", "shape", "dynamics", "all"]
+Places = Literal["demo", "jitter", "layout"]
+
+
+def _is_block(name: str) -> bool:
+    words = name.split(" ")
+    return len(words) == 2 and words[0] in BLOCK_COLOURS and words[1] in BLOCK_SHAPES
+
+
+_BLOCKS = rule(
+    lambda names: all(map(_is_block, names)),
+    "a list of blocks, each a colour and a shape such as 'green star', with a colour of "
+    f"{', '.join(BLOCK_COLOURS)} and a shape of {', '.join(BLOCK_SHAPES)}",
+)
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """The task in the simulator."""
+
+    name: TaskName = "match_regions"
+    """The task. Of the options here shoes_in_box takes reward, varied_starts, substeps, iterations,
+    impl, worlds and episode_length; the others but impl and worlds are those of match_regions."""
+    robot: Literal["gripper", "short", "medium", "long"] = "gripper"
+    """The robot: a gripper with two fingers, or a stick of this length."""
+    targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
+    """Blocks that belong inside the region, each a colour and a shape."""
+    distractors: tuple[str, ...] = field(
+        default=("blue pentagon", "yellow circle", "yellow pentagon"), metadata=_BLOCKS
+    )
+    """Blocks that belong outside the region."""
+    variant: Variant = "demo"
+    """What is drawn at the start: nothing, places (a little: jitter; anywhere: layout), colours,
+    shapes, forces, or the last four (all)."""
+    varied_starts: float = field(default=0.5, metadata=between(0, 1))
+    """Share of the training episodes that start with the robot anywhere and some targets moved, or
+    in shoes_in_box at a moment of a scripted expert's."""
+    on_the_way: float = field(default=0.0, metadata=between(0, 1))
+    """In those, how likely a target that is not in the region yet is on its way there."""
+    facing: float = field(default=0.0, metadata=between(0, 1))
+    """In those, how likely the robot stands before such a target, facing it."""
+    physics: Literal["xmagical", "magical"] = "xmagical"
+    """Whose physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
+    engine: Literal["impulse", "mjx"] = "impulse"
+    """What solves it: our impulses, or MuJoCo MJX (only the gripper, "xmagical", fixed shapes)."""
+    turn: Literal["original", "smooth"] = "original"
+    """How an action turns the robot: the original saturating law, or a proportional one."""
+    observation: Literal["rich", "sorted", "xmagical"] = "rich"
+    """What the policy sees: all that matters; that with the targets in the order in which they are
+    due; or x-magical's state vector in its exact order."""
+    reward: Literal["S4", "V5", "S3", "sparse", "staged", "stages"] = "S4"
+    """The task's own reward, which only `run.reward environmental` learns from: match_regions has
+    the first four, shoes_in_box the last three."""
+    substeps: int | None = field(
+        default=None, metadata=rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
+    )
+    """Physics steps for each control step; None is the engine's own (10, or 5 with mjx)."""
+    iterations: int | None = field(
+        default=None, metadata=rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
+    )
+    """Sweeps of the solver for each physics step; None is the engine's own (6, or 2 with mjx)."""
+    impl: Literal["jax", "warp"] = "jax"
+    """What computes shoes_in_box: MuJoCo MJX, or MuJoCo Warp where that is installed."""
+    worlds: int = field(default=4096, metadata=at_least(1))
+    """With warp, the most environments stepped together, those of all seeds of a program counted:
+    their contacts share one table."""
+    episode_length: int = field(default=120, metadata=at_least(1))
+    """Control steps in an episode (8 a second)."""
+
+
+@dataclass(frozen=True)
+class DemosConfig:
+    """The demonstrations that the reward is learned from."""
+
+    path: str | None = None
+    """Folder of a demonstration set; None makes scripted ones."""
+    num: int = field(default=48, metadata=at_least(2))
+    """Scripted demonstrations to learn from."""
+    num_validation: int = field(default=8, metadata=at_least(1))
+    """Demonstrations kept aside to measure the reward; of those at demos.path a quarter at most."""
+    num_failures: int = field(default=8, metadata=at_least(0))
+    """Scripted failures, which only measure the reward and never train it."""
+    variant: Places = "layout"
+    """Where things start in the scripted demonstrations."""
+    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
+    """Seed of the scripted demonstrations."""

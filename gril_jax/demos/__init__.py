@@ -1,0 +1,1 @@
+"""From films to boxes, demonstration sets and batches of arrays."""

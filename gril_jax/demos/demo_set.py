@@ -1,0 +1,260 @@
+"""Demonstrations on disk: a folder with a readable header, one video and one tracks file each.
+
+    demos.json   task, class names, half_extent, fps, source, an entry for each demonstration
+    000.mp4      its frames, as far as something still happens
+    000.npz      its boxes: center (T, N, 2), size (T, N, 2), label (N,), seen (T, N)
+
+T is frames, N objects; positions and sizes are in world units. A folder appears whole or not at
+all, and is checked against its digests whenever it is loaded.
+"""
+
+import json
+import os
+import pathlib
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+
+from gril_jax.demos.vision.detect import Tracks
+from gril_jax.errors import DemoError
+from gril_jax.types import DemoBatch
+
+from .schema import DTYPES, HEADER, DemoEntry, check_header, check_tracks, digest
+from .writer import Demo, save_demo_set
+
+__all__ = [
+    "ROBOTS",
+    "Demo",
+    "DemoSet",
+    "demo_batch",
+    "load_demo_set",
+    "save_demo_set",
+    "select_objects",
+    "split_names",
+    "trim_static_tail",
+]
+
+ROBOTS = ("robot", "left finger", "right finger", "hand")  # classes that are parts of a robot
+_NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
+_MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
+
+
+@dataclass(frozen=True)
+class DemoSet:
+    """A loaded folder: header, entries and tracks; videos stay on disk."""
+
+    folder: pathlib.Path
+    task: str
+    classes: tuple[str, ...]  # a label is an index into them
+    half_extent: float  # world units: half the width of the world that a frame shows
+    fps: float
+    source: str  # where the videos came from, in words
+    entries: tuple[DemoEntry, ...]
+    tracks: tuple[Tracks, ...]  # one an entry
+
+
+def trim_static_tail(
+    tracks: Tracks, classes: Sequence[str], *, margin: int = 5, tolerance: float = _MOVING
+) -> int:
+    """How many frames to keep: all in which a block is still on its way, and a few more.
+
+    Many equal frames at the end would carry different times, which temporal cycle-consistency
+    can only fit by chance. Robot and goal do not count: a robot may wander off when it is done.
+
+    Args:
+      tracks: the whole video's.
+      classes: class names of the tracks' labels.
+      margin: frames kept after the first in which all blocks have arrived.
+      tolerance: world units from its final place at which a block has arrived.
+
+    Returns:
+      A number of frames, from 2 (or all, if there are fewer) to all.
+    """
+    kinds = [classes[label] for label in tracks.label]
+    blocks = [i for i, kind in enumerate(kinds) if kind not in ("goal", *ROBOTS)]
+    away = np.linalg.norm(tracks.center[:, blocks] - tracks.center[-1:, blocks], axis=-1)
+    travelling = np.flatnonzero((away > tolerance).any(axis=1))
+    arrived = int(travelling[-1]) + 1 if len(travelling) else 0
+    return min(len(tracks.center), max(2, arrived + 1 + margin))
+
+
+def load_demo_set(folder: str | os.PathLike) -> DemoSet:
+    """Reads and checks a demo set.
+
+    Raises:
+      DemoError: a file is missing or was changed, or the header or an array is not what this
+        version's schema says.
+    """
+    folder = pathlib.Path(folder)
+    try:
+        header = json.loads((folder / HEADER).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DemoError(f"{folder / HEADER}: no demo set here ({error.strerror}).") from error
+    except (ValueError, RecursionError) as error:
+        raise DemoError(f"{folder / HEADER}: not a JSON file ({error}).") from error
+    entries = check_header(header, folder)
+    return DemoSet(
+        folder=folder,
+        task=header["task"],
+        classes=tuple(header["classes"]),
+        half_extent=float(header["half_extent"]),
+        fps=float(header["fps"]),
+        source=header["source"],
+        entries=entries,
+        tracks=tuple(_load_tracks(folder, entry, header["classes"]) for entry in entries),
+    )
+
+
+def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> Tracks:
+    for file, expected in (
+        (entry.video, entry.video_sha256),
+        (entry.tracks, entry.tracks_sha256),
+    ):
+        if not (folder / file).is_file():
+            raise DemoError(f"{folder / file}: the file of {entry.name!r} is missing.")
+        if digest(folder / file) != expected:
+            raise DemoError(
+                f"{folder / file}: the contents differ from the digest in {HEADER}; "
+                "the file was changed or damaged after it was saved."
+            )
+    path = folder / entry.tracks
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            missing = set(DTYPES) - set(arrays.files)
+            if missing:
+                raise DemoError(f"{path}: the array {sorted(missing)[0]!r} is missing.")
+            tracks = Tracks(**{field: arrays[field] for field in Tracks._fields})
+    except _NO_ARRAYS as error:
+        raise DemoError(f"{path}: not an npz file of plain arrays.") from error
+    check_tracks(tracks, entry.frames, len(entry.objects), classes, str(path))
+    if [classes[label] for label in tracks.label] != entry.objects:
+        raise DemoError(f"{path}: label does not agree with the objects that {HEADER} lists.")
+    return tracks
+
+
+def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
+    """The same demonstrations with only the named objects, trimmed to when these have arrived.
+
+    A task with fewer blocks than a video shows can so learn from it.
+
+    Args:
+      demo_set: a loaded set; its files stay as they are.
+      objects: class names, each of which every demonstration must hold.
+
+    Raises:
+      DemoError: a demonstration lacks one of the objects.
+    """
+    entries, tracks = [], []
+    for entry, track in zip(demo_set.entries, demo_set.tracks, strict=True):
+        missing = [name for name in objects if name not in entry.objects]
+        if missing:
+            raise DemoError(
+                f"{demo_set.folder}: {entry.name!r} shows {', '.join(entry.objects)}, but the "
+                f"task also has {missing[0]}."
+            )
+        keep = [i for i, name in enumerate(entry.objects) if name in objects]
+        track = Tracks(
+            track.center[:, keep], track.size[:, keep], track.label[keep], track.seen[:, keep]
+        )
+        frames = entry.frames
+        if len(keep) < len(entry.objects):
+            frames = trim_static_tail(track, demo_set.classes)
+            track = Tracks(
+                track.center[:frames], track.size[:frames], track.label, track.seen[:frames]
+            )
+        tracks.append(track)
+        entries.append(
+            replace(
+                entry,
+                frames=frames,
+                trimmed=entry.trimmed + entry.frames - frames,
+                objects=[entry.objects[i] for i in keep],
+            )
+        )
+    return replace(demo_set, entries=tuple(entries), tracks=tuple(tracks))
+
+
+def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBatch:
+    """Demonstrations as arrays, padded to the longest with their last frames.
+
+    Objects are ordered by label, those of one label by their x in the first frame.
+
+    Args:
+      demo_set: a loaded set.
+      names: which demonstrations, in that order; None takes all.
+
+    Raises:
+      DemoError: an unknown name, no name, or demonstrations with different objects.
+    """
+    by_name = {e.name: t for e, t in zip(demo_set.entries, demo_set.tracks, strict=True)}
+    names = list(by_name) if names is None else list(names)
+    if not names:
+        raise DemoError(f"{demo_set.folder}: a batch needs at least 1 demonstration, got none.")
+    for name in names:
+        if name not in by_name:
+            raise DemoError(
+                f"{demo_set.folder}: there is no demonstration {name!r}; there are "
+                f"{', '.join(by_name)}."
+            )
+    tracks = [_canonical(by_name[name]) for name in names]
+    for name, track in zip(names, tracks, strict=True):
+        if not np.array_equal(track.label, tracks[0].label):
+            objects = [", ".join(demo_set.classes[i] for i in t.label) for t in (tracks[0], track)]
+            raise DemoError(
+                f"{demo_set.folder}: all demonstrations of a batch must hold the same objects, "
+                f"but {names[0]!r} has {objects[0]} and {name!r} has {objects[1]}."
+            )
+    length = np.array([len(track.center) for track in tracks], np.int32)
+    label = np.stack([track.label for track in tracks])
+    robot = [i for i, name in enumerate(demo_set.classes) if name in ROBOTS]
+    batch = DemoBatch(
+        center=_padded([track.center for track in tracks]),
+        size=_padded([track.size for track in tracks]),
+        label=label,
+        is_robot=np.isin(label, robot),
+        present=np.ones(label.shape, bool),
+        length=length,
+    )
+    return jax.device_put(batch)  # which compiles nothing, as `jnp.asarray` does for each shape
+
+
+def _canonical(tracks: Tracks) -> Tracks:
+    order = np.lexsort((tracks.center[0, :, 0], tracks.label))
+    return Tracks(
+        tracks.center[:, order],
+        tracks.size[:, order],
+        tracks.label[order],
+        tracks.seen[:, order],
+    )
+
+
+def _padded(arrays: list[np.ndarray]) -> np.ndarray:
+    longest = max(map(len, arrays))
+    return np.stack([a[np.minimum(np.arange(longest), len(a) - 1)] for a in arrays])
+
+
+def split_names(
+    demo_set: DemoSet, validation_fraction: float = 0.2, *, seed: int = 0
+) -> tuple[list[str], list[str]]:
+    """Names for training and for validation; the same for the same set, fraction and seed.
+
+    Each side gets at least one demonstration if there are two and the fraction is not 0.
+
+    Raises:
+      DemoError: the fraction is outside [0, 1).
+    """
+    if not 0 <= validation_fraction < 1:
+        raise DemoError(
+            f"validation_fraction: must be at least 0 and below 1, not {validation_fraction}."
+        )
+    names = [entry.name for entry in demo_set.entries]
+    count = round(validation_fraction * len(names))
+    if validation_fraction > 0:
+        count = min(max(count, 1), len(names) - 1)
+    chosen = set(np.random.default_rng(seed).permutation(len(names))[:count].tolist())
+    train = [name for i, name in enumerate(names) if i not in chosen]
+    return train, [name for i, name in enumerate(names) if i in chosen]

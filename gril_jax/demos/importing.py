@@ -1,0 +1,187 @@
+"""Foreign demonstrations to a demo set: detect, trim the static tail, save.
+
+One demonstration is in memory at a time (a MAGICAL file unpacks to about 107 MB).
+"""
+
+import os
+import pathlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import UInt8
+
+from gril_jax.demos.demo_set import Demo, save_demo_set, trim_static_tail
+from gril_jax.demos.vision.detect import PALETTE_CLASSES, ColourDetector, Detector, Tracks
+from gril_jax.demos.vision.video import read_fps, read_video
+from gril_jax.errors import DemoError
+from gril_jax.threads import parallel_map
+
+from .boxes_csv import BoxesFileDetector
+from .magical_pickles import FPS, HALF_EXTENT, list_magical, read_magical
+
+__all__ = ["Imported", "import_magical", "import_videos"]
+
+_VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif")
+
+
+class Imported(NamedTuple):
+    """What became of one demonstration."""
+
+    name: str
+    frames: int  # kept
+    trimmed: int  # cut from the static tail
+    outcome: str
+    seen: float  # share of (frame, object) pairs that were detected and not carried on
+
+
+Progress = Callable[[int, int, Imported], None]
+"""Called after each demonstration with how many are done, how many there are, and the last."""
+
+
+def import_magical(
+    source_dir: str | os.PathLike,
+    out_dir: str | os.PathLike,
+    *,
+    margin: int = 5,
+    progress: Progress | None = None,
+) -> list[Imported]:
+    """Turns a folder of MAGICAL's public `*.pkl.gz` files into a demo set.
+
+    Frames of the allocentric view are kept, actions are not. A demonstration is a success where
+    its score is 1.
+
+    Args:
+      source_dir: folder of the pickles.
+      out_dir: the demo set; replaced if it is one already.
+      margin: frames kept after the last block has arrived.
+      progress: see `Progress`.
+
+    Raises:
+      DemoError: no files, a damaged or foreign one, different tasks, or objects not found.
+    """
+    paths = list_magical(source_dir)
+    detector = ColourDetector(PALETTE_CLASSES, HALF_EXTENT)
+    task = read_magical(paths[0]).env_name
+    report: list[Imported] = []
+
+    def demos() -> Iterator[Demo]:
+        for path in paths:
+            demo = read_magical(path)
+            if demo.env_name != task:
+                raise DemoError(
+                    f"{path}: recorded in {demo.env_name!r}, but {paths[0].name} in {task!r}; "
+                    "a demo set holds one task."
+                )
+            outcome = "success" if demo.score >= 1 else "failure"
+            name = path.name.removesuffix(".pkl.gz")
+            tracks = detector.detect(demo.frames, name=str(path))
+            yield _trimmed(name, demo.frames, tracks, PALETTE_CLASSES, outcome, margin, report)
+            _tell(progress, len(paths), report)
+
+    save_demo_set(
+        out_dir,
+        demos(),
+        task=_snake(task.split("-")[0]),
+        classes=PALETTE_CLASSES,
+        half_extent=HALF_EXTENT,
+        fps=FPS,
+        source=f"MAGICAL human demonstrations, {task}, allocentric view",
+    )
+    return report
+
+
+def import_videos(
+    source_dir: str | os.PathLike,
+    out_dir: str | os.PathLike,
+    half_extent: float,
+    task: str = "match_regions",
+    boxes: bool = False,
+    *,
+    classes: Sequence[str] = PALETTE_CLASSES,
+    objects: Sequence[str] | None = None,
+    outcome: str | Mapping[str, str] = "unknown",
+    margin: int = 5,
+    source: str | None = None,
+    progress: Progress | None = None,
+) -> list[Imported]:
+    """Turns a folder of videos into a demo set.
+
+    Args:
+      source_dir: folder of videos of one frame rate; sorted by name.
+      out_dir: the demo set; replaced if it is one already.
+      half_extent: half the width of the world that a frame shows, in world units.
+      task: the task's name, for the header.
+      boxes: read `NAME.csv` beside each `NAME.mp4` (`gril_jax.demos.boxes_csv`) instead of
+        detecting by colour.
+      classes: the task's class names.
+      objects: the objects that every video holds; None takes what is found.
+      outcome: "success", "failure" or "unknown": of all the videos, or of each by its stem.
+      margin: frames kept after the last block has arrived.
+      source: where the videos came from, in words; None names the folder.
+      progress: see `Progress`.
+
+    Raises:
+      DemoError: no videos, a damaged one, different frame rates, or objects not found.
+    """
+    if not half_extent > 0:
+        raise DemoError(f"half_extent: must be above 0 world units, not {half_extent}.")
+    folder = pathlib.Path(source_dir)
+    paths = sorted(p for p in folder.glob("*") if p.suffix.lower() in _VIDEOS)
+    if not paths:
+        raise DemoError(f"{folder}: the folder holds no video ({', '.join(_VIDEOS)}).")
+    stems = [path.stem for path in paths]
+    for path in paths:
+        if stems.count(path.stem) > 1:
+            raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")
+    fps = read_fps(paths[0])
+    report: list[Imported] = []
+
+    def detector(path: pathlib.Path) -> Detector:
+        if boxes:
+            return BoxesFileDetector(path.with_suffix(".csv"), classes, half_extent)
+        return ColourDetector(classes, half_extent, objects=objects)
+
+    def look(path: pathlib.Path) -> tuple[UInt8[np.ndarray, "T H W 3"], Tracks]:
+        if abs(read_fps(path) - fps) > 0.01:
+            raise DemoError(
+                f"{path}: has {read_fps(path):g} frames per second, but {paths[0].name} "
+                f"has {fps:g}; a demo set holds one frame rate."
+            )
+        frames = read_video(path)
+        return frames, detector(path).detect(frames, name=str(path))
+
+    def demos() -> Iterator[Demo]:
+        for path, (frames, tracks) in zip(paths, parallel_map(look, paths), strict=True):
+            ending = outcome if isinstance(outcome, str) else outcome[path.stem]
+            yield _trimmed(path.stem, frames, tracks, classes, ending, margin, report)
+            _tell(progress, len(paths), report)
+
+    save_demo_set(
+        out_dir,
+        demos(),
+        task=task,
+        classes=classes,
+        half_extent=half_extent,
+        fps=fps,
+        source=f"{len(paths)} videos of {folder.name}" if source is None else source,
+    )
+    return report
+
+
+def _trimmed(name, frames, tracks, classes, outcome, margin, report: list[Imported]) -> Demo:
+    kept = trim_static_tail(tracks, classes, margin=margin)
+    short = Tracks(tracks.center[:kept], tracks.size[:kept], tracks.label, tracks.seen[:kept])
+    cut = len(frames) - kept
+    report.append(Imported(name, kept, cut, outcome, float(short.seen.mean())))
+    return Demo(name, frames[:kept], short, cut, outcome)
+
+
+def _tell(progress: Progress | None, total: int, report: list[Imported]) -> None:
+    if progress is not None:
+        progress(len(report), total, report[-1])
+
+
+def _snake(name: str) -> str:
+    """MatchRegions -> match_regions."""
+    return "".join(f"_{c.lower()}" if c.isupper() else c for c in name).lstrip("_")

@@ -1,0 +1,163 @@
+"""What a demo set's header and arrays must hold: schema version 1, and its checks."""
+
+import hashlib
+import pathlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gril_jax.demos.vision.detect import Tracks
+from gril_jax.errors import DemoError
+
+__all__ = [
+    "DTYPES",
+    "HEADER",
+    "OUTCOMES",
+    "SCHEMA_VERSION",
+    "DemoEntry",
+    "check_header",
+    "check_tracks",
+    "digest",
+]
+
+HEADER = "demos.json"
+SCHEMA_VERSION = 1
+OUTCOMES = ("success", "failure", "unknown")
+DTYPES = {"center": np.float32, "size": np.float32, "label": np.int32, "seen": np.bool_}
+_FIELDS = {
+    "task": str,
+    "classes": list,
+    "half_extent": float,
+    "fps": float,
+    "source": str,
+    "demos": list,
+}
+
+
+@dataclass(frozen=True)
+class DemoEntry:
+    """What the header says of one demonstration."""
+
+    name: str
+    video: str  # file name in the folder
+    tracks: str
+    frames: int
+    trimmed: int
+    outcome: str
+    objects: list[str]  # class names, in the order of the tracks
+    video_sha256: str
+    tracks_sha256: str
+    # Frame at which each stage of the task was first finished, -1 never; None: not known.
+    stages: dict[str, int] | None = None
+
+
+# What every entry has. Stages came later: a set without them is read, and older readers skip them.
+_ENTRY = {field: kind for field, kind in DemoEntry.__annotations__.items() if field != "stages"}
+
+
+def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
+    """The entries of a header; raises `DemoError` that names the field that is wrong."""
+    where = folder / HEADER
+    version = header.get("schema_version") if isinstance(header, dict) else None
+    if type(version) is not int or version < 1:
+        raise DemoError(f"{where}: schema_version must be {SCHEMA_VERSION}, not {version!r}.")
+    if version > SCHEMA_VERSION:
+        raise DemoError(
+            f"{where}: schema_version is {version}, newer than the {SCHEMA_VERSION} that this "
+            "version of gril-jax reads; update gril-jax."
+        )
+    _check_fields(header, _FIELDS, f"{where}")
+    for field in ("half_extent", "fps"):
+        if not 0 < header[field] < float("inf"):
+            raise DemoError(f"{where}: {field} must be above 0, not {header[field]}.")
+    if not all(isinstance(name, str) for name in header["classes"]):
+        raise DemoError(f"{where}: classes must be a list of names.")
+    if not header["demos"]:
+        raise DemoError(f"{where}: demos is empty; a demo set needs at least 1 demonstration.")
+    entries = []
+    for i, entry in enumerate(header["demos"]):
+        _check_fields(entry, _ENTRY, f"{where}, demos[{i}]")
+        _check_stages(entry.get("stages"), f"{where}, demos[{i}]")
+        found = {field: entry[field] for field in _ENTRY}
+        entries.append(DemoEntry(**found, stages=entry.get("stages")))
+        _check_entry(entries[-1], header["classes"], f"{where}, demos[{i}]")
+    names = [entry.name for entry in entries]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise DemoError(f"{where}: two demonstrations are called {twice!r}; names must differ.")
+    return tuple(entries)
+
+
+def _check_fields(holder: object, fields: dict[str, object], where: str) -> None:
+    if not isinstance(holder, dict):
+        raise DemoError(f"{where}: must be an object with fields, not {type(holder).__name__}.")
+    for field, kind in fields.items():
+        if field not in holder:
+            raise DemoError(f"{where}: the field {field!r} is missing.")
+        kind = list if kind == list[str] else kind
+        value = holder[field]
+        number = kind is float and isinstance(value, int)
+        if isinstance(value, bool) or not (number or isinstance(value, kind)):
+            raise DemoError(f"{where}: {field} must be {kind.__name__}, not {value!r:.60}.")
+
+
+def _check_entry(entry: DemoEntry, classes: list[str], where: str) -> None:
+    for file in (entry.video, entry.tracks):
+        if pathlib.PurePath(file).name != file or "\\" in file:
+            raise DemoError(f"{where}: {file!r} must be a plain file name within the folder.")
+    if entry.outcome not in OUTCOMES:
+        raise DemoError(f"{where}: outcome must be one of {', '.join(OUTCOMES)}.")
+    if entry.trimmed < 0:
+        raise DemoError(f"{where}: trimmed must be at least 0, not {entry.trimmed}.")
+    if entry.frames < 2:
+        raise DemoError(f"{where}: a demonstration needs at least 2 frames, not {entry.frames}.")
+    for name in entry.objects:
+        if name not in classes:
+            raise DemoError(f"{where}: the object {name!r} is not one of the set's classes.")
+
+
+def _check_stages(stages: object, where: str) -> None:
+    if stages is None:
+        return
+    if not isinstance(stages, dict) or not stages:
+        raise DemoError(f"{where}: stages must give each stage's frame by its name.")
+    for name, frame in stages.items():
+        if type(frame) is not int or frame < -1:
+            raise DemoError(f"{where}: stage {name!r} must have a frame or -1, not {frame!r:.60}.")
+
+
+def check_tracks(
+    tracks: Tracks, num_frames: int, num_objects: int, classes: Sequence[str], where: str
+) -> None:
+    """Raises `DemoError` unless the arrays have the schema's shapes, types and ranges."""
+    frames, objects = num_frames, num_objects
+    if frames < 2:
+        raise DemoError(f"{where}: a demonstration needs at least 2 frames, not {frames}.")
+    shapes = {
+        "center": (frames, objects, 2),
+        "size": (frames, objects, 2),
+        "label": (objects,),
+        "seen": (frames, objects),
+    }
+    for field, shape in shapes.items():
+        array = getattr(tracks, field)
+        if array.shape != shape or array.dtype != DTYPES[field]:
+            raise DemoError(
+                f"{where}: {field} is {array.dtype} {array.shape}, it must be "
+                f"{np.dtype(DTYPES[field])} {shape}."
+            )
+    if not (np.isfinite(tracks.center).all() and np.isfinite(tracks.size).all()):
+        raise DemoError(f"{where}: center and size must be finite numbers.")
+    if (tracks.size <= 0).any():
+        raise DemoError(f"{where}: size must be above 0 for every object in every frame.")
+    if ((tracks.label < 0) | (tracks.label >= len(classes))).any():
+        raise DemoError(
+            f"{where}: label must lie in 0 to {len(classes) - 1}, the {len(classes)} classes."
+        )
+
+
+def digest(path: pathlib.Path) -> str:
+    """The SHA-256 of a file's contents, in hexadecimal."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,182 @@
+"""Frames to object boxes in world units.
+
+`ColourDetector` reads the flat palette of MAGICAL and x-magical; anything else that implements
+`Detector` (`gril_jax.demos.boxes_csv` for a general detector's output) can take its place.
+World coordinates have their origin in the middle of the frame and y up; T is frames, N objects.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, Int32, UInt8
+
+from gril_jax.errors import DemoError
+
+from .block_tracks import BlockTracker, count_shapes
+from .landmarks import Goal, find_goal, find_robot, without_dashes
+from .palette import BLOCK_COLOURS, PALETTE_CLASSES, block_code, classify
+
+__all__ = ["PALETTE_CLASSES", "ColourDetector", "Detector", "Tracks"]
+
+_SAMPLES = 16  # frames, spread over a video, from which the goal and the set of blocks are read
+_SLACK = 0.3  # pixels: what the codec's edges move a resting block's centre and box
+
+
+class Tracks(NamedTuple):
+    """The objects of one video, frame by frame."""
+
+    center: Float32[np.ndarray, "T N 2"]  # centre of mass, world units
+    size: Float32[np.ndarray, "T N 2"]  # width and height of the axis-aligned box, world units
+    label: Int32[np.ndarray, "N"]  # index into the class names
+    seen: Bool[np.ndarray, "T N"]  # False where the last (or first) sighting stands in
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """Anything that finds the same objects in every frame of a video."""
+
+    def detect(self, frames: UInt8[np.ndarray, "T H W 3"], *, name: str = "video") -> Tracks:
+        """Boxes of all objects in all frames; errors are `DemoError`s that give `name`."""
+
+
+class ColourDetector:
+    """Finds goal, robot and blocks of the MAGICAL / x-magical palette by colour and shape.
+
+    Args:
+      classes: class names; a label is an index into them. Those not in `PALETTE_CLASSES` are
+        never found.
+      half_extent: half the width of the world that a frame shows, in world units: 1.02 for
+        MAGICAL, 1.122 for x-magical.
+      objects: the objects that a video holds; a name may come twice. None takes what there is:
+        the blocks that stand alone in a quarter of the video, and the goal and robot.
+    """
+
+    def __init__(
+        self,
+        classes: Sequence[str] = PALETTE_CLASSES,
+        half_extent: float = 1.02,
+        *,
+        objects: Sequence[str] | None = None,
+    ):
+        self.classes = tuple(classes)
+        self.half_extent = half_extent
+        self.objects = None if objects is None else tuple(objects)
+        for name in self.objects or ():
+            if name not in self.classes or name not in PALETTE_CLASSES:
+                raise DemoError(
+                    f"objects: {name!r} is not one of the classes that colours tell apart: "
+                    f"{', '.join(c for c in self.classes if c in PALETTE_CLASSES)}."
+                )
+
+    def detect(self, frames: UInt8[np.ndarray, "T H W 3"], *, name: str = "video") -> Tracks:
+        """Boxes of all objects in all frames, in the order of the class names.
+
+        An object that cannot be seen in a frame keeps its last box (before its first sighting:
+        its first). Centres and boxes follow with a slack of 0.3 pixels, so that what rests in
+        the world rests in the tracks.
+
+        Raises:
+          DemoError: no frame, no goal region, or an object that is never seen.
+        """
+        if len(frames) == 0:
+            raise DemoError(f"{name}: the video holds no frames, at least 1 is needed.")
+        height, width = frames.shape[1:3]
+        scale = width / (2 * self.half_extent)
+        picks = np.unique(np.linspace(0, len(frames) - 1, _SAMPLES).round().astype(int))
+        samples = np.stack([classify(frames[i]) for i in picks])
+        goal = find_goal(samples, scale)
+        if goal is None:
+            raise DemoError(
+                f"{name}: no goal region was found; it should be a pale rectangle of a block's "
+                "colour that at least a quarter of the frames show."
+            )
+        objects = self._inventory(samples, goal, scale)
+        center, size, seen = _follow(frames, objects, goal, scale)
+        for i, class_name in enumerate(objects):
+            if not seen[:, i].any():
+                raise DemoError(
+                    f"{name}: the object {class_name!r} is not to be seen in any of "
+                    f"{len(frames)} frames."
+                )
+            _carry(center[:, i], seen[:, i])
+            _carry(size[:, i], seen[:, i])
+            _hold(center[:, i], _SLACK)
+            _hold(size[:, i], _SLACK)
+        middle = np.array([(width - 1) / 2, (height - 1) / 2])
+        world = (center - middle) / scale * [1.0, -1.0]
+        label = np.array([self.classes.index(c) for c in objects], np.int32)
+        return Tracks(world.astype(np.float32), (size / scale).astype(np.float32), label, seen)
+
+    def _inventory(self, samples: np.ndarray, goal: Goal, scale: float) -> list[str]:
+        if self.objects is not None:
+            return sorted(self.objects, key=self.classes.index)
+        objects = [name for name in ("goal", "robot") if name in self.classes]
+        for colour in BLOCK_COLOURS:
+            masks = [_mask(codes, colour, goal, scale) for codes in samples]
+            for shape, number in count_shapes(masks, scale).items():
+                if f"{colour} {shape}" in self.classes:
+                    objects += [f"{colour} {shape}"] * number
+        return sorted(objects, key=self.classes.index)
+
+
+def _mask(
+    codes: UInt8[np.ndarray, "H W"], colour: str, goal: Goal, scale: float
+) -> UInt8[np.ndarray, "H W"]:
+    mask = cv2.compare(codes, block_code(colour), cv2.CMP_EQ) & 1
+    return without_dashes(mask, goal, scale) if colour == goal.colour else mask
+
+
+def _follow(
+    frames: np.ndarray, objects: list[str], goal: Goal, scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres and sizes in pixels, and where they were seen; zeros elsewhere."""
+    center = np.zeros((len(frames), len(objects), 2))
+    size = np.zeros_like(center)
+    seen = np.zeros(center.shape[:2], bool)
+    columns = {
+        colour: [i for i, name in enumerate(objects) if name.startswith(f"{colour} ")]
+        for colour in BLOCK_COLOURS
+    }
+    trackers = {
+        colour: BlockTracker(
+            [objects[i].split()[1] for i in mine],
+            scale,
+            goal.dashes if colour == goal.colour else None,
+        )
+        for colour, mine in columns.items()
+        if mine
+    }
+    for t, frame in enumerate(frames):
+        codes = classify(frame)
+        sightings = {}
+        for colour, tracker in trackers.items():
+            found = tracker.update(_mask(codes, colour, goal, scale))
+            sightings |= dict(zip(columns[colour], found, strict=True))
+        for i, name in enumerate(objects):
+            if name == "goal":
+                sightings[i] = goal
+            elif name == "robot":
+                sightings[i] = find_robot(codes, scale)
+        for i, sighting in sightings.items():
+            if sighting is not None:
+                center[t, i], size[t, i], seen[t, i] = sighting.center, sighting.size, True
+    return center, size, seen
+
+
+def _carry(track: np.ndarray, seen: np.ndarray) -> None:
+    """Fills unseen frames with the last sighting, those before the first with the first."""
+    source = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), -1))
+    track[:] = track[np.where(source < 0, seen.argmax(), source)]
+
+
+def _hold(track: np.ndarray, slack: float) -> None:
+    """Lets a track follow its values like a cart on a slack rope: at rest until it is taut.
+
+    A plain dead band would jump by its whole width when noise crosses it.
+    """
+    for t in range(1, len(track)):
+        pull = track[t] - track[t - 1]
+        distance = float(np.linalg.norm(pull))
+        track[t] = track[t - 1] + pull * max(0.0, 1 - slack / max(distance, slack))

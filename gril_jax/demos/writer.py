@@ -1,0 +1,142 @@
+"""Writing a demo set: whole or not at all."""
+
+import errno
+import json
+import os
+import pathlib
+import shutil
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import UInt8
+
+from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.vision.video import write_video
+from gril_jax.errors import DemoError
+
+from .schema import HEADER, OUTCOMES, SCHEMA_VERSION, DemoEntry, check_header, check_tracks, digest
+
+__all__ = ["Demo", "save_demo_set"]
+
+
+class Demo(NamedTuple):
+    """A demonstration to be saved."""
+
+    name: str
+    frames: UInt8[np.ndarray, "T H W 3"]
+    tracks: Tracks  # of the same T frames
+    trimmed: int = 0  # frames already cut from the static tail
+    outcome: str = "unknown"  # or "success", "failure"
+    stages: dict[str, int] | None = None  # frames, see `DemoEntry`
+
+
+def save_demo_set(
+    folder: str | os.PathLike,
+    demos: Iterable[Demo],
+    *,
+    task: str,
+    classes: Sequence[str],
+    half_extent: float,
+    fps: float,
+    source: str,
+) -> None:
+    """Writes a demo set; an older demo set of that name is replaced when the new one is whole.
+
+    Args:
+      folder: where to; new, empty, or a demo set.
+      demos: consumed one at a time, so that a generator need hold only one video.
+      task, classes, half_extent, fps, source: see `DemoSet`.
+
+    Raises:
+      DemoError: the folder holds something else, a demonstration is malformed, there is none,
+        or the disk is full.
+    """
+    folder = pathlib.Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise DemoError(f"{folder}: this is a file; a demo set needs a folder.")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / HEADER).is_file():
+        raise DemoError(
+            f"{folder}: the folder is not empty and no demo set ({HEADER} is missing), "
+            "so it was left alone; name a new or empty folder."
+        )
+    part = None
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        part.chmod(0o755)
+        entries = [
+            _fields(_write(part, folder, number, demo, classes, fps))
+            for number, demo in enumerate(demos)
+        ]
+        if not entries:
+            raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
+        header = {
+            "schema_version": SCHEMA_VERSION,
+            "task": task,
+            "classes": list(classes),
+            "half_extent": half_extent,
+            "fps": fps,
+            "source": source,
+            "demos": entries,
+        }
+        (part / HEADER).write_text(json.dumps(header, indent=2) + "\n")
+        check_header(header, folder)
+        _move_into_place(part, folder)
+    except OSError as error:
+        reason = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
+        raise DemoError(f"{folder}: the demo set could not be written because {reason}.") from error
+    finally:
+        if part is not None:
+            shutil.rmtree(part, ignore_errors=True)
+
+
+def _fields(entry: DemoEntry) -> dict[str, object]:
+    """An entry as the header has it: stages only where they are known."""
+    fields = asdict(entry)
+    return fields if entry.stages else {k: v for k, v in fields.items() if k != "stages"}
+
+
+def _move_into_place(part: pathlib.Path, folder: pathlib.Path) -> None:
+    if not folder.exists():
+        part.rename(folder)
+        return
+    old = part.with_name(part.name + ".old")
+    folder.rename(old)
+    try:
+        part.rename(folder)
+    except OSError:
+        old.rename(folder)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _write(
+    part: pathlib.Path,
+    folder: pathlib.Path,
+    number: int,
+    demo: Demo,
+    classes: Sequence[str],
+    fps: float,
+) -> DemoEntry:
+    where = f"{folder}, demonstration {demo.name!r}"
+    if demo.outcome not in OUTCOMES:
+        raise DemoError(f"{where}: outcome {demo.outcome!r} is not one of {', '.join(OUTCOMES)}.")
+    check_tracks(demo.tracks, len(demo.frames), len(demo.tracks.label), classes, where)
+    video, tracks = f"{number:03d}.mp4", f"{number:03d}.npz"
+    write_video(part / video, demo.frames, fps)
+    np.savez_compressed(part / tracks, **demo.tracks._asdict())
+    return DemoEntry(
+        name=demo.name,
+        video=video,
+        tracks=tracks,
+        frames=len(demo.frames),
+        trimmed=demo.trimmed,
+        outcome=demo.outcome,
+        objects=[classes[label] for label in demo.tracks.label],
+        video_sha256=digest(part / video),
+        tracks_sha256=digest(part / tracks),
+        stages=demo.stages,
+    )

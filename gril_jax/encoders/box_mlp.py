@@ -1,0 +1,120 @@
+"""GraphIRL's ablation of the interaction network: MLPs on boxes, without relations.
+
+    X-MAGICAL   MLPConfig(num_classes)     a layer for the robot and one for the objects, whose
+                                           mean is taken; then a layer on both
+    robot       MLPConfig(num_classes, flat_nodes=3, distances=True)
+                                           two layers on all nodes' features side by side
+
+Both end in a ReLU. The flat one is for a fixed number of nodes in a fixed order. Shapes use D for
+the latent. Every function takes one `SceneGraph`; batch with `jax.vmap`.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.types import Nodes, SceneGraph
+
+from .box_features import history_features, last_frame
+from .message_passing import Params
+from .pooling import weighted_pool
+
+__all__ = ["MLPConfig", "apply", "init"]
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class MLPConfig:
+    """Static choices: another value is another compiled program. A pytree without leaves."""
+
+    num_classes: int
+    """How many object classes the task has."""
+    width: int = 32
+    """Size of the latent; the hidden layers have half of it. Even."""
+    flat_nodes: int | None = None
+    """Number of nodes of the flat variant; None for the mean over the objects."""
+    distances: bool = False
+    """Nodes know their distance to the nearest object of each class."""
+    history: int = 1
+    """Frames that a node's features hold; above 1 the graph must be that many, stacked."""
+    pool_robot: bool = True
+    """The robot counts; if not, its inputs are zero."""
+    length_unit: float = 1.0
+    """World units that make one unit of the network's inputs; about half the scene's width."""
+
+    def __post_init__(self):
+        flat = {} if self.flat_nodes is None else {"flat_nodes": 1}
+        for field, least in ({"num_classes": 1, "width": 2, "history": 1} | flat).items():
+            if getattr(self, field) < least:
+                raise ConfigError(
+                    f"encoder.{field} is {getattr(self, field)}; it must be at least {least}."
+                )
+        if self.width % 2:
+            raise ConfigError(f"encoder.width is {self.width}; it must be even.")
+        if not self.length_unit > 0:
+            raise ConfigError(f"encoder.length_unit is {self.length_unit}; it must be positive.")
+
+    @property
+    def latent(self) -> int:
+        """Size of the latent."""
+        return self.width
+
+
+def init(key: PRNGKeyArray, config: MLPConfig) -> Params:
+    """Fresh parameters: a dict of the layers. The key is consumed.
+
+    >>> sorted(init(jax.random.key(0), MLPConfig(num_classes=3, width=8)))
+    ['agent', 'boxes', 'latent']
+    """
+    count = config.flat_nodes or 1
+    flag = jnp.zeros(count, bool)
+    boxes = jnp.zeros((count, 2))
+    nodes = Nodes(boxes, boxes, jnp.zeros(count, jnp.int32), flag, flag, flag)
+    if config.history > 1:
+        nodes = Nodes(*(jnp.stack([x] * config.history) for x in nodes))
+    return _BoxMLP(config).init(key, nodes)["params"]
+
+
+def apply(params: Params, graph: SceneGraph, config: MLPConfig) -> Float[Array, "D"]:
+    """The latent of one scene graph.
+
+    Raises:
+      ShapeError: the graph has not `config.flat_nodes` nodes, or not `config.history` frames.
+    """
+    return _BoxMLP(config).apply({"params": params}, graph.nodes)
+
+
+class _BoxMLP(nn.Module):
+    config: MLPConfig
+
+    @nn.compact
+    def __call__(self, history):
+        config, half = self.config, self.config.width // 2
+        nodes = last_frame(history, history=config.history)
+        x = history_features(
+            history,
+            history=config.history,
+            num_classes=config.num_classes if config.distances else None,
+            robot=config.pool_robot,
+            length_unit=config.length_unit,
+        )
+        robot = nodes.present & nodes.is_robot & config.pool_robot
+        objects = nodes.present & ~nodes.is_robot
+        if config.flat_nodes is None:
+            agent = nn.relu(nn.Dense(half, name="agent")(x))
+            boxes = nn.relu(nn.Dense(half, name="boxes")(x))
+            pooled = [weighted_pool(z, w * 1.0) for z, w in ((agent, robot), (boxes, objects))]
+            hidden = jnp.concatenate(pooled)
+        else:
+            if len(x) != config.flat_nodes:
+                raise ShapeError(
+                    f"graph.nodes.center has shape {nodes.center.shape} but encoder.flat_nodes is "
+                    f"{config.flat_nodes}; its first size must be {config.flat_nodes}."
+                )
+            seen = jnp.where((robot | objects)[:, None], x, 0.0)
+            hidden = nn.relu(nn.Dense(half, name="hidden")(seen.reshape(-1)))
+        return nn.relu(nn.Dense(config.width, name="latent")(hidden))

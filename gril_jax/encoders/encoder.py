@@ -1,0 +1,184 @@
+"""The encoders phi behind one interface: `init(key, config)` and `apply(params, graph, config)`.
+
+    config                 encoder                                        input
+    `EncoderConfig`        the paper's message passing, weighted pooling  a `SceneGraph`
+    `InteractionConfig`    GraphIRL's interaction network, mean pooling   a `SceneGraph`
+    `MLPConfig`            GraphIRL's ablation without relations          a `SceneGraph`
+    `PixelConfig`          XIRL's ResNet-18                               a frame (H, W, 3)
+
+Graph encoders take one graph; batch with `jax.vmap`. Parameters are plain pytrees of arrays:
+hold, save and vmap them without knowing the libraries underneath. An `EncoderConfig` with several
+`members` is an ensemble (`gril_jax.encoders.ensemble`): parameters have a leading axis of members,
+whose latents lie side by side. Shapes use N for nodes, H for the width of a node embedding and D
+for the latent.
+"""
+
+import jax
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.types import SceneGraph
+
+from . import box_mlp, interaction_network, message_passing, resnet
+from .box_mlp import MLPConfig
+from .ensemble import latent_size, member, num_members
+from .interaction_network import InteractionConfig
+from .message_passing import EncoderConfig, Form, Params
+from .resnet import PixelConfig
+
+__all__ = [
+    "AnyConfig",
+    "EncoderConfig",
+    "GraphConfig",
+    "InteractionConfig",
+    "MLPConfig",
+    "NodeConfig",
+    "Params",
+    "PixelConfig",
+    "apply",
+    "init",
+    "node_embeddings",
+    "readout",
+    "sees_robot",
+]
+
+# Encoders that embed each node before they pool; of scene graphs; of anything.
+NodeConfig = EncoderConfig | InteractionConfig
+GraphConfig = NodeConfig | MLPConfig
+AnyConfig = GraphConfig | PixelConfig
+
+_MODULES = {
+    EncoderConfig: message_passing,
+    InteractionConfig: interaction_network,
+    MLPConfig: box_mlp,
+    PixelConfig: resnet,
+}
+
+
+def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
+    """Fresh parameters: a dict of dicts of arrays. The key is consumed.
+
+    >>> config = MLPConfig(num_classes=3, width=8)
+    >>> params = init(jax.random.key(0), config)
+    >>> sorted(params)
+    ['agent', 'boxes', 'latent']
+
+    Raises:
+      ConfigError: there is no encoder for this kind of config.
+    """
+    members = num_members(config)
+    if members > 1:
+        one = member(config)
+        return jax.vmap(lambda key: init(key, one))(jax.random.split(key, members))
+    return _module(config).init(key, config)
+
+
+def apply(
+    params: Params,
+    graph: SceneGraph | Float[Array, "... height width 3"],
+    config: AnyConfig,
+    *,
+    alpha: Float[Array, ""] | float = 5.0,
+    form: Form = "dense",
+) -> Float[Array, "... D"]:
+    """The latent of one scene graph, or of frames.
+
+    A graph's latent does not depend on the order of the nodes (but for the flat MLP), nor on
+    those that are not present. Whether it depends on the robot is the config's `pool_robot` and
+    `robot_messages`.
+
+    Args:
+      params: from `init`, with the same config.
+      graph: from `gril_jax.graphs.scene_graph`; its edge order is taken as given there. For
+        `PixelConfig` RGB frames in [0, 1].
+      config: static choices.
+      alpha: weight of an active node in the pooling (Eq. 3); may be traced. Only the paper's
+        encoder uses it.
+      form: of `node_embeddings`.
+
+    Raises:
+      ConfigError: there is no encoder for this kind of config.
+      ShapeError: the input does not fit the config.
+    """
+    if num_members(config) > 1:
+        return _side_by_side(params, graph, config, alpha, form)
+    if isinstance(config, NodeConfig):
+        nodes = node_embeddings(params, graph, config, form=form)
+        return readout(params, nodes, graph, config, alpha=alpha)
+    return _module(config).apply(params, graph, config)
+
+
+def node_embeddings(
+    params: Params, graph: SceneGraph, config: NodeConfig, *, form: Form = "dense"
+) -> Float[Array, "N H"]:
+    """What the encoder makes of each node, before pooling.
+
+    Args:
+      params, graph, config: of `apply`.
+      form: how the paper's encoder sums messages; the numbers are the same. "dense" is the fastest
+        forward; "square" takes less compiling, and its gradient is as fast; "jraph" takes graphs
+        that are not complete.
+
+    Raises:
+      ConfigError: this kind of encoder does not embed nodes, or it is an ensemble.
+    """
+    module = _node_module(config)
+    options = {"form": form} if module is message_passing else {}
+    return module.node_embeddings(params, graph, config, **options)
+
+
+def readout(
+    params: Params,
+    embeddings: Float[Array, "N H"],
+    graph: SceneGraph,
+    config: NodeConfig,
+    *,
+    alpha: Float[Array, ""] | float = 5.0,
+) -> Float[Array, "D"]:
+    """The second half of `apply`: pools `node_embeddings`, then the head if there is one.
+
+    Raises:
+      ConfigError: this kind of encoder does not embed nodes, or it is an ensemble.
+    """
+    return _node_module(config).readout(params, embeddings, graph, config, alpha=alpha)
+
+
+def sees_robot(config: AnyConfig) -> bool:
+    """Whether latents depend on the robot; if not, a graph may as well come without its nodes."""
+    if not isinstance(config, NodeConfig):
+        return True
+    return config.pool_robot or config.robot_messages
+
+
+def _side_by_side(params, graph, config, alpha, form):
+    """The latents of an ensemble's members, in one."""
+    members, one = num_members(config), member(config)
+    stray = next((x for x in jax.tree.leaves(params) if x.shape[:1] != (members,)), None)
+    if stray is not None:
+        raise ShapeError(
+            f"params has an array of shape {stray.shape}; those of an ensemble must have a leading "
+            f"axis of encoder.members, which is {members}."
+        )
+    each = jax.vmap(lambda p: apply(p, graph, one, alpha=alpha, form=form), out_axes=-2)(params)
+    return each.reshape(*each.shape[:-2], latent_size(config))
+
+
+def _module(config):
+    if type(config) not in _MODULES:
+        known = ", ".join(kind.__name__ for kind in _MODULES)
+        raise ConfigError(f"encoder is a {type(config).__name__}; it must be one of {known}.")
+    return _MODULES[type(config)]
+
+
+def _node_module(config):
+    if type(config) in (MLPConfig, PixelConfig):
+        raise ConfigError(
+            f"encoder is a {type(config).__name__}, which does not embed nodes; it must be an "
+            f"EncoderConfig or an InteractionConfig."
+        )
+    if num_members(config) > 1:
+        raise ConfigError(
+            f"encoder.members is {num_members(config)}, but must be 1 to embed nodes: each member "
+            "of an ensemble has its own."
+        )
+    return _module(config)

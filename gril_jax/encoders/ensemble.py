@@ -1,0 +1,76 @@
+"""Ensembles: several networks of one kind as one encoder, whose most pessimistic member counts.
+
+A policy finds the states that a network overrates by accident. Networks that were begun and fed
+differently agree where the demonstrations have been and err apart elsewhere, so that the lowest of
+their rewards is harder to cheat than any of them.
+
+The members' latents lie side by side in one of size D = K x (a member's), and each member has a
+scale of its own. Shapes use K for members and D for the latent of them all.
+"""
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from gril_jax.errors import ShapeError
+from gril_jax.graphs.scene import safe_norm
+
+__all__ = ["latent_size", "member", "num_members", "split", "worst_distance"]
+
+
+def num_members(config: Any) -> int:
+    """How many networks an encoder's config stands for; 1 where it has no such choice."""
+    return getattr(config, "members", 1)
+
+
+def latent_size(config: Any) -> int:
+    """The size of what an encoder makes: the members' latents side by side."""
+    return num_members(config) * config.latent
+
+
+def member(config: Any) -> Any:
+    """The config of one member; of a lone network its own."""
+    return config if num_members(config) == 1 else dataclasses.replace(config, members=1)
+
+
+def split(latent: Float[Array, "*batch D"], members: int) -> Float[Array, "*batch K part"]:
+    """Each member's part of a latent.
+
+    >>> split(jnp.array([1.0, 2.0, 3.0, 4.0]), 2).tolist()
+    [[1.0, 2.0], [3.0, 4.0]]
+
+    Raises:
+      ShapeError: the members cannot have equal parts.
+    """
+    *batch, size = latent.shape
+    if members < 1 or size % members:
+        raise ShapeError(
+            f"a latent of size {size} does not belong to {members} members; its size must be a "
+            "multiple of their number."
+        )
+    return latent.reshape(*batch, members, size // members)
+
+
+def worst_distance(
+    difference: Float[Array, "*batch D"], scale: Float[Array, "*members"]
+) -> Float[Array, "*batch"]:
+    """The scaled length of a difference of latents: of an ensemble that of its largest part.
+
+    With gradient zero, not NaN, where the difference is zero.
+
+    >>> difference = jnp.array([3.0, 4.0, 0.0, 2.0])
+    >>> worst_distance(difference, jnp.array([0.5, 2.0])).tolist()
+    4.0
+
+    Args:
+      difference: of two latents.
+      scale: () for a lone network; (K,) for the members of an ensemble.
+
+    Raises:
+      ShapeError: the difference is not of so many members.
+    """
+    if not scale.ndim:
+        return scale * safe_norm(difference)
+    return jnp.max(scale * safe_norm(split(difference, scale.shape[-1])), axis=-1)

@@ -1,0 +1,192 @@
+"""GraphIRL's interaction network (Kumar et al., CoRL 2022), with plain mean pooling.
+
+One round of pairwise messages and no head, E wide everywhere. With Block(x) = h + W2 h + b2 and
+h = relu(W1 x + b1), three blocks with weights of their own make the embedding of node i:
+
+    z_i = affector(self_k(x_i) + sum over j != i of relation([x_i; x_j]))
+
+and the latent is the mean of the z_i. The published variants:
+
+    X-MAGICAL   InteractionConfig(num_classes)                   x is the box; k: robot or object
+    robot       InteractionConfig(num_classes, self_blocks="class", distances=True)
+                                                                 k: the class (hand, puck, goal)
+    history     the same with history=H: x holds the last H frames
+    MLP         `gril_jax.encoders.box_mlp`
+
+In the original's robot variant the goal's self block is fed the puck's features, evidently by
+mistake; here each block is fed its own node's. Boxes there are in fractions of the image; here
+they are in world units over `length_unit`, which differs by a scale and a shift. Shapes use N for
+nodes and H for the width. Every function takes one `SceneGraph`; batch with `jax.vmap`.
+"""
+
+import dataclasses
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from gril_jax.errors import ConfigError
+from gril_jax.types import Nodes, SceneGraph
+
+from .box_features import history_features, last_frame
+from .dense_messages import sum_messages
+from .message_passing import Params
+from .pooling import node_weights, weighted_pool
+
+__all__ = ["InteractionConfig", "init", "node_embeddings", "readout"]
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class InteractionConfig:
+    """Static choices: another value is another compiled program. A pytree without leaves.
+
+    The robot: with it as published, both `pool_robot` and `robot_messages`; without it in the
+    pooling, `robot_messages` alone; without its node, neither.
+    """
+
+    num_classes: int
+    """How many object classes the task has."""
+    width: int = 32
+    """Size of a node embedding, of every hidden layer and of the latent."""
+    self_blocks: Literal["robot", "class"] = "robot"
+    """Which nodes share a self block: the robot has one and all objects another, or each class."""
+    distances: bool = False
+    """Nodes know their distance to the nearest object of each class."""
+    history: int = 1
+    """Frames that a node's features hold; above 1 the graph must be that many, stacked."""
+    pool_robot: bool = True
+    """The robot counts in the mean."""
+    robot_messages: bool = True
+    """The robot takes part in the others' relations and distances."""
+    length_unit: float = 1.0
+    """World units that make one unit of the network's inputs; about half the scene's width."""
+
+    def __post_init__(self):
+        for field in ("num_classes", "width", "history"):
+            if getattr(self, field) < 1:
+                raise ConfigError(
+                    f"encoder.{field} is {getattr(self, field)}; it must be at least 1."
+                )
+        if self.self_blocks not in ("robot", "class"):
+            raise ConfigError(
+                f"encoder.self_blocks is {self.self_blocks!r}; it must be 'robot' or 'class'."
+            )
+        if not self.length_unit > 0:
+            raise ConfigError(f"encoder.length_unit is {self.length_unit}; it must be positive.")
+
+    @property
+    def latent(self) -> int:
+        """Size of the latent: there is no head."""
+        return self.width
+
+
+def init(key: PRNGKeyArray, config: InteractionConfig) -> Params:
+    """Fresh parameters: a dict of the blocks. The key is consumed.
+
+    >>> params = init(jax.random.key(0), InteractionConfig(num_classes=3, width=8))
+    >>> sorted(params)
+    ['affector_1', 'affector_2', 'relation', 'self']
+    """
+    flag = jnp.zeros(1, bool)
+    nodes = Nodes(jnp.zeros((1, 2)), jnp.zeros((1, 2)), jnp.zeros(1, jnp.int32), flag, flag, flag)
+    if config.history > 1:
+        nodes = Nodes(*(jnp.stack([x] * config.history) for x in nodes))
+    return _Interaction(config).init(key, nodes)["params"]
+
+
+def node_embeddings(
+    params: Params, graph: SceneGraph, config: InteractionConfig
+) -> Float[Array, "N H"]:
+    """The affector's output for each node.
+
+    Raises:
+      ShapeError: the graph does not hold `config.history` frames.
+    """
+    return _Interaction(config).apply({"params": params}, graph.nodes)
+
+
+def readout(
+    params: Params,
+    embeddings: Float[Array, "N H"],
+    graph: SceneGraph,
+    config: InteractionConfig,
+    *,
+    alpha: Float[Array, ""] | float = 1.0,
+) -> Float[Array, "H"]:
+    """Plain mean of `node_embeddings`: neither `params` nor `alpha` is used."""
+    del params, alpha
+    nodes = last_frame(graph.nodes, history=config.history)
+    weights = node_weights(
+        nodes.active, nodes.is_robot, nodes.present, alpha=1.0, pool_robot=config.pool_robot
+    )
+    return weighted_pool(embeddings, weights)
+
+
+class _Interaction(nn.Module):
+    config: InteractionConfig
+
+    @nn.compact
+    def __call__(self, history):
+        config = self.config
+        nodes = last_frame(history, history=config.history)
+        x = history_features(
+            history,
+            history=config.history,
+            num_classes=config.num_classes if config.distances else None,
+            robot=config.robot_messages,
+            length_unit=config.length_unit,
+        )
+        audible = nodes.present
+        if not config.robot_messages:
+            audible = audible & ~nodes.is_robot
+        if config.self_blocks == "class":
+            kind = jax.nn.one_hot(nodes.label, config.num_classes)
+        else:
+            kind = jax.nn.one_hot(nodes.is_robot.astype(jnp.int32), 2)
+        own = _SelfBlocks(config.width, name="self")(x, kind)
+        related = _Relations(config.width, name="relation")(x, audible)
+        hidden = nn.relu(nn.Dense(config.width, name="affector_1")(own + related))
+        return hidden + nn.Dense(config.width, name="affector_2")(hidden)
+
+
+class _SelfBlocks(nn.Module):
+    """A block of its own for each kind. All run on every node: weights looked up per node would
+    be copied for each graph of a batch."""
+
+    width: int
+
+    @nn.compact
+    def __call__(self, x, kind):
+        (num_nodes, num_kinds), width = kind.shape, self.width
+        hidden = nn.relu(nn.Dense(num_kinds * width, name="1")(x))
+        hidden = hidden.reshape(num_nodes, num_kinds, width) * kind[..., None]
+        # Only one kind's part of the inputs is not zero: the scale is that of a block on its own.
+        scaled = nn.initializers.variance_scaling(num_kinds, "fan_in", "truncated_normal")
+        second = nn.Dense(width, use_bias=False, kernel_init=scaled, name="2")
+        second = second(hidden.reshape(num_nodes, num_kinds * width))
+        bias = self.param("bias_2", nn.initializers.zeros, (num_kinds, width))
+        return jnp.sum(hidden, axis=1) + second + kind @ bias
+
+
+class _Relations(nn.Module):
+    """Sum of Block([x_i; x_j]) over the audible j != i. The second layer is linear, so it runs on
+    the sum of the hidden layers, once per node, with its bias once for each of the pairs."""
+
+    width: int
+
+    @nn.compact
+    def __call__(self, x, audible):
+        # Two halves of one layer, with the scale of the whole.
+        halves = {
+            "kernel_init": nn.initializers.variance_scaling(0.5, "fan_in", "truncated_normal")
+        }
+        received = nn.Dense(self.width, name="1_receiver", **halves)(x)
+        sent = nn.Dense(self.width, use_bias=False, name="1_sender", **halves)(x)
+        hidden = sum_messages(sent, received, audible)
+        bias = self.param("bias_2", nn.initializers.zeros, (self.width,))
+        pairs = (jnp.sum(audible) - audible).astype(x.dtype)
+        second = nn.Dense(self.width, use_bias=False, name="2")(hidden)
+        return hidden + second + pairs[:, None] * bias

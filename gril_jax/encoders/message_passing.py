@@ -1,0 +1,204 @@
+"""The paper's graph encoder: message passing between objects, weighted pooling, a small head.
+
+Shapes use N for nodes, E for edges, H for the width of a node embedding and D for the latent.
+Every function takes one `SceneGraph`; batch with `jax.vmap`. Callers use
+`gril_jax.encoders.encoder`, which takes the configuration of any encoder.
+"""
+
+import dataclasses
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import jraph
+from flax import linen as nn
+from jaxtyping import Array, Float, PRNGKeyArray, PyTree
+
+from gril_jax.errors import ConfigError
+from gril_jax.graphs.scene import scene_graph
+from gril_jax.types import SceneGraph
+
+from .dense_messages import square_edges, sum_messages, thin_product
+from .pooling import node_weights, weighted_pool
+
+__all__ = ["EncoderConfig", "Form", "Params", "init", "node_embeddings", "readout"]
+
+Params = PyTree[Float[Array, "..."]]
+
+# How messages are computed; the numbers are the same. "dense" is for one complete graph, one
+# sender at a time if there are few; "square" is the same with all senders at once; "jraph" gathers
+# by the graph's own indices and sums by scatter, for graphs of any kind, many in one too.
+Form = Literal["dense", "square", "jraph"]
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class EncoderConfig:
+    """Static choices: another value is another compiled program.
+
+    Registered as a pytree without leaves, so it passes through `jax.jit` and `jax.vmap` as is.
+    The robot: with it, both `pool_robot` and `robot_messages`; without it in the pooling,
+    `robot_messages` alone; without its node, neither.
+    """
+
+    num_classes: int
+    """How many object classes the task has."""
+    width: int = 64
+    """Size of a node embedding and of every hidden layer."""
+    rounds: int = 2
+    """Rounds of message passing; with 0 each object is embedded on its own."""
+    latent: int = 32
+    """Size of the latent, of each member."""
+    absolute: bool = True
+    """Nodes know their absolute centre; if not, position enters by the edges' offsets alone."""
+    relations: bool = False
+    """Edges also say how far the receiver's box sticks out of the sender's, or lies apart."""
+    pool_robot: bool = False
+    """The robot counts in the pooling (the paper's "with robot" ablation)."""
+    robot_messages: bool = False
+    """The robot sends messages to the objects."""
+    length_unit: float = 1.0
+    """World units that make one unit of the network's inputs; about half the scene's width."""
+    members: int = 1
+    """Networks in an ensemble (`gril_jax.encoders.ensemble`); the functions here are of one."""
+
+    def __post_init__(self):
+        lowest = {"num_classes": 1, "width": 1, "rounds": 0, "latent": 1, "members": 1}
+        for field, least in lowest.items():
+            if getattr(self, field) < least:
+                raise ConfigError(
+                    f"encoder.{field} is {getattr(self, field)}; it must be at least {least}."
+                )
+        if not self.length_unit > 0:
+            raise ConfigError(f"encoder.length_unit is {self.length_unit}; it must be positive.")
+
+
+def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
+    """Fresh parameters: a dict with the parts `messages` and `head`. The key is consumed.
+
+    >>> sorted(init(jax.random.key(0), EncoderConfig(num_classes=3, width=8, latent=4)))
+    ['head', 'messages']
+    """
+    keys = jax.random.split(key)
+    flags = jnp.zeros(2, bool)
+    graph = scene_graph(jnp.zeros((2, 2)), jnp.zeros((2, 2)), jnp.zeros(2, jnp.int32), flags, flags)
+    return {
+        "messages": _Messages(config, "dense").init(keys[0], graph)["params"],
+        "head": _Head(config).init(keys[1], jnp.zeros(config.width))["params"],
+    }
+
+
+def node_embeddings(
+    params: Params, graph: SceneGraph, config: EncoderConfig, *, form: Form = "dense"
+) -> Float[Array, "N H"]:
+    """What message passing makes of each node, before pooling.
+
+    Raises:
+      ShapeError: the dense forms were given a graph that is not complete.
+    """
+    return _Messages(config, form).apply({"params": params["messages"]}, graph)
+
+
+def readout(
+    params: Params,
+    embeddings: Float[Array, "N H"],
+    graph: SceneGraph,
+    config: EncoderConfig,
+    *,
+    alpha: Float[Array, ""] | float = 5.0,
+) -> Float[Array, "D"]:
+    """Pools `node_embeddings` (Eqs. 2, 3), then the head."""
+    nodes = graph.nodes
+    weights = node_weights(
+        nodes.active, nodes.is_robot, nodes.present, alpha=alpha, pool_robot=config.pool_robot
+    )
+    pooled = weighted_pool(embeddings, weights)
+    return _Head(config).apply({"params": params["head"]}, pooled)
+
+
+class _Messages(nn.Module):
+    """Embeds the nodes, then `rounds` residual updates from the summed messages."""
+
+    config: EncoderConfig
+    form: Form
+
+    @nn.compact
+    def __call__(self, graph):
+        config, nodes = self.config, graph.nodes
+        audible = nodes.present
+        if not config.robot_messages:
+            audible = audible & ~nodes.is_robot
+        edges = graph.edges
+        if config.relations:
+            edges = jnp.concatenate([edges, _relations(graph)], axis=-1)
+        edges = edges / config.length_unit
+        if self.form != "jraph":
+            edges = square_edges(edges, nodes.label.shape[0])
+        graph = graph._replace(edges=edges)
+        embedding = nn.Dense(config.width)(_node_features(nodes, config))
+        for _ in range(config.rounds):
+            embedding = self._round(embedding, audible, graph)
+        return embedding
+
+    def _round(self, embedding, audible, graph):
+        width = self.config.width
+        # Made in this order, since their names in the parameters follow it.
+        from_sender = nn.Dense(width, use_bias=False)
+        from_receiver = nn.Dense(width)
+        from_edge = nn.Dense(width, use_bias=False, dot_general=thin_product)
+        from_node, update = nn.Dense(width), nn.Dense(width)
+
+        if self.form == "jraph":
+            received = _sum_by_index(
+                from_sender(embedding), from_receiver(embedding), from_edge, audible, graph
+            )
+        else:
+            received = sum_messages(
+                from_sender(embedding),
+                from_receiver(embedding),
+                audible,
+                graph.edges,
+                from_edge,
+                at_once=None if self.form == "dense" else max(len(audible), 1),
+            )
+        hidden = from_node(jnp.concatenate([embedding, received], axis=-1))
+        return embedding + update(nn.relu(hidden))
+
+
+def _sum_by_index(sent, received, from_edge, audible, graph):
+    """`sum_messages` by the graph's own senders and receivers, through jraph."""
+
+    def update_edge(edge, sender, receiver, _):
+        message = nn.relu(from_edge(edge) + sender["sent"] + receiver["received"])
+        return jnp.where(sender["audible"][:, None], message, 0.0)
+
+    def update_node(_, __, messages, ___):
+        return messages
+
+    nodes = {"sent": sent, "received": received, "audible": audible}
+    return jraph.GraphNetwork(update_edge, update_node)(graph._replace(nodes=nodes)).nodes
+
+
+class _Head(nn.Module):
+    config: EncoderConfig
+
+    @nn.compact
+    def __call__(self, pooled):
+        hidden = nn.relu(nn.Dense(self.config.width)(pooled))
+        return nn.Dense(self.config.latent)(hidden)
+
+
+def _relations(graph) -> Float[Array, "E 4"]:
+    """For each edge, along x and y: how far the receiver's box sticks out of the sender's, and how
+    far the two boxes are apart; 0 where it lies inside, or where they overlap."""
+    half = graph.nodes.size / 2
+    sender, receiver = half[graph.senders], half[graph.receivers]
+    away = jnp.abs(graph.edges[:, :2])
+    return jax.nn.relu(jnp.concatenate([away + receiver - sender, away - receiver - sender], -1))
+
+
+def _node_features(nodes, config):
+    """One-hot class, size and (if `absolute`) centre."""
+    boxes = [nodes.center, nodes.size] if config.absolute else [nodes.size]
+    boxes = [box / config.length_unit for box in boxes]
+    return jnp.concatenate([jax.nn.one_hot(nodes.label, config.num_classes), *boxes], axis=-1)

@@ -1,0 +1,265 @@
+"""A run's policy as plain arrays, for programs that have neither JAX nor this package.
+
+`gril export-policy RUN --out policy.npz` writes the policy that `gril eval` plays: the mean action,
+without noise. To act, for one observation (O,) or for many (..., O), it takes NumPy alone:
+
+    import json
+    import numpy as np
+
+    with np.load("policy.npz") as file:
+        policy = dict(file)
+    about = json.loads(str(policy["description"]))
+    activations = {
+        "swish": lambda x: x * (1 + np.tanh(x / 2)) / 2,
+        "relu": lambda x: np.maximum(x, 0),
+        "tanh": np.tanh,
+        "none": lambda x: x,
+    }
+
+    def act(observation):
+        limit = policy["observation_limit"]
+        x = np.float32(observation) - policy["observation_mean"]
+        x = np.clip(x, -limit, limit)
+        for i, layer in enumerate(about["layers"]):
+            x = x @ policy[f"kernel_{i}"] + policy[f"bias_{i}"]
+            x = activations[layer["activation"]](x)
+        start, stop = about["output"]["mean"]
+        return np.tanh(x[..., start:stop])
+
+Arrays, all float32, for O inputs and layers i of H_i outputs:
+  observation_mean (O,), observation_limit (O,)   see below
+  kernel_i (H_(i-1), H_i), bias_i (H_i,)
+  description ()   a JSON text; `describe` lists its fields
+
+Of the observation's normalisation, clip((x - mean) / std, -10, 10), the division is folded into
+`kernel_0`; mean and limit = 10 std stay apart. A clip cannot be folded into a matrix. The mean
+could be, but of an input that hardly varies x / std and mean / std are both large, and in float32
+their difference loses digits.
+"""
+
+import dataclasses
+import itertools
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from gril_jax.config import RunConfig
+from gril_jax.errors import RunError, ShapeError
+from gril_jax.rl import training
+from gril_jax.rl.policy import MAX_OBSERVATION, Policy
+from gril_jax.runs import run_dir
+from gril_jax.runs.checkpoints import checkpoint
+
+__all__ = [
+    "FORMAT",
+    "VERSION",
+    "NamesActions",
+    "NamesObservations",
+    "action_layout",
+    "describe",
+    "main",
+    "observation_layout",
+    "policy_arrays",
+    "write",
+]
+
+FORMAT, VERSION = "gril-jax policy", 1
+
+_ACTIVATION = "swish"  # brax's default, which PPO and SAC keep; the last layer has none
+
+
+@runtime_checkable
+class NamesObservations(Protocol):
+    """A task that names each number of its observation."""
+
+    observation_names: tuple[str, ...]  # equal names in a row are one entry of that width
+
+
+@runtime_checkable
+class NamesActions(Protocol):
+    """A task that names each number of its action."""
+
+    action_names: tuple[str, ...]
+
+
+def main(
+    folder: Path,
+    out: Path,
+    config: RunConfig,
+    algorithm: training.Algorithm,
+    hyper: Any,
+    *,
+    echo: Callable[[str], None] = print,
+) -> None:
+    """Writes the newest policy of a run to a new file; the run's folder is only read.
+
+    Args:
+      folder: the run's.
+      out: the file, which must not exist, in a folder that does.
+      config: the run's own.
+      algorithm, hyper: built from `config`, to restore the checkpoint into.
+
+    Raises:
+      RunError: the run has no policy or a broken one, or `out` exists or cannot be written.
+    """
+    found = checkpoint.latest(folder / "policy")
+    if found is None:
+        raise RunError(f"{folder} has no policy, so its run has not got that far yet")
+    fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
+    arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise RunError(f"{name} of the policy in {found} is not finite: train it again")
+    episodes = algorithm.episodes
+    objects: Sequence[str] = ()
+    if episodes.observe_activity:
+        labels = fresh.fleet.lanes.state.objects.label[0]
+        objects = [episodes.env.classes[i] for i in np.asarray(labels)]
+    write(out, arrays, describe(config, episodes.env, arrays, objects))
+    echo(f"wrote {out}")
+
+
+def policy_arrays(policy: Policy) -> dict[str, Float[np.ndarray, "..."]]:
+    """The policy's float32 arrays by name; the module's text says how to use them."""
+    # In float64, so that folding rounds once.
+    mean, std = (np.asarray(x, np.float64) for x in (policy.normalizer.mean, policy.normalizer.std))
+    arrays = {"observation_mean": mean, "observation_limit": MAX_OBSERVATION * std}
+    layers = policy.params["params"]
+    for i in range(len(layers)):
+        kernel = np.asarray(layers[f"hidden_{i}"]["kernel"], np.float64)
+        arrays[f"kernel_{i}"] = kernel / std[:, None] if i == 0 else kernel
+        arrays[f"bias_{i}"] = np.asarray(layers[f"hidden_{i}"]["bias"])
+    return {name: array.astype(np.float32) for name, array in arrays.items()}
+
+
+def describe(
+    config: RunConfig,
+    env: Any,
+    arrays: dict[str, Float[np.ndarray, "..."]],
+    objects: Sequence[str],
+) -> dict[str, Any]:
+    """What the arrays mean, as JSON has it. Index ranges are [start, stop).
+
+    Args:
+      config: the run's.
+      env: the task.
+      arrays: from `policy_arrays`.
+      objects: names of the objects whose activity bits the policy sees, in order; often none.
+
+    Returns:
+      format, version, gril_jax: what wrote the file.
+      layers: `in`, `out` and `activation` (swish, relu, tanh or none) of each.
+      output: the ranges of the last layer that hold the action's mean and its spread before
+        `squash`, which is applied to the mean. The mean action does not need the spread.
+      observation: name and range of each input, in order, activity bits included.
+      activity: None, or the range of the activity bits, their objects, and the rule: a bit is 0
+        when an episode begins and becomes 1 for good when the centre of the object's box lies more
+        than `tau` box diagonals from where it was `window` control steps before.
+      action: name, range and limits of each number of the action.
+      control_hz: actions a second.
+      env: the task's settings in the run.
+
+    Raises:
+      ShapeError: the task's names do not fit its sizes.
+    """
+    kernels = [array for name, array in arrays.items() if name.startswith("kernel_")]
+    last = len(kernels) - 1
+    num_own, size = env.observation_size, env.action_size
+    activity = {
+        "start": num_own,
+        "stop": num_own + len(objects),
+        "objects": [*objects],
+        "tau": config.pool.tau,
+        "window": config.pool.window,
+    }
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "gril_jax": run_dir.package_versions()["gril-jax"],
+        "layers": [
+            {
+                "in": kernel.shape[0],
+                "out": kernel.shape[1],
+                "activation": "none" if i == last else _ACTIVATION,
+            }
+            for i, kernel in enumerate(kernels)
+        ],
+        "output": {"mean": [0, size], "spread": [size, 2 * size], "squash": "tanh"},
+        "observation": observation_layout(env, objects),
+        "activity": activity if objects else None,
+        "action": action_layout(env),
+        "control_hz": float(env.control_hz),
+        "env": dataclasses.asdict(config.env),
+    }
+
+
+def observation_layout(env: Any, objects: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Name, start and stop of each part of the policy's input, in order.
+
+    Args:
+      env: the task; one that is no `NamesObservations` gives a single part "observation".
+      objects: names of the objects whose activity bits follow the task's own observation.
+
+    Raises:
+      ShapeError: the task names more or fewer numbers than it observes.
+    """
+    names = env.observation_names if isinstance(env, NamesObservations) else None
+    own = _names(names, env.observation_size, "observation", env)
+    return _ranges([*own, *(f"{name} has moved" for name in objects)])
+
+
+def action_layout(env: Any) -> list[dict[str, Any]]:
+    """Name, start, stop, low and high of each part of the action, in order.
+
+    Raises:
+      ShapeError: the task names more or fewer numbers than an action has.
+    """
+    names = env.action_names if isinstance(env, NamesActions) else None
+    own = _names(names, env.action_size, "action", env)
+    return [entry | {"low": -1.0, "high": 1.0} for entry in _ranges(own)]
+
+
+def write(
+    out: Path, arrays: dict[str, Float[np.ndarray, "..."]], description: dict[str, Any]
+) -> None:
+    """Writes the npz file, whole or not at all; equal contents give equal bytes.
+
+    Raises:
+      RunError: the file exists, or its folder is missing, full or not writable.
+    """
+    text = np.array(json.dumps(description, allow_nan=False))
+    part = out.with_name(f".{out.name}.{os.getpid()}.part")
+    with run_dir.writing(out.parent):
+        try:
+            with open(part, "wb") as file:
+                np.savez(file, **arrays, description=text)
+            with open(out, "xb"):  # takes the name: whatever came in between is not overwritten
+                os.replace(part, out)
+        except FileExistsError:
+            raise RunError(f"{out} exists already, but --out must be a new file") from None
+        finally:
+            part.unlink(missing_ok=True)
+
+
+def _names(names: Sequence[str] | None, size: int, default: str, env: Any) -> Sequence[str]:
+    if names is None:
+        return [default] * size
+    if len(names) != size:
+        task = type(env).__name__
+        raise ShapeError(f"{task} names {len(names)} numbers of its {default}, but it has {size}")
+    return names
+
+
+def _ranges(names: Sequence[str]) -> list[dict[str, Any]]:
+    entries, start = [], 0
+    for name, group in itertools.groupby(names):
+        stop = start + len([*group])
+        entries.append({"name": name, "start": start, "stop": stop})
+        start = stop
+    return entries

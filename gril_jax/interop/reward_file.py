@@ -1,0 +1,181 @@
+"""One file for a learned reward: an .npz of plain arrays and a JSON text, without pickle.
+
+    save_reward("reward.npz", params, config, classes=("goal", "robot", "block"), robots=("robot",))
+    learned = load_reward("reward.npz")         # a `gril_jax.reward.learned_reward.LearnedReward`
+    r = learned(center, size, active, label=label)
+
+Arrays, named by their path in `RewardParams`, such as `goal`, `scale`, `alpha` and
+`encoder.messages.Dense_0.kernel`; and `description`, a JSON text:
+
+    format, version         "gril-jax reward", 1
+    encoder                 kind (paper, interaction, mlp, pixel) and the fields of its config
+    activity                the fields of an `ActivityRule` (Eq. 4)
+    classes, robots         names that a label is an index into; those that are the robot
+    objects                 class of each object of the usual scene, in order; may be empty
+    softness                of the minimum over a set of goals, or null for the nearest goal alone
+    half_extent, unit       half the width of the world that a frame shows, and its unit; or null
+    provenance              version of this package, digest and number of the demonstrations, and
+                            what else the writer says, such as Kendall's tau
+
+Loading needs JAX, flax and jraph, and neither MuJoCo nor brax. A file is written whole or not at
+all; equal contents give equal bytes.
+"""
+
+import dataclasses
+import hashlib
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gril_jax.encoders.encoder import AnyConfig
+from gril_jax.graphs import activity_rule
+from gril_jax.graphs.activity_rule import PAPER, ActivityRule
+from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.reward.learned_reward import LearnedReward
+from gril_jax.types import DemoBatch
+
+from . import reward_format
+from .reward_format import RewardFileError
+
+__all__ = ["RewardFileError", "load_reward", "save_reward"]
+
+# What NumPy and zipfile raise for damaged files.
+_DAMAGED = (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, RuntimeError,
+            SyntaxError, MemoryError, OverflowError, zipfile.BadZipFile, zlib.error)  # fmt: skip
+
+
+def save_reward(
+    path: str | os.PathLike,
+    params: RewardParams,
+    config: AnyConfig,
+    *,
+    classes: Sequence[str],
+    robots: Sequence[str] = (),
+    objects: Sequence[str] = (),
+    activity: ActivityRule | Mapping[str, Any] = PAPER,
+    softness: float | None = None,
+    half_extent: float | None = None,
+    unit: str | None = None,
+    demos: DemoBatch | None = None,
+    provenance: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Writes a reward to a new file.
+
+    Args:
+      path: the file, in a folder that exists.
+      params: from `gril_jax.reward.from_demos`; of one seed, float32, all finite.
+      config: the encoder's, of any kind.
+      classes: names that a label is an index into, as many as `config.num_classes`.
+      robots: the classes that belong to the robot.
+      objects: class of each object of the usual scene, in order.
+      activity: the rule that the reward was made with: {"tau": 0.005, "window": 40}.
+      softness: of the minimum over a set of goals, in units of the reward; None for the nearest.
+      half_extent: half the width of the world that a frame of the videos shows, in world units.
+      unit: what a world unit is, in words.
+      demos: what the reward was learned from; only its digest and number are kept.
+      provenance: what else a reader should know, as JSON: {"kendall_tau": 0.95, "source": "..."}.
+      overwrite: replace a file of this name.
+
+    Raises:
+      RewardFileError: the file exists, its folder is missing, full or not writable, or an array
+        is not float32 or not finite.
+      ConfigError: choices contradict each other, are out of range, or are no JSON.
+      ShapeError: an array has another shape than the encoder's.
+    """
+    fields = activity._asdict() if isinstance(activity, ActivityRule) else activity
+    rule = activity_rule.from_json(fields)
+    learned = LearnedReward(
+        params, config, tuple(classes), tuple(robots), tuple(objects), rule, softness
+    )
+    made = _digest(demos) if demos is not None else {}
+    text = reward_format.describe(
+        learned, half_extent=half_extent, unit=unit, provenance=made | dict(provenance or {})
+    )
+    arrays = {name: np.asarray(leaf) for name, leaf in reward_format.named(params)}
+    wanted = dict(reward_format.named(reward_format.blank(config)))
+    reward_format.check_arrays(arrays, wanted, "params")
+    _write(Path(path), {**arrays, "description": np.array(text)}, overwrite)
+
+
+def load_reward(path: str | os.PathLike) -> LearnedReward:
+    """Reads a reward; its values are bit for bit those of the parameters that were saved.
+
+    Raises:
+      RewardFileError: there is no such file, or it is damaged or of another version.
+      ConfigError: the file asks for a choice that this version does not have.
+      ShapeError: an array has another shape than the encoder's.
+    """
+    arrays = _read(Path(path))
+    about = reward_format.parse(arrays.pop("description", None), str(path))
+    learned = reward_format.understand(about, str(path))
+    wanted = dict(reward_format.named(learned.params))
+    reward_format.check_arrays(arrays, wanted, str(path))
+    leaves = [jnp.asarray(arrays[name]) for name in wanted]
+    params = jax.tree.unflatten(jax.tree.structure(learned.params), leaves)
+    return dataclasses.replace(learned, params=params)
+
+
+def _digest(demos):
+    """SHA-256 over the demonstrations' arrays, in the order of `DemoBatch`."""
+    total = hashlib.sha256()
+    for field, leaf in demos._asdict().items():
+        array = np.ascontiguousarray(leaf)
+        total.update(f"{field} {array.dtype} {array.shape}".encode() + array.tobytes())
+    return {"demos_sha256": total.hexdigest(), "num_demos": int(demos.length.shape[0])}
+
+
+def _write(path, arrays, overwrite):
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    claimed = False
+    try:
+        with open(part, "wb") as file:  # np.savez would add a suffix to a name without one
+            np.savez(file, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        if not overwrite:
+            open(path, "xb").close()  # takes the name: whatever came in between is kept
+            claimed = True
+        os.replace(part, path)
+        claimed = False
+    except FileExistsError:
+        raise RewardFileError(
+            f"{path} exists already; give another name, or overwrite=True to replace it."
+        ) from None
+    except OSError as error:
+        raise RewardFileError(
+            f"{path} cannot be written ({error.strerror or error}); its folder must exist and have "
+            "room."
+        ) from None
+    finally:
+        part.unlink(missing_ok=True)
+        if claimed:
+            path.unlink(missing_ok=True)
+
+
+def _read(path):
+    """Every array of the file; each is checked against the file's own checksum."""
+    try:
+        with open(path, "rb") as file:
+            if file.read(4) != b"PK\x03\x04":
+                raise RewardFileError(
+                    f"{path} is no reward file; it must be one that save_reward wrote."
+                )
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as content:
+                return {name: content[name] for name in content.files}
+    except FileNotFoundError:
+        raise RewardFileError(f"{path} does not exist; it must be a file of save_reward.") from None
+    except IsADirectoryError:
+        raise RewardFileError(f"{path} is a folder; it must be a file of save_reward.") from None
+    except _DAMAGED as error:
+        raise RewardFileError(
+            f"{path} is cut short or damaged ({type(error).__name__}); fetch or save it again."
+        ) from None

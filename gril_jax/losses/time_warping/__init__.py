@@ -1,0 +1,1 @@
+"""Soft-DTW and DTW; `gril_jax.losses` lists their functions."""

@@ -1,0 +1,106 @@
+"""The arguments of (soft) dynamic time warping, checked and brought into one form.
+
+Shapes use T and S for frames, and B for pairs: all axes of a batch as one.
+"""
+
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from gril_jax.errors import ConfigError, ShapeError
+
+from .recursion import FORBIDDEN
+
+__all__ = ["Lengths", "Problem", "prepare", "spread"]
+
+Lengths = Int[Array, "..."] | int | None
+
+# A traced gamma cannot be refused; below this it counts as this.
+_LEAST_GAMMA = 1e-6
+
+
+class Problem(NamedTuple):
+    """Checked arguments with the batch as one axis; forbidden cells have cost `FORBIDDEN`."""
+
+    cost: Float[Array, "B T S"]
+    gamma: Float[Array, "B"]
+    rows: Int[Array, "B"]
+    columns: Int[Array, "B"]
+
+
+def prepare(cost, lengths, other_lengths, gamma, band) -> Problem:
+    """Check the arguments of `soft_dtw` and bring them into one form."""
+    if cost.ndim < 2 or 0 in cost.shape[-2:]:
+        raise ShapeError(
+            f"cost has shape {cost.shape}, but needs two axes at its end, of one frame or more each"
+        )
+    if band is not None and band < 0:
+        raise ConfigError(f"band is {band}, but must be 0 or more, or None for no band")
+    batch, (height, width) = cost.shape[:-2], cost.shape[-2:]
+    pairs = math.prod(batch)
+    _check_gamma(gamma, batch)
+    _check_lengths("lengths", lengths, height, cost.shape)
+    _check_lengths("other_lengths", other_lengths, width, cost.shape)
+
+    dtype = jnp.promote_types(cost.dtype, jnp.float32)
+    rows = spread(lengths, height, batch).reshape(pairs)
+    columns = spread(other_lengths, width, batch).reshape(pairs)
+    empty = (rows == 0) | (columns == 0)
+    rows, columns = jnp.where(empty, 0, rows), jnp.where(empty, 0, columns)
+    gamma = jnp.maximum(jnp.asarray(gamma, dtype), _LEAST_GAMMA)
+    gamma = jnp.broadcast_to(gamma, batch).reshape(pairs)
+    cost = jnp.clip(cost.astype(dtype), -FORBIDDEN, FORBIDDEN).reshape(pairs, height, width)
+
+    row, column = jnp.arange(height)[:, None], jnp.arange(width)
+    if lengths is not None or other_lengths is not None:
+        inside = (row < rows[:, None, None]) & (column < columns[:, None, None])
+        cost = jnp.where(inside, cost, FORBIDDEN)
+    if band is not None:
+        skewness = (rows - columns)[:, None, None]
+        low, high = jnp.minimum(skewness, 0) - band, jnp.maximum(skewness, 0) + band
+        cost = jnp.where((row - column >= low) & (row - column <= high), cost, FORBIDDEN)
+    return Problem(cost, gamma, rows, columns)
+
+
+def spread(lengths: Lengths, whole: int, batch: tuple[int, ...]) -> Int[Array, "..."]:
+    """Lengths of the batch's shape, at most the number of frames that there are."""
+    lengths = whole if lengths is None else lengths
+    return jnp.clip(jnp.broadcast_to(jnp.asarray(lengths, jnp.int32), batch), 0, whole)
+
+
+def _known(x):
+    """Whether values can be looked at now; the others are made safe inside the program."""
+    return not isinstance(x, jax.core.Tracer)
+
+
+def _check_gamma(gamma, batch):
+    _check_spreads("gamma", gamma, batch)
+    if _known(gamma):
+        with jax.ensure_compile_time_eval():
+            if not jnp.all(jnp.asarray(gamma) > 0):
+                raise ConfigError(f"gamma is {gamma}, but must be above 0 (at 0 take `dtw`)")
+
+
+def _check_lengths(name, lengths, whole, shape):
+    if lengths is None:
+        return
+    _check_spreads(name, lengths, shape[:-2])
+    if _known(lengths):
+        with jax.ensure_compile_time_eval():
+            values = jnp.asarray(lengths)
+            if not jnp.all((values >= 0) & (values <= whole)):
+                raise ShapeError(
+                    f"{name} is {lengths}, but must be from 0 to {whole} for cost of shape {shape}"
+                )
+
+
+def _check_spreads(name, values, batch):
+    shape = jnp.shape(values)
+    fits = len(shape) <= len(batch) and all(
+        a in (1, b) for a, b in zip(reversed(shape), reversed(batch), strict=False)
+    )
+    if not fits:
+        raise ShapeError(f"{name} has shape {shape}, which does not spread over the batch {batch}")

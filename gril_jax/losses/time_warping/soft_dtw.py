@@ -1,0 +1,199 @@
+"""Soft dynamic time warping (Cuturi and Blondel, ICML 2017) and its divergence.
+
+Two sequences are compared along the best monotone alignment of their frames; soft-DTW replaces
+the minimum over alignments by a soft minimum, min_gamma(a) = -gamma log(sum of exp(-a / gamma)),
+so that it has a gradient: the expected alignment. Shapes use T and S for frames and D for
+features. Leading axes are a batch, which is one vector of lanes in the compiled loops, and
+`jax.vmap` adds to the same lanes.
+
+Derivatives. Forward and reverse mode work, and so do second derivatives. The first is exact and
+stores two numbers per cell; reverse mode over the gradient itself is also exact, but records its
+loops, so prefer forward over reverse (`jax.jvp` of `jax.grad`) for Hessian-vector products.
+The derivative by gamma is (value - <alignment, cost>) / gamma, minus the alignments' entropy.
+
+>>> cost = jnp.array([[0.0, 1.0], [1.0, 0.0]])
+>>> soft_dtw(cost, gamma=0.1).round(4) + 0.0
+Array(0., dtype=float32)
+"""
+
+import functools
+from typing import Literal, TypedDict, Unpack
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from gril_jax.errors import ConfigError
+
+from .cost import pairwise_cost
+from .problem import Lengths, prepare, spread
+from .solver import best_value, best_value_and_alignment, scan
+
+__all__ = [
+    "Options",
+    "expected_alignment",
+    "pairwise_cost",
+    "soft_dtw",
+    "soft_dtw_between",
+    "soft_dtw_divergence",
+]
+
+Implementation = Literal["auto", "scan", "pallas"]
+
+# More rows than this make the kernel's vectors spill out of a GPU's registers.
+_KERNEL_ROWS = 2048
+
+
+class Options(TypedDict, total=False):
+    """Keyword arguments of `soft_dtw`, which all functions here take."""
+
+    gamma: Float[Array, "..."] | float
+    band: int | None
+    implementation: Implementation
+
+
+def soft_dtw(
+    cost: Float[Array, "*batch T S"],
+    lengths: Lengths = None,
+    other_lengths: Lengths = None,
+    *,
+    gamma: Float[Array, "..."] | float = 1.0,
+    band: int | None = None,
+    implementation: Implementation = "auto",
+) -> Float[Array, "*batch"]:
+    """Soft minimum, over all monotone alignments, of the sum of their cells' costs.
+
+    Args:
+      cost: of matching frame t with frame s. Infinite where a match is forbidden; costs above
+        1e20 count as 1e20. bfloat16 and float16 are computed in float32.
+      lengths: rows that count, 0 to T, of the batch's shape or one for all; may be traced. What
+        lies beyond does not matter, NaN included.
+      other_lengths: columns that count, 0 to S.
+      gamma: softness, above 0, in units of cost; of the batch's shape or one for all.
+      band: Sakoe-Chiba radius. Cells further than this from the band between the two corners
+        are forbidden; for unequal lengths the band is wider by their difference.
+      implementation: "scan" is plain JAX and runs everywhere; "pallas" is one kernel and needs a
+        CUDA GPU; "auto" takes the kernel where it can run.
+
+    Returns:
+      One value per pair, float32 (float64 for float64 costs), in units of cost; not divided by
+      the length, and possibly negative. An empty sequence gives 0 with zero gradient.
+
+    Raises:
+      ShapeError: no rows, no columns, or a length that does not fit.
+      ConfigError: gamma is not positive, the band is negative, or the implementation is unknown
+        or cannot run here.
+    """
+    options = Options(gamma=gamma, band=band, implementation=implementation)
+    problem, chosen = _posed(cost, lengths, other_lengths, **options)
+    return best_value(*problem, chosen, False).reshape(cost.shape[:-2])
+
+
+def expected_alignment(
+    cost: Float[Array, "*batch T S"],
+    lengths: Lengths = None,
+    other_lengths: Lengths = None,
+    **options: Unpack[Options],
+) -> Float[Array, "*batch T S"]:
+    """Probability that an alignment drawn from the Gibbs distribution visits each cell.
+
+    This is the derivative of `soft_dtw` by its cost; arguments, options and errors are the same.
+    Each row and each column that counts sums to at least 1, cells beyond the lengths are 0.
+    """
+    problem, implementation = _posed(cost, lengths, other_lengths, **options)
+    _, alignment = best_value_and_alignment(*problem, implementation, False)
+    return alignment.reshape(cost.shape)
+
+
+def soft_dtw_between(
+    query: Float[Array, "*batch T D"],
+    other: Float[Array, "*batch S D"],
+    lengths: Lengths = None,
+    other_lengths: Lengths = None,
+    **options: Unpack[Options],
+) -> Float[Array, "*batch"]:
+    """`soft_dtw` of two sequences under the squared Euclidean distance of their frames.
+
+    Options are those of `soft_dtw`: `gamma`, `band` and `implementation`.
+
+    Raises:
+      ShapeError: batches, features or lengths do not fit together.
+      ConfigError: as for `soft_dtw`.
+    """
+    cost = pairwise_cost(query, other, lengths, other_lengths)
+    return soft_dtw(cost, lengths, other_lengths, **options)
+
+
+def soft_dtw_divergence(
+    query: Float[Array, "*batch T D"],
+    other: Float[Array, "*batch S D"],
+    lengths: Lengths = None,
+    other_lengths: Lengths = None,
+    **options: Unpack[Options],
+) -> Float[Array, "*batch"]:
+    """Soft-DTW less half of each sequence's soft-DTW with itself (Blondel et al., AISTATS 2021).
+
+    It is 0 for equal sequences, where soft-DTW itself is negative and not at its minimum. It is
+    meant to be positive elsewhere, as it was in all tests with squared distances.
+    Arguments, options and errors are those of `soft_dtw_between`.
+    """
+    pairs = [
+        (query, other, lengths, other_lengths),
+        (query, query, lengths, lengths),
+        (other, other, other_lengths, other_lengths),
+    ]
+    if query.shape == other.shape:  # one loop over all three instead of one after the other
+        batch = query.shape[:-2]
+        whole = query.shape[-2]
+        pairs = [(*pair[:2], *(spread(n, whole, batch) for n in pair[2:])) for pair in pairs]
+        across, within, other_within = soft_dtw_between(
+            *(jnp.stack(arrays) for arrays in zip(*pairs, strict=True)), **options
+        )
+    else:
+        across, within, other_within = (soft_dtw_between(*pair, **options) for pair in pairs)
+    return across - 0.5 * (within + other_within)
+
+
+def _posed(cost, lengths, other_lengths, *, gamma=1.0, band=None, implementation="auto"):
+    """The problem, and what solves it."""
+    problem = prepare(cost, lengths, other_lengths, gamma, band)
+    return problem, _chosen(implementation, problem)
+
+
+def _chosen(implementation, problem):
+    """What "auto" means here: the backend, sizes and dtype are known when a program is traced."""
+    if implementation not in ("auto", "scan", "pallas"):
+        raise ConfigError(f'implementation is {implementation!r}, not "auto", "scan" or "pallas"')
+    if implementation == "scan":
+        return "scan"
+    reason = _why_no_kernel(problem.cost)
+    if reason and implementation == "pallas":
+        raise ConfigError(f'implementation="pallas" {reason}; take "auto" or "scan"')
+    return "scan" if reason else _kernel()
+
+
+def _why_no_kernel(cost):
+    """Why the GPU kernel cannot run, or an empty string."""
+    if jax.default_backend() != "gpu":
+        return f"needs a CUDA GPU, but JAX runs on {jax.default_backend()}"
+    if cost.dtype != jnp.float32:
+        return f"computes in float32, but cost is {cost.dtype}"
+    if cost.shape[1] > _KERNEL_ROWS:
+        return f"holds {_KERNEL_ROWS} rows at most, but cost has {cost.shape[1]}"
+    return ""
+
+
+@functools.cache
+def _kernel():
+    # On a CPU Pallas is never imported: it costs time and may be missing there.
+    from .gpu_kernel import kernel
+
+    def run(*arguments, hard, alignment):
+        plain = functools.partial(scan, hard=hard, alignment=alignment)
+        if hard or 0 in arguments[0].shape:
+            return plain(*arguments)
+        # A GPU that is not CUDA's, or a program compiled for the CPU beside the GPU.
+        cuda = functools.partial(kernel, alignment=alignment)
+        return jax.lax.platform_dependent(*arguments, cuda=cuda, default=plain)
+
+    return run

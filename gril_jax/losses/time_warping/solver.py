@@ -1,0 +1,89 @@
+"""The best alignment's value and its derivatives: what `soft_dtw` and `dtw` call.
+
+The recursion itself is in `soft_dtw_wavefront`. Here it becomes a function with derivatives of
+its own, and vmap makes more lanes of it. Arguments are the fields of a `Problem`; then
+`implementation`, which is "scan" for that recursion or a function that takes its place (the GPU's
+kernel); then `hard`, for a plain minimum.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
+from jax.custom_derivatives import SymbolicZero
+
+from .recursion import recursion, strip_height
+
+__all__ = ["best_value", "best_value_and_alignment", "scan"]
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(4, 5))
+def best_value(cost, gamma, rows, columns, implementation, hard):
+    """The minimum over alignments of each pair, soft or hard; fields of a `Problem` first."""
+    return _batched(implementation, hard, False)(cost, gamma, rows, columns)[0]
+
+
+def _best_value_rule(implementation, hard, primals, tangents):
+    """Envelope theorem: move along the expected alignment. Unused tangents cost nothing."""
+    cost, gamma, *_ = primals
+    cost_tangent, gamma_tangent, *_ = tangents
+    value, alignment = best_value_and_alignment(*primals, implementation, hard)
+    tangent = jnp.zeros_like(value)
+    if not isinstance(cost_tangent, SymbolicZero):
+        tangent += jnp.sum(alignment * cost_tangent, axis=(1, 2))
+    if not isinstance(gamma_tangent, SymbolicZero) and not hard:
+        mean = jnp.sum(alignment * cost, axis=(1, 2))
+        tangent += (value - mean) / gamma * gamma_tangent
+    return value, tangent
+
+
+best_value.defjvp(_best_value_rule, symbolic_zeros=True)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(4, 5))
+def best_value_and_alignment(cost, gamma, rows, columns, implementation, hard):
+    """`best_value` with its derivative by the cost, from one pass forth and one back."""
+    return _batched(implementation, hard, True)(cost, gamma, rows, columns)
+
+
+@best_value_and_alignment.defjvp
+def _best_value_and_alignment_rule(implementation, hard, primals, tangents):
+    cost, gamma, rows, columns = primals
+
+    def both(cost, gamma):
+        return scan(cost, gamma, rows, columns, hard=hard, alignment=True)
+
+    return jax.jvp(both, (cost, gamma), tangents[:2])
+
+
+@functools.cache
+def _batched(implementation, hard, alignment):
+    """The compiled recursion; vmap makes more lanes of it, not another loop."""
+    run = scan if implementation == "scan" else implementation
+    run = custom_vmap(jax.jit(functools.partial(run, hard=hard, alignment=alignment)))
+
+    @run.def_vmap
+    def more_lanes(size, is_batched, *arguments):
+        merged = []
+        for x, batched in zip(arguments, is_batched, strict=True):
+            x = x if batched else jnp.broadcast_to(x, (size, *x.shape))
+            merged.append(x.reshape(x.shape[0] * x.shape[1], *x.shape[2:]))
+        out = jax.tree.map(lambda x: x.reshape(size, -1, *x.shape[1:]), run(*merged))
+        return out, jax.tree.map(lambda _: True, out)
+
+    return run
+
+
+def scan(cost, gamma, rows, columns, *, hard, alignment):
+    """The recursion in the loop order of the platform that it is compiled for."""
+    pairs, height, _ = cost.shape
+    if pairs == 0:
+        return gamma, cost if alignment else None
+
+    def on(platform):
+        strip = strip_height(pairs, height, platform=platform)
+        return functools.partial(recursion, height=strip, hard=hard, alignment=alignment)
+
+    arguments = cost, gamma, rows, columns
+    return jax.lax.platform_dependent(*arguments, cpu=on("cpu"), default=on("other"))

@@ -1,0 +1,233 @@
+"""Frames of demonstrations beside copies in which objects are where nobody put them.
+
+Cycle-consistency and reconstruction say nothing about states that no demonstration visits, and a
+policy will find among them those that happen to lie near the goal. Here the distance of made-up
+states from the goal is given, too: copies of frames in which objects are somewhere else are as far
+from it as `gril_jax.final_places.misplacement` says, which knows from the last frames of the
+demonstrations what belongs where. Videos are all it takes: no action, no label.
+
+With `ascents` the copies go where the present encoder overrates them most, before it learns from
+them: the same that a policy would do (adversarial training, Madry et al., ICLR 2018). What a policy
+has really done with an earlier reward can be learned from in the same way, beside copies or without
+any: a pool of such scenes (`gril_jax.pretraining.hard_negatives`), of which each batch draws some.
+
+Shapes use V for videos, T for frames, N for objects, D for the latent, A for the frames of a video
+that are copied, J for the copies of each and P for the scenes of a pool.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from gril_jax.audit.scene_reward import Scene
+from gril_jax.encoders import encoder
+from gril_jax.encoders.encoder import Params
+from gril_jax.graphs.scene import safe_norm, scene_graph
+from gril_jax.types import DemoBatch
+
+from . import batch
+from .final_places import FinalPlaces, misplacement
+from .options import Hyper, PretrainConfig
+
+__all__ = ["Copy", "contrast", "displaced"]
+
+# How likely a displaced object goes where: anywhere, back to its start, to the last place of
+# another object, a little way off, around the object that its class refers to.
+_PLACES = (0.3, 0.1, 0.15, 0.15, 0.3)
+_NEARBY = 0.4  # world units, standard deviation
+_AROUND = 0.8  # in sizes of the reference's box, each way
+_TOUCHED = 0.2  # probability that a bit is set of an object that has not been displaced
+_ASCENT = 0.1  # world units: the first step of an ascent; the others get shorter
+
+
+class Copy(NamedTuple):
+    """A frame with objects displaced."""
+
+    center: Float[Array, "N 2"]
+    active: Bool[Array, "N"]
+    moved: Bool[Array, "N"]  # what has been displaced
+
+
+def displaced(
+    key: PRNGKeyArray,
+    center: Float[Array, "N 2"],
+    size: Float[Array, "N 2"],
+    active: Bool[Array, "N"],
+    demo: DemoBatch,
+    places: FinalPlaces,
+    extent: Float[Array, ""] | float,
+) -> Copy:
+    """One copy of a frame; each object is displaced with a probability that the copy draws.
+
+    Args:
+      key: consumed.
+      center, size, active: the frame's.
+      demo: the video, without the leading axis.
+      places: of all demonstrations.
+      extent: places lie within |x|, |y| <= this, world units.
+    """
+    keys = jax.random.split(key, 8)
+    num = center.shape[0]
+    movable = demo.present & ~demo.is_robot
+    chosen = movable & jax.random.bernoulli(keys[0], jax.random.uniform(keys[1]), (num,))
+
+    first, last = demo.center[0], demo.center[demo.length - 1]
+    anywhere = jax.random.uniform(keys[2], (num, 2), minval=-extent, maxval=extent)
+    others = jnp.where(movable & ~jnp.eye(num, dtype=bool), 0.0, -1e9)
+    swapped = last[jax.random.categorical(keys[3], others)]
+    nearby = center + _NEARBY * jax.random.normal(keys[4], (num, 2))
+    is_reference = demo.label[None, :] == places.reference[demo.label][:, None]
+    at = jnp.argmax(is_reference, axis=1)
+    around = center[at] + size[at] * jax.random.uniform(
+        keys[5], (num, 2), minval=-_AROUND, maxval=_AROUND
+    )
+    which = jax.random.choice(keys[6], len(_PLACES), (num, 1), p=jnp.array(_PLACES))
+    options = [anywhere, first, swapped, nearby, around]
+    place = jnp.clip(jnp.select([which == i for i in range(5)], options), -extent, extent)
+    touched = movable & jax.random.bernoulli(keys[7], _TOUCHED, (num,))
+    return Copy(jnp.where(chosen[:, None], place, center), active | chosen | touched, chosen)
+
+
+def contrast(
+    params: Params,
+    key: PRNGKeyArray,
+    demos: DemoBatch,
+    active: Bool[Array, "V T N"],
+    places: FinalPlaces,
+    hyper: Hyper,
+    config: PretrainConfig,
+    pool: Scene | None = None,
+) -> Float[Array, ""]:
+    """Mean squared error of the rewards of made-up scenes, of frames, and of last frames (0).
+
+    The made-up scenes are copies of these frames, or come from a pool, or both; of each kind the
+    mean is taken by itself. The reward (Eq. 7) has the mean of the batch's last latents as its
+    goal, and `hyper.span` as the latent distance of a reward of -1; were that measured in the
+    batch, a smaller latent space would look like a better one.
+
+    Args:
+      params: of the encoder.
+      key: consumed.
+      demos: the batch's videos.
+      active: their activity bits.
+      places: where all demonstrations leave objects.
+      hyper: its `alpha`, `near`, `idle_cost`, `touch`, `tail` and `span` are used.
+      config: its `encoder`, `anchors`, `copies`, `ascents` and `turn_scenes` are used.
+      pool: scenes, leaves (P, N, ...); V `anchors` are drawn, and turned as videos are.
+    """
+    extent = jnp.max(jnp.abs(demos.center))
+
+    def final(demo, bits):
+        scene = _frame(demo, bits, demo.length - 1)
+        return _latent(params, scene, demo.present, hyper, config)
+
+    last = jax.vmap(final)(demos, active)
+    judge = _Judge(params, jnp.mean(last, axis=0), places, extent, hyper, config)
+    video = lambda *one: _of_video(judge, *one)  # noqa: E731
+    plain, copies = jax.vmap(video)(jax.random.split(key, len(last)), demos, active)
+    ends = safe_norm(last - judge.goal) / hyper.span
+    errors = [copies, plain, ends] if config.copies else [plain, ends]
+    if pool is not None:
+        key_drawn = jax.random.fold_in(key, len(last))  # the videos have 0 to V - 1
+        drawn = _drawn(key_drawn, pool, plain.size, turned=config.turn_scenes)
+        everything = jnp.ones(pool.label.shape[1:], bool)
+        errors.append(jax.vmap(lambda scene: _excess(judge, scene, everything))(drawn))
+    return sum(jnp.mean(_penalty(x, hyper.tail)) for x in errors)
+
+
+class _Judge(NamedTuple):
+    """What scenes are judged with: the encoder as it is, and what it should say."""
+
+    params: Params
+    goal: Float[Array, "D"]
+    places: FinalPlaces
+    extent: Float[Array, ""]  # places lie within |x|, |y| <= this
+    hyper: Hyper
+    config: PretrainConfig
+
+
+def _of_video(
+    judge: _Judge, key: PRNGKeyArray, demo: DemoBatch, active: Bool[Array, "T N"]
+) -> tuple[Float[Array, "A"], Float[Array, "A J"]]:
+    """What frames of one video, drawn with replacement, and their copies are short of."""
+    keys = jax.random.split(key, judge.config.anchors)
+    return jax.vmap(lambda key: _of_anchor(judge, key, demo, active))(keys)
+
+
+def _of_anchor(
+    judge: _Judge, key: PRNGKeyArray, demo: DemoBatch, active: Bool[Array, "T N"]
+) -> tuple[Float[Array, ""], Float[Array, "J"]]:
+    """`_excess` of one drawn frame, and of its copies."""
+    key_frame, key_copies = jax.random.split(key)
+    frame = _frame(demo, active, jax.random.randint(key_frame, (), 0, demo.length))
+
+    def copy(key):
+        made = displaced(
+            key, frame.center, frame.size, frame.active, demo, judge.places, judge.extent
+        )
+        scene = frame._replace(center=made.center, active=made.active)
+        return _excess(judge, _ascended(judge, scene, made.moved, demo.present), demo.present)
+
+    copies = jax.vmap(copy)(jax.random.split(key_copies, judge.config.copies))
+    return _excess(judge, frame, demo.present), copies
+
+
+def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Array, ""]:
+    """Latent distance from the goal beyond what is due, as a reward."""
+    hyper, counted = judge.hyper, present & ~scene.is_robot
+    due = misplacement(
+        judge.places, scene.center, scene.size, scene.label, counted, scene.active,
+        near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch,
+    )  # fmt: skip
+    latent = _latent(judge.params, scene, present, hyper, judge.config)
+    return safe_norm(latent - judge.goal) / hyper.span - due
+
+
+def _ascended(
+    judge: _Judge, scene: Scene, moved: Bool[Array, "N"], present: Bool[Array, "N"]
+) -> Scene:
+    """The scene after `config.ascents` steps of what has moved to where it is overrated more."""
+    params, goal = jax.lax.stop_gradient((judge.params, judge.goal))
+    now = judge._replace(params=params, goal=goal)
+    slope = jax.grad(lambda center: _excess(now, scene._replace(center=center), present))
+    center, steps = scene.center, judge.config.ascents
+    for length in jnp.geomspace(_ASCENT, _ASCENT / 4, steps) if steps else ():
+        down = slope(center)
+        step = length * down / jnp.maximum(safe_norm(down)[:, None], 1e-6)
+        there = jnp.clip(center - step, -judge.extent, judge.extent)
+        center = jnp.where(moved[:, None], there, center)
+    return scene._replace(center=center)
+
+
+def _latent(
+    params: Params, scene: Scene, present: Bool[Array, "N"], hyper: Hyper, config: PretrainConfig
+) -> Float[Array, "D"]:
+    graph = scene_graph(*scene, present)
+    return encoder.apply(params, graph, config.encoder, alpha=hyper.alpha, form="square")
+
+
+def _frame(demo: DemoBatch, bits: Bool[Array, "T N"], at: Int[Array, ""]) -> Scene:
+    """A frame of one video as a scene."""
+    return Scene(demo.center[at], demo.size[at], demo.label, demo.is_robot, bits[at])
+
+
+def _drawn(key: PRNGKeyArray, pool: Scene, num: int, *, turned: bool) -> Scene:
+    """Scenes of a pool, with replacement; each as a symmetry of the square where they may turn."""
+    key_draw, key_turn = jax.random.split(key)
+    at = jax.random.randint(key_draw, (num,), 0, pool.label.shape[0])
+    scenes = jax.tree.map(lambda x: x[at], pool)
+    if not turned:
+        return scenes
+    still = DemoBatch(  # videos of one frame
+        scenes.center[:, None], scenes.size[:, None], scenes.label, scenes.is_robot,
+        present=jnp.ones(scenes.label.shape, bool), length=jnp.ones(num, jnp.int32),
+    )  # fmt: skip
+    still = batch.turn(key_turn, still)
+    return scenes._replace(center=still.center[:, 0], size=still.size[:, 0])
+
+
+def _penalty(error, tail):
+    """The square, and beyond errors of a tenth the fourth power: it is the worst that is found."""
+    return error**2 * (1.0 + tail * (error / 0.1) ** 2)

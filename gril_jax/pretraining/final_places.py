@@ -1,0 +1,195 @@
+"""Where demonstrations leave things, and what a scene lacks of that.
+
+    places = final_places(demos, num_classes)             # once for a set of demonstrations
+    cost = misplacement(places, center, size, label, counted, active)   # of any frame
+
+What most demonstrations move ends somewhere: a block in the goal region, a shoe in the box. Seen
+from a reference object, in sizes of that object's box, these ends fill a box, and an object of the
+class is in place within it. The reference is found, not told: the class of things at rest from
+which the ends differ least. What demonstrations leave alone may lie anywhere but in such a box,
+unless some of them left it there. Nothing of this needs actions or labels: only that a
+demonstration ends with the task done.
+
+Shapes use B for demonstrations, N for objects and C for classes; lengths are world units.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from gril_jax.graphs.scene import safe_norm
+from gril_jax.types import DemoBatch
+
+__all__ = ["FinalPlaces", "astray", "final_places", "has_moved", "intrusion", "misplacement"]
+
+_TAIL = 0.1  # share of the ends that the box leaves out on each side: mishaps and overhangs
+_STRAY = 0.05  # a class of which more than this share of ends lies in a box is no intruder
+
+
+class FinalPlaces(NamedTuple):
+    """The box of the ends of each class, as offsets from its reference in sizes of its box."""
+
+    reference: Int[Array, "C"]
+    low: Float[Array, "C 2"]
+    high: Float[Array, "C 2"]
+    placed: Bool[Array, "C"]  # demonstrations move it, and it has a reference
+    intruder: Bool[Array, "C"]  # demonstrations leave it alone, and outside of those boxes
+    journey: Float[Array, ""]  # mean distance from place at the start, of what is placed
+
+
+def has_moved(
+    first: Float[Array, "*batch 2"],
+    last: Float[Array, "*batch 2"],
+    diagonal: Float[Array, "*batch"],
+) -> Bool[Array, "*batch"]:
+    """Whether a demonstration is about moving an object: from first to last frame by half its box.
+
+    >>> has_moved(jnp.zeros(2), jnp.array([0.3, 0.4]), jnp.float32(0.9)).item()
+    True
+
+    Args:
+      first, last: its centres in these frames.
+      diagonal: of its box.
+    """
+    return safe_norm(last - first) > 0.5 * diagonal
+
+
+def final_places(demos: DemoBatch, num_classes: int, *, turned: bool = False) -> FinalPlaces:
+    """The places in which demonstrations leave objects.
+
+    Args:
+      demos: successful ones.
+      num_classes: C, that labels are less than.
+      turned: whether scenes may be turned and mirrored: a box then has the square's symmetries.
+    """
+    at_end = demos.length[:, None, None, None] - 1
+    boxes = (demos.center, demos.size)
+    center, size = (jnp.take_along_axis(x, at_end, axis=1)[:, 0] for x in boxes)
+    counted = demos.present & ~demos.is_robot
+    moved = counted & has_moved(demos.center[:, 0], center, safe_norm(size))
+    of_class = (demos.label[:, :, None] == jnp.arange(num_classes)) & counted[:, :, None]
+    has = of_class.any(axis=1)  # (B, C)
+    moves = (moved[:, :, None] & of_class).any(axis=1).sum(axis=0) * 2 > has.sum(axis=0)
+
+    place, box = _class_mean(center, of_class), _class_mean(size, of_class)
+    box = jnp.where(has[..., None], jnp.maximum(box, 1e-6), 1.0)
+    offset = (place[:, :, None] - place[:, None]) / box[:, None]  # (B, C, reference, 2)
+    both = has[:, :, None] & has[:, None]
+    reference, found = _references(offset, both, box, has, moves)
+    chosen = jnp.take_along_axis(offset, reference[None, :, None, None], axis=2)[:, :, 0]
+    known = jnp.take_along_axis(both, reference[None, :, None], axis=2)[..., 0]  # (B, C)
+    low, high = _box(chosen, known, turned)
+
+    places = FinalPlaces(reference, low, high, moves & found, ~moves, jnp.ones(()))
+    inside = jax.vmap(intrusion, (None, 0, 0, 0))(places, center, size, demos.label) > 0
+    often = (inside[..., None] & of_class).sum(axis=(0, 1)) > _STRAY * of_class.sum(axis=(0, 1))
+    begin = jax.vmap(astray, (None, 0, 0, 0))(
+        places, demos.center[:, 0], demos.size[:, 0], demos.label
+    )
+    due = counted & places.placed[demos.label]
+    journey = jnp.sum(jnp.where(due, begin, 0.0)) / jnp.maximum(jnp.sum(due), 1)
+    return places._replace(intruder=~moves & ~often, journey=jnp.maximum(journey, 1e-3))
+
+
+def astray(
+    places: FinalPlaces,
+    center: Float[Array, "N 2"],
+    size: Float[Array, "N 2"],
+    label: Int[Array, "N"],
+) -> Float[Array, "N"]:
+    """How far each object of a scene is outside the box of its class.
+
+    0 for what is not placed, and where the scene lacks its reference.
+    """
+    low, high, found = (x[label] for x in _boxes(places, center, size, label))
+    return jnp.where(found, safe_norm(center - jnp.clip(center, low, high)), 0.0)
+
+
+def intrusion(
+    places: FinalPlaces,
+    center: Float[Array, "N 2"],
+    size: Float[Array, "N 2"],
+    label: Int[Array, "N"],
+) -> Float[Array, "N"]:
+    """How deep each object that does not belong there is inside the box of a class; else 0."""
+    low, high, found = _boxes(places, center, size, label)
+    inwards = jnp.minimum(center[:, None] - low, high - center[:, None])  # (N, C, 2)
+    depth = jnp.where(found, inwards.min(axis=2), 0.0).max(axis=1)
+    return jnp.where(places.intruder[label], jnp.maximum(depth, 0.0), 0.0)
+
+
+def misplacement(
+    places: FinalPlaces,
+    center: Float[Array, "N 2"],
+    size: Float[Array, "N 2"],
+    label: Int[Array, "N"],
+    counted: Bool[Array, "N"],
+    active: Bool[Array, "N"],
+    *,
+    near: Float[Array, ""] | float = 0.5,
+    idle_cost: Float[Array, ""] | float = 0.5,
+    touch: Float[Array, ""] | float = 0.0,
+) -> Float[Array, ""]:
+    """What a scene lacks of the demonstrations' ends: 0 at such an end, about 1 at their beginning.
+
+    Of K objects that are to be placed each costs 1 / K at the mean distance at which
+    demonstrations begin. The share `near` of it is due in full as soon as the object is out of
+    place by half its own box; the rest grows in proportion to the distance.
+
+    Args:
+      places: of the demonstrations.
+      center, size, label: of the scene's objects.
+      counted: those that are present and no robot.
+      active: those that have moved since the beginning.
+      near: that share; what is almost in place is far from done.
+      idle_cost: what an intruder costs, by the same rule, as a share of 1 / K.
+      touch: share of the cost of what is to be placed that is gone once it has been moved at all.
+    """
+    half = jnp.maximum(safe_norm(size) / 2, 1e-6)
+    due = counted & places.placed[label]
+    away = astray(places, center, size, label)
+    cost = near * jnp.minimum(away / half, 1.0) + (1.0 - near) * away / places.journey
+    cost = (1.0 - touch) * cost + jnp.where(active, 0.0, touch)
+    depth = intrusion(places, center, size, label)
+    cost = jnp.where(due, cost, idle_cost * jnp.minimum(depth / half, 1.0))
+    return jnp.sum(jnp.where(counted, cost, 0.0)) / jnp.maximum(jnp.sum(due), 1)
+
+
+def _class_mean(x, of_class):
+    """Mean of (B, N, 2) over the objects of each class: (B, C, 2)."""
+    total = jnp.einsum("bnc,bnk->bck", of_class.astype(x.dtype), x)
+    return total / jnp.maximum(of_class.sum(axis=1), 1)[..., None]
+
+
+def _references(offset, both, box, has, moves):
+    """The class that each class keeps to by offsets (B, C, reference, 2), and if there is one."""
+    seen = jnp.maximum(both.sum(axis=0), 1)
+    middle = jnp.sum(jnp.where(both[..., None], offset, 0.0), axis=0) / seen[..., None]
+    spread = jnp.where(both[..., None], (offset - middle) ** 2, 0.0).sum(axis=(0, 3)) / seen
+    possible = both.any(axis=0) & ~moves & ~jnp.eye(len(moves), dtype=bool)
+    # Of equal spreads, as in a single layout, the largest box is the better reference.
+    mean_box = jnp.sum(jnp.where(has[..., None], box, 0.0), axis=(0, 2))
+    spread = (spread + 1e-3) / jnp.maximum(mean_box, 1e-6)
+    return jnp.argmin(jnp.where(possible, spread, jnp.inf), axis=1), possible.any(axis=1)
+
+
+def _box(offset, known, turned):
+    """Without its tails, the box of offsets (B, C, 2) of each class."""
+    offset = jnp.where(known[..., None], offset, jnp.nan)
+    if turned:
+        both_axes = jnp.concatenate([offset, offset[..., ::-1]])
+        high = jnp.nanquantile(jnp.abs(both_axes), 1.0 - 2.0 * _TAIL, axis=0)
+        low = -high
+    else:
+        low, high = jnp.nanquantile(offset, jnp.array([_TAIL, 1.0 - _TAIL]), axis=0)
+    return jnp.nan_to_num(low), jnp.nan_to_num(high)
+
+
+def _boxes(places, center, size, label):
+    """World boxes of the classes that are placed, (C, 2) each, and which of them there are."""
+    is_reference = label[None, :] == places.reference[:, None]  # (C, N)
+    at = jnp.argmax(is_reference, axis=1)
+    low, high = (center[at] + x * size[at] for x in (places.low, places.high))
+    return low, high, places.placed & is_reference.any(axis=1)

@@ -1,0 +1,110 @@
+"""Which moments of a policy's episodes a reward overrates most.
+
+A policy that is trained on a learned reward visits states that no demonstration has. Where the
+reward pays it for more than the scene is worth by the demonstrations' last frames
+(`gril_jax.pretraining.final_places.misplacement`), it cheats, and such moments are what the next
+reward should learn from (`gril_jax.pretraining.contrast`). As in VICE (Fu et al., NeurIPS 2018) a
+policy's own states are the negatives, but each has the distance from the goal that is due, and no
+class. Object boxes are all it takes: no reward of the task, no success, no action.
+
+Shapes use E for episodes, T for their frames, N for objects and K for what is chosen.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from gril_jax.audit.scene_reward import Scene
+from gril_jax.graphs.scene import safe_norm
+
+from .final_places import FinalPlaces, misplacement
+
+__all__ = ["Chosen", "choose", "due_rewards"]
+
+
+class Chosen(NamedTuple):
+    """Moments of episodes, the most overrated first."""
+
+    scenes: Scene  # leaves (K, N, ...)
+    excess: Float[Array, "K"]  # reward beyond what is due; 0 where nothing was left to choose
+    known: Bool[Array, "K"]  # False there
+
+
+def due_rewards(
+    places: FinalPlaces,
+    scenes: Scene,
+    *,
+    near: Float[Array, ""] | float = 0.5,
+    idle_cost: Float[Array, ""] | float = 0.5,
+    touch: Float[Array, ""] | float = 0.0,
+) -> Float[Array, "*S"]:
+    """Minus the misplacement of each scene: at most 0; options as in `misplacement`."""
+
+    def one(scene):
+        return -misplacement(
+            places, scene.center, scene.size, scene.label, ~scene.is_robot, scene.active,
+            near=near, idle_cost=idle_cost, touch=touch,
+        )  # fmt: skip
+
+    for _ in scenes.active.shape[:-1]:
+        one = jax.vmap(one)
+    return one(scenes)
+
+
+@functools.partial(jax.jit, static_argnames=("num", "every"))
+def choose(
+    scenes: Scene,
+    paid: Float[Array, "E T"],
+    due: Float[Array, "E T"],
+    *,
+    num: int,
+    every: int = 5,
+    apart: Float[Array, ""] | float = 0.1,
+    ended: Float[Array, ""] | float = 0.1,
+    least: Float[Array, ""] | float = 0.1,
+) -> Chosen:
+    """The moments that are paid most beyond what is due, from episodes that do not end well.
+
+    One after the other: the most overrated of those that are left, without its neighbours in time
+    and without its likes in other episodes, so that the chosen ones differ.
+
+    Args:
+      scenes: leaves (E, T, N, ...).
+      paid: the present reward of each, at least about -1 and at most 0 on the demonstrations.
+      due: what it should be, see `due_rewards`.
+      num: K, how many are chosen at most.
+      every: of an episode, at most one in as many frames to either side.
+      apart: moments are alike if all objects are closer than this to where they are in the other,
+        in diagonals of their boxes, and the activity bits are equal.
+      ended: an episode whose last frame lacks no more than this ends as demonstrations do: nothing
+        of it is chosen.
+      least: nor is anything that is overrated by no more than this.
+
+    Returns:
+      K moments, of which the first ones are known; moments that are not finite are never chosen.
+    """
+    excess = jnp.asarray(paid - due)
+    cheats = due[:, -1:] < -ended
+    left = jnp.where(cheats & (excess > least) & jnp.isfinite(excess), excess, -jnp.inf)
+    frames = jnp.arange(left.shape[1])
+
+    def pick(left, _):
+        episode, frame = jnp.unravel_index(jnp.argmax(left), left.shape)
+        most = left[episode, frame]
+        chosen = jax.tree.map(lambda x: x[episode, frame], scenes)
+        close = (jnp.arange(left.shape[0]) == episode)[:, None] & (jnp.abs(frames - frame) < every)
+        left = jnp.where(close | _alike(scenes, chosen, apart), -jnp.inf, left)
+        return left, (chosen, most)
+
+    _, (chosen, most) = jax.lax.scan(pick, left, length=num)
+    known = jnp.isfinite(most)
+    return Chosen(chosen, jnp.where(known, most, 0.0), known)
+
+
+def _alike(scenes: Scene, one: Scene, apart) -> Bool[Array, "E T"]:
+    """Which scenes show the same as one of them."""
+    near = safe_norm(scenes.center - one.center) < apart * safe_norm(one.size)
+    return (near & (scenes.active == one.active) & (scenes.label == one.label)).all(axis=-1)

@@ -1,0 +1,153 @@
+"""What encoder training minimises: alignment in time plus reconstruction (Eq. 6 of the paper).
+
+Shapes use V for the videos of a batch, T for the frames of a video, F for those drawn from it, N
+for objects, H for the width of a node embedding and D for the latent.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from gril_jax.encoders import encoder
+from gril_jax.encoders.encoder import NodeConfig, Params
+from gril_jax.encoders.ensemble import num_members
+from gril_jax.graphs.scene import scene_graph
+from gril_jax.losses import (
+    decode,
+    decode_graph,
+    mean_consistency,
+    reconstruction,
+    soft_dtw_divergence,
+    stochastic_consistency,
+)
+from gril_jax.losses.reconstruction import init as init_node_decoder
+from gril_jax.losses.reconstruction import init_graph as init_graph_decoder
+from gril_jax.types import DemoBatch, Nodes
+
+from .options import Hyper, PretrainConfig
+
+__all__ = ["Terms", "init_decoder", "latents", "terms"]
+
+
+class Terms(NamedTuple):
+    """The parts of the loss, before lambda."""
+
+    consistency: Float[Array, ""]  # squared error of normalised time, soft-DTW, or both
+    agreement: Float[Array, ""]  # see `gril_jax.losses.time_agreement`
+    reconstruction: Float[Array, ""]
+
+
+def init_decoder(key: PRNGKeyArray, config: PretrainConfig, num_nodes: int) -> Params:
+    """Fresh parameters of the decoder that the config asks for. The key is consumed."""
+    if config.decoder == "graph":
+        return init_graph_decoder(key, config.encoder, num_nodes=num_nodes)
+    return init_node_decoder(key, config.encoder)
+
+
+def latents(
+    params: Params,
+    demo: DemoBatch,
+    active: Bool[Array, "T N"],
+    frames: Int[Array, "F"],
+    hyper: Hyper,
+    config: PretrainConfig,
+) -> tuple[Float[Array, "F D"], Float[Array, "F N H"] | None, Nodes]:
+    """Latents, node embeddings and nodes of some frames of one demonstration.
+
+    Args:
+      params: of the encoder.
+      demo: one demonstration: leaves without the leading axis.
+      active: its activity bits.
+      frames: which of its frames.
+      hyper: its `alpha` is used.
+      config: its `encoder` is used; one that does not embed nodes, or an ensemble, gives None for
+        them.
+    """
+
+    def one(center, size, active):
+        graph = scene_graph(center, size, demo.label, demo.is_robot, active, demo.present)
+        if num_members(config.encoder) > 1 or not isinstance(config.encoder, NodeConfig):
+            found = encoder.apply(params, graph, config.encoder, alpha=hyper.alpha, form="square")
+            return found, None, graph.nodes
+        nodes = encoder.node_embeddings(params, graph, config.encoder, form="square")
+        latent = encoder.readout(params, nodes, graph, config.encoder, alpha=hyper.alpha)
+        return latent, nodes, graph.nodes
+
+    return jax.vmap(one)(demo.center[frames], demo.size[frames], active[frames])
+
+
+def terms(
+    encoder_params: Params,
+    decoder_params: Params,
+    key: PRNGKeyArray,
+    demos: DemoBatch,
+    active: Bool[Array, "V T N"],
+    frames: Int[Array, "V F"],
+    valid: Bool[Array, "V F"],
+    hyper: Hyper,
+    config: PretrainConfig,
+) -> Terms:
+    """The loss of a batch of videos, term by term.
+
+    Args:
+      encoder_params: what is trained.
+      decoder_params: trained along.
+      key: of stochastic matching; consumed.
+      demos: the batch's videos.
+      active: their activity bits.
+      frames: which frames were drawn of each, in order of time.
+      valid: which of these are not padding.
+      hyper: traced values.
+      config: static choices.
+    """
+
+    def video(demo, active, frames):
+        found, embeddings, nodes = latents(encoder_params, demo, active, frames, hyper, config)
+        decoded = found if config.decoder == "graph" else embeddings
+        return found, jax.vmap(lambda *x: _rebuild(decoder_params, *x, config))(decoded, nodes)
+
+    found, rebuilt = jax.vmap(video)(demos, active, frames)
+    times = frames / demos.length[:, None]
+    consistency, agreement = _alignment(key, found, times, valid, hyper, config)
+    counted = valid[:, :, None] & _decodable(demos, config)[:, None, :]
+    total = jnp.sum(jnp.where(counted, rebuilt, 0.0))
+    return Terms(consistency, agreement, total / jnp.maximum(jnp.sum(counted), 1))
+
+
+def _alignment(key, found, times, valid, hyper, config):
+    options = {"temperature": hyper.temperature, "similarity": config.similarity}
+    cycle, agreement = mean_consistency(found, times, valid, form=config.form, **options)
+    if config.matching == "stochastic":
+        cycle = stochastic_consistency(key, found, times, valid, form=config.form, **options)
+    if config.consistency == "tcc":
+        return cycle, agreement
+    warped = hyper.soft_dtw_weight * _mean_divergence(found, valid, hyper.gamma)
+    return (warped if config.consistency == "soft_dtw" else cycle + warped), agreement
+
+
+def _mean_divergence(found, valid, gamma):
+    """Soft-DTW divergence a frame, mean over all pairs of videos."""
+    one, other = jnp.triu_indices(found.shape[0], 1)
+    length = jnp.sum(valid, axis=1)  # valid frames come first
+    divergence = soft_dtw_divergence(
+        found[one], found[other], length[one], length[other], gamma=gamma
+    )
+    return jnp.mean(divergence / jnp.maximum(length[one] + length[other], 1))
+
+
+def _rebuild(params, decoded, nodes, config) -> Float[Array, "N"]:
+    if config.decoder == "graph":
+        num_nodes = nodes.label.shape[0]
+        box, logits = decode_graph(params, decoded, config.encoder, num_nodes=num_nodes)
+    else:
+        box, logits = decode(params, decoded, config.encoder)
+    return reconstruction(box, logits, nodes, length_unit=config.encoder.length_unit)
+
+
+def _decodable(demos, config) -> Bool[Array, "V N"]:
+    """The objects that can be rebuilt: from the latent, those that are pooled into it."""
+    if config.decoder == "graph" and not config.encoder.pool_robot:
+        return demos.present & ~demos.is_robot
+    return demos.present

@@ -1,0 +1,193 @@
+"""Training the pixel encoder on videos, as XIRL does: temporal cycle-consistency alone.
+
+    config = PixelPretrainConfig(encoder=PixelConfig(pixels=64))
+    state = init(key, videos, config)
+    for _ in range(20):
+        state, metrics = step(state, videos, Hyper(), config)
+    evaluate(state.params, held_out, videos, config)
+
+Zakka et al., XIRL (CoRL 2021), start from weights of ImageNet; here they are random. Of `Hyper` it
+takes `learning_rate`, `learning_rate_left`, `decay_updates`, `temperature` and `warmup` (0 is
+XIRL's). Every function is pure and can be jitted, and vmapped over seeds and over `Hyper`.
+"""
+
+import dataclasses
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from gril_jax import metrics, reward
+from gril_jax.encoders import pixel_videos, resnet
+from gril_jax.encoders.box_mlp import MLPConfig
+from gril_jax.encoders.message_passing import Params
+from gril_jax.encoders.pixel_videos import VideoBatch
+from gril_jax.encoders.resnet import PixelConfig
+from gril_jax.errors import ConfigError
+from gril_jax.losses import mean_consistency, stochastic_consistency
+from gril_jax.reward import pixels as pixel_reward
+
+from . import batch
+from .options import Hyper, PretrainConfig
+
+__all__ = ["Metrics", "PixelPretrainConfig", "State", "evaluate", "init", "step"]
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class PixelPretrainConfig:
+    """Static choices: another value is another compiled program. A pytree without leaves."""
+
+    encoder: PixelConfig
+    """The network."""
+    form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
+        "regression_mse"
+    )
+    """Of cycle-consistency."""
+    matching: Literal["deterministic", "stochastic"] = "deterministic"
+    """Cycles of every frame through every other video, or as many drawn at random."""
+    similarity: Literal["l2", "cosine"] = "l2"
+    """Of two latents."""
+    updates: int = 100
+    """Gradient updates in one call of `step`."""
+    num_videos: int = 8
+    """Videos in a batch; all ordered pairs of them are compared."""
+    num_frames: int = 32
+    """Frames drawn from each video of a batch."""
+    turn_scenes: bool = False
+    """Turn and mirror each video of a batch at random, as one of the square's eight symmetries."""
+
+    def __post_init__(self):
+        for field, minimum in {"updates": 1, "num_videos": 2, "num_frames": 2}.items():
+            if getattr(self, field) < minimum:
+                raise ConfigError(
+                    f"pretrain.{field} is {getattr(self, field)}; it must be at least {minimum}."
+                )
+
+
+class State(NamedTuple):
+    """Everything the next update depends on; saving it is enough to resume bit for bit."""
+
+    params: Params
+    optimizer: optax.OptState
+    key: PRNGKeyArray
+    num_updates: Int[Array, ""]
+
+
+class Metrics(NamedTuple):
+    """One value for each update of a `step`."""
+
+    loss: Float[Array, "updates"]  # cycle-consistency, plus the fading time agreement
+    consistency: Float[Array, "updates"]
+    gradient_norm: Float[Array, "updates"]
+
+
+@jax.jit
+def init(key: PRNGKeyArray, videos: VideoBatch, config: PixelPretrainConfig) -> State:
+    """Fresh parameters and optimiser state. The key is consumed.
+
+    Raises:
+      ConfigError: a batch would hold more videos than there are.
+    """
+    if config.num_videos > videos.length.shape[0]:
+        raise ConfigError(
+            f"pretrain.num_videos is {config.num_videos} but there are {videos.length.shape[0]} "
+            f"demonstrations; it must be at most their number."
+        )
+    encoder_key, key = jax.random.split(key)
+    params = resnet.init(encoder_key, config.encoder)
+    return State(params, _optimizer().init(params), key, jnp.zeros((), jnp.int32))
+
+
+@jax.jit
+def step(
+    state: State, videos: VideoBatch, hyper: Hyper, config: PixelPretrainConfig
+) -> tuple[State, Metrics]:
+    """`config.updates` gradient updates in one compiled call, without talking to the host.
+
+    Args:
+      state: replaced by the one that is returned.
+      videos: the training videos.
+      hyper: traced choices.
+      config: static ones.
+    """
+
+    def update(state, _):
+        key, batch_key, turn_key = jax.random.split(state.key, 3)
+        frames, valid, chosen = _draw(batch_key, videos, config)
+        pictures = videos.frames[chosen[:, None], frames]
+        if config.turn_scenes:
+            pictures = pixel_videos.turn(turn_key, pictures)
+        times = frames / videos.length[chosen, None]
+        fading = jnp.clip(1.0 - state.num_updates / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
+        fading = jnp.where(hyper.warmup > 0, fading, 0.0)
+
+        def loss(params):
+            latents, moved = resnet.apply_train(params, resnet.floats(pictures), config.encoder)
+            cycle_key = jax.random.fold_in(batch_key, 2)  # `draw` splits it into 0 and 1
+            cycle, agreement = _alignment(cycle_key, latents, times, valid, hyper, config)
+            return cycle + fading * agreement, (cycle, moved["statistics"])
+
+        (total, (cycle, statistics)), gradient = jax.value_and_grad(loss, has_aux=True)(
+            state.params
+        )
+        direction, optimizer = _optimizer().update(gradient, state.optimizer, state.params)
+        progress = jnp.minimum(state.num_updates / hyper.decay_updates, 1.0)
+        rate = hyper.learning_rate * (1.0 - (1.0 - hyper.learning_rate_left) * progress)
+        params = optax.apply_updates(state.params, jax.tree.map(lambda d: -rate * d, direction))
+        params = {**params, "statistics": statistics}
+        values = Metrics(total, cycle, optax.global_norm(gradient))
+        return State(params, optimizer, key, state.num_updates + 1), values
+
+    return jax.lax.scan(update, state, length=config.updates)
+
+
+@jax.jit
+def evaluate(
+    params: Params, videos: VideoBatch, train: VideoBatch, config: PixelPretrainConfig
+) -> dict[str, Float[Array, ""]]:
+    """How well the encoder orders videos, best ones it has not been trained on.
+
+    Args:
+      params: of the encoder (`state.params`).
+      videos: those to order.
+      train: the training videos; goal and scale of the reward come from them.
+      config: its `encoder` is used.
+
+    Returns:
+      The same figures as `gril_jax.pretraining.pretrain.evaluate`.
+    """
+    latents = pixel_reward.embed(params, videos, config.encoder)
+    learned = pixel_reward.from_videos(params, train, config.encoder)
+    rewards = reward.latent_reward(learned, latents)
+    last = jnp.take_along_axis(rewards, videos.length[:, None] - 1, axis=1)
+    return {
+        "tau": metrics.mean_alignment_tau(latents, videos.length),
+        "reward_time_tau": jnp.mean(jax.vmap(metrics.reward_time_tau)(rewards, videos.length)),
+        "reward_first": jnp.mean(rewards[:, 0]),
+        "reward_last": jnp.mean(last),
+    }
+
+
+def _draw(key, videos, config):
+    """Frames, their validity and videos, as for boxes: of those options the draw reads two."""
+    sizes = PretrainConfig(
+        MLPConfig(1), decoder="graph", num_videos=config.num_videos, num_frames=config.num_frames
+    )
+    return batch.draw(key, videos.length, videos.frames.shape[1], sizes)
+
+
+def _alignment(key, latents, times, valid, hyper, config):
+    """Cycle-consistency, and the time agreement that helps it to begin."""
+    options = {"temperature": hyper.temperature, "similarity": config.similarity}
+    cycle, agreement = mean_consistency(latents, times, valid, form=config.form, **options)
+    if config.matching == "stochastic":
+        cycle = stochastic_consistency(key, latents, times, valid, form=config.form, **options)
+    return cycle, agreement
+
+
+def _optimizer():
+    """Adam without its step size, which is traced; norm clipped against rare long steps."""
+    return optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam())

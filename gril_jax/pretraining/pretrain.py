@@ -1,0 +1,245 @@
+"""Training the encoder on demonstrations: cycle-consistency plus reconstruction (Eq. 6).
+
+    config = PretrainConfig(encoder=EncoderConfig(num_classes=7))
+    state = init(key, demos, config)
+    for _ in range(20):
+        state, metrics = step(state, demos, Hyper(), config)
+    evaluate(state.params.encoder, held_out, demos, Hyper(), config)
+
+Every function is pure and can be jitted, and vmapped over seeds (the key or the state) and over
+the values in `Hyper`. The members of an ensemble are trained each by itself, as states of their
+own; `embed` and `evaluate` take the whole of it. Shapes use B for demonstrations, V for the videos
+of a batch, T and F for frames, N for objects, H for the node embedding and D for the latent.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from gril_jax import metrics, reward
+from gril_jax.audit.scene_reward import Scene
+from gril_jax.encoders import encoder
+from gril_jax.encoders.encoder import Params
+from gril_jax.encoders.ensemble import num_members
+from gril_jax.errors import ConfigError
+from gril_jax.graphs import activity
+from gril_jax.types import DemoBatch
+
+from . import batch as pretrain_batch
+from . import contrast as pretrain_contrast
+from . import loss as pretrain_loss
+from .final_places import final_places
+from .options import Hyper, PretrainConfig
+
+__all__ = [
+    "Hyper",
+    "Metrics",
+    "PretrainConfig",
+    "State",
+    "TrainParams",
+    "activity_bits",
+    "embed",
+    "evaluate",
+    "init",
+    "step",
+]
+
+
+class TrainParams(NamedTuple):
+    """What is trained. The reward needs only the encoder."""
+
+    encoder: Params
+    decoder: Params
+
+
+class State(NamedTuple):
+    """Everything the next update depends on; saving it is enough to resume bit for bit."""
+
+    params: TrainParams
+    optimizer: optax.OptState
+    key: PRNGKeyArray
+    num_updates: Int[Array, ""]
+
+
+class Metrics(NamedTuple):
+    """One value for each update of a `step`."""
+
+    loss: Float[Array, "updates"]  # Eq. 6, plus the fading time agreement
+    consistency: Float[Array, "updates"]  # squared error of normalised time, or soft-DTW
+    reconstruction: Float[Array, "updates"]
+    contrast: Float[Array, "updates"]  # 0 without copies and pool
+    gradient_norm: Float[Array, "updates"]
+
+
+@jax.jit
+def init(key: PRNGKeyArray, demos: DemoBatch, config: PretrainConfig) -> State:
+    """Fresh parameters and optimiser state. The key is consumed.
+
+    Raises:
+      ConfigError: a batch would hold more videos than there are demonstrations, or the encoder is
+        an ensemble.
+    """
+    num_demos, members = demos.length.shape[0], num_members(config.encoder)
+    if members > 1:
+        raise ConfigError(
+            f"encoder.members is {members}, but must be 1 here: the members of an ensemble are "
+            "trained each by itself."
+        )
+    if config.num_videos > num_demos:
+        raise ConfigError(
+            f"pretrain.num_videos is {config.num_videos} but there are {num_demos} "
+            f"demonstrations; it must be at most their number."
+        )
+    encoder_key, decoder_key, key = jax.random.split(key, 3)
+    params = TrainParams(
+        encoder.init(encoder_key, config.encoder),
+        pretrain_loss.init_decoder(decoder_key, config, demos.center.shape[2]),
+    )
+    return State(params, _optimizer().init(params), key, jnp.zeros((), jnp.int32))
+
+
+@jax.jit
+def step(
+    state: State,
+    demos: DemoBatch,
+    hyper: Hyper,
+    config: PretrainConfig,
+    pool: Scene | None = None,
+) -> tuple[State, Metrics]:
+    """`config.updates` gradient updates in one compiled call, without talking to the host.
+
+    Args:
+      state: replaced by the one that is returned.
+      demos: the training demonstrations.
+      hyper: traced choices.
+      config: static ones.
+      pool: scenes that an earlier reward overrated (`gril_jax.pretraining.hard_negatives`), leaves
+      (P, N, ...);
+        they teach distances as copies do, also where `config.copies` is 0.
+    """
+    active = activity_bits(demos, hyper, config)
+    places = None
+    apart_too = config.copies > 0 or pool is not None
+    if apart_too:
+        classes = config.encoder.num_classes
+        places = final_places(demos, classes, turned=config.turn_scenes)
+
+    def update(state, _):
+        key, batch_key, turn_key, touch_key = jax.random.split(state.key, 4)
+        frames, valid, videos = pretrain_batch.draw(
+            batch_key, demos.length, demos.center.shape[1], config
+        )
+        batch, bits = jax.tree.map(lambda x: x[videos], (demos, active))
+        if config.turn_scenes:
+            batch = pretrain_batch.turn(turn_key, batch)
+        if config.touched > 0:
+            bits = pretrain_batch.touch(touch_key, bits, config.touched)
+
+        # Eq. 6 alone, after the first updates: see `gril_jax.losses.time_agreement`.
+        fading = jnp.clip(1.0 - state.num_updates / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
+        fading = jnp.where(hyper.warmup > 0, fading, 0.0)
+
+        def loss(params):
+            cycle_key = jax.random.fold_in(batch_key, 2)  # `draw` splits it into 0 and 1
+            parts = pretrain_loss.terms(
+                *params, cycle_key, batch, bits, frames, valid, hyper, config
+            )
+            total = parts.consistency + hyper.lambda_ * parts.reconstruction
+            apart = jnp.zeros(())
+            if apart_too:
+                copy_key = jax.random.fold_in(batch_key, 3)
+                apart = pretrain_contrast.contrast(
+                    params.encoder, copy_key, batch, bits, places, hyper, config, pool
+                )
+                total = total + hyper.contrast * apart
+            values = (parts.consistency, parts.reconstruction, apart)
+            return total + fading * parts.agreement, values
+
+        (total, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
+        direction, optimizer = _optimizer().update(gradient, state.optimizer, state.params)
+        progress = jnp.minimum(state.num_updates / hyper.decay_updates, 1.0)
+        rate = hyper.learning_rate * (1.0 - (1.0 - hyper.learning_rate_left) * progress)
+        direction = jax.tree.map(lambda d: -rate * d, direction)
+        params = optax.apply_updates(state.params, direction)
+        values = Metrics(total, *parts, optax.global_norm(gradient))
+        return State(params, optimizer, key, state.num_updates + 1), values
+
+    return jax.lax.scan(update, state, length=config.updates)
+
+
+@jax.jit
+def embed(
+    params: Params, demos: DemoBatch, hyper: Hyper, config: PretrainConfig
+) -> Float[Array, "B T D"]:
+    """The latent of every frame of every demonstration, padding included.
+
+    Args:
+      params: of the encoder (`state.params.encoder`).
+      demos: any demonstrations; one at a time is in memory.
+      hyper: its `alpha` and `tau` are used.
+      config: its `encoder` and `window` are used.
+    """
+
+    def one(demo_and_active):
+        demo, active = demo_and_active
+        frames = jnp.arange(demo.center.shape[0])
+        return pretrain_loss.latents(params, demo, active, frames, hyper, config)[0]
+
+    return jax.lax.map(one, (demos, activity_bits(demos, hyper, config)))
+
+
+@jax.jit
+def evaluate(
+    params: Params, demos: DemoBatch, train: DemoBatch, hyper: Hyper, config: PretrainConfig
+) -> dict[str, Float[Array, ""]]:
+    """How well the encoder orders demonstrations, best ones it has not been trained on.
+
+    Args:
+      params: of the encoder (`state.params.encoder`).
+      demos: the demonstrations to order.
+      train: the training demonstrations; goal and scale of the reward come from them.
+      hyper: its `alpha` and `tau` are used.
+      config: its `encoder` and `window` are used.
+
+    Returns:
+      `tau`: Kendall's tau of nearest-neighbour alignment, mean over ordered pairs of `demos`; an
+        ensemble's latents count side by side.
+      `reward_time_tau`: Kendall's tau of the reward against time, mean over `demos`.
+      `reward_first`, `reward_last`: mean reward at the first and the last frames.
+      High values say that demonstrations are ordered, not that a reward is safe to optimise.
+    """
+    latents = embed(params, demos, hyper, config)
+    bits = activity_bits(train, hyper, config)
+    learned = reward.from_demos(params, train, config.encoder, alpha=hyper.alpha, active=bits)
+    rewards = reward.latent_reward(learned, latents)
+    last = jnp.take_along_axis(rewards, demos.length[:, None] - 1, axis=1)
+    return {
+        "tau": metrics.mean_alignment_tau(latents, demos.length),
+        "reward_time_tau": jnp.mean(jax.vmap(metrics.reward_time_tau)(rewards, demos.length)),
+        "reward_first": jnp.mean(rewards[:, 0]),
+        "reward_last": jnp.mean(last),
+    }
+
+
+def activity_bits(demos: DemoBatch, hyper: Hyper, config: PretrainConfig) -> Bool[Array, "B T N"]:
+    """The activity bits (Eq. 4) that training uses, for every frame of the recordings.
+
+    They come from the full recordings: a bit that latched between two drawn frames is set.
+    """
+    rule = {"window": config.window, "smoothing": config.smoothing, "noise": config.noise}
+
+    def one(center, size):
+        return activity.trajectory(center, size, tau=hyper.tau, **rule)
+
+    return jax.vmap(one)(demos.center, demos.size)
+
+
+def _optimizer():
+    """Adam without its step size, which is traced; norm clipped against rare long steps.
+
+    All parameters lie in one vector: leaf by leaf it is a fifth of the program to compile.
+    """
+    return optax.flatten(optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam()))

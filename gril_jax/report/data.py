@@ -1,0 +1,197 @@
+"""What a run's folder holds for its report, read and checked: parts that are missing are None.
+
+    profiles.npz   the learned reward along each demonstration (B, T), where its stages end
+    rollouts.npz   the reward in each evaluation episode (E, T), and which one was filmed
+
+B is demonstrations, E episodes, T frames or steps. `gril_jax.runs.run_dir` has the other files.
+"""
+
+import json
+import math
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from gril_jax.errors import RunError
+from gril_jax.runs.run_dir import read_metrics, read_results
+
+__all__ = [
+    "SPLITS",
+    "Profiles",
+    "Rollouts",
+    "number",
+    "read_finished",
+    "read_profiles",
+    "read_rollouts",
+    "read_rows",
+    "read_versions",
+]
+
+SPLITS = ("train", "validation", "failure")
+_NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
+_STEP = {"pretrain": "step", "ppo": "env_steps", "sac": "env_steps"}  # which field counts, by phase
+_LARGEST = 1e30  # a number beyond it is damage, and would overflow when drawn
+
+
+class Profiles(NamedTuple):
+    """The learned reward along demonstrations."""
+
+    names: tuple[str, ...]
+    split: tuple[str, ...]  # of `SPLITS`
+    reward: Float[np.ndarray, "B T"]  # padded with the last value
+    length: Int[np.ndarray, "B"]  # frames before padding
+    transitions: Bool[np.ndarray, "B T"]  # frames at which a stage ends
+
+    def traces(self, split: str) -> list[Float[np.ndarray, "_"]]:
+        """The rewards of one split's demonstrations, without padding."""
+        chosen = [i for i, name in enumerate(self.split) if name == split]
+        return [self.reward[i, : self.length[i]] for i in chosen]
+
+
+class Rollouts(NamedTuple):
+    """Evaluation episodes of the trained policy."""
+
+    reward: Float[np.ndarray, "E T"]  # of each step, so of frames 1 to T
+    success: Bool[np.ndarray, "E"]
+    shown: int  # the episode in rollout.mp4
+
+
+def read_profiles(folder: Path) -> Profiles | None:
+    """profiles.npz, or None where there is none.
+
+    Raises:
+      RunError: the file is damaged, or its arrays do not fit together.
+    """
+    path = folder / "profiles.npz"
+    fields = {"names": "U", "split": "U", "reward": "f", "length": "iu", "transitions": "b"}
+    arrays = _arrays(path, fields)
+    if arrays is None:
+        return None
+    names, split, reward, length, transitions = (arrays[field] for field in fields)
+    count, frames = reward.shape if reward.ndim == 2 else (0, 0)
+    if not count or not frames:
+        raise RunError(f"{path}: reward has shape {reward.shape}, but must be (B, T)")
+    for field in ("names", "split", "length"):
+        _require_shape(path, field, arrays[field], (count,))
+    _require_shape(path, "transitions", transitions, (count, frames))
+    if ((length < 1) | (length > frames)).any():
+        raise RunError(f"{path}: length must lie in 1 to {frames}, the frames of reward")
+    for word in split.tolist():
+        if word not in SPLITS:
+            raise RunError(f"{path}: split holds {word!r:.40}, but must be {', '.join(SPLITS)}")
+    return Profiles(tuple(names.tolist()), tuple(split.tolist()), reward, length, transitions)
+
+
+def read_rollouts(folder: Path) -> Rollouts | None:
+    """rollouts.npz, or None where there is none.
+
+    Raises:
+      RunError: the file is damaged, or its arrays do not fit together.
+    """
+    path = folder / "rollouts.npz"
+    arrays = _arrays(path, {"reward": "f", "success": "bf", "shown": "iu"})
+    if arrays is None:
+        return None
+    reward, success, shown = (arrays[field] for field in ("reward", "success", "shown"))
+    if reward.ndim != 2 or not reward.size:
+        raise RunError(f"{path}: reward has shape {reward.shape}, but must be (E, T)")
+    _require_shape(path, "success", success, reward.shape[:1])
+    _require_shape(path, "shown", shown, ())
+    if not 0 <= int(shown) < len(reward):
+        raise RunError(f"{path}: shown is {int(shown)}, but there are {len(reward)} episodes")
+    return Rollouts(reward, success > 0.5, int(shown))
+
+
+def _arrays(path: Path, kinds: Mapping[str, str]) -> dict[str, np.ndarray] | None:
+    """The named arrays of a file; `kinds` are letters of `numpy.dtype.kind`."""
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {field: file[field] for field in kinds if field in file.files}
+    except (*_NO_ARRAYS, AttributeError, NotImplementedError) as error:
+        raise RunError(f"{path} is not an npz file of plain arrays") from error
+    for field, kind in kinds.items():
+        if field not in arrays:
+            raise RunError(f"{path}: the array {field!r} is missing")
+        if arrays[field].dtype.kind not in kind:
+            raise RunError(f"{path}: {field} must not be of type {arrays[field].dtype}")
+    return arrays
+
+
+def _require_shape(path: Path, field: str, array: np.ndarray, shape: tuple) -> None:
+    if array.shape != shape:
+        raise RunError(f"{path}: {field} has shape {array.shape}, but must be {shape}")
+
+
+def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """metrics.jsonl by phase, "pretrain" and "ppo" or "sac"; no rows where there is no file.
+
+    Raises:
+      RunError: a line is damaged, or a value in it is no number.
+    """
+    rows: dict[str, list[dict[str, Any]]] = {phase: [] for phase in _STEP}
+    if not (folder / "metrics.jsonl").exists():
+        return rows
+    for line, row in enumerate(read_metrics(folder), 1):
+        where = f"{folder / 'metrics.jsonl'}: line {line}"
+        phase = row.get("phase")
+        if not isinstance(phase, str) or phase not in _STEP:
+            continue
+        values = {k: number(row, k, where) for k in row if k not in ("phase", "seed")}
+        if values.get(_STEP[phase]) is None:
+            raise RunError(f"{where}: the field {_STEP[phase]!r} is missing")
+        rows[phase].append(values | {k: str(row[k]) for k in ("seed",) if k in row})
+    return rows
+
+
+def read_finished(folder: Path) -> dict[str, Any] | None:
+    """results.json, or None where the run has not finished.
+
+    Raises:
+      RunError: the file is damaged.
+    """
+    if not (folder / "results.json").exists():
+        return None
+    return read_results(folder)
+
+
+def read_versions(folder: Path) -> dict[str, Any]:
+    """versions.json; empty where there is none.
+
+    Raises:
+      RunError: the file is damaged.
+    """
+    path = folder / "versions.json"
+    if not path.exists():
+        return {}
+    try:
+        versions = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise RunError(f"{path} is not JSON") from error
+    if not isinstance(versions, dict) or not isinstance(versions.get("packages", {}), dict):
+        raise RunError(f"{path} must be an object with fields, and packages another")
+    return versions
+
+
+def number(holder: Mapping[str, Any], field: str, where: str) -> float | None:
+    """A field that is a number; None where it is missing, null or not finite.
+
+    Raises:
+      RunError: it is something else.
+    """
+    value = holder.get(field)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise RunError(f"{where}: {field} must be a number, not {value!r:.40}")
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if abs(value) > _LARGEST:
+        raise RunError(f"{where}: {field} is beyond all bounds")
+    return float(value)

@@ -1,0 +1,265 @@
+"""Curves: the learned reward along demonstrations, encoder training, policy training.
+
+Each function returns a `matplotlib.figure.Figure` that nothing else refers to; `png` of
+`gril_jax.report.figures.style` turns it into a file. T is frames of a demonstration, K pictures on
+a strip.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import ConnectionPatch
+
+from gril_jax.errors import ShapeError
+
+from .style import COLOURS, GREY, INK, WIDTH, shortened, styled
+
+__all__ = ["learning_curve", "pretrain_curve", "reward_profile", "success_failure"]
+
+_BLUE, _RED, _GREEN = COLOURS[:3]
+_MOST = 7  # pictures on a strip: more would be too small to see a block in
+_LARGEST = 2.2  # inches: a picture on a strip of few
+_BELOW, _CURVE, _TIES, _ABOVE = 0.55, 2.9, 0.3, 0.5  # inches: parts of a profile's height
+
+
+@styled
+def reward_profile(
+    reward: Float[np.ndarray, "T"],
+    boundary: Bool[np.ndarray, "T"],
+    *,
+    frames: UInt8[np.ndarray, "V H W 3"] | None = None,
+    name: str = "",
+    fps: float | None = None,
+) -> Figure:
+    """The learned reward along one demonstration, with its stages and the frames between them.
+
+    Args:
+      reward: of each frame.
+      boundary: frames at which a stage ends (`gril_jax.subtasks.agreement`).
+      frames: the video, of V = T frames; its first frame, those at the boundaries and the last
+        are shown above the curve, seven at the most. None shows the curve alone.
+      name: of the demonstration, for the title.
+      fps: frames per second, for the axis.
+
+    Raises:
+      ShapeError: the video has another number of frames than the reward.
+    """
+    if frames is not None and len(frames) != len(reward):
+        raise ShapeError(
+            f"frames: the video has {len(frames)} frames, but the reward is of {len(reward)}."
+        )
+    ends = np.flatnonzero(boundary)
+    shown = _to_show(ends, len(reward))
+    side = 0.0 if frames is None else min(_LARGEST, WIDTH / len(shown))
+    height = _BELOW + _CURVE + _ABOVE + (side + _TIES if side else 0)
+    figure = Figure(figsize=(WIDTH, height))
+    axes = figure.add_axes((0.085, _BELOW / height, 0.9, _CURVE / height))
+    _stages(axes, reward, ends)
+    axes.set_xlabel(f"frame ({fps:g} a second)" if fps else "frame")
+    axes.set_ylabel("learned reward")
+    title = f"Learned reward along {shortened(name)}" if name else "Learned reward"
+    figure.text(0.012, 1 - 0.08 / height, title, va="top", fontsize=11)
+    if frames is not None:
+        _strip(figure, axes, frames, reward, ends, shown, side)
+    return figure
+
+
+def _to_show(ends: Int[np.ndarray, "S"], length: int) -> Int[np.ndarray, "K"]:
+    """First frame, stage ends (evenly thinned out if there are many), last frame."""
+    inner = ends[(ends > 0) & (ends < length - 1)]
+    room = _MOST - 2
+    if len(inner) > room:
+        inner = inner[np.linspace(0, len(inner) - 1, room).round().astype(int)]
+    return np.unique([0, *inner, length - 1])
+
+
+def _stages(axes: Axes, reward: np.ndarray, ends: np.ndarray) -> None:
+    """The curve, on bands that tell the stages apart; each stage's end has a number."""
+    last = len(reward) - 1
+    edges = np.unique([0, *ends, last])
+    for start, end in list(itertools.pairwise(edges))[1::2]:
+        axes.axvspan(start, end, color="#F3F3F3", linewidth=0, zorder=0)
+    axes.plot(reward, color=_BLUE)
+    axes.plot(ends, reward[ends], "o", color=_RED, markersize=6, zorder=4)
+    for number, end in enumerate(ends, 1):
+        axes.annotate(
+            str(number), (end, reward[end]), (6, -6), textcoords="offset points",
+            color=_RED, weight="bold", va="top", zorder=5,
+        )  # fmt: skip
+    axes.margins(x=0.015, y=0.1)
+
+
+def _strip(figure, axes, frames, reward, ends, shown, side) -> None:
+    """Pictures above the axes, each tied to its point of the curve by a thin line."""
+    width, height = figure.get_size_inches()
+    bottom = _BELOW + _CURVE + _TIES
+    gap = (width - side * len(shown)) / (len(shown) + 1)
+    inset = 0.04 * side
+    for i, frame in enumerate(shown):
+        left = gap + i * (side + gap) + inset
+        size = side - 2 * inset
+        place = (left / width, bottom / height, size / width, size / height)
+        picture = figure.add_axes(place)
+        picture.imshow(frames[frame], interpolation="antialiased")
+        picture.set(xticks=[], yticks=[])
+        picture.grid(False)
+        for spine in picture.spines.values():
+            spine.set(visible=True, color=_RED if frame in ends else "#AAAAAA")
+        label = f"frame {frame}"
+        if frame in ends:
+            label = f"{np.searchsorted(ends, frame) + 1}: {label}"
+        colour = _RED if frame in ends else INK
+        picture.set_title(label, fontsize=9, color=colour, loc="center", pad=3)
+        if np.isfinite(reward[frame]):
+            figure.add_artist(
+                ConnectionPatch(
+                    (0.5, 0), (frame, reward[frame]), picture.transAxes, axes.transData,
+                    color="#9A9A9A", linewidth=0.8, shrinkB=4,
+                )
+            )  # fmt: skip
+
+
+@styled
+def success_failure(
+    success: Sequence[Float[np.ndarray, "_"]], failure: Sequence[Float[np.ndarray, "_"]]
+) -> Figure:
+    """Learned rewards of successful and of failed demonstrations, each with its mean.
+
+    Args:
+      success: one reward trace a demonstration, of any lengths; at least 1.
+      failure: the same of the failed ones; the mean holds a trace's last value once it ended.
+    """
+    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    for axes, traces, word, colour in (
+        (panels[0], success, "success", _BLUE),
+        (panels[1], failure, "failure", _RED),
+    ):
+        for trace in traces:
+            axes.plot(trace, color=colour, linewidth=0.8, alpha=0.4)
+        longest = max(map(len, traces))
+        held = [trace[np.minimum(np.arange(longest), len(trace) - 1)] for trace in traces]
+        axes.plot(np.mean(held, axis=0), color=INK, linewidth=2.2, label="mean")
+        ends = [len(trace) - 1 for trace in traces]
+        final = [trace[-1] for trace in traces]
+        axes.plot(ends, final, ".", color=colour, markersize=6, label="end of a demonstration")
+        plural = "es" if word == "success" else "s"
+        axes.set_title(f"{len(traces)} {word}{plural if len(traces) > 1 else ''}")
+        axes.set_xlabel("frame")
+        axes.legend(loc="upper left")
+    panels[0].set_ylabel("learned reward")
+    panels[0].margins(x=0.02, y=0.08)
+    return figure
+
+
+@styled
+def learning_curve(
+    rows: Sequence[Mapping[str, Any]], *, random_success: float | None = None
+) -> Figure:
+    """Success rate and mean reward against environment steps.
+
+    Args:
+      rows: of one run or several; each has "env_steps" and some of "success" (from 0 to 1),
+        "reward", "episodes", "eval/success" and "eval/success_sampled". Where rows have a "seed",
+        the mean over seeds is drawn, in a band from the lowest to the highest. A value of None is
+        left out, and so is the success of a row in which no episode ended.
+      random_success: success rate of the random policy, a dashed line.
+    """
+    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    most = max((row["env_steps"] for row in rows), default=0)
+    unit, word = next(
+        ((u, w) for u, w in ((1e6, "million "), (1e3, "thousand ")) if most >= 2 * u), (1.0, "")
+    )
+    for axes, field, colour, factor in (
+        (left, "success", _BLUE, 100.0),
+        (right, "reward", _GREEN, 1.0),
+    ):
+        curves = _by_seed(rows, field)
+        if curves:
+            _mean_and_band(axes, curves, unit, factor, colour)
+        axes.set_xlabel(f"{word}environment steps")
+    for field, marker, label in (
+        ("eval/success", "D", "evaluation, mean actions"),
+        ("eval/success_sampled", "s", "evaluation, actions drawn"),
+    ):
+        for steps, values in _by_seed(rows, field):
+            left.plot(steps / unit, 100 * values, marker, color=INK, markersize=5, label=label,
+                      markerfacecolor=INK if marker == "D" else "white")  # fmt: skip
+            label = None
+    if random_success is not None:
+        left.axhline(
+            100 * random_success, color=GREY, linestyle="--", label="random policy", zorder=1
+        )
+    left.set(title="Success rate", ylabel="episodes that succeed (%)", ylim=(-3, 103))
+    right.set(title="Mean reward", ylabel="mean reward a step")
+    for axes in (left, right):
+        if axes.get_legend_handles_labels()[1]:
+            axes.legend(loc="best")
+    return figure
+
+
+def _by_seed(rows, field: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Steps and values of each seed, in order of steps; of two equal steps the later row."""
+    seeds: dict[Any, dict[float, float]] = {}
+    for row in rows:
+        nothing_ended = field == "success" and row.get("episodes") == 0
+        if row.get(field) is not None and not nothing_ended:
+            seeds.setdefault(row.get("seed"), {})[row["env_steps"]] = row[field]
+    points = [sorted(curve.items()) for curve in seeds.values()]
+    return [tuple(np.array(curve, float).T) for curve in points]
+
+
+def _mean_and_band(axes: Axes, curves, unit: float, factor: float, colour: str) -> None:
+    steps, values = curves[0]
+    label = "trained policy"
+    if len(curves) > 1:
+        low, high = max(s[0] for s, _ in curves), min(s[-1] for s, _ in curves)
+        steps = np.unique(np.concatenate([s for s, _ in curves]))
+        steps = steps[(steps >= low) & (steps <= high)]
+        each = np.stack([np.interp(steps, s, v) for s, v in curves])
+        values, label = each.mean(0), f"mean of {len(curves)} seeds"
+        axes.fill_between(
+            steps / unit, factor * each.min(0), factor * each.max(0), color=colour, alpha=0.2,
+            linewidth=0, label="lowest to highest",
+        )  # fmt: skip
+    marker = "o" if len(steps) <= 40 else None
+    axes.plot(
+        steps / unit, factor * values, color=colour, marker=marker, markersize=3.5, label=label
+    )
+
+
+@styled
+def pretrain_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """The encoder's loss and its two parts against gradient steps.
+
+    Args:
+      rows: each has "step" and some of "loss", "consistency", "reconstruction"; None is left out.
+    """
+    figure = Figure(figsize=(0.6 * WIDTH, 3.0), layout="constrained")
+    axes = figure.subplots()
+    lowest = []
+    for field, label, colour, dash in (
+        ("loss", "total", INK, "-"),
+        ("consistency", "consistency in time", _BLUE, "--"),
+        ("reconstruction", "reconstruction", _RED, ":"),
+    ):
+        points = [(r["step"], r[field]) for r in rows if r.get(field) is not None]
+        if points:
+            steps, values = np.array(points, float).T
+            axes.plot(steps, values, color=colour, linestyle=dash, label=label)
+            lowest.append(values.min())
+    if lowest and min(lowest) > 0:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        # Ticks at 2, 3, ... 9: naming two of them is enough to read a range below a decade.
+        axes.yaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else "")
+        axes.tick_params(axis="y", which="minor", labelsize=9)
+    axes.set(title="Encoder training", xlabel="gradient steps", ylabel="loss")
+    axes.legend(loc="best")
+    return figure

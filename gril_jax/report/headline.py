@@ -1,0 +1,128 @@
+"""The numbers at the top of a report, in words, and how sure they are."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from gril_jax.errors import RunError
+
+from .data import number
+
+__all__ = ["Tile", "headline", "in_words", "stage_times", "wilson"]
+
+_Z = 1.959963984540054  # 97.5% of a standard normal distribution lie below it
+_WHERE = "results.json"
+
+
+class Tile(NamedTuple):
+    """One number, what it is, and what to hold against it."""
+
+    value: str
+    label: str
+    note: str = ""
+
+
+def wilson(rate: float, count: int) -> tuple[float, float]:
+    """Wilson's 95% interval of a success rate.
+
+    Unlike the textbook's normal interval it stays within 0 and 1, and has a width where all of
+    the trials succeeded.
+
+    >>> [round(x, 3) for x in wilson(0.5, 20)]
+    [0.299, 0.701]
+
+    Args:
+      rate: share of trials that succeeded, from 0 to 1.
+      count: number of trials, at least 1.
+    """
+    widening = _Z**2 / count
+    middle = (rate + widening / 2) / (1 + widening)
+    half = math.sqrt(rate * (1 - rate) * widening + widening**2 / 4) / (1 + widening)
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def headline(results: Mapping[str, Any]) -> list[Tile]:
+    """Tiles of what `results.json` holds; a number that is missing has none.
+
+    Raises:
+      RunError: a field is no number, or a rate is not from 0 to 1.
+    """
+    get = {field: number(results, field, _WHERE) for field in _FIELDS}
+    episodes = int(get["eval_episodes"] or 0)
+    tiles = []
+    for field, label in (
+        ("success", "success of the trained policy"),
+        ("success_sampled", "success with actions drawn as in training"),
+        ("success_random", "success of a random policy"),
+    ):
+        if get[field] is not None:
+            tiles.append(_rate_tile(field, get[field], episodes, label))
+    if get["tau"] is not None:
+        note = "on demonstrations kept aside; 1 is perfect, 0 is chance"
+        tiles.append(Tile(f"{get['tau']:.3f}", "Kendall's tau of the alignment", note))
+    if get["reward_time_tau"] is not None:
+        note = "1 if the reward never falls along a demonstration"
+        tiles.append(
+            Tile(f"{get['reward_time_tau']:.3f}", "Kendall's tau of reward and time", note)
+        )
+    if get["env_steps_per_s"] is not None:
+        steps = get["env_steps"]
+        note = "" if steps is None else f"{_count(steps)} in all"
+        tiles.append(Tile(_count(get["env_steps_per_s"]), "environment steps a second", note))
+    total = sum(seconds for _, seconds in stage_times(results))
+    if total:
+        tiles.append(Tile(in_words(total), "for the whole run", "by stages below"))
+    if get["trimmed_frames"] is not None:
+        note = "cut from ends of videos in which nothing moves"
+        tiles.append(Tile(_count(get["trimmed_frames"]), "frames trimmed", note))
+    return tiles
+
+
+_FIELDS = (
+    "success", "success_sampled", "success_random", "eval_episodes", "tau", "reward_time_tau",
+    "env_steps", "env_steps_per_s", "trimmed_frames",
+)  # fmt: skip
+
+
+def _rate_tile(field: str, rate: float, episodes: int, label: str) -> Tile:
+    if not 0 <= rate <= 1:
+        raise RunError(f"{_WHERE}: {field} is {rate:g}, but must be from 0 to 1")
+    if episodes < 1:
+        return Tile(f"{100 * rate:.1f}%", label)
+    low, high = wilson(rate, episodes)
+    note = (
+        f"{round(rate * episodes)} of {episodes} episodes; "
+        f"95% Wilson interval {100 * low:.1f}% to {100 * high:.1f}%"
+    )
+    return Tile(f"{100 * rate:.1f}%", label, note)
+
+
+def stage_times(results: Mapping[str, Any]) -> list[tuple[str, float]]:
+    """The stages of the run and how many seconds each took, in their order.
+
+    Raises:
+      RunError: `seconds` is not an object of numbers.
+    """
+    seconds = results.get("seconds") or {}
+    if not isinstance(seconds, Mapping):
+        raise RunError(f"{_WHERE}: seconds must be an object of numbers")
+    times = [(str(name), number(seconds, name, f"{_WHERE}, seconds")) for name in seconds]
+    return [(name, time) for name, time in times if time is not None]
+
+
+def in_words(seconds: int | float) -> str:
+    """A duration as a person would say it.
+
+    >>> in_words(4.26), in_words(251), in_words(7500)
+    ('4.3 s', '4 min 11 s', '2 h 5 min')
+    """
+    if seconds < 59.5:
+        return f"{seconds:.1f} s" if seconds < 9.95 else f"{seconds:.0f} s"
+    whole = round(seconds)
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+def _count(value: float) -> str:
+    return f"{value:,.0f}"

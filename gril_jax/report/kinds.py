@@ -1,0 +1,52 @@
+"""Which runs have the page of one reward and one policy, and what the others have instead.
+
+    table1                     a page of its own kind, see `gril_jax.experiments.table1.report`
+    table2, soundness, sweep   a table and a figure, and no page
+
+Neither JAX nor MuJoCo is imported here.
+"""
+
+import json
+from pathlib import Path
+
+from gril_jax.errors import RunError
+
+__all__ = ["made_by", "require_single"]
+
+_SINGLE = (None, "train", "pretrain")
+_INSTEAD = {
+    "table1": "its page is report.html, its table table1.md",
+    "table2": "it has no page, but the table table2.md and the figure table2.png",
+    "soundness": "it has no page, but the table soundness.md and the figure soundness.png",
+    "sweep": "it has no page, but the table sweep.md and the figure sweep.png",
+}
+
+
+def made_by(folder: Path) -> str | None:
+    """The experiment whose run a folder holds, such as `train`; None where that is not noted.
+
+    Raises:
+      RunError: phases.json is damaged.
+    """
+    file = folder / "phases.json"
+    try:
+        experiment = json.loads(file.read_text(encoding="utf-8"))["experiment"]
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise RunError(f"{file} is damaged, so it is not known what made the run") from None
+    if experiment is not None and not isinstance(experiment, str):
+        raise RunError(f"{file}: experiment must be a name, not {experiment!r:.40}")
+    return experiment
+
+
+def require_single(folder: Path) -> None:
+    """Refuses the run of a table, which is no run of one reward and one policy.
+
+    Raises:
+      RunError: it is one; the sentence says where its results lie. Or phases.json is damaged.
+    """
+    experiment = made_by(folder)
+    if experiment not in _SINGLE:
+        instead = _INSTEAD.get(experiment, "its results lie there in files of their own")
+        raise RunError(f"{folder} holds a run of gril {experiment}, not of one policy: {instead}")

@@ -1,0 +1,315 @@
+"""The learned reward: minus the latent distance to the goal (Eq. 7 of the paper).
+
+    params = reward.from_demos(encoder_params, demos, config)
+    graph = graphs.scene_graph(center, size, label, is_robot, active)
+    r = reward.latent_goal_reward(params, graph, config)
+
+Goal and scale are XIRL's: the goal is the mean latent of the demonstrations' last frames, the
+scale makes the reward about -1 at their first frames. A goal may also be one frame's latent, or a
+set of them, of which the nearest counts. Every encoder of `gril_jax.encoders.encoder` will do; for
+the pixel encoder take `from_latents` of its frames:
+
+    first, last = (encoder.apply(encoder_params, x, config) for x in (first_frames, last_frames))
+    params = reward.from_latents(encoder_params, first, last)
+
+An ensemble's reward is that of its most pessimistic member (`gril_jax.encoders.ensemble`).
+
+Shapes use B for demonstrations, T for frames, N for objects, D for the latent (of all members side
+by side), G for the goals of a set and K for the members of an ensemble. The reward takes one graph,
+or frames with any leading axes; batch graphs, or the parameters of many seeds, with `jax.vmap`.
+"""
+
+import functools
+import math
+from typing import Literal, NamedTuple, TypedDict, Unpack
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from gril_jax.encoders import encoder
+from gril_jax.encoders.encoder import AnyConfig, GraphConfig, Params
+from gril_jax.encoders.ensemble import num_members, split, worst_distance
+from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.graphs import activity
+from gril_jax.graphs.scene import scene_graph
+from gril_jax.types import DemoBatch, SceneGraph
+
+__all__ = [
+    "Options",
+    "RewardParams",
+    "demo_latents",
+    "from_demos",
+    "from_latents",
+    "latent_goal_reward",
+    "latent_reward",
+]
+
+# How a goal is made: the mean of the last frames, each of them, or the caller's own latents.
+Goal = Literal["mean", "each"] | Float[Array, "D"] | Float[Array, "G D"]
+
+# A traced softness cannot be refused; below this it counts as this.
+_LEAST_SOFTNESS = 1e-6
+
+
+class Options(TypedDict, total=False):
+    """Keyword arguments of `from_demos` that `demo_latents` takes, too."""
+
+    alpha: Float[Array, ""] | float
+    tau: Float[Array, ""] | float
+    window: int
+    active: Bool[Array, "B T N"] | None
+
+
+class RewardParams(NamedTuple):
+    """Everything the reward needs at run time; freeze it, save it, hand it on."""
+
+    encoder: Params
+    goal: Float[Array, "D"] | Float[Array, "G D"]  # one latent, or a set whose nearest counts
+    scale: Float[Array, ""] | Float[Array, "K"]  # reward units per latent distance, of each member
+    alpha: Float[Array, ""]  # weight of an active node in the pooling (Eq. 3)
+
+
+def latent_goal_reward(
+    params: RewardParams,
+    graph: SceneGraph | Float[Array, "*batch height width 3"],
+    config: AnyConfig,
+    *,
+    softness: Float[Array, ""] | float | None = None,
+) -> Float[Array, "*batch"]:
+    """Minus the latent distance to the goal (Eq. 7): at most 0, and 0 at the goal.
+
+    At the goal itself the gradient is zero, not NaN.
+
+    Args:
+      params: from `from_demos` or `from_latents`.
+      graph: of one moment; for `PixelConfig` RGB frames in [0, 1].
+      config: of the encoder.
+      softness: of the minimum over a set of goals, see `latent_reward`.
+
+    Raises:
+      ShapeError: the goal is not of the latent's size, or the input does not fit the config.
+      ConfigError: the softness is known and not positive.
+    """
+    latent = encoder.apply(params.encoder, graph, config, alpha=params.alpha)
+    return latent_reward(params, latent, softness=softness)
+
+
+def latent_reward(
+    params: RewardParams,
+    latent: Float[Array, "*batch D"],
+    *,
+    softness: Float[Array, ""] | float | None = None,
+) -> Float[Array, "*batch"]:
+    """The reward of latents that the encoder has already made.
+
+    >>> params = RewardParams({}, goal=jnp.zeros(2), scale=jnp.float32(0.2), alpha=jnp.float32(5))
+    >>> latent_reward(params, jnp.array([[3.0, 4.0], [0.0, 0.0]])).tolist()
+    [-1.0, -0.0]
+
+    Args:
+      params: its `goal` and `scale` are used.
+      latent: with any leading axes. Of an ensemble, whose `scale` is (K,), the distance from a goal
+        is the largest of its members' scaled distances.
+      softness: of the minimum over a set, s > 0, in units of the reward: the distances d_i count
+        as -s log(mean of exp(-d_i / s)), which lies between their minimum and their mean, at most
+        s log G above the minimum. None for the nearest goal alone. Of a single goal: no effect.
+
+    Raises:
+      ShapeError: the goal is not of the latent's size, or that is not a multiple of K.
+      ConfigError: the softness is known and not positive.
+    """
+    goal, scale = params.goal, jnp.asarray(params.scale)
+    _check_goal(goal, latent.shape[-1])
+    if goal.ndim == 1:
+        return -worst_distance(latent - goal, scale)
+    distance = worst_distance(latent[..., None, :] - goal, scale)
+    if softness is None:
+        return -jnp.min(distance, axis=-1)
+    if not isinstance(softness, jax.core.Tracer) and not float(softness) > 0:
+        raise ConfigError(f"softness is {softness}; it must be positive, or None for no softness.")
+    softness = jnp.maximum(softness, _LEAST_SOFTNESS)
+    total = jax.nn.logsumexp(-distance / softness, axis=-1) - math.log(len(goal))
+    return jnp.minimum(softness * total, 0.0)  # rounding may put it above
+
+
+def from_latents(
+    encoder_params: Params,
+    first: Float[Array, "B D"],
+    last: Float[Array, "B D"],
+    *,
+    alpha: Float[Array, ""] | float = 5.0,
+    goal: Goal = "mean",
+    members: int = 1,
+) -> RewardParams:
+    """A reward from the latents of the demonstrations' first and last frames.
+
+    >>> params = from_latents({}, first=jnp.array([[4.0]]), last=jnp.array([[2.0]]))
+    >>> params.goal.tolist(), float(params.scale)
+    ([2.0], 0.5)
+
+    Args:
+      encoder_params: what the latents were made with.
+      first: of the first frames.
+      last: of the last frames, with the task done.
+      alpha: the pooling weight that they were made with.
+      goal: "mean" of the last latents; "each" of them, as a set of G = B goals; or latents of the
+        caller's own, (D,) for one frame's or (G, D) for a set.
+      members: of the ensemble that made them.
+
+    Returns:
+      Reward parameters, with scale = 1 / mean distance of `first` from the goal, of a set from
+      the nearest one. If that distance is 0 there is nothing to scale by, and the scale is 1.
+      Each member of an ensemble has a scale as if it were alone.
+
+    Raises:
+      ShapeError: there is no demonstration, the goal is not of the latents' size, or that is not
+        a multiple of the number of members.
+      ConfigError: `goal` is another word.
+    """
+    if 0 in last.shape or first.shape != last.shape:
+        raise ShapeError(
+            f"first has shape {first.shape} and last has shape {last.shape}; both must be "
+            f"(demonstrations, latent), and not empty."
+        )
+    if isinstance(goal, str):
+        if goal not in ("mean", "each"):
+            raise ConfigError(f"goal is {goal!r}; it must be 'mean', 'each', or an array.")
+        goal = jnp.mean(last, axis=0) if goal == "mean" else last
+    _check_goal(goal, last.shape[-1])
+    one = jnp.ones((), jnp.float32)
+    unscaled = RewardParams(encoder_params, goal, one, jnp.asarray(alpha, jnp.float32))
+
+    def scale(first, goal):
+        distance = jnp.mean(-latent_reward(unscaled._replace(goal=goal), first))
+        return 1.0 / jnp.where(distance > 0, distance, 1.0)
+
+    if members == 1:
+        return unscaled._replace(scale=scale(first, goal))
+    each = jax.vmap(scale, (-2, -2))(split(first, members), split(goal, members))
+    return unscaled._replace(scale=each)
+
+
+def from_demos(
+    encoder_params: Params,
+    demos: DemoBatch,
+    config: GraphConfig,
+    *,
+    alpha: Float[Array, ""] | float = 5.0,
+    tau: Float[Array, ""] | float = 0.005,
+    window: int = 40,
+    active: Bool[Array, "B T N"] | None = None,
+    goal: Goal = "mean",
+) -> RewardParams:
+    """The reward of a trained encoder, with goal and scale from its demonstrations.
+
+    Args:
+      encoder_params: from `gril_jax.encoders.encoder.init`, trained.
+      demos: the training demonstrations; each must end with the task done.
+      config: of the encoder.
+      alpha: weight of an active node in the pooling (Eq. 3).
+      tau: activity threshold in box diagonals (Eq. 4).
+      window: activity window in frames (Eq. 4).
+      active: activity bits by another rule, such as `activity.trajectory` with `noise`, in place
+        of those of `tau` and `window`; the rule must be that of the rollouts.
+      goal: "mean", "each", or latents, as in `from_latents`.
+
+    Returns:
+      Reward parameters. If every demonstration begins where it ends, as far as the encoder can
+      tell, there is no distance to scale by and the scale is 1.
+
+    Raises:
+      ShapeError: there is no demonstration, a length that is known is not from 1 to T, or `active`
+        or `goal` does not fit.
+      ConfigError: the encoder is not one of scene graphs, or `goal` is another word.
+    """
+    _check_demos(demos, config, active)
+    options = Options(alpha=alpha, tau=tau, window=window, active=active)
+    if isinstance(goal, str):
+        return _from_demos(encoder_params, demos, config, None, word=goal, **options)
+    return _from_demos(encoder_params, demos, config, goal, **options)
+
+
+def demo_latents(
+    encoder_params: Params, demos: DemoBatch, config: GraphConfig, **options: Unpack[Options]
+) -> Float[Array, "B T D"]:
+    """The latent of every frame of every demonstration, padding included.
+
+    One demonstration at a time is in memory. Arguments, options (`alpha`, `tau`, `window` and
+    `active`) and errors are those of `from_demos`.
+    """
+    _check_demos(demos, config, options.get("active"))
+    return _demo_latents(encoder_params, demos, config, **options)
+
+
+@functools.partial(jax.jit, static_argnames=("word", "window"))
+def _from_demos(encoder_params, demos, config, goal, *, word=None, alpha, active, **rule):
+    alpha = jnp.asarray(alpha, jnp.float32)
+
+    def ends(demo, active):
+        latent = _embedding(encoder_params, demo, config, alpha, active, **rule)
+        return latent(jnp.zeros_like(demo.length)), latent(demo.length - 1)
+
+    first, last = jax.vmap(ends)(demos, active)
+    goal = goal if word is None else word
+    members = num_members(config)
+    return from_latents(encoder_params, first, last, alpha=alpha, goal=goal, members=members)
+
+
+@functools.partial(jax.jit, static_argnames="window")
+def _demo_latents(encoder_params, demos, config, *, alpha=5.0, active=None, **rule):
+    def one(inputs):
+        latent = _embedding(encoder_params, inputs[0], config, alpha, inputs[1], **rule)
+        return jax.vmap(latent)(jnp.arange(demos.center.shape[1]))
+
+    return jax.lax.map(one, (demos, active))
+
+
+def _embedding(encoder_params, demo, config, alpha, active, **rule):
+    """The latent of one demonstration as a function of the frame."""
+    if active is None:
+        active = activity.trajectory(demo.center, demo.size, **rule)
+
+    def graph(frame):
+        boxes = demo.center[frame], demo.size[frame]
+        return scene_graph(*boxes, demo.label, demo.is_robot, active[frame], demo.present)
+
+    def latent(frame):
+        history = getattr(config, "history", 1)
+        if history > 1:  # frames before the first count as the first
+            back = jnp.arange(history - 1, -1, -1)
+            scene = jax.vmap(graph)(jnp.maximum(frame - back, 0))
+        else:
+            scene = graph(frame)
+        return encoder.apply(encoder_params, scene, config, alpha=alpha)
+
+    return latent
+
+
+def _check_goal(goal, latent_size):
+    if goal.ndim not in (1, 2) or 0 in goal.shape or goal.shape[-1] != latent_size:
+        raise ShapeError(
+            f"goal has shape {goal.shape}, but must be ({latent_size},) or (goals, {latent_size}) "
+            f"for latents of size {latent_size}."
+        )
+
+
+def _check_demos(demos, config, active):
+    if not isinstance(config, GraphConfig):
+        raise ConfigError(
+            f"config is a {type(config).__name__}, which takes no boxes; take `from_latents`."
+        )
+    shape = demos.center.shape[:3]
+    if not shape[0] or not shape[1]:
+        raise ShapeError(
+            f"demos.center has shape {demos.center.shape}; it must hold one frame or more of one "
+            f"demonstration or more."
+        )
+    if active is not None and active.shape != shape:
+        raise ShapeError(f"active has shape {active.shape}; it must be {shape}, as demos.center.")
+    if not isinstance(demos.length, jax.core.Tracer):
+        with jax.ensure_compile_time_eval():
+            if not jnp.all((demos.length >= 1) & (demos.length <= shape[1])):
+                raise ShapeError(
+                    f"demos.length is {demos.length}; it must be from 1 to {shape[1]}."
+                )

@@ -1,0 +1,293 @@
+"""A learned reward with all that it needs to be used; `gril_jax.interop.reward_file` saves it.
+
+    learned = load_reward("reward.npz")
+    r = learned(center, size, active)                   # of one moment: jit, vmap, grad
+    memory = learned.init(center, size)                 # of a rollout, at an episode's first frame
+    memory, r = learned.step(memory, center, size)      # each frame after it: the body of a scan
+
+A `LearnedReward` is a pytree whose leaves are its parameters, so it may be an argument of a
+compiled function, or a constant in one. Shapes use N for objects, T for frames and H for the
+encoder's `history`; positions and sizes are in the world units that the reward was trained in.
+"""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from gril_jax import graphs
+from gril_jax.encoders.encoder import AnyConfig, PixelConfig
+from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.graphs import activity
+from gril_jax.graphs.activity_rule import PAPER, ActivityRule
+from gril_jax.reward.latent_goal import RewardParams, latent_goal_reward
+
+__all__ = ["LearnedReward", "Memory"]
+
+
+class Memory(NamedTuple):
+    """What a rollout must remember, and must forget when an episode begins."""
+
+    activity: activity.Memory
+    center: Float[Array, "H N 2"]  # of the last H frames, oldest first
+    size: Float[Array, "H N 2"]
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["params"],
+    meta_fields=["config", "classes", "robots", "objects", "activity", "softness", "description"],
+)
+@dataclasses.dataclass(frozen=True, eq=False)  # by identity: `jax.jit(learned)` hashes it
+class LearnedReward:
+    """The reward of Eq. 7 with its encoder's choices, its classes and its activity rule (Eq. 4)."""
+
+    params: RewardParams
+    config: AnyConfig
+    classes: tuple[str, ...]
+    """Names that a label is an index into."""
+    robots: tuple[str, ...] = ()
+    """The classes that belong to the robot."""
+    objects: tuple[str, ...] = ()
+    """Class of each object of the usual scene, in order: labels and robot flags where none are
+    given."""
+    activity: ActivityRule = PAPER
+    """When an object counts as moved, as in training."""
+    softness: float | None = None
+    """Of the minimum over a set of goals, in units of the reward; None for the nearest alone."""
+    description: str = "{}"
+    """The file's description, a JSON text: units, training, versions."""
+
+    def __post_init__(self):
+        for field in ("robots", "objects"):
+            _known(field, getattr(self, field), self.classes)
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """The file's description: units, training, versions."""
+        return json.loads(self.description)
+
+    @property
+    def label(self) -> Int[Array, "N"]:
+        """Index of each object's class, for the usual scene."""
+        return jnp.array([self.classes.index(name) for name in self.objects], jnp.int32)
+
+    @property
+    def is_robot(self) -> Bool[Array, "N"]:
+        """Which objects of the usual scene belong to the robot."""
+        return jnp.array([name in self.robots for name in self.objects], bool)
+
+    def for_objects(self, objects: Sequence[str]) -> "LearnedReward":
+        """The same reward for another scene: the class of each of its objects, in order.
+
+        Raises:
+          ConfigError: a name is not one of `classes`.
+        """
+        return dataclasses.replace(self, objects=tuple(objects))
+
+    def __call__(
+        self,
+        center: Float[Array, "*history N 2"],
+        size: Float[Array, "..."],
+        active: Bool[Array, "..."],
+        *,
+        label: Int[Array, "..."] | None = None,
+        is_robot: Bool[Array, "..."] | None = None,
+        present: Bool[Array, "..."] | None = None,
+    ) -> Float[Array, ""]:
+        """The reward of one moment: at most 0, and 0 at the goal.
+
+        Args:
+          center: box centres (N, 2), world units; for an encoder with a `history` of H > 1 frames
+            those of the last H, oldest first, (H, N, 2).
+          size: box widths and heights, of the same shape.
+          active: (N,) objects that have moved since the episode began (`gril_jax.graphs.activity`).
+          label: (N,) class indices; those of `objects` if left out.
+          is_robot: (N,) robot flags; those of `label` by `robots` if left out.
+          present: (N,) False for padding; all present if left out.
+
+        Raises:
+          ShapeError: the arrays do not belong to the same objects.
+          ConfigError: the encoder takes pictures (`of_frame`), labels are missing, or a label is
+            not an index into `classes`.
+        """
+        self._check_boxes()
+        center, size, active = (jnp.asarray(x) for x in (center, size, active))
+        history = getattr(self.config, "history", 1)
+        nodes = self._check_shapes(center, size, history)
+        label, is_robot = self._scene(label, is_robot)
+        present = jnp.ones(nodes, bool) if present is None else jnp.asarray(present)
+        for name, flags in {
+            "active": active, "label": label, "is_robot": is_robot, "present": present
+        }.items():  # fmt: skip
+            if flags.shape != (nodes,):
+                raise ShapeError(
+                    f"{name} has shape {flags.shape} but center has shape {center.shape}; {name} "
+                    f"must have shape ({nodes},), one value for each object."
+                )
+
+        def graph(center, size):
+            return graphs.scene_graph(center, size, label, is_robot, active, present)
+
+        scene = graph(center, size) if history == 1 else jax.vmap(graph)(center, size)
+        return self._value(scene)
+
+    def of_frame(self, frame: Float[Array, "height width 3"]) -> Float[Array, ""]:
+        """The reward of one picture, RGB in [0, 1], for a pixel encoder.
+
+        Raises:
+          ConfigError: the encoder takes boxes, not pictures.
+          ShapeError: the frame is not floating, or not of shape (height, width, 3).
+        """
+        if not isinstance(self.config, PixelConfig):
+            raise ConfigError(
+                f"the encoder is a {type(self.config).__name__}, which takes boxes: call the "
+                "reward itself, or its step."
+            )
+        frame = jnp.asarray(frame)
+        if frame.ndim != 3:
+            raise ShapeError(f"frame has shape {frame.shape}; it must be (height, width, 3).")
+        return self._value(frame)
+
+    def init(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Memory:
+        """Memory of an episode's first frame: nothing has moved.
+
+        Frames before the first count as the first. `step` is for the frames after it; the first
+        frame's own reward is `of_memory`.
+
+        Raises:
+          ShapeError: center and size are not both (N, 2).
+          ConfigError: the encoder takes pictures (`of_frame`).
+        """
+        self._check_boxes()
+        center, size = jnp.asarray(center), jnp.asarray(size)
+        self._check_shapes(center, size, 1)
+        history = getattr(self.config, "history", 1)
+        past = (jnp.broadcast_to(x, (history, *x.shape)) for x in (center, size))
+        return Memory(self.activity.init(center), *past)
+
+    def step(
+        self,
+        memory: Memory,
+        center: Float[Array, "N 2"],
+        size: Float[Array, "N 2"],
+        *,
+        label: Int[Array, "..."] | None = None,
+        is_robot: Bool[Array, "..."] | None = None,
+        present: Bool[Array, "..."] | None = None,
+    ) -> tuple[Memory, Float[Array, ""]]:
+        """The memory after the next frame, and this frame's reward.
+
+        `jax.lax.scan(lambda m, x: learned.step(m, *x), memory, (centers, sizes))` does a rollout.
+
+        Args:
+          memory: from `init` or the previous `step`; `memory.activity.active` are the bits.
+          center: box centres of this frame, world units.
+          size: box widths and heights of this frame, world units.
+          label, is_robot, present: as for the reward of a moment.
+
+        Raises:
+          ShapeError: the arrays do not belong to the memory's objects.
+        """
+        center, size = jnp.asarray(center), jnp.asarray(size)
+        self._check_shapes(center, size, 1)
+        if center.shape != memory.center.shape[1:]:
+            raise ShapeError(
+                f"center has shape {center.shape} but the memory was made for "
+                f"{memory.center.shape[1:]}; call init with this scene's first frame."
+            )
+        bits, _ = self.activity.step(memory.activity, center, size)
+        centers, sizes = (
+            jnp.concatenate([old[1:], new[None]])
+            for old, new in ((memory.center, center), (memory.size, size))
+        )
+        memory = Memory(bits, centers, sizes)
+        return memory, self.of_memory(memory, label=label, is_robot=is_robot, present=present)
+
+    def of_memory(self, memory: Memory, **given: Any) -> Float[Array, ""]:
+        """The reward of the frame that a memory saw last; `given` as for the reward of a moment."""
+        boxes = memory.center, memory.size
+        if len(memory.center) == 1:
+            boxes = boxes[0][0], boxes[1][0]
+        return self(*boxes, memory.activity.active, **given)
+
+    def trajectory(
+        self, center: Float[Array, "T N 2"], size: Float[Array, "..."], **given: Any
+    ) -> Float[Array, "T"]:
+        """The reward of every frame of one recording; `given` as for the reward of a moment.
+
+        Raises:
+          ShapeError: there is no frame, or the arrays do not belong to the same objects.
+        """
+        if center.ndim != 3 or not len(center) or size.shape != center.shape:
+            raise ShapeError(
+                f"center has shape {center.shape} and size {size.shape}; both must be (T, N, 2), "
+                "with one frame or more."
+            )
+        memory = self.init(center[0], size[0])
+
+        def frame(memory, boxes):
+            return self.step(memory, *boxes, **given)
+
+        _, later = jax.lax.scan(frame, memory, (center[1:], size[1:]))
+        return jnp.concatenate([self.of_memory(memory, **given)[None], later])
+
+    def _value(self, seen):
+        return latent_goal_reward(self.params, seen, self.config, softness=self.softness)
+
+    def _check_boxes(self):
+        if isinstance(self.config, PixelConfig):
+            raise ConfigError("the encoder is a PixelConfig, which takes pictures: call of_frame.")
+
+    def _check_shapes(self, center, size, history):
+        """The number of objects."""
+        shape = center.shape
+        lead = () if history == 1 else (history,)
+        if len(shape) != len(lead) + 2 or shape[: len(lead)] != lead or shape[-1] != 2:
+            wanted = f"({history}, N, 2): the encoder's history is {history}"
+            raise ShapeError(
+                f"center has shape {shape}; it must be {wanted if lead else '(N, 2)'}."
+            )
+        if size.shape != shape:
+            raise ShapeError(
+                f"size has shape {size.shape} but center has shape {shape}; they must be equal."
+            )
+        return shape[-2]
+
+    def _scene(self, label, is_robot):
+        if label is None:
+            if not self.objects:
+                raise ConfigError(
+                    "label is missing and the reward names no objects; give label, or use "
+                    "for_objects with the class of each object."
+                )
+            label = self.label
+        elif not isinstance(label, jax.core.Tracer):
+            _check_labels(label, self.classes)
+        label = jnp.asarray(label)
+        if is_robot is None:
+            is_robot = jnp.array([name in self.robots for name in self.classes], bool)[label]
+        return label, jnp.asarray(is_robot)
+
+
+def _check_labels(label, classes):
+    with jax.ensure_compile_time_eval():
+        low, high = (int(f(jnp.asarray(label), initial=0)) for f in (jnp.min, jnp.max))
+    if low < 0 or high >= len(classes):
+        raise ConfigError(
+            f"label holds {low if low < 0 else high}; it must lie in 0 to {len(classes) - 1}, the "
+            f"reward's {len(classes)} classes."
+        )
+
+
+def _known(field, names, classes):
+    for name in names:
+        if name not in classes:
+            raise ConfigError(
+                f"{field} names {name!r}; it must be one of the classes {', '.join(classes)}."
+            )

@@ -1,0 +1,111 @@
+"""Potential-based shaping (Ng, Harada and Russell, ICML 1999): F = discount * phi(s') - phi(s).
+
+    phi = reward.latent_goal_reward(params, graph, config)          # of s, then of s'
+    r = task_reward + shaping.step(phi, next_phi, terminated, discount=0.99)
+
+A reward added in this form changes no optimal policy, whatever the potential phi is: along an
+episode the terms cancel but for its two ends. The learned reward is such a potential, from -1 at
+the start to 0 at the goal; added as a potential it guides, and cannot be collected by staying in
+a place that merely looks good. It then keeps the optimum of the reward that it is added to, and
+a sparse one will do.
+
+How episodes end matters. A terminated one has nothing after it, so its last potential counts as
+0; else states with a high potential would be good places to end in (Grzes, AAMAS 2017). One that
+a time limit cut off goes on as far as values are concerned, so phi stays, of the last state that
+was reached and not of the next episode's first. A potential may depend on what an episode
+remembers, such as activity bits or a chain's progress, as long as each is taken at its own moment
+(Devlin and Kudenko, AAMAS 2012).
+
+Shapes use S for the states of an episode, one more than its control steps; leading axes are a
+batch.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from gril_jax.errors import ConfigError, ShapeError
+
+__all__ = ["episode", "step"]
+
+
+def step(
+    potential: Float[Array, "*batch"],
+    next_potential: Float[Array, "*batch"],
+    terminated: Bool[Array, "*batch"] | Float[Array, "*batch"] | None = None,
+    *,
+    discount: Float[Array, ""] | float,
+    zero_at_end: bool = True,
+) -> Float[Array, "*batch"]:
+    """What to add to the reward of a control step from s to s'.
+
+    >>> round(float(step(jnp.array(-1.0), jnp.array(-0.5), discount=0.9)), 3)
+    0.55
+
+    Args:
+      potential: phi(s), of the state that the action was taken in.
+      next_potential: phi(s'), of the state that it led to: before an automatic reset.
+      terminated: the task ended in s', so that nothing comes after it; True, or above 0. Not for
+        time limits. None if it never ends.
+      discount: the learner's, from 0 to 1; with another one policies are no longer kept.
+      zero_at_end: phi(s') counts as 0 where the task ended, whatever it is, NaN included. If not,
+        it counts as it is: right only where phi is 0 in every state that the task can end in.
+
+    Returns:
+      One value for each, of the potential's units.
+
+    Raises:
+      ShapeError: the arrays differ in shape.
+      ConfigError: the discount is known and not from 0 to 1.
+    """
+    arrays = {"potential": potential, "next_potential": next_potential}
+    _check(arrays | ({} if terminated is None else {"terminated": terminated}), discount)
+    if terminated is not None and zero_at_end:
+        next_potential = jnp.where(terminated > 0, 0.0, next_potential)
+    return discount * next_potential - potential
+
+
+def episode(
+    potential: Float[Array, "*batch S"],
+    terminated: Bool[Array, "*batch"] | Float[Array, "*batch"] | None = None,
+    *,
+    discount: Float[Array, ""] | float,
+    zero_at_end: bool = True,
+) -> Float[Array, "*batch S-1"]:
+    """`step` along whole episodes.
+
+    The discounted sum over an episode is discount^(S - 1) * phi(last) - phi(first): it depends on
+    nothing that the policy did in between.
+
+    >>> episode(jnp.array([-1.0, -0.5, 0.0]), discount=1.0).tolist()
+    [0.5, 0.5]
+
+    Args:
+      potential: phi of each state in order of time, the first and the last included.
+      terminated: whether the task ended in the last state; a time limit does not count.
+      discount: as in `step`.
+      zero_at_end: as in `step`.
+
+    Raises:
+      ShapeError: there is no state, or `terminated` has not the shape of the batch.
+      ConfigError: the discount is known and not from 0 to 1.
+    """
+    if potential.ndim < 1 or not potential.shape[-1]:
+        raise ShapeError(
+            f"potential has shape {potential.shape}; its last size must be at least 1 state."
+        )
+    last = {"potential[..., -1]": potential[..., -1]}
+    _check(last | ({} if terminated is None else {"terminated": terminated}), discount)
+    if terminated is not None:
+        is_last = jnp.arange(1, potential.shape[-1]) == potential.shape[-1] - 1
+        terminated = (terminated > 0)[..., None] & is_last
+    before, after = potential[..., :-1], potential[..., 1:]
+    return step(before, after, terminated, discount=discount, zero_at_end=zero_at_end)
+
+
+def _check(arrays, discount):
+    if len({x.shape for x in arrays.values()}) > 1:
+        shapes = " and ".join(f"{name} has shape {x.shape}" for name, x in arrays.items())
+        raise ShapeError(f"{shapes}; they must be of one shape.")
+    if not isinstance(discount, jax.core.Tracer) and not 0 <= float(discount) <= 1:
+        raise ConfigError(f"discount is {discount}; it must be from 0 to 1.")

@@ -1,0 +1,1 @@
+"""One run's folder, and the loop that fills it."""

@@ -1,0 +1,283 @@
+"""Checkpoints: the arrays of a state, written by Orbax, beside a manifest of digests.
+
+    FOLDER/000000001000/arrays/         Orbax, one folder a leaf
+    FOLDER/000000001000/manifest.json   step; shape, dtype and SHA-256 of each leaf and file
+
+A checkpoint is written under another name and renamed when all of it is on the disk, so that one
+which is cut short is never chosen. Files are verified before Orbax reads them, leaves after. Typed
+keys are stored as their data. Leaves come back bit for bit, on the default device; a weakly typed
+leaf comes back strongly typed.
+"""
+
+import contextlib
+import errno
+import hashlib
+import json
+import logging
+import os
+import re
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import orbax.checkpoint as ocp
+from absl import logging as absl_logging
+
+from gril_jax.errors import RunError
+from gril_jax.safe_files import sync, writing
+
+from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
+
+__all__ = ["DamagedError", "discard", "latest", "manifest", "restore", "save", "steps", "write"]
+
+_FORMAT = 1
+
+
+class DamagedError(RunError):
+    """A file of a checkpoint is missing or has changed since it was written."""
+
+
+def save(folder: Path, step: int, state: Any, *, keep: int | None = None) -> Path:
+    """Writes a checkpoint and returns its folder.
+
+    Args:
+      folder: where a run's checkpoints go; created where it lacks.
+      step: at least 0, and new to the folder.
+      state: any pytree of arrays and numbers; typed keys are welcome.
+      keep: how many of the newest checkpoints stay; None keeps all.
+
+    Raises:
+      RunError: the step exists already, or the disk is full or not writable.
+    """
+    return write(folder, step, host_copy(state), keep=keep)
+
+
+def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None = None) -> Path:
+    """`save` from a copy on the host, for a thread; one writer a folder at a time."""
+    final, part = folder / f"{step:012d}", folder / f".{step:012d}.part"
+    if (final / "manifest.json").exists():
+        raise RunError(f"checkpoint {final} exists already, but a step is saved once")
+    entries = [_entry(index, leaf) for index, leaf in enumerate(leaves)]
+    arrays = {
+        entry["file"]: leaf.array
+        for entry, leaf in zip(entries, leaves, strict=True)
+        if leaf.array.size  # Orbax stores no array without elements
+    }
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for left in (*folder.glob(".*.part"), final):  # by a process that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        try:
+            _write_arrays(part / "arrays", arrays)
+            files = _files(part)
+            content = {"format": _FORMAT, "step": step, "leaves": entries, "files": files}
+            (part / "manifest.json").write_text(_with_digest(content), encoding="utf-8")
+            for path in (*part.rglob("*"), part):
+                sync(path)
+            os.rename(part, final)
+            sync(folder)
+        except BaseException:
+            shutil.rmtree(part, ignore_errors=True)
+            raise
+        for old in steps(folder)[:-keep] if keep else ():
+            os.rename(folder / f"{old:012d}", folder / f".{old:012d}.part")  # never a half
+            shutil.rmtree(folder / f".{old:012d}.part")
+    return final
+
+
+def restore(path: Path, like: Any) -> Any:
+    """Reads a checkpoint back.
+
+    Args:
+      path: what `save` or `latest` returned.
+      like: a state of the same structure, shapes and dtypes; its values are not used.
+
+    Raises:
+      DamagedError: a file is missing or has changed.
+      RunError: there is no checkpoint, or it is of another structure than `like`.
+    """
+    content = manifest(path)
+    entries = content["leaves"]
+    _check_structure(path, entries, like)
+    _check_files(path, content["files"], entries)
+    arrays = _read_arrays(path, entries)
+    leaves = []
+    for entry, old in zip(entries, jax.tree.leaves(like), strict=True):
+        array = arrays.get(entry["file"])
+        if array is None:  # it has no elements
+            array = np.zeros(entry["shape"], jnp.dtype(entry["dtype"]))
+        same = array.dtype == jnp.dtype(entry["dtype"]) and list(array.shape) == entry["shape"]
+        if not same or _digest(array) != entry["sha256"]:
+            raise DamagedError(f"checkpoint {path} is damaged: leaf {entry['path']} has changed")
+        leaves.append(to_device(array, old))
+    return jax.tree.unflatten(jax.tree.structure(like), leaves)
+
+
+def steps(folder: Path) -> list[int]:
+    """The steps of the complete checkpoints in a folder, oldest first."""
+    if not folder.is_dir():
+        return []
+    found = (p for p in folder.iterdir() if re.fullmatch(r"\d{12}", p.name))
+    return sorted(int(p.name) for p in found if (p / "manifest.json").is_file())
+
+
+def latest(folder: Path) -> Path | None:
+    """The newest complete checkpoint in a folder, or None where there is none."""
+    found = steps(folder)
+    return folder / f"{found[-1]:012d}" if found else None
+
+
+def discard(path: Path) -> Path:
+    """Sets a damaged checkpoint aside, so that it is no longer listed; returns where it is."""
+    aside = path.with_name(f"{path.name}.damaged")
+    with writing(path.parent):
+        shutil.rmtree(aside, ignore_errors=True)
+        os.rename(path, aside)
+    return aside
+
+
+def manifest(path: Path) -> dict[str, Any]:
+    """A checkpoint's step and leaves, without reading the arrays.
+
+    Raises:
+      DamagedError: the manifest has changed.
+      RunError: there is no checkpoint, or another version wrote it.
+    """
+    file = path / "manifest.json"
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        digest = content.pop("sha256")
+    except FileNotFoundError:
+        raise RunError(f"{path} is not a complete checkpoint: it has no manifest.json") from None
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        raise DamagedError(f"checkpoint {path} is damaged: its manifest cannot be read") from None
+    if digest != hashlib.sha256(_canonical(content)).hexdigest():
+        raise DamagedError(f"checkpoint {path} is damaged: its manifest has changed")
+    if content["format"] != _FORMAT:
+        raise RunError(
+            f"checkpoint {path} has format {content['format']}, but this version reads {_FORMAT}"
+        )
+    return content
+
+
+def _entry(index: int, leaf: Leaf) -> dict[str, Any]:
+    """What the manifest says of a leaf; `file` is the name of its folder."""
+    return {
+        "path": leaf.path,
+        "file": f"{index:05d}",
+        "shape": list(leaf.array.shape),
+        "dtype": leaf.array.dtype.name,
+        "key": leaf.key,
+        "sha256": _digest(leaf.array),
+    }
+
+
+def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> None:
+    wanted = [(leaf_name(p), leaf) for p, leaf in jax.tree_util.tree_leaves_with_path(like)]
+    names, stored = {name for name, _ in wanted}, {entry["path"] for entry in entries}
+    for name, _ in wanted:
+        if name not in stored:
+            raise RunError(f"checkpoint {path} lacks the leaf {name} of the state it is to fill")
+    for entry in entries:
+        if entry["path"] not in names:
+            raise RunError(
+                f"checkpoint {path} has a leaf {entry['path']} that the state to fill lacks"
+            )
+    for entry, (name, leaf) in zip(entries, wanted, strict=True):
+        found = (entry["key"], entry["dtype"], tuple(entry["shape"]))
+        need = like_of(leaf)
+        if (entry["path"], found) != (name, need):
+            raise RunError(
+                f"leaf {entry['path']} of checkpoint {path} is {_words(*found)}, but the state to "
+                f"fill has {_words(*need)} there"
+            )
+
+
+def _files(path: Path) -> dict[str, str]:
+    """The digest of every file below a folder, by its path from there."""
+    files = sorted(p for p in path.rglob("*") if p.is_file())
+    return {
+        p.relative_to(path).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files
+    }
+
+
+def _check_files(path: Path, digests: dict[str, str], entries: list[dict[str, Any]]) -> None:
+    leaves = {entry["file"]: f"leaf {entry['path']}" for entry in entries}
+    for name, digest in digests.items():
+        leaf = leaves.get(Path(name).parts[1], name)  # arrays/00003/0.0 belongs to leaf 3
+        try:
+            data = (path / name).read_bytes()
+        except OSError:
+            raise DamagedError(f"checkpoint {path} is damaged: {leaf} is missing a file") from None
+        if hashlib.sha256(data).hexdigest() != digest:
+            raise DamagedError(f"checkpoint {path} is damaged: {leaf} has changed")
+
+
+def _words(key: str | None, dtype: str, shape: tuple[int, ...]) -> str:
+    return f"{f'a {key} key of ' if key else ''}{dtype}{list(shape)}"
+
+
+def _digest(array: np.ndarray) -> str:
+    return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
+
+
+def _canonical(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, sort_keys=True).encode()
+
+
+def _with_digest(content: dict[str, Any]) -> str:
+    digest = hashlib.sha256(_canonical(content)).hexdigest()
+    return json.dumps({**content, "sha256": digest}, indent=1)
+
+
+def _write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    path.parent.mkdir()
+    if not arrays:  # Orbax refuses an empty tree
+        return
+    try:
+        with _quiet(), _checkpointer() as checkpointer:
+            checkpointer.save(path.absolute(), args=ocp.args.PyTreeSave(arrays))
+    except ValueError as error:  # how TensorStore reports what the file system refuses
+        full = re.search("No space|too large|quota", str(error))
+        raise OSError(errno.ENOSPC if full else errno.EIO, str(error).split(": ")[-1]) from None
+
+
+def _read_arrays(path: Path, entries: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+    files = [entry["file"] for entry in entries if 0 not in entry["shape"]]
+    if not files:
+        return {}
+    as_numpy = ocp.args.PyTreeRestore(
+        restore_args={file: ocp.RestoreArgs(restore_type=np.ndarray) for file in files}
+    )
+    try:
+        with _quiet(), _checkpointer() as checkpointer:
+            return checkpointer.restore((path / "arrays").absolute(), args=as_numpy)
+    except (ValueError, KeyError, OSError) as error:
+        raise RunError(f"checkpoint {path} cannot be read by this version of Orbax") from error
+
+
+def _checkpointer() -> ocp.Checkpointer:
+    # Of several processes that compute together, the one that writes does not wait for the others.
+    me = jax.process_index()
+    alone = ocp.options.MultiprocessingOptions(me, {me}, f"process-{me}")
+    # One folder a leaf, so that damage to a file can be told by the leaf's name.
+    handler = ocp.PyTreeCheckpointHandler(
+        use_ocdbt=False, use_zarr3=False, multiprocessing_options=alone
+    )
+    return ocp.Checkpointer(handler, multiprocessing_options=alone)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Orbax logs each step of its work, and its errors before it raises them."""
+    logger = absl_logging.get_absl_logger()
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)

@@ -1,0 +1,60 @@
+"""How a process finds the others of its job, read from the environment before JAX is imported.
+
+    COORDINATOR_ADDRESS=job-0.job:1234 NUM_PROCESSES=4 PROCESS_ID=2 gril sweep ... --distributed
+
+Under SLURM none of the three is needed: JAX reads SLURM's own variables, and takes one process a
+GPU. JAX is not imported here.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from gril_jax.errors import ConfigError
+
+__all__ = ["Cluster", "cluster_of"]
+
+_NAMES = ("COORDINATOR_ADDRESS", "NUM_PROCESSES", "PROCESS_ID")
+_SLURM = ("SLURM_JOB_ID", "SLURM_NTASKS", "SLURM_PROCID")
+
+
+class Cluster(NamedTuple):
+    """The processes of a job, and which of them this one is."""
+
+    address: str  # HOST:PORT of the first
+    count: int
+    index: int  # from 0
+
+
+def cluster_of(environment: Mapping[str, str]) -> Cluster | None:
+    """The job that an environment describes; None where SLURM describes it to JAX.
+
+    Raises:
+      ConfigError: it describes none, or not all of it, or its numbers do not fit together.
+    """
+    given = [name for name in _NAMES if environment.get(name)]
+    if not given:
+        if all(environment.get(name) for name in _SLURM):
+            return None
+        raise ConfigError(
+            "--distributed finds no job: start it by srun, or set COORDINATOR_ADDRESS (HOST:PORT), "
+            "NUM_PROCESSES and PROCESS_ID"
+        )
+    for name in _NAMES:
+        if name not in given:
+            raise ConfigError(f"{given[0]} is set, but {name} is not: set {', '.join(_NAMES)}")
+    address = environment["COORDINATOR_ADDRESS"]
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():
+        raise ConfigError(f"COORDINATOR_ADDRESS is {address!r}, but must be HOST:PORT")
+    count, index = (_number(environment, name) for name in _NAMES[1:])
+    if index >= count:
+        raise ConfigError(
+            f"PROCESS_ID is {index}, but must be less than NUM_PROCESSES, which is {count}"
+        )
+    return Cluster(address, count, index)
+
+
+def _number(environment: Mapping[str, str], name: str) -> int:
+    if not environment[name].isdecimal():
+        raise ConfigError(f"{name} is {environment[name]!r}, but must be a whole number")
+    return int(environment[name])

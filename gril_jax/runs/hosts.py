@@ -1,0 +1,147 @@
+"""Several processes that run one program: who speaks for them, and what they must agree on.
+
+    hosts.initialize(cluster)                  # before anything else touches JAX
+    reward_params = hosts.same_everywhere(reward_params)
+    if hosts.is_first(): ...                   # the run's folder, the terminal
+
+Every process computes, on the same inputs, and calls these functions in the same order: most of
+them wait for all processes. In a process by itself each of them is a no-op.
+"""
+
+import contextlib
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.experimental import multihost_utils
+from jax.sharding import SingleDeviceSharding
+
+from gril_jax.errors import RunError
+
+from .cluster import Cluster
+
+__all__ = [
+    "gathered",
+    "initialize",
+    "is_first",
+    "largest",
+    "placed_like",
+    "same_everywhere",
+    "scratch",
+]
+
+
+def initialize(cluster: Cluster | None, *, timeout_s: int = 300) -> None:
+    """Connects the processes of a job; afterwards `jax.devices()` are those of all of them.
+
+    Args:
+      cluster: from `cluster_of`; None leaves it to JAX to ask SLURM.
+      timeout_s: how long to wait for the others.
+
+    Raises:
+      RunError: the others cannot be reached, or JAX has been used already.
+    """
+    # JAX's own handler would swallow SIGTERM, at which a run is saved.
+    jax.config.update("jax_enable_preemption_service", False)
+    jax.config.update("jax_cpu_collectives_implementation", "gloo")
+    known = {} if cluster is None else {
+        "coordinator_address": cluster.address,
+        "num_processes": cluster.count,
+        "process_id": cluster.index,
+        "cluster_detection_method": "deactivate",  # or it would leave us one GPU
+    }  # fmt: skip
+    try:
+        jax.distributed.initialize(**known, initialization_timeout=timeout_s)
+    except (RuntimeError, ValueError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise RunError(f"the processes of the job cannot be connected ({reason})") from None
+
+
+def is_first() -> bool:
+    """Whether this process writes the run's folder, prints and draws."""
+    return jax.process_index() == 0
+
+
+def same_everywhere(tree: Any) -> Any:
+    """The first process's values, bit for bit, as NumPy arrays; typed keys stay keys.
+
+    Args:
+      tree: arrays and numbers; of those of other processes, only shapes and types are looked at.
+    """
+    if jax.process_count() == 1:
+        return tree
+
+    def sent(leaf):
+        like = jax.eval_shape(_data, leaf)
+        values = _data(leaf) if is_first() else np.zeros(like.shape, like.dtype)
+        # As bytes, because the processes' contributions are added up: -0.0 + 0.0 is not -0.0.
+        flat = np.asarray(values, like.dtype).reshape(-1).view(np.uint8)
+        sent = multihost_utils.broadcast_one_to_all(flat)
+        return _wrapped(np.asarray(sent).view(like.dtype).reshape(like.shape), leaf)
+
+    return jax.tree.map(sent, tree)
+
+
+def largest(numbers: Sequence[int]) -> list[int]:
+    """The largest value that each of these numbers has in any process."""
+    if jax.process_count() == 1:
+        return [int(x) for x in numbers]
+    every = multihost_utils.process_allgather(np.asarray(numbers, np.int32))
+    return [int(x) for x in every.max(axis=0)]
+
+
+def gathered(tree: Any) -> Any:
+    """The tree with whole arrays in the place of those that are spread over processes.
+
+    They are NumPy arrays, in the memory of each process; one leaf after the other is whole on a
+    device meanwhile.
+    """
+
+    def whole(leaf):
+        if not isinstance(leaf, jax.Array) or leaf.is_fully_addressable:
+            return leaf
+        return _wrapped(multihost_utils.process_allgather(_data(leaf), tiled=True), leaf)
+
+    return jax.tree.map(whole, tree)
+
+
+def placed_like(tree: Any, like: Any) -> Any:
+    """Whole arrays, put where those of another tree are; what is on the only device stays there."""
+
+    def place(leaf, old):
+        if not isinstance(old, jax.Array) or isinstance(old.sharding, SingleDeviceSharding):
+            return leaf
+        host, where = np.asarray(_data(leaf)), _data(old).sharding
+        placed = jax.make_array_from_callback(host.shape, where, lambda index: host[index])
+        return _wrapped(placed, old)
+
+    return jax.tree.map(place, tree, like)
+
+
+@contextlib.contextmanager
+def scratch() -> Iterator[Path | None]:
+    """A folder for what a process other than the first writes, gone afterwards; None in the first.
+
+    What is written there is a by-product: only the first process's files are kept.
+    """
+    if is_first():
+        yield None
+        return
+    with tempfile.TemporaryDirectory(prefix="gril-") as folder:
+        yield Path(folder)
+
+
+def _is_key(leaf: Any) -> bool:
+    return isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def _data(leaf: Any) -> Any:
+    return jax.random.key_data(leaf) if _is_key(leaf) else leaf
+
+
+def _wrapped(data: Any, like: Any) -> Any:
+    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(like)) if _is_key(like) else data

@@ -1,0 +1,98 @@
+"""SIGTERM and Ctrl-C as a request to stop at the next good moment. JAX is not imported here."""
+
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+
+from gril_jax.errors import GrilError
+
+__all__ = ["Interrupted", "Notice", "heard", "noticed"]
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SOON = 0.01  # seconds
+
+
+class Interrupted(GrilError):
+    """A run was asked to stop, and has saved itself.
+
+    Args:
+      sentence: what was saved, and how to go on.
+      number: of the signal.
+    """
+
+    def __init__(self, sentence: str, number: int):
+        super().__init__(sentence)
+        self.number = number
+
+    @property
+    def exit_code(self) -> int:
+        """130 for SIGINT, 143 for SIGTERM, as shells have it."""
+        return 128 + self.number
+
+
+class Notice:
+    """Which signal has come, if any."""
+
+    number: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Such as "SIGTERM"."""
+        return "" if self.number is None else signal.Signals(self.number).name
+
+
+@contextlib.contextmanager
+def noticed() -> Iterator[Notice]:
+    """Notes the first SIGINT or SIGTERM; a second one acts as it would have without this.
+
+    The handlers from before are back at the end. In any thread but the main one, where Python
+    takes no handlers, signals act as ever.
+    """
+    notice = Notice()
+    if threading.current_thread() is not threading.main_thread():
+        yield notice
+        return
+
+    def note(number: int, _: object) -> None:
+        notice.number = number
+        restore()
+
+    before = {number: signal.signal(number, note) for number in _SIGNALS}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+    try:
+        yield notice
+    finally:
+        restore()
+
+
+@contextlib.contextmanager
+def heard() -> Iterator[None]:
+    """A KeyboardInterrupt that Python would only print is raised again, a moment later.
+
+    So it is with whatever is raised in a callback of the garbage collector, of which JAX has one
+    that runs often while programs are traced, in one of a weak reference, and in a `__del__`.
+    The hook from before is back at the end, and takes everything else.
+    """
+    before, again = sys.unraisablehook, []
+
+    def hook(lost) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            before(lost)
+            return
+        main = threading.main_thread().ident
+        again.append(threading.Timer(_SOON, signal.pthread_kill, (main, signal.SIGINT)))
+        again[-1].start()
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        for timer in again:
+            timer.cancel()
+        sys.unraisablehook = before

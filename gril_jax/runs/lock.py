@@ -1,0 +1,42 @@
+"""The lock on a run's folder: a file `lock`, held by the one process that writes to the folder.
+
+The file holds that process's id. The kernel drops the lock with the process, however it ends, so
+that none is ever left behind; the file is. JAX is not imported here.
+"""
+
+import fcntl
+import os
+from pathlib import Path
+from typing import TextIO
+
+from gril_jax.errors import RunError
+
+__all__ = ["take_lock"]
+
+
+def take_lock(folder: Path, *, note: bool = True) -> TextIO:
+    """The open file `lock` of a folder, locked until it is closed.
+
+    Args:
+      folder: an existing one.
+      note: whether to write this process's id into the file.
+
+    Raises:
+      RunError: a process has the lock, this one included.
+      OSError: the file cannot be made or written.
+    """
+    lock = open(folder / "lock", "a+", encoding="utf-8")  # closed by the caller
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.seek(0)
+        holder = lock.read().strip() or "unknown"
+        lock.close()
+        raise RunError(
+            f"{folder} is being written by process {holder}: wait for it or give another folder"
+        ) from None
+    if note:
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}\n")
+        lock.flush()
+    return lock

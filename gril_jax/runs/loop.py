@@ -1,0 +1,151 @@
+"""The host's side of training: compiled chunks one after another, logged, saved, interruptible.
+
+    begun = restore(run, "ppo", algorithm.init(key), tell=echo)
+    trained = run_chunks(advance, begun, run=run, name="ppo", chunks=20, row=row)
+
+The state is any pytree. A run that was cut off, at whatever moment, goes on from its newest
+checkpoint bit for bit: what a chunk does depends on nothing but the state before it.
+
+With several processes (`gril_jax.runs.hosts`) each runs the chunks of one program; the first
+decides when to save, logs, and writes checkpoints of the whole state.
+"""
+
+import signal
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.checkpoints.writer import CheckpointWriter
+
+from . import hosts
+from .interrupt import Interrupted, noticed
+from .run_dir import RunDir
+
+__all__ = ["Begun", "Trained", "restore", "run_chunks"]
+
+
+class Begun(NamedTuple):
+    """Where a phase starts, or goes on."""
+
+    state: Any
+    chunks: int  # that have been done
+    seconds: float  # that they took
+
+
+class Trained(NamedTuple):
+    """What a phase came to."""
+
+    state: Any
+    seconds: float  # of all chunks, those before an interruption included
+    stall_s: float  # that the longest copy of a checkpoint held the training up
+
+
+def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) -> Begun:
+    """The newest undamaged checkpoint of a phase, or a fresh state where there is none.
+
+    Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside. What is restored
+    goes to the devices on which the fresh state is. The first process alone looks for it.
+
+    Args:
+      run: the run's folder.
+      name: the phase.
+      state: its fresh state; a weakly typed leaf becomes a strongly typed one.
+      tell: takes a sentence for each damaged checkpoint.
+
+    Raises:
+      RunError: a checkpoint is of another structure than the state, or rows have been lost.
+    """
+    found, chunks, seconds = state, 0, 0.0
+    if hosts.is_first():
+        found, chunks = _newest(run.checkpoints / name, state, tell)
+        rows = [row for row in run.cut_metrics(name, chunks) if row.get("phase") == name]
+        seconds = float(rows[-1].get("seconds") or 0.0) if rows else 0.0
+    (chunks,) = hosts.largest([chunks])  # those of the first: others know of none
+    if chunks:
+        state = hosts.placed_like(hosts.same_everywhere(found), state)
+    return Begun(jax.tree.map(_strong, state), chunks, seconds)
+
+
+def _newest(folder: Path, state: Any, tell: Callable[[str], None]) -> tuple[Any, int]:
+    """The newest undamaged checkpoint and its chunks; the fresh state and 0 where there is none."""
+    while (path := checkpoint.latest(folder)) is not None:
+        try:
+            return checkpoint.restore(path, state), int(path.name)
+        except checkpoint.DamagedError as error:
+            aside = checkpoint.discard(path)
+            tell(f"{error}: it is set aside as {aside.name}, and the one before it is taken")
+    return state, 0
+
+
+def run_chunks(
+    advance: Callable[[Any], tuple[Any, Any]],
+    begun: Begun,
+    *,
+    run: RunDir,
+    name: str,
+    chunks: int,
+    row: Callable[[int, float, Any], Mapping[str, Any]],
+    every_s: int | float,
+    keep: int,
+) -> Trained:
+    """Runs a phase to its end: a row of metrics for each chunk, a checkpoint now and then.
+
+    Args:
+      advance: one chunk, from a state to the next and its metrics; it may donate the state.
+      begun: what `restore` returned.
+      run: the run's folder.
+      name: the phase; metrics have it as "phase", and checkpoints go to a folder of this name.
+      chunks: how many there are in all.
+      row: from the chunks done, the seconds they took and a chunk's metrics on the host to a line
+        of metrics.jsonl.
+      every_s: least time between two checkpoints, seconds; the last state is always saved.
+      keep: how many of the newest checkpoints stay.
+
+    Raises:
+      Interrupted: SIGINT or SIGTERM came; the state is saved.
+      RunError: the disk is full or not writable; the last good checkpoint stays.
+    """
+    state, done, before_s = begun
+    folder = run.checkpoints / name
+    writer = CheckpointWriter(folder, keep=keep, before=run.sync_metrics)
+    begun_s = saved_s = time.monotonic()
+    seconds = before_s
+    with writer, noticed() as notice:
+        while done < chunks:
+            state, metrics = advance(state)
+            metrics = jax.device_get(metrics)
+            done, now = done + 1, time.monotonic()
+            seconds = before_s + now - begun_s
+            due = False
+            if hosts.is_first():
+                run.log(phase=name, seconds=seconds, **row(done, seconds, metrics))
+                # One that is still being written is not waited for: the next chunk will do.
+                due = not writer.busy and now - saved_s >= every_s
+            due, number = hosts.largest([due, notice.number or 0])
+            if due or number or done == chunks:
+                whole = hosts.gathered(state)
+                if hosts.is_first():
+                    writer.save(done, whole)
+                saved_s = now
+            if number:
+                writer.wait()
+                raise _interrupted(number, run, name, done, chunks)
+    return Trained(state, seconds, writer.longest_stall_s)
+
+
+def _interrupted(number: int, run: RunDir, name: str, done: int, chunks: int) -> Interrupted:
+    how = f"gril {run.experiment} --resume {run.path} goes on with it"
+    return Interrupted(
+        f"{signal.Signals(number).name} came, and the run is saved after {done} of {chunks} chunks "
+        f"of phase {name!r}: {how if hosts.is_first() else 'the first process says how to go on'}",
+        number,
+    )
+
+
+def _strong(leaf: Any) -> Any:
+    """A restored leaf is strongly typed: a fresh one must compile to the same program."""
+    return leaf.astype(leaf.dtype) if getattr(leaf, "weak_type", False) else leaf

@@ -1,0 +1,85 @@
+"""phases.json: what a run began as, and which of its phases have finished, with what.
+
+    {"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}}, "sha256": "..."}
+
+JAX is not imported here.
+"""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gril_jax.config import RunConfig
+from gril_jax.config.files import to_yaml
+from gril_jax.errors import RunError
+from gril_jax.safe_files import write_whole, writing
+
+from .metric_rows import plain
+
+__all__ = ["Phases", "changed_fields", "read_phases", "write_phases"]
+
+_FILE = "phases.json"
+
+
+@dataclass(frozen=True)
+class Phases:
+    """What phases.json says."""
+
+    experiment: str | None  # the experiment that can go on with the run, None if it cannot
+    config: str  # YAML, as the run began
+    finished: dict[str, dict[str, Any]] = field(default_factory=dict)  # phase to its results
+
+
+def write_phases(folder: Path, phases: Phases) -> None:
+    """Replaces the file, whole; results are numbers, strings and lists of them."""
+    content = plain(dataclasses.asdict(phases))
+    text = json.dumps(content | {"sha256": _digest(content)}, indent=1)
+    with writing(folder):
+        write_whole(folder / _FILE, text + "\n")
+
+
+def read_phases(folder: Path) -> Phases:
+    """What `write_phases` wrote.
+
+    Raises:
+      RunError: the file is missing or has changed.
+    """
+    file = folder / _FILE
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        if content.pop("sha256") == _digest(content):
+            return Phases(**content)
+    except FileNotFoundError:
+        raise RunError(
+            f"{folder} cannot be resumed, because it has no {_FILE}: it is of an older version"
+        ) from None
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        pass
+    raise RunError(f"{folder} cannot be resumed, because its {_FILE} has changed")
+
+
+def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:
+    """The fields of a configuration that are not as they were, such as `run.seed (0, not 1)`.
+
+    Args:
+      began: as it was; fields that its YAML lacks are newer, and do not count.
+      now: as it is.
+    """
+    before = yaml.safe_load(began if isinstance(began, str) else to_yaml(began))
+    after = yaml.safe_load(to_yaml(now))
+    return [
+        f"{section}.{name} ({after[section].get(name)!r}, not {value!r})"
+        for section, fields in before.items()
+        for name, value in fields.items()
+        if after.get(section, {}).get(name) != value
+    ]
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,346 @@
+"""One run's folder: its configuration, versions, metrics and results, and the lock on it.
+
+    config.yaml      the resolved configuration; `gril train FOLDER/config.yaml` runs it again
+    phases.json      see `gril_jax.runs.phases`
+    versions.json    package versions, Python, platform, device, command
+    metrics.jsonl    see `gril_jax.runs.metric_rows`
+    results.json     written when the run has finished
+    checkpoints/     one folder a phase, see `gril_jax.runs.checkpoints.checkpoint`
+    lock             see `gril_jax.runs.lock`
+
+Neither JAX nor MuJoCo is imported here.
+"""
+
+import dataclasses
+import json
+import platform
+import shlex
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any, TextIO
+
+from gril_jax.config import RunConfig
+from gril_jax.config.files import load, to_yaml
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.safe_files import write_whole, writing
+
+from .lock import take_lock
+from .metric_rows import MetricRows, plain, read_rows
+from .phases import Phases, changed_fields, read_phases, write_phases
+from .sinks import Sink, open_sink
+
+__all__ = [
+    "PACKAGES",
+    "RunDir",
+    "create",
+    "create_or_resume",
+    "default_path",
+    "package_versions",
+    "read_config",
+    "read_metrics",
+    "read_results",
+    "require_new",
+    "require_resumable",
+    "resume",
+    "writing",
+]
+
+# What the numbers of a run can depend on; `gril doctor` shows the same list.
+PACKAGES = (
+    "gril-jax", "jax", "jaxlib", "flax", "optax", "jraph", "mujoco", "mujoco-mjx", "brax",
+    "orbax-checkpoint", "numpy", "scipy", "opencv-python-headless", "av",
+)  # fmt: skip
+
+
+class RunDir:
+    """A run's folder, open for writing; made by `create` or `resume`, closed by `with`."""
+
+    def __init__(self, path: Path, lock: TextIO, phases: Phases, config: RunConfig):
+        self.path = path
+        self._lock, self._phases = lock, phases
+        self._sinks: list[Sink] = []
+        self._rows = MetricRows(path / "metrics.jsonl")
+        try:
+            rows = read_rows(self._rows.file)
+            self._count = len(rows)
+            for name in config.run.sinks:
+                self._sinks.append(open_sink(name, path, dataclasses.asdict(config)))
+                self._sinks[-1].begin(rows)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def checkpoints(self) -> Path:
+        """Where checkpoints go."""
+        return self.path / "checkpoints"
+
+    @property
+    def experiment(self) -> str | None:
+        """The experiment that can go on with the run."""
+        return self._phases.experiment
+
+    def log(self, **metrics: Any) -> None:
+        """Appends one line of metrics; arrays become lists, non-finite numbers become null.
+
+        Raises:
+          RunError: the disk is full or the folder not writable; earlier lines stay readable.
+        """
+        row = plain(metrics)
+        self._rows.append(row)
+        for sink in self._sinks:
+            sink.log(self._count, row)
+        self._count += 1
+
+    def sync_metrics(self) -> None:
+        """Returns once the metrics so far are on the disk."""
+        self._rows.sync()
+
+    def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
+        """Leaves the first `count` rows of a phase, and of other phases what came before.
+
+        Returns:
+          The rows that are left.
+
+        Raises:
+          RunError: the phase has fewer rows.
+        """
+        rows = self._rows.keep(phase, count)
+        if len(rows) != self._count:
+            for sink in self._sinks:
+                sink.begin(rows)
+        self._count = len(rows)
+        return rows
+
+    def finished_phase(self, name: str) -> dict[str, Any] | None:
+        """What a phase came to, or None while it has not finished."""
+        return self._phases.finished.get(name)
+
+    def finish_phase(self, name: str, results: Mapping[str, Any]) -> None:
+        """Notes that a phase has finished, so that a resumed run does not repeat it."""
+        finished = self._phases.finished | {name: dict(results)}
+        self._phases = dataclasses.replace(self._phases, finished=finished)
+        write_phases(self.path, self._phases)
+
+    def finish(self, results: Mapping[str, Any]) -> None:
+        """Writes results.json, which says that the run has finished."""
+        with writing(self.path):
+            write_whole(self.path / "results.json", json.dumps(plain(results), indent=2) + "\n")
+
+    def close(self) -> None:
+        """Gives the lock back; closing twice is harmless."""
+        while self._sinks:
+            self._sinks.pop().close()
+        self._rows.close()
+        self._lock.close()
+
+    def __enter__(self) -> "RunDir":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def default_path(seed: int) -> Path:
+    """A folder under `runs/`, named after the time and the seed, that does not exist yet."""
+    stem = f"{time.strftime('%Y%m%d-%H%M%S')}-seed{seed}"
+    path, count = Path("runs") / stem, 1
+    while path.exists():
+        count += 1
+        path = Path("runs") / f"{stem}-{count}"
+    return path
+
+
+def create(
+    path: Path,
+    config: RunConfig,
+    *,
+    device: str,
+    command: Sequence[str] | None = None,
+    experiment: str | None = None,
+    begun: Mapping[str, Mapping[str, Any]] | None = None,
+) -> RunDir:
+    """Creates a run's folder, which must not exist, and opens it for writing.
+
+    Args:
+      path: the folder; folders above it are created where they lack.
+      config: written as config.yaml.
+      device: what the run computes on, in words.
+      command: how the process was started; `sys.argv` where None.
+      experiment: what can go on with the run if it is cut off; None if nothing can.
+      begun: phases that have finished before the run began, with what they came to.
+
+    Raises:
+      RunError: the folder exists, cannot be written, or the disk is full.
+    """
+    require_new(path)
+    versions = {
+        "packages": package_versions(),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "device": device,
+        "command": shlex.join(sys.argv if command is None else command),
+        "started": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+    }
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            path.mkdir()  # exclusive, whatever happened since it was looked at
+        except FileExistsError:
+            require_new(path)
+        lock = take_lock(path)
+        write_whole(path / "versions.json", json.dumps(versions, indent=2) + "\n")
+        finished = {name: dict(results) for name, results in (begun or {}).items()}
+        phases = Phases(experiment, to_yaml(config), finished)
+        write_phases(path, phases)
+        write_whole(path / "config.yaml", phases.config)  # last: it makes the folder a run
+    return RunDir(path, lock, phases, config)
+
+
+def resume(path: Path) -> RunDir:
+    """Opens an existing run's folder for writing.
+
+    Raises:
+      RunError: it is not a run's folder, its configuration was changed, or another process is
+        writing to it.
+    """
+    config, phases = _read_unchanged(path)
+    with writing(path):
+        lock = take_lock(path)
+    return RunDir(path, lock, phases, config)
+
+
+def require_resumable(path: Path, experiment: str) -> RunConfig:
+    """The configuration of a run that an experiment can go on with.
+
+    Raises:
+      RunError: it is no run, has finished, is of another experiment, was changed, or is being
+        written.
+    """
+    config, phases = _read_unchanged(path)
+    if phases.experiment != experiment:
+        made = f"by gril {phases.experiment}" if phases.experiment else "otherwise"
+        raise RunError(f"{path} was made {made}, so gril {experiment} cannot go on with it")
+    if (path / "results.json").exists():
+        raise RunError(
+            f"the run in {path} has finished, so there is nothing left to go on with: gril report "
+            "draws its page again"
+        )
+    with writing(path):
+        take_lock(path, note=False).close()
+    return config
+
+
+def _read_unchanged(path: Path) -> tuple[RunConfig, Phases]:
+    config, phases = read_config(path), read_phases(path)
+    if changed := changed_fields(phases.config, config):
+        raise RunError(
+            f"{path / 'config.yaml'} has been changed since the run began: {', '.join(changed)}"
+        )
+    return config, phases
+
+
+def create_or_resume(
+    config: RunConfig,
+    folder: Path | None,
+    *,
+    device: str,
+    experiment: str,
+    begun: Mapping[str, Mapping[str, Any]] | None = None,
+) -> RunDir:
+    """The run in a folder, opened to go on with; a new one at `config.run.out` where that is None.
+
+    A run that goes on has its own `begun`.
+
+    Raises:
+      RunError: see `create`, `require_resumable` and `resume`.
+    """
+    if folder is not None:
+        require_resumable(folder, experiment)
+        return resume(folder)
+    out = Path(config.run.out) if config.run.out else default_path(config.run.seed)
+    return create(out, config, device=device, experiment=experiment, begun=begun)
+
+
+def require_new(path: Path) -> None:
+    """Raises RunError where something is in the way of a new folder."""
+    if path.exists() or path.is_symlink():
+        raise RunError(f"{path} exists already, but the output must be a new folder")
+    above = next(p for p in path.absolute().parents if p.exists())
+    if not above.is_dir():
+        raise RunError(f"{path} cannot be created, because {above} is a file, not a folder")
+
+
+def read_config(path: Path) -> RunConfig:
+    """A run's configuration.
+
+    Raises:
+      RunError: it is not a run's folder, or its configuration is damaged.
+    """
+    file = _config_file(path)
+    try:
+        return load(str(file))
+    except ConfigError as error:
+        raise RunError(str(error)) from None
+
+
+def _config_file(path: Path) -> Path:
+    if not path.is_dir():
+        fault = "is a file" if path.exists() else "does not exist"
+        raise RunError(f"{path} {fault}, but must be the folder of a run")
+    file = path / "config.yaml"
+    if not file.is_file():
+        raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
+    return file
+
+
+def read_metrics(path: Path) -> list[dict[str, Any]]:
+    """A run's metrics so far, oldest first; a last line that was cut short is left out.
+
+    Raises:
+      RunError: it is not a run's folder, the file is missing, or a line before the last is damaged.
+    """
+    _config_file(path)
+    file = path / "metrics.jsonl"
+    try:
+        return read_rows(file)
+    except FileNotFoundError:
+        raise RunError(f"the run in {path} has no metrics yet: it lacks {file.name}") from None
+    except OSError as error:
+        raise RunError(f"{file} cannot be read ({error})") from None
+
+
+def read_results(path: Path) -> dict[str, Any]:
+    """What a finished run came to.
+
+    Raises:
+      RunError: it is not a run's folder, the run has not finished, or the file is damaged.
+    """
+    _config_file(path)
+    try:
+        text = (path / "results.json").read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise RunError(f"the run in {path} has not finished: it lacks results.json") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{path / 'results.json'} cannot be read ({error})") from None
+    try:
+        results = json.loads(text)
+    except ValueError:
+        raise RunError(f"{path / 'results.json'} is not JSON") from None
+    if not isinstance(results, dict):
+        raise RunError(f"{path / 'results.json'} must be an object with fields")
+    return results
+
+
+def package_versions() -> dict[str, str]:
+    """The installed version of each package in `PACKAGES`, or "missing"."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "missing"
+    return found

@@ -1,0 +1,174 @@
+"""Ends of stages on which demonstrations agree, from their reward traces together.
+
+One trace by itself is a poor witness: a step may be as small as the noise, and a pause in the
+middle of a rise as long as a short plateau. But demonstrations of one task climb the same stairs:
+what is a stage's end in one has the same reward in the others, or comes after the same share of the
+way from where its trace begins to where it ends, if some have further to go than others. So
+
+    stages = agreed_boundaries(rewards, length, patience=8)
+    patience, stages = agreed_stages(rewards, length)     # where it is not known
+
+takes what `gril_jax.subtasks.transitions` finds in each trace, keeps what most have at the same
+reward or share, whichever they agree on better, and where a trace lacks it, marks the frame at
+which that is reached. Patience is how long a plateau must be. No label is used. Everything can be
+jitted. Shapes use B for demonstrations, T for frames, M for boundaries and P for patiences.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from gril_jax.subtasks.boundaries import running_median, transitions
+
+from .matching import boundary_frames, shared_boundaries
+
+__all__ = ["MOST", "AgreedBoundaries", "agreed_boundaries", "agreed_stages", "each_alone"]
+
+MOST = 12  # boundaries of one demonstration, at most
+# Patiences that are tried, in shares of the middle length of the videos.
+_SHARES = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
+
+
+class AgreedBoundaries(NamedTuple):
+    """The same stages in every demonstration; those kept come first, in order of time."""
+
+    frames: Int[Array, "B M"]  # last frame of each stage, increasing; -1 in slots not kept
+    kept: Bool[Array, "M"]
+    support: Float[Array, "M"]  # share of the demonstrations that show it by themselves
+    found: Bool[Array, "B M"]  # whether this one does
+    level: Float[Array, "M"]  # mean reward at which the stage ends
+
+
+def agreed_boundaries(
+    reward: Float[Array, "B T"],
+    length: Int[Array, "B"],
+    *,
+    prominence: Float[Array, ""] | float = 0.125,
+    smoothing: int = 15,
+    patience: Int[Array, ""] | int = 8,
+    support: Float[Array, ""] | float = 0.5,
+) -> AgreedBoundaries:
+    """Boundaries that at least the share `support` of the demonstrations has in common.
+
+    Two boundaries are the same if their rewards, or their shares of the way from a trace's first
+    reward to its last one, differ by less than `prominence`; of the two scales that counts on which
+    the demonstrations are more alike, as `agreed_stages` has it.
+
+    Args:
+      reward: of every frame, padded in any way.
+      length: frames before padding.
+      prominence, smoothing, patience: of `transitions`.
+      support: see above.
+
+    Raises:
+      ConfigError: a number is out of its range.
+    """
+    trace = _smoothed(reward, length, smoothing)
+    own = each_alone(reward, length, prominence=prominence, smoothing=smoothing, patience=patience)
+    return _common(trace, own, length, prominence, support)
+
+
+def _smoothed(reward, length, smoothing):
+    return jax.vmap(lambda x: running_median(x, smoothing))(_held(reward, length))
+
+
+def _common(trace, own, length, prominence, support) -> AgreedBoundaries:
+    """Those of the scale on which traces are more alike."""
+    scales = jnp.stack([trace, _way(trace, length, prominence)])
+    both = jax.vmap(lambda scale: _shared(scale, own, length, prominence, support))(scales)
+    better = jnp.argmax(jax.vmap(_alike, in_axes=(None, 0))(own, both))
+    one = jax.tree.map(lambda x: x[better], both)
+    return one._replace(level=_mean_there(trace, one))
+
+
+def _way(trace, length, least):
+    """Traces from 0 at their first frames to 1 at their last ones, if they climb at all."""
+    start, end = trace[:, :1], jnp.take_along_axis(trace, length[:, None] - 1, axis=1)
+    return (trace - start) / jnp.maximum(end - start, least)
+
+
+def _shared(scale, own, length, prominence, support) -> AgreedBoundaries:
+    """Those that traces share on a scale (B, T), with their levels on it."""
+    shared = shared_boundaries(
+        scale[:, :, None], own, length, tolerance=prominence, support=support
+    )
+    shared = AgreedBoundaries(
+        shared.frames, shared.kept, shared.support, shared.found, jnp.zeros(MOST)
+    )
+    shared = shared._replace(level=_mean_there(scale, shared))
+
+    def reached(scale, frames, found):
+        """Boundaries that lack are set to the first frame at the level after the one before."""
+
+        def place(before, one):
+            level, frame, found, kept = one
+            at = jnp.arange(len(scale))
+            there = (at > before) & (at < frame) & (scale >= level - 0.25 * prominence)
+            frame = jnp.where(found | ~there.any(), frame, jnp.argmax(there))
+            return jnp.where(kept, frame, before), jnp.where(kept, frame, -1)
+
+        return jax.lax.scan(place, -1, (shared.level, frames, found, shared.kept))[1]
+
+    return shared._replace(frames=jax.vmap(reached)(scale, shared.frames, shared.found))
+
+
+def _mean_there(trace, shared: AgreedBoundaries) -> Float[Array, "M"]:
+    """The mean of traces at each boundary, over those that show it."""
+    there = jnp.take_along_axis(trace, jnp.maximum(shared.frames, 0), axis=1)
+    total = jnp.sum(jnp.where(shared.found, there, 0.0), axis=0)
+    mean = total / jnp.maximum(jnp.sum(shared.found, axis=0), 1)
+    return jnp.where(shared.kept, mean, 0.0)
+
+
+def _alike(own: Int[Array, "B M"], shared: AgreedBoundaries) -> Float[Array, ""]:
+    """Dice's coefficient of the boundaries that traces have by themselves and the common ones."""
+    count = jnp.sum(own >= 0) + jnp.sum(shared.kept) * len(own)
+    return 2 * jnp.sum(shared.found) / jnp.maximum(count, 1)
+
+
+def agreed_stages(
+    reward: Float[Array, "B T"],
+    length: Int[Array, "B"],
+    *,
+    prominence: Float[Array, ""] | float = 0.125,
+    smoothing: int = 15,
+    support: Float[Array, ""] | float = 0.5,
+) -> tuple[Int[Array, ""], AgreedBoundaries]:
+    """The patience with which each demonstration's stages are most like the common ones, and these.
+
+    Too short a patience cuts rises at their pauses, here in two and there in three; too long a one
+    passes over plateaus, here and not there. Alike is Dice's coefficient of the boundaries found in
+    each trace and the common ones; one common boundary, which any trace has, counts as none. Of
+    equally good patiences the shortest.
+
+    Args:
+      reward, length, prominence, smoothing, support: as in `agreed_boundaries`.
+    """
+    shares = jnp.array(_SHARES)
+    patiences = jnp.maximum(1, jnp.round(shares * jnp.median(length))).astype(jnp.int32)
+    trace = _smoothed(reward, length, smoothing)
+    rule = {"prominence": prominence, "smoothing": smoothing}
+
+    def agreement(patience):
+        own = each_alone(reward, length, **rule, patience=patience)
+        common = _common(trace, own, length, prominence, support)
+        return jnp.where(jnp.sum(common.kept) >= 2, _alike(own, common), 0.0), common
+
+    alike, each = jax.lax.map(agreement, patiences)
+    best = jnp.argmax(alike)
+    return patiences[best], jax.tree.map(lambda x: x[best], each)
+
+
+def each_alone(reward: Float[Array, "B T"], length: Int[Array, "B"], **rule) -> Int[Array, "B M"]:
+    """Frames that `transitions` marks in each trace, filled up with -1; options are its own."""
+    within = jnp.arange(reward.shape[1]) < length[:, None]
+    marked = jax.vmap(lambda x: transitions(x, **rule))(_held(reward, length)) & within
+    return jax.vmap(lambda x: boundary_frames(x, MOST))(marked)
+
+
+def _held(reward, length):
+    """A trace that goes on standing where it ends has the same boundaries, and none after it."""
+    frames = jnp.minimum(jnp.arange(reward.shape[1]), length[:, None] - 1)
+    return jnp.take_along_axis(reward, frames, axis=1)

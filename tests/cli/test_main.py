@@ -1,0 +1,182 @@
+"""`gril VERB`: exit codes, one sentence for each mistake, nothing heavy before the work."""
+
+import gc
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gril_jax.cli import heavy_imports, main
+
+# Runs a command line as `gril` does, then tells which of the slow packages it loaded.
+_RUNNER = """
+import sys
+from gril_jax.cli import main
+code = main(sys.argv[1:])
+heavy = [m for m in ("jax", "mujoco", "brax", "orbax", "numpy", "rich") if m in sys.modules]
+print("HEAVY", *heavy)
+sys.exit(code)
+"""
+
+
+def _gril(*args, cwd):
+    """Exit code, stdout and stderr of a process of its own, which must not load JAX."""
+    done = subprocess.run(
+        [sys.executable, "-c", _RUNNER, *args], capture_output=True, text=True, cwd=cwd
+    )
+    out, _, heavy = done.stdout.rpartition("HEAVY")
+    assert heavy.split() == []
+    assert "Traceback" not in done.stderr
+    return done.returncode, out, done.stderr
+
+
+# --- a process of its own
+
+
+@pytest.mark.parametrize(
+    ("args", "shows"),
+    [
+        ([], "usage: gril VERB"),
+        (["--help"], "usage: gril VERB"),
+        (["demos"], "import-magical"),
+        (["demos", "--help"], "import-magical"),
+        (["train", "--help"], "--ppo.num-envs"),
+        (["train", "match_regions", "-h"], "12000000"),
+        (["quickstart", "--help"], "(default: 600000)"),
+        (["demos", "make", "--help"], "--demos.num"),
+        (["demos", "import-videos", "--help"], "--half-extent"),
+        (["eval", "--help"], "--episodes"),
+        (["export-policy", "--help"], "policy.npz"),
+        (["export-reward", "--help"], "reward.npz"),
+        (["ablate", "--help"], "--seeds"),
+        (["soundness", "--help"], "--rows"),
+        (["table1", "--help"], "--rows"),
+        (["table2", "--help"], "--rows"),
+        (["subtasks", "--help"], "--sets"),
+    ],
+)
+def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
+    code, out, err = _gril(*args, cwd=tmp_path)
+    assert (code, err) == (0, "")
+    assert shows in out
+
+
+@pytest.mark.parametrize(
+    ("args", "fault"),
+    [
+        (["trian"], "there is no verb 'trian' (did you mean train?)"),
+        (["demos", "mkae"], "there is no verb 'demos mkae' (did you mean demos make?)"),
+        (["train", "--ppo.num-evs", "3"], "did you mean --ppo.num-envs?"),
+        (["train", "quikstart"], "did you mean quickstart?"),
+        (["train", "mine.yaml"], "mine.yaml does not exist"),
+        (["quickstart", "match_regions"], "there is no use for 'match_regions'"),
+        (["quickstart", "--demos", "nowhere"], "nowhere does not exist, but must be a folder"),
+        (["pretrain", "--pool.alpha=0"], "pool.alpha is 0.0, but must be"),
+        (["demos", "make", "quickstart"], "needs --out"),
+        (["demos", "make", "--out"], "--out is given without a value"),
+        (["demos", "import-magical", "nowhere", "--out", "x"], "nowhere does not exist"),
+        (["demos", "import-magical", "."], "needs SOURCE, --out"),
+        (["eval"], "gril eval needs RUN"),
+        (["eval", "nowhere"], "nowhere does not exist, but must be the folder of a run"),
+        (["report", "."], "has no config.yaml"),
+        (["export-policy", "."], "gril export-policy needs RUN, --out"),
+        (["export-policy", "nowhere", "--out", "x"], "must be the folder of a run"),
+        (["export-policy", ".", "--out", "x"], "has no config.yaml"),
+        (["doctor", "--timeout-s", "x"], "--timeout-s is 'x', but must be a number"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_code_2_before_jax_is_imported(args, fault, tmp_path):
+    code, out, err = _gril(*args, cwd=tmp_path)
+    assert (code, out) == (2, "")
+    assert err.startswith("gril: ")
+    assert err.endswith(".\n")
+    assert err.count("\n") == 1
+    assert fault in err
+
+
+def test_the_installed_command_runs(tmp_path):
+    gril = Path(sys.executable).with_name("gril")
+    if not gril.exists():
+        pytest.skip("the package is on the path without having been installed")
+    done = subprocess.run([gril, "--help"], capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, main._HELP)
+
+
+def test_a_reader_that_has_had_enough_causes_no_traceback(tmp_path):
+    reader, writer = os.pipe()
+    os.close(reader)
+    code = [sys.executable, "-m", "gril_jax.cli", "train", "--help"]
+    done = subprocess.run(code, stdout=writer, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+# --- heavy imports
+
+
+def test_what_an_import_prints_does_not_reach_stdout(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")  # so that its absence is restored
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    with heavy_imports.heavy_imports():
+        print("an optional part is missing")
+    assert capsys.readouterr().out == ""
+    folder = tmp_path / "gril_jax" / "jax"
+    assert folder.is_dir()
+    assert os.environ["JAX_COMPILATION_CACHE_DIR"] == str(folder)
+
+
+def test_a_compilation_cache_that_the_user_chose_is_kept(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "mine")
+    with heavy_imports.heavy_imports():
+        assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "mine"
+
+
+def test_without_a_writable_cache_the_work_goes_on(monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")  # so that its absence is restored
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    with heavy_imports.heavy_imports():
+        assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
+
+
+def test_garbage_is_looked_for_again_after_the_imports():
+    def missing():
+        assert not gc.isenabled()
+        raise ImportError
+
+    with pytest.raises(ImportError), heavy_imports.heavy_imports():
+        missing()
+    assert gc.isenabled()
+    assert gc.get_freeze_count() > 0
+
+
+@pytest.mark.parametrize(
+    ("platform", "said"),
+    [
+        ("cpu", "cpu"),
+        ("nonsense", "JAX_PLATFORMS is 'nonsense', but JAX cannot use these: Unable to"),
+    ],
+)
+def test_devices_are_taken_while_the_rest_is_imported(monkeypatch, tmp_path, platform, said):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("JAX_PLATFORMS", platform)
+    code = (
+        "from gril_jax.cli.heavy_imports import heavy_imports\n"
+        "from gril_jax.errors import ConfigError\n"
+        "try:\n"
+        "    with heavy_imports(devices=True):\n"
+        "        pass\n"
+        "except ConfigError as error:\n"
+        "    print(error)\n"
+        "else:\n"
+        "    from jax._src import xla_bridge\n"
+        "    print(*xla_bridge._backends)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.startswith(said), done.stderr
+    assert done.returncode == 0

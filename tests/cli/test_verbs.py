@@ -1,0 +1,312 @@
+"""What each verb checks, calls and returns, in this process and with stand-ins for the work."""
+
+import sys
+import types
+
+import pytest
+
+from gril_jax.cli import arguments, doctor, main
+from gril_jax.config import MakeDemosConfig, RunConfig
+from gril_jax.config.files import load
+from gril_jax.errors import DemoError, RunError
+from gril_jax.runs import run_dir
+
+
+@pytest.fixture
+def demo_set(tmp_path):
+    folder = tmp_path / "set"
+    folder.mkdir()
+    (folder / "demos.json").write_text("{}")
+    return folder
+
+
+@pytest.fixture
+def run(tmp_path):
+    path = tmp_path / "run"
+    run_dir.create(path, RunConfig(), device="cpu").close()
+    return path
+
+
+@pytest.fixture
+def trained(run):
+    """A run with what a policy's checkpoint is known by."""
+    (run / "policy" / "000000000640").mkdir(parents=True)
+    (run / "policy" / "000000000640" / "manifest.json").write_text("{}")
+    return run
+
+
+@pytest.fixture
+def experiment(monkeypatch):
+    """Puts a stand-in for an experiment in place and returns the calls to its `main`."""
+    calls = []
+
+    def stand_in(name, package="gril_jax.experiments", **functions):
+        module = types.ModuleType(f"{package}.{name}")
+        record = lambda *args, **kwargs: calls.append((args, kwargs))  # noqa: E731
+        for function, body in (functions or {"main": record}).items():
+            setattr(module, function, body)
+        monkeypatch.setitem(sys.modules, f"{package}.{name}", module)
+        monkeypatch.setattr(f"{package}.{name}", module, raising=False)
+        return calls
+
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
+    return stand_in
+
+
+# --- paths, in this process
+
+
+def _fault(capsys, *args):
+    assert main.main(args) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    return err
+
+
+def test_a_folder_without_a_demo_set_is_refused(tmp_path, capsys):
+    err = _fault(capsys, "quickstart", "--demos", str(tmp_path))
+    assert "is not a demonstration set, because it has no demos.json" in err
+
+
+def test_an_output_folder_that_exists_is_refused(tmp_path, capsys):
+    assert "exists already" in _fault(capsys, "train", "--out", str(tmp_path))
+
+
+def test_an_output_folder_below_a_file_is_refused(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    err = _fault(capsys, "train", "--out", str(tmp_path / "file" / "run"))
+    assert "cannot be created, because" in err
+
+
+def test_demonstrations_do_not_replace_a_folder_of_other_files(tmp_path, capsys):
+    (tmp_path / "thesis.tex").touch()
+    err = _fault(capsys, "demos", "make", "--out", str(tmp_path))
+    assert "holds other files" in err
+
+
+@pytest.mark.parametrize("half_extent", ["0", "-1", "nan", "inf"])
+def test_a_frame_shows_some_of_the_world(tmp_path, capsys, half_extent):
+    args = ("--out", str(tmp_path / "out"), f"--half-extent={half_extent}")
+    err = _fault(capsys, "demos", "import-videos", str(tmp_path), *args)
+    assert "but must be finite and above 0" in err
+
+
+@pytest.mark.parametrize("option", ["--episodes=0", "--seed=-1", f"--seed={2**31}"])
+def test_numbers_of_an_evaluation_have_ranges(run, capsys, option):
+    assert f"{option.split('=')[0]} is " in _fault(capsys, "eval", str(run), option)
+
+
+@pytest.mark.parametrize("leftover", [None, "000000000640", ".000000000640.part"])
+def test_a_run_without_a_whole_policy_has_none_to_export(run, tmp_path, capsys, leftover):
+    if leftover is not None:
+        (run / "policy" / leftover).mkdir(parents=True)
+    if leftover == ".000000000640.part":
+        (run / "policy" / leftover / "manifest.json").touch()
+    err = _fault(capsys, "export-policy", str(run), "--out", str(tmp_path / "policy.npz"))
+    assert "has no policy, so its run has not got that far yet" in err
+
+
+@pytest.mark.parametrize(
+    ("out", "fault"),
+    [
+        ("taken.npz", "taken.npz exists already, but --out must be a new file"),
+        ("dangling", "dangling exists already, but --out must be a new file"),
+        ("run", "run exists already, but --out must be a new file"),
+        ("gone/policy.npz", "gone does not exist, but --out must be in a folder that exists"),
+        ("taken.npz/x.npz", "taken.npz is a file, but --out must be in a folder that exists"),
+        ("x" * 300, "cannot be written to (File name too long)"),
+    ],
+)
+def test_a_policy_is_exported_to_a_new_file_of_a_folder(trained, tmp_path, capsys, out, fault):
+    (tmp_path / "taken.npz").write_text("precious")
+    (tmp_path / "dangling").symlink_to(tmp_path / "nothing")
+    err = _fault(capsys, "export-policy", str(trained), "--out", str(tmp_path / out))
+    assert fault in err
+    assert (tmp_path / "taken.npz").read_text() == "precious"
+
+
+# --- what a verb calls
+
+
+def test_quickstart_trains_its_own_configuration(experiment, demo_set):
+    calls = experiment("train")
+    assert main.main(["quickstart", "--demos", str(demo_set), "--seed=3"]) == 0
+    overrides = ["--demos.path", str(demo_set), "--run.seed", "3"]
+    assert calls == [((load("quickstart", overrides),), {"echo": arguments.echo})]
+
+
+def test_train_takes_a_configuration_by_name(experiment, tmp_path):
+    calls = experiment("train")
+    out = str(tmp_path / "new")
+    assert main.main(["train", "match_regions", "--out", out]) == 0
+    assert calls[0][0] == (load("match_regions", ["--run.out", out]),)
+
+
+def test_train_without_a_configuration_takes_the_defaults(experiment):
+    calls = experiment("train")
+    assert main.main(["train"]) == 0
+    assert calls[0][0] == (RunConfig(),)
+
+
+def test_pretrain_calls_its_experiment(experiment):
+    calls = experiment("pretrain")
+    assert main.main(["pretrain", "quickstart"]) == 0
+    assert calls[0][0] == (load("quickstart"),)
+
+
+def test_demos_make_hands_on_the_folder(experiment, tmp_path):
+    calls = experiment("make_demos")
+    out = tmp_path / "set"
+    short = ["--num", "9", "--failures=5", "--variant", "demo", "--seed", "3"]
+    assert main.main(["demos", "make", "quickstart", f"--out={out}", *short]) == 0
+    long = ["--demos.num", "9", "--demos.num-failures", "5"]
+    long += ["--demos.variant", "demo", "--demos.seed", "3"]
+    config = load("quickstart", long, schema=MakeDemosConfig)
+    assert calls == [((config, out), {"echo": arguments.echo})]
+
+
+def test_a_demo_set_may_be_replaced(experiment, demo_set):
+    calls = experiment("make_demos")
+    assert main.main(["demos", "make", "--out", str(demo_set)]) == 0
+    assert calls[0][0][1] == demo_set
+
+
+def test_eval_hands_on_its_options(experiment, run):
+    calls = experiment("evaluate")
+    assert main.main(["eval", str(run), "--episodes=7", "--variant", "layout"]) == 0
+    wanted = {"episodes": 7, "seed": 0, "variant": "layout", "echo": arguments.echo}
+    assert calls == [((run,), wanted)]
+
+
+def test_report_hands_on_the_run(experiment, run):
+    calls = experiment("report")
+    assert main.main(["report", str(run)]) == 0
+    assert calls == [((run,), {"echo": arguments.echo})]
+
+
+def test_report_draws_the_page_of_a_table_1_anew(experiment, tmp_path):
+    path = tmp_path / "table"
+    run_dir.create(path, RunConfig(), device="cpu", experiment="table1").close()
+    calls = experiment("table1_report")
+    assert main.main(["report", str(path)]) == 0
+    assert calls == [((path,), {"echo": arguments.echo})]
+
+
+def test_report_refuses_the_runs_of_other_tables_before_work_starts(experiment, tmp_path, capsys):
+    path = tmp_path / "sweep"
+    run_dir.create(path, RunConfig(), device="cpu", experiment="sweep").close()
+    assert experiment("report") == []
+    err = _fault(capsys, "report", str(path))
+    assert f"{path} holds a run of gril sweep, not of one policy: it has no page" in err
+
+
+def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
+    experiment("setup", make_env=lambda config, training: ("env", config, training))
+    experiment(
+        "policy_setup",
+        make_algorithm=lambda config, env: ("ppo", config, env),
+        algorithm_hyper=lambda config: ("hyper", config),
+    )
+    calls = experiment("export_policy", "gril_jax")
+    out = tmp_path / "policy.npz"
+    assert main.main(["export-policy", str(trained), f"--out={out}"]) == 0
+    config = RunConfig()
+    algorithm = ("ppo", config, ("env", config.env, False))
+    wanted = (trained, out, config, algorithm, ("hyper", config))
+    assert calls == [(wanted, {"echo": arguments.echo})]
+
+
+def test_export_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):
+    calls = experiment("export_reward")
+    out = tmp_path / "reward.npz"
+    assert main.main(["export-reward", str(run), f"--out={out}"]) == 2
+    assert f"{run} has no reward" in capsys.readouterr().err
+    (run / "reward" / "000000000100").mkdir(parents=True)
+    (run / "reward" / "000000000100" / "manifest.json").write_text("{}")
+    assert main.main(["export-reward", str(run), f"--out={out}"]) == 0
+    assert calls == [((run, out), {"echo": arguments.echo})]
+
+
+def test_ablate_takes_a_number_of_seeds(experiment, capsys):
+    calls = experiment("ablate")
+    assert main.main(["ablate", "match_regions", "--seeds", "3"]) == 0
+    assert main.main(["ablate"]) == 0
+    assert [c[0] for c in calls] == [(load("match_regions"), 3), (RunConfig(), 5)]
+    assert main.main(["ablate", "--seeds", "none"]) == 2
+    assert "--seeds is 'none', but must be a whole number of at least 1" in capsys.readouterr().err
+
+
+def test_imports_hand_on_their_folders_and_tell_their_progress(
+    experiment, tmp_path, capsys, demo_set
+):
+    calls = []
+
+    def importer(*args, progress, **kwargs):
+        progress(1, 2, None)
+        calls.append((args, kwargs))
+
+    both = {"import_magical": importer, "import_videos": importer}
+    experiment("import_demos", "gril_jax.interop", **both)
+    out = tmp_path / "out"
+    assert main.main(["demos", "import-magical", str(tmp_path), "--out", str(out)]) == 0
+    args = ["demos", "import-videos", str(tmp_path), "--out", str(out), "--half-extent", "1.5"]
+    assert main.main([*args, "--outcome", "success", "--boxes", "True"]) == 0
+    assert calls == [
+        ((tmp_path, out), {}),
+        ((tmp_path, out, 1.5, "match_regions", True), {"outcome": "success"}),
+    ]
+    stdout, stderr = capsys.readouterr()
+    assert stdout == f"wrote {out}\n" * 2
+    assert "reading: 1/2 demonstrations (50%)" in stderr
+
+
+def test_the_arguments_that_an_import_gets_are_those_that_it_takes():
+    from inspect import signature
+
+    from gril_jax.demos import importing
+
+    signature(importing.import_magical).bind("a", "b", progress=None)
+    bound = signature(importing.import_videos).bind(
+        "a", "b", 1.0, "match_regions", False, outcome="unknown", progress=None
+    )
+    assert list(bound.arguments)[:5] == [
+        "source_dir", "out_dir", "half_extent", "task", "boxes"
+    ]  # fmt: skip
+
+
+# --- failures at work
+
+
+@pytest.mark.parametrize("error", [RunError("the disk is gone"), DemoError("bad demo.")])
+def test_a_failure_at_work_is_one_sentence_and_exit_code_1(experiment, capsys, error):
+    def fail(*_, **__):
+        raise error
+
+    experiment("train", main=fail)
+    assert main.main(["train"]) == 1
+    assert capsys.readouterr().err == f"gril: {str(error).rstrip('.')}.\n"
+
+
+def test_an_interrupt_is_exit_code_130(experiment, capsys):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    experiment("train", main=interrupt)
+    assert main.main(["train"]) == 130
+    assert capsys.readouterr().err == "gril: interrupted.\n"
+
+
+def test_our_own_mistakes_keep_their_traceback(experiment):
+    def bug(*_, **__):
+        raise ZeroDivisionError
+
+    experiment("train", main=bug)
+    with pytest.raises(ZeroDivisionError):
+        main.main(["train"])
+
+
+def test_the_doctor_s_verdict_is_the_exit_code(monkeypatch, capsys):
+    row = doctor.Check("jax", False, True, "missing")
+    monkeypatch.setattr(doctor, "check_all", lambda timeout_s: [row])
+    assert main.main(["doctor"]) == 1
+    assert capsys.readouterr().out == "jax  BROKEN    missing\n"

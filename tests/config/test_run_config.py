@@ -1,0 +1,252 @@
+"""The schema: ranges, contradictions, help texts."""
+
+import ast
+import dataclasses
+import inspect
+import math
+import subprocess
+import sys
+
+import pytest
+
+from gril_jax.config import (
+    DemosConfig,
+    EncoderConfig,
+    EnvConfig,
+    MakeDemosConfig,
+    PPOConfig,
+    RunConfig,
+    RunSettings,
+)
+from gril_jax.config import run_config as schema
+from gril_jax.config.command_line import options
+from gril_jax.errors import ConfigError
+
+SECTIONS = {f.name: f.default for f in dataclasses.fields(RunConfig)}
+
+
+def _with(path, value):
+    """The default configuration with one field changed."""
+    section, name = path.split(".")
+    return RunConfig(**{section: dataclasses.replace(SECTIONS[section], **{name: value})})
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("env.varied_starts", 1.5),
+        ("env.varied_starts", -0.1),
+        ("env.varied_starts", math.nan),
+        ("env.substeps", 0),
+        ("env.episode_length", 0),
+        ("env.targets", ("green",)),
+        ("env.targets", ("purple star",)),
+        ("env.targets", ("green  star",)),
+        ("env.distractors", ("star green",)),
+        ("demos.num", 1),
+        ("demos.num_failures", -1),
+        ("encoder.width", 0),
+        ("encoder.rounds", 17),
+        ("encoder.members", 0),
+        ("encoder.pixels", 15),
+        ("pool.alpha", 0.0),
+        ("pool.alpha", math.inf),
+        ("pool.tau", -0.001),
+        ("pool.window", 0),
+        ("loss.temperature", 0.0),
+        ("pretrain.learning_rate", 0.0),
+        ("pretrain.num_frames", 1),
+        ("ppo.num_envs", 0),
+        ("ppo.discounting", 1.01),
+        ("ppo.clipping_epsilon", 0.0),
+        ("ppo.hidden", (64, 0)),
+        ("run.seed", -1),
+        ("run.seed", 2**31),
+        ("run.out", " "),
+    ],
+)
+def test_a_field_out_of_range_is_named_with_its_value_and_what_would_be_right(path, value):
+    with pytest.raises(ConfigError) as caught:
+        _with(path, value)
+    shown = list(value) if isinstance(value, tuple) else value
+    assert str(caught.value).startswith(f"{path} is {shown!r}, but must be ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("env.varied_starts", 0.0),
+        ("env.varied_starts", 1.0),
+        ("env.distractors", ()),
+        ("encoder.rounds", 0),
+        ("pool.tau", 0.0),
+        ("loss.lambda_", 0.0),
+        ("ppo.discounting", 1.0),
+        ("ppo.hidden", ()),
+        ("run.seed", 2**31 - 1),
+    ],
+)
+def test_the_ends_of_a_range_are_inside_it(path, value):
+    section, name = path.split(".")
+    assert getattr(getattr(_with(path, value), section), name) == value
+
+
+def test_lambda_is_named_as_on_the_command_line():
+    with pytest.raises(ConfigError, match=r"^loss\.lambda is -1\.0, but must be "):
+        _with("loss.lambda_", -1.0)
+
+
+def test_a_task_needs_a_target():
+    with pytest.raises(ConfigError, match=r"env\.targets is empty"):
+        _with("env.targets", ())
+
+
+@pytest.mark.parametrize("where", ["targets", "distractors"])
+def test_a_block_is_named_once(where):
+    with pytest.raises(ConfigError, match="'green star' is named more than once"):
+        RunConfig(env=EnvConfig(**{where: ("green star", "green star")}))
+
+
+def test_a_block_is_not_target_and_distractor_at_once():
+    with pytest.raises(ConfigError, match="'green star' is named more than once"):
+        RunConfig(env=EnvConfig(distractors=("green star",)))
+
+
+def test_a_block_without_a_place_in_the_original_scene_needs_the_layout_variant():
+    env = EnvConfig(targets=("red star",), variant="jitter")
+    with pytest.raises(ConfigError, match=r"env\.variant is 'jitter', but must be 'layout'"):
+        RunConfig(env=env)
+    everywhere = dataclasses.replace(env, variant="layout")
+    assert RunConfig(env=everywhere).env == everywhere
+    with pytest.raises(ConfigError, match=r"demos\.variant is 'demo'"):
+        RunConfig(env=everywhere, demos=DemosConfig(variant="demo"))
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "right"),
+    [
+        ("loss.consistency", "both", "'tcc'"),
+        ("run.reward", "subtasks", "'learned', 'environmental' or 'sum'"),
+        ("sac.relabel", True, "False"),
+    ],
+)
+def test_pixels_refuse_what_needs_boxes(path, value, right):
+    section, name = path.split(".")
+    parts = dict(SECTIONS, encoder=EncoderConfig(kind="pixels"))
+    parts["run"] = dataclasses.replace(parts["run"], algorithm="sac")
+    assert RunConfig(**parts).encoder.pixels == 64
+    parts[section] = dataclasses.replace(parts[section], **{name: value})
+    with pytest.raises(ConfigError) as caught:
+        RunConfig(**parts)
+    sentence = f"{path} is {value!r}, but must be {right}, because encoder.kind is 'pixels'"
+    assert str(caught.value) == sentence
+
+
+def test_pixels_learn_a_reward_of_a_task_without_pictures_for_a_policy():
+    config = RunConfig(env=EnvConfig(name="shoes_in_box"), encoder=EncoderConfig(kind="pixels"))
+    assert config.encoder.precision == "float32"
+
+
+def test_what_pixels_do_not_use_they_leave_alone():
+    box = schema.PretrainConfig(copies=4, ascents=2)
+    config = RunConfig(encoder=EncoderConfig(kind="pixels", relations=True), pretrain=box)
+    assert config.pretrain.copies == 4  # so that a sweep over encoder.kind has one base
+
+
+@pytest.mark.parametrize("kind", ["interaction", "mlp", "pixels"])
+def test_an_ensemble_is_of_the_papers_encoders(kind):
+    assert RunConfig(encoder=EncoderConfig(members=4)).encoder.members == 4
+    with pytest.raises(ConfigError) as caught:
+        RunConfig(encoder=EncoderConfig(kind=kind, members=4))
+    sentence = f"encoder.members is 4, but must be 1, because encoder.kind is {kind!r}"
+    assert str(caught.value) == sentence
+
+
+def test_minibatches_divide_the_environments():
+    with pytest.raises(ConfigError, match=r"ppo\.num_minibatches is 5.* which is 64"):
+        RunConfig(ppo=PPOConfig(num_minibatches=5))
+
+
+def test_warp_has_room_for_the_environments():
+    warp = EnvConfig(name="shoes_in_box", impl="warp", worlds=32)
+    few, enough = RunSettings(eval_episodes=32), PPOConfig(num_envs=32)
+    assert RunConfig(env=warp, ppo=enough, run=few).env.worlds == 32
+    for path, changes in {
+        "ppo.num_envs": {"ppo": PPOConfig(num_envs=64), "run": few},
+        "run.eval_episodes": {"ppo": enough, "run": RunSettings(eval_episodes=64)},
+    }.items():
+        with pytest.raises(ConfigError) as caught:
+            RunConfig(env=warp, **changes)
+        assert str(caught.value) == f"env.worlds is 32, but must be at least {path}, which is 64"
+    assert RunConfig(env=EnvConfig(worlds=32), ppo=PPOConfig(num_envs=64)).env.impl == "jax"
+
+
+def test_the_timesteps_cover_one_update():
+    with pytest.raises(ConfigError, match=r"ppo\.num_timesteps is 1279.* = 1280 steps"):
+        RunConfig(ppo=PPOConfig(num_timesteps=1279))
+    assert RunConfig(ppo=PPOConfig(num_timesteps=1280)).ppo.num_timesteps == 1280
+
+
+def test_a_batch_of_videos_is_no_larger_than_the_scripted_set():
+    with pytest.raises(ConfigError, match=r"pretrain\.num_videos is 8.*which is 7"):
+        RunConfig(demos=DemosConfig(num=7))
+    assert RunConfig(demos=DemosConfig(num=7, path="elsewhere")).demos.path == "elsewhere"
+
+
+def test_the_part_for_demonstrations_is_checked_too():
+    with pytest.raises(ConfigError, match=r"^demos\.num is 0"):
+        MakeDemosConfig(demos=DemosConfig(num=0))
+
+
+def test_configurations_are_immutable_and_hashable():
+    config = RunConfig()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        config.run = None
+    assert hash(config) == hash(RunConfig())
+
+
+def test_every_number_has_a_range():
+    for section in SECTIONS.values():
+        for field in dataclasses.fields(section):
+            value = getattr(section, field.name)
+            if isinstance(value, int | float | tuple) and not isinstance(value, bool):
+                assert field.metadata, f"{type(section).__name__}.{field.name} has no range"
+
+
+def test_every_field_has_a_help_text_under_it():
+    for node in ast.parse(inspect.getsource(schema)).body:
+        if isinstance(node, ast.ClassDef) and node.name not in ("RunConfig", "MakeDemosConfig"):
+            for field, text in zip(node.body[1::2], node.body[2::2], strict=True):
+                assert isinstance(field, ast.AnnAssign), f"{node.name}: line {field.lineno}"
+                assert isinstance(text, ast.Expr), f"{node.name}.{field.target.id}"
+
+
+def test_every_field_is_an_option():
+    names = {
+        f"--{s}.{f.name}".rstrip("_").replace("_", "-")
+        for s, section in SECTIONS.items()
+        for f in dataclasses.fields(section)
+    }
+    assert set(options(RunConfig)) == names
+
+
+def test_the_blocks_and_the_defaults_are_those_of_the_task():
+    from gril_jax.envs.magical import layout
+    from gril_jax.envs.magical.match_regions import task
+
+    blocks = {f"{c} {s}" for c in schema.BLOCK_COLOURS for s in schema.BLOCK_SHAPES}
+    assert blocks == set(task.CLASSES) - {"goal", "robot"}
+    assert EnvConfig().targets == task.TARGETS
+    assert EnvConfig().distractors == task.DISTRACTORS
+    placed = {*EnvConfig().targets, *EnvConfig().distractors}
+    assert placed == set(layout.DEMO_BLOCKS)
+
+
+def test_the_schema_imports_nothing_heavy():
+    code = (
+        "import sys, gril_jax.config, gril_jax.config.files, gril_jax.runs.run_dir, gril_jax.cli\n"
+        "print([m for m in ('jax', 'numpy', 'mujoco', 'orbax', 'rich') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.strip() == "[]", done.stderr

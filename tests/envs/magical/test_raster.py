@@ -1,0 +1,353 @@
+"""Pictures from the device against exact geometry and against those that the host paints."""
+
+import functools
+import math
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.envs.magical import raster
+from gril_jax.envs.magical import scene as look
+from gril_jax.envs.planar import robots
+from support import scenes
+from support.raster_pictures import (
+    DEMO,
+    GOAL,
+    HALF,
+    NAMES,
+    NOWHERE,
+    RGB,
+    STICKS,
+    demo_arguments,
+    exact_picture,
+    made_scene,
+    random_arguments,
+)
+
+from gril_jax.demos.vision import render as host
+
+
+@functools.cache
+def _jitted(**options):
+    return jax.jit(functools.partial(raster.render, **options))
+
+
+def _render(scene, **options):
+    return np.asarray(_jitted(**options)(scene))
+
+
+@pytest.mark.parametrize("size", [384, 97, 64])
+@pytest.mark.parametrize("seed", range(3))
+def test_every_pixel_is_that_of_the_exact_shapes(seed, size):
+    arguments = random_arguments(seed)
+    exact = exact_picture(*arguments, size=size)
+    wrong = (_render(made_scene(*arguments), size=size) != exact.image).any(axis=2)
+    assert not (wrong & ~exact.doubt).any()
+    assert exact.doubt.mean() < 0.02
+
+
+@pytest.mark.parametrize("stick", STICKS)
+def test_every_pixel_of_a_stick_is_that_of_the_exact_shape(stick):
+    arguments = random_arguments(5, fingers=False)
+    exact = exact_picture(*arguments, stick=stick)
+    wrong = (_render(made_scene(*arguments), robot=stick) != exact.image).any(axis=2)
+    assert not (wrong & ~exact.doubt).any()
+
+
+# ---------------------------------------------------------------- the host's picture
+
+
+def _paint(names, blocks, robot, fingers, goal, colour, *, stick=None, pixels=384):
+    """As the task paints on the host; the first block's colour is the region's."""
+    scene = made_scene(names, blocks, robot, fingers, goal, colour)
+    made = robots.robot(stick or "gripper")
+    pose = np.asarray(scene.pose, np.float64)
+    outlines = look.outlines(made, [tuple(n.split()) for n in names], 1.1, pose, np.array(goal))
+    return host.paint(outlines, half_extent=HALF, background=look.BACKGROUND, pixels=pixels)
+
+
+def _near_edge(image):
+    """Pixels one of whose eight neighbours, or who themselves, stand at a change of colour."""
+    padded = np.pad(image.astype(int), ((1, 1), (1, 1), (0, 0)), mode="edge")
+    size = len(image)
+    around = [padded[r : r + size, c : c + size] for r in range(3) for c in range(3)]
+    return np.any([(a != image).any(axis=2) for a in around], axis=0)
+
+
+def _compare(ours, theirs):
+    """Share of pixels that differ at all and by much, and whether one is far from an edge."""
+    difference = np.abs(ours.astype(int) - theirs).max(axis=2)
+    stray = (difference > 3) & ~_near_edge(theirs)  # 3: a smooth star's tips are pointed
+    return (difference > 0).mean(), (difference > 40).mean(), stray.any()
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_picture_is_the_hosts_but_for_a_pixel_at_its_edges(seed, antialias):
+    arguments = random_arguments(10 + seed)
+    ours = _render(made_scene(*arguments), antialias=antialias)
+    differ, differ_much, stray = _compare(ours, _paint(*arguments))
+    assert not stray
+    assert differ < 0.08  # OpenCV draws lines half a pixel broader on each side, and smooth
+    assert differ_much < 0.03
+
+
+@pytest.mark.parametrize("stick", STICKS)
+def test_sticks_are_the_hosts_but_for_a_pixel_at_their_edges(stick):
+    arguments = random_arguments(20, fingers=False)
+    ours = _render(made_scene(*arguments), robot=stick)
+    _, differ_much, stray = _compare(ours, _paint(*arguments, stick=stick))
+    assert not stray
+    assert differ_much < 0.03
+
+
+@pytest.mark.parametrize("pixels", [96, 192])
+def test_small_pictures_are_the_hosts_but_for_a_pixel_at_edges(pixels):
+    arguments = random_arguments(30)
+    ours, theirs = _render(made_scene(*arguments), size=pixels), _paint(*arguments, pixels=pixels)
+    inner = slice(1, -1)  # at 96 pixels OpenCV's broad edge of the floor hides all of the border
+    assert not _compare(ours[inner, inner], theirs[inner, inner])[2]
+
+
+def test_demo_boxes_are_the_references():
+    """Bounding boxes that were read off the reference's own frame, to a pixel a side."""
+    image = _render(made_scene(*demo_arguments()))
+    for name, box in zip(DEMO, ((51, 51), (47, 47), (46, 46), (43, 43), (47, 46)), strict=True):
+        fill, rim, _ = scenes.COLOURS[name.split()[0]]
+        x, y, _ = scenes.BLOCKS[name]
+        row, column = int((HALF - y) * 171.12), int((x + HALF) * 171.12)
+        part = image[row - 32 : row + 32, column - 32 : column + 32]
+        mask = (part == fill).all(axis=2) | (part == rim).all(axis=2)
+        rows, columns = np.nonzero(mask)
+        assert (np.ptp(columns) + 1, np.ptp(rows) + 1) == pytest.approx(box, abs=2), name
+
+
+# ---------------------------------------------------------------- smooth edges
+
+
+@pytest.mark.parametrize("size", [96, 192])
+def test_smooth_picture_is_the_mean_of_a_finer_one(size):
+    factor = 1536 // size
+    scene = made_scene(*random_arguments(40))
+    fine = _render(scene, size=1536).astype(float)
+    mean = fine.reshape(size, factor, size, factor, 3).mean(axis=(1, 3))
+    smooth = _render(scene, size=size, antialias=True)
+    error = np.abs(smooth - mean).max(axis=2)
+    assert error.mean() < 0.5
+    assert np.quantile(error, 0.99) < 8  # the rest are corners and pupils
+    assert error.max() < 70
+    hard = np.abs(_render(scene, size=size) - mean).max(axis=2)
+    assert error.mean() < hard.mean() / 4
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1, 0.25, 0.5, 0.85])
+def test_smooth_edges_mix_colours_by_the_covered_share(shift):
+    """A column across a stick's upper side: floor above, a line of 2/3 pixel, fill below."""
+    pose = jnp.array([[0.0, shift / 128, 0.0]])
+    scene = made_scene((), (), fingers=None, goal=(9, 9, 1, 1))._replace(pose=pose)
+    column = _render(scene, robot="short", size=256, half_extent=1.0, antialias=True)[:, 128]
+    top = 128 - (0.05 * 128 + shift)  # of the outline, in pixels from the picture's top
+    edges = np.arange(257)
+    below = [np.clip(edges - start, 0, None) for start in (top - 1 / 3, top + 1 / 3)]
+    rim, fill = (np.diff(share)[:, None] for share in below)  # lower than either side of the line
+    expected = 255 * (1 - rim) + (rim - fill) * look.GREY_RIM + fill * look.GREY
+    np.testing.assert_allclose(column[:128], expected[:128], atol=0.51)
+
+
+def test_smooth_and_hard_pictures_are_equal_away_from_edges():
+    scene = made_scene(*random_arguments(41))
+    hard, smooth = _render(scene), _render(scene, antialias=True)
+    away = ~_near_edge(hard)
+    np.testing.assert_array_equal(hard[away], smooth[away])
+    assert away.mean() > 0.8
+
+
+# ---------------------------------------------------------------- colours, order, dashes
+
+
+def test_every_block_has_its_colours():
+    places = [(0.5 * i - 0.75, 0.5 * j - 0.75, 0.3) for i in range(4) for j in range(4)]
+    image = _render(made_scene(NAMES, places, robot=NOWHERE, goal=(9, 9, 1, 1)))
+    for name, (x, y, _) in zip(NAMES, places, strict=True):
+        fill, *_ = scenes.COLOURS[name.split()[0]]
+        assert tuple(image[int((HALF - y) * 171.12), int((x + HALF) * 171.12)]) == fill
+    expected = {rgb for fill, rim, _ in scenes.COLOURS.values() for rgb in (fill, rim)}
+    expected |= {look.BACKGROUND, *RGB["floor"]}
+    assert {tuple(map(int, rgb)) for rgb in np.unique(image.reshape(-1, 3), axis=0)} == expected
+
+
+def test_every_goal_has_its_colours():
+    for colour, (dash, _, fill) in scenes.COLOURS.items():
+        image = _render(made_scene((), (), robot=(-0.6, -0.6, 0.0), colour=colour))
+        assert (image == fill).all(axis=2).sum() > 10_000
+        # dashes of 10 x 4 pixels: five on a horizontal side, six on a vertical one
+        assert (image == dash).all(axis=2).sum() == pytest.approx(22 * 40, rel=0.1)
+
+
+@pytest.mark.parametrize(("width", "last"), [(0.6, 0), (0.61, 4.4), (0.63, 7.8), (0.65, 10)])
+def test_dashes_are_ten_pixels_with_gaps_of_ten(width, last):
+    """Five whole dashes and gaps of the bottom side; the next dash has room for `last` pixels."""
+    image = _render(made_scene((), (), robot=NOWHERE, goal=(0.0, 0.0, width, 0.7)))
+    left, right = 192 - width * 85.56, 192 + width * 85.56
+    row = (image[int((HALF + 0.35) * 171.12)] == scenes.COLOURS["green"][0]).all(axis=1)
+    row = row[math.ceil(left) : math.floor(right) - 2].astype(int)  # without the right side's line
+    np.testing.assert_allclose(np.flatnonzero(np.diff(row))[:9], np.arange(9, 99, 10), atol=1)
+    assert row[:8].all()
+    visible = min(last, right - left - 100 - 2) if last else 0
+    assert row[99:].sum() == pytest.approx(visible, abs=1.5)
+
+
+def test_a_dash_that_is_left_out_leaves_no_smooth_trace():
+    """The bottom side is 103.9 pixels long; column 240 is where a sixth dash would begin."""
+    scene = made_scene((), (), robot=NOWHERE, goal=(0.3 / 171.12, 0.0, 0.607, 0.7))
+    row = _render(scene, antialias=True)[int((HALF + 0.35) * 171.12)]
+    np.testing.assert_array_equal(row[240], row[235])  # in the gap
+    assert (row[235] != row[225]).any()  # in the fifth dash
+
+
+ORDER = [  # what lies on one spot, lowest first, and the colour that is seen
+    ((), False, (224, 231, 191)),
+    (("blue square",), False, (135, 185, 211)),
+    (("blue square", "red circle"), False, (245, 129, 165)),
+    (("red circle", "blue square"), False, (135, 185, 211)),
+    (("red circle", "blue square"), True, (162, 163, 175)),
+]
+
+
+@pytest.mark.parametrize(("names", "robot", "seen"), ORDER)
+def test_later_blocks_hide_earlier_ones_and_the_robot_hides_all(names, robot, seen):
+    spot = (*GOAL[:2], 0.0)
+    image = _render(made_scene(names, [spot] * len(names), robot=spot if robot else NOWHERE))
+    assert tuple(image[int((HALF - 0.35) * 171.12), int((0.4 + HALF) * 171.12)]) == seen
+
+
+def test_fingers_lie_above_blocks_and_below_the_disc():
+    robot = np.array([0.0, 0.0, 0.0])
+    at = {"finger": (0.09, 0.23), "disc": (0.09, 0.1)}  # both on the closed right finger
+    scene = made_scene(("red square",), [(0.09, 0.23, 0.0)], robot=robot, fingers=(0.0, 0.0))
+    image = _render(scene)
+    seen = {
+        k: tuple(image[int((HALF - y) * 171.12), int((x + HALF) * 171.12)])
+        for k, (x, y) in at.items()
+    }
+    assert seen == {"finger": look.BACKGROUND, "disc": look.GREY}
+
+
+def test_arena_ends_in_a_line_and_a_border():
+    image = _render(made_scene((), (), robot=NOWHERE, goal=(9, 9, 1, 1)))
+    assert (image[:2] == look.BACKGROUND).all()
+    np.testing.assert_array_equal(image[192, :3, 0], [231, 231, 231])
+    np.testing.assert_array_equal(image[192, 3:5, 0], [162, 162])
+    assert (image[6:-6, 6:-6] == 255).all()
+    for turned in (np.rot90(image), image[::-1], image[:, ::-1]):
+        np.testing.assert_array_equal(turned, image)
+
+
+def test_bodies_are_painted_beyond_the_arena():
+    image = _render(made_scene(("red circle",), [(1.12, 0.0, 0.0)], robot=NOWHERE))
+    assert tuple(image[192, -1]) == scenes.COLOURS["red"][0]
+
+
+# ---------------------------------------------------------------- laws
+
+
+@pytest.mark.parametrize("name", ["green star", "red square", "blue pentagon", "yellow circle"])
+def test_moving_a_block_by_whole_pixels_moves_its_pixels(name):
+    options = {"size": 256, "half_extent": 1.0}  # 128 pixels a unit: shifts are exact
+    pose, shift = np.array([-0.25, 0.125, 0.7]), np.array([37, 21])
+    moved = pose + [*(shift / 128), 0.0]
+    here, there = (
+        _render(made_scene((name,), [p], robot=NOWHERE, goal=(9, 9, 1, 1)), **options)
+        for p in (pose, moved)
+    )
+    np.testing.assert_array_equal(np.roll(here, (-21, 37), axis=(0, 1)), there)
+    assert (here != there).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "turn"), [("star", 72), ("square", 90), ("pentagon", 72), ("circle", 33)]
+)
+def test_a_turn_onto_itself_changes_no_block(name, turn):
+    first, second = (
+        _render(made_scene((f"red {name}",), [(0.2, 0.1, angle)], robot=NOWHERE))
+        for angle in (0.4, 0.4 + math.radians(turn))
+    )
+    assert (first != second).any(axis=2).sum() <= 2  # rounding
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+def test_jit_equals_plain_and_vmap_equals_loop(antialias):
+    options = {"size": 96, "antialias": antialias}
+    several = [made_scene(*random_arguments(50 + i)) for i in range(3)]
+    together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *several)
+    render = functools.partial(raster.render, **options)
+    batch = np.asarray(jax.jit(jax.vmap(render))(together))
+    for i, scene in enumerate(several):
+        for other in (render(scene), _render(scene, **options)):
+            difference = np.abs(np.asarray(other, int) - batch[i]).max(axis=2)
+            assert (difference > 1).sum() <= 2  # rounding: pixels right at an edge
+            assert (difference > 0).mean() < 0.01
+
+
+def test_any_mix_of_shapes_and_colours_is_one_trace():
+    render = functools.partial(raster.render, size=32)
+    once = jax.jit(chex.assert_max_traces(lambda scene: render(scene), n=1))
+    pictures = [np.asarray(once(made_scene(*random_arguments(60 + i)))) for i in range(3)]
+    assert (pictures[0] != pictures[1]).any()
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 63, 97, 385])
+@pytest.mark.parametrize("antialias", [False, True])
+def test_any_size_will_do(size, antialias):
+    image = _render(made_scene(*demo_arguments()), size=size, antialias=antialias)
+    assert image.shape == (size, size, 3)
+    assert image.dtype == np.uint8
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_pose_that_is_not_finite_hides_its_body(bad, antialias):
+    names, blocks = demo_arguments()
+    full = made_scene(names, blocks)
+    for i in range(4):  # star, square, pentagon, circle
+        hidden = full._replace(pose=full.pose.at[3 + i].set(bad))
+        rest = [j for j in range(5) if j != i]
+        without = made_scene([names[j] for j in rest], [blocks[j] for j in rest])
+        np.testing.assert_array_equal(
+            _render(hidden, size=64, antialias=antialias),
+            _render(without, size=64, antialias=antialias),
+            err_msg=names[i],
+        )
+
+
+def test_an_index_beyond_its_list_counts_as_the_nearest():
+    scene = made_scene(*demo_arguments())
+    last = scene._replace(shape=scene.shape.at[0].set(3), colour=scene.colour.at[0].set(3))
+    beyond = scene._replace(shape=scene.shape.at[0].set(5), colour=scene.colour.at[0].set(6))
+    np.testing.assert_array_equal(_render(last, size=64), _render(beyond, size=64))
+
+
+# ---------------------------------------------------------------- errors
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"robot": "tentacle"}, "robot is 'tentacle', but must be one of gripper, short"),
+        ({"robot": "long"}, r"long robot with 5 blocks needs \(6, 3\)"),
+        ({"size": 0}, "size is 0"),
+        ({"half_extent": 0.0}, "half_extent is 0.0, but must be a positive length"),
+        ({"arena": math.inf}, "arena is inf"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        raster.render(made_scene(*demo_arguments()), **options)
+
+
+def test_shapes_without_colours_are_refused():
+    scene = made_scene(*demo_arguments())
+    with pytest.raises(ValueError, match="5 shapes need as many colours, not 4"):
+        raster.render(scene._replace(colour=scene.colour[:4]))

@@ -1,0 +1,121 @@
+"""The scripted expert of shoes in the box: it succeeds, fails as it should, and varies."""
+
+import functools
+import time
+
+import jax
+import numpy as np
+import pytest
+from gril_jax.envs.tabletop.shoes_in_box import expert, model
+from gril_jax.envs.tabletop.shoes_in_box import style as styles
+
+from gril_jax import envs
+
+LANES = 4
+
+
+@functools.cache
+def _env():
+    return envs.make("shoes_in_box")
+
+
+@functools.cache
+def _reset():
+    return jax.jit(jax.vmap(_env().reset))
+
+
+def _starts(seed, count=LANES):
+    states = jax.device_get(_reset()(jax.random.split(jax.random.key(seed), count)))
+    return [jax.tree.map(lambda x, i=i: x[i], states) for i in range(count)]
+
+
+@pytest.fixture(scope="module")
+def starts():
+    return _starts(0)
+
+
+@pytest.fixture(scope="module")
+def successes(starts):
+    return [expert.play(_env(), start, seed) for seed, start in enumerate(starts)]
+
+
+def test_it_fills_the_box_by_friction_and_stops_half_a_second_later(successes):
+    for run in successes:
+        assert run.as_meant
+        assert run.success.sum() == 11
+        assert run.stages[-1].all()
+        assert 250 < len(run.qpos) < 600
+        # stages are reached in order: the lid before the shoes
+        assert 0 < run.stage_time[0] < run.stage_time[1:].min()
+
+
+def test_a_run_holds_the_boxes_of_every_moment(successes, starts):
+    run, state = successes[0], starts[0]
+    count = len(run.qpos)
+    assert run.boxes.position.shape == (count, len(_env().classes), 3)
+    assert run.qvel.shape == (count, _env().physics.mj_model.nv)
+    np.testing.assert_allclose(run.qpos[0], state.data.motion.qpos, atol=1e-6)
+    np.testing.assert_allclose(run.boxes.position[:, 5], run.qpos[:, 10:13], atol=1e-6)
+    np.testing.assert_allclose(run.center[0], state.objects.center, atol=1e-5)
+    np.testing.assert_allclose(run.size[0], state.objects.size, atol=1e-5)
+    assert run.center.shape == run.size.shape == (count, len(_env().classes), 2)
+    np.testing.assert_allclose(run.boxes.half[:, 5], np.tile(model.SHOE_HALF, (count, 1)))
+
+
+def test_the_same_seed_plays_the_same_and_another_one_does_not(successes, starts):
+    again = expert.play(_env(), starts[0], 0)
+    np.testing.assert_array_equal(again.qpos, successes[0].qpos)
+    other = expert.play(_env(), starts[0], 1)
+    assert other.as_meant
+    assert len(other.qpos) != len(again.qpos)
+
+
+@pytest.mark.parametrize("kind", [k for k in expert.KINDS if k != "success"])
+def test_each_kind_of_failure_is_what_its_name_says(kind, starts):
+    runs = [expert.play(_env(), starts[seed], seed, kind) for seed in (0, 2)]
+    for run in runs:
+        assert run.as_meant
+        assert not run.success.any()
+
+
+def test_styles_vary_in_order_speed_and_grasps():
+    drawn = [styles.draw(np.random.default_rng(seed)) for seed in range(400)]
+    first = np.mean([style.order[0] for style in drawn])
+    again = np.mean([style.again for style in drawn])
+    assert 0.4 < first < 0.6
+    assert 0.06 < again < 0.14
+    assert np.ptp([style.carry_speed for style in drawn]) > 0.15
+    inner = np.array(model.FLOOR_HALF) - 0.03
+    assert (np.abs([drop[:2] for style in drawn for drop in style.drops]) < inner).all()
+
+
+def test_a_shoe_can_be_put_down_and_taken_again(starts):
+    seed = next(s for s in range(100) if styles.draw(np.random.default_rng(s)).again[0])
+    run = expert.play(_env(), starts[0], seed)
+    shoe = run.qpos[:, 12]
+    assert run.as_meant
+    # up, down again, and up again before it is in
+    aloft = np.flatnonzero(np.diff((shoe > 0.1).astype(int)) == 1)
+    assert len(aloft) == 2
+
+
+def test_an_unknown_kind_is_named(starts):
+    with pytest.raises(ValueError, match="kind is 'nap', but must be one of success, lid only"):
+        expert.play(_env(), starts[0], 0, "nap")
+
+
+@pytest.mark.slow
+def test_it_succeeds_from_95_of_100_starts_in_half_a_minute():
+    starts = _starts(7, 100)
+    expert.play(_env(), starts[0], 0)  # compiles
+    begin = time.process_time()
+    good = [expert.play(_env(), start, seed).as_meant for seed, start in enumerate(starts)]
+    assert np.sum(good) >= 95
+    assert time.process_time() - begin < 30
+
+
+@pytest.mark.slow
+def test_failures_are_as_meant_from_most_starts():
+    for kind in expert.KINDS:
+        runs = [expert.play(_env(), start, seed, kind) for seed, start in enumerate(_starts(8, 20))]
+        assert np.mean([run.as_meant for run in runs]) > 0.7

@@ -1,0 +1,302 @@
+"""Shoes in the box: starts, stages, a scripted expert in C MuJoCo, and MJX beside it.
+
+One compiled control step of 8 lanes serves the whole file: compiling takes most of its time.
+"""
+
+import functools
+
+import chex
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from gril_jax.envs.tabletop.shoes_in_box import model, task
+from gril_jax.envs.tabletop.start import Start
+from support import tabletop_scenes as scenes
+
+from gril_jax import envs
+
+LANES = 8
+BOX = np.array([[0.493, -0.15, 0, 1, 0, 0, 0]], np.float32)
+SHOES = {
+    "out": (0.48, 0.14, 0.025), "far": (0.48, 0.27, 0.025), "in": (0.46, -0.19, 0.025),
+    "beside": (0.52, -0.11, 0.026), "on top": (0.46, -0.19, 0.075), "above": (0.46, -0.19, 0.14),
+}  # fmt: skip
+ASIDE = np.array(task._HOME, np.float32)
+
+
+@functools.cache
+def _env():
+    return envs.make("shoes_in_box")
+
+
+@functools.cache
+def _reset():
+    return jax.jit(jax.vmap(_env().reset))
+
+
+@functools.cache
+def _step():
+    chex.clear_trace_counter()
+    return jax.jit(chex.assert_max_traces(lambda s, a: jax.vmap(_env().step)(s, a), n=1))
+
+
+@pytest.fixture(scope="module")
+def starts():
+    return _reset()(jax.random.split(jax.random.key(0), LANES))
+
+
+def _lane(states, i):
+    return jax.tree.map(lambda x: x[i], states)
+
+
+# ---------------------------------------------------------------- starts
+
+
+def test_starts_are_random_clear_and_at_rest(starts):
+    many = _reset()(jax.random.split(jax.random.key(1), 64))
+    data = many.data
+    assert not data.unplaced.any()
+    assert not np.asarray(data.motion.qvel).any()
+    shoes = np.asarray(data.motion.qpos[:, 10:]).reshape(64, 2, 7)
+    np.testing.assert_allclose(shoes[:, :, 2], model.SHOE_HALF[2], atol=1e-6)
+    assert (np.ptp(shoes[:, :, :2], axis=0) > 0.05).all()
+    assert (np.asarray(data.motion.qpos[:, 9]) == 0).all()
+    first = _lane(starts, 0)
+    chex.assert_trees_all_equal(
+        first, _lane(_reset()(jax.random.split(jax.random.key(0), LANES)), 0)
+    )
+
+
+# ---------------------------------------------------------------- stages
+
+
+@functools.cache
+def _state_of():
+    def made(arm, joints, opening):
+        start = Start(joints, jnp.asarray(BOX), jnp.zeros((), bool))
+        return _env().reset_to(arm, start, opening=opening)
+
+    return jax.jit(made)
+
+
+def _made(a="out", b="far", angle=0.0, arm=ASIDE, opening=0.04):
+    free = [np.array([*SHOES[s], 1, 0, 0, 0], np.float32) for s in (a, b)]
+    joints = np.concatenate([[angle], *free]).astype(np.float32)
+    return _state_of()(jnp.asarray(arm), jnp.asarray(joints), jnp.float32(opening))
+
+
+def _flags(state):
+    return [int(state.metrics[f"stage {name}"]) for name in _env().stage_names]
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "angle", "flags"),
+    [
+        ("out", "far", 0.0, [0, 0, 0]), ("out", "far", 1.5, [0, 0, 0]),
+        ("out", "far", 1.6, [1, 0, 0]), ("in", "far", 2.6, [1, 1, 0]),
+        ("out", "in", 2.6, [1, 0, 1]), ("in", "beside", 2.6, [1, 1, 1]),
+        ("in", "on top", 2.6, [1, 1, 1]), ("in", "above", 2.6, [1, 1, 0]),
+    ],
+)  # fmt: skip
+def test_stages_hold_where_they_should(a, b, angle, flags):
+    state = _made(a, b, angle)
+    assert _flags(state) == flags
+    assert state.data.record.stage_time.tolist() == [f - 1 for f in flags]
+    assert float(state.metrics["score"]) == pytest.approx(sum(flags) / 3)
+
+
+def test_progress_grows_with_the_lid_and_with_the_way_to_the_box():
+    angles = [float(_made(angle=x).reward) for x in (0.0, 0.5, 1.0, 1.5)]
+    assert angles == sorted(angles)
+    assert angles[-1] - angles[0] == pytest.approx(0.25 * 1.5 / 1.6, abs=0.03)  # the lip leaves
+    # The bonus of the stages that hold at once is paid too.
+    near, far = (float(_made(a, "far", 2.6).reward) for a in ("in", "out"))
+    assert near > far
+
+
+def test_a_shoe_between_the_pads_is_neither_in_nor_free():
+    goal = np.array([0.46, -0.19, 0.06], np.float32)
+    arm = jnp.asarray(ASIDE)
+    frame = scenes.kinematics.tcp(arm)
+    for i in range(1, 21):  # the hand goes down into the box
+        place = frame.position + (goal - frame.position) * i / 20
+        arm = scenes.reach()(arm, frame._replace(position=place))
+    held = _made("in", "far", 2.6, arm=np.asarray(arm), opening=0.0325)
+    free = _made("in", "far", 2.6, arm=np.asarray(arm), opening=0.04)
+    assert _flags(held) == [1, 0, 0]
+    assert _flags(free) == [1, 1, 0]
+
+
+# ---------------------------------------------------------------- C MuJoCo
+
+
+@functools.cache
+def _read():
+    env = _env()
+
+    def read(state, qpos, qvel):
+        motion = state.data.motion._replace(qpos=qpos, qvel=qvel)
+        return env._observe(state.data, state.data._replace(motion=motion))
+
+    return jax.jit(read)
+
+
+def _seen(play, start):
+    qpos, qvel = play.qpos.astype(np.float32), play.data.qvel.astype(np.float32)
+    return _read()(start, jnp.asarray(qpos), jnp.asarray(qvel))
+
+
+@pytest.fixture(scope="module")
+def experts(starts):
+    """Two whole episodes of the scripted expert."""
+    return [scenes.InC(_env(), _lane(starts, i)) for i in range(2)], starts
+
+
+def test_a_scripted_expert_fills_the_box_by_friction(experts):
+    plays, starts = experts
+    for i, play in enumerate(plays):
+        scenes.open_lid(play)
+        assert play.qpos[9] > 1.571
+        for shoe, where in ((0, (-0.03, -0.05)), (1, (0.0, 0.05))):
+            scenes.grasp(play, shoe)
+            assert play.qpos[12 + 7 * shoe] > 0.25  # lifted by nothing but friction
+            scenes.drop(play, where)
+        assert _flags(_seen(play, _lane(starts, i))) == [1, 1, 1]
+        assert play.contacts <= 24  # the cap of MJX
+
+
+def test_boxes_are_where_mujoco_has_the_bodies(starts):
+    play = scenes.InC(_env(), _lane(starts, 3))
+    play.data.qpos[9] = 1.1
+    mujoco.mj_forward(play.model, play.data)
+    boxes = _env().world_boxes(_seen(play, _lane(starts, 3)).data)
+    lid = play.data.body("lid")
+    turn = lid.xmat.reshape(3, 3)
+    np.testing.assert_allclose(boxes.rotation[4], turn, atol=1e-5)
+    np.testing.assert_allclose(boxes.position[4], lid.xpos + turn @ model.LID_CENTER, atol=1e-5)
+    for i, name in enumerate(("shoe_a", "shoe_b"), start=5):
+        np.testing.assert_allclose(boxes.position[i], play.data.body(name).xpos, atol=1e-5)
+    np.testing.assert_allclose(boxes.position[3, :2], play.fixtures[0, :2], atol=1e-6)
+
+
+def test_a_held_shoe_hardly_creeps(starts):
+    play = scenes.InC(_env(), _lane(starts, 2))
+    scenes.grasp(play, 0)
+    for _ in range(20):
+        play.step(np.array([0, 0, 0, 0, -1.0]))
+    height = play.qpos[12]
+    for _ in range(40):
+        play.step(np.array([0, 0, 0, 0, -1.0]))
+    assert abs(play.qpos[12] - height) < 0.004
+
+
+# ---------------------------------------------------------------- MJX
+
+
+def _follow(actions, starts):
+    """States of MJX under each lane's own actions."""
+    length = max(map(len, actions))
+    held = [
+        np.concatenate([a, np.tile(a[-1] * [0, 0, 0, 0, 1], (length - len(a), 1))]) for a in actions
+    ]
+    states = [starts]
+    for action in np.stack(held, axis=1).astype(np.float32):
+        states.append(_step()(states[-1], jnp.asarray(action)))
+    return states
+
+
+@pytest.mark.slow
+def test_mjx_grasps_and_lifts_as_c_mujoco_does(starts):
+    """Open loop: the actions of a grasp in C MuJoCo, replayed."""
+    plays = [scenes.InC(_env(), _lane(starts, i)) for i in range(LANES)]
+    actions = [np.array(scenes.grasp(play, i % 2, lift=0.1)) for i, play in enumerate(plays)]
+    states = _follow(actions, starts)
+    for i, (play, played) in enumerate(zip(plays, actions, strict=True)):
+        ours = np.asarray(states[len(played)].data.motion.qpos[i])
+        shoe = 10 + 7 * (i % 2)
+        assert play.qpos[shoe + 2] > 0.08
+        np.testing.assert_allclose(ours[shoe : shoe + 3], play.qpos[shoe : shoe + 3], atol=0.01)
+        np.testing.assert_allclose(ours[:9], play.qpos[:9], atol=0.02)
+
+
+def _bounded(states, limit):
+    for state in states:
+        floats = [x for x in jax.tree.leaves(state) if jnp.issubdtype(x.dtype, jnp.floating)]
+        assert all(np.isfinite(x).all() for x in floats)
+    shoes = np.asarray(states[-1].data.motion.qpos[:, 10:]).reshape(LANES, 2, 7)[:, :, :3]
+    assert np.abs(shoes).max() < limit
+
+
+def _play(starts, steps, seed=0):
+    """Random actions in half of the lanes, extreme ones in the other."""
+    rng = np.random.default_rng(seed)
+    states = [starts]
+    for _ in range(steps):
+        action = rng.uniform(-1, 1, (LANES, 5))
+        action[::2] = np.sign(action[::2]) * 3
+        states = [states[-1], _step()(states[-1], jnp.asarray(action, jnp.float32))]
+        yield states[-1]
+
+
+@pytest.mark.slow
+def test_random_and_extreme_actions_leave_everything_finite(starts):
+    _bounded(list(_play(starts, 25)), limit=3.0)
+
+
+def test_a_step_keeps_the_structure_that_reset_made(starts):
+    after = _step()(starts, jnp.zeros((LANES, 5)))
+    shapes = lambda tree: jax.tree.map(lambda x: (x.shape, x.dtype), tree)  # noqa: E731
+    assert shapes(starts) == shapes(after)
+    assert not any(leaf.weak_type for leaf in jax.tree.leaves(after))
+    assert set(starts.metrics) == set(after.metrics)
+    assert (np.asarray(after.data.time) == 1).all()
+
+
+def test_a_box_that_is_full_at_five_moments_is_a_success():
+    lanes = [_made("in", "beside", 2.6), _made("in", "far", 2.6)] * (LANES // 2)
+    states = [jax.tree.map(lambda *x: jnp.stack(x), *lanes)]
+    open_hand = jnp.zeros((LANES, 5)).at[:, 4].set(1.0)
+    for _ in range(6):
+        states.append(_step()(states[-1], open_hand))
+    assert [float(state.metrics["success"][0]) for state in states[3:5]] == [0, 1]
+    found = np.asarray(states[-1].metrics["success"])
+    assert found.tolist() == [1, 0] * (LANES // 2)
+    assert float(states[-1].metrics["score"][0]) == 1
+
+
+# ---------------------------------------------------------------- longer
+
+
+@pytest.mark.slow
+def test_an_experts_whole_episode_replayed_in_mjx_ends_alike(starts):
+    plays = [scenes.InC(_env(), _lane(starts, i)) for i in range(LANES)]
+    actions = [np.array(scenes.fill_box(play)) for play in plays]
+    states = _follow(actions, starts)
+    gaps = []
+    for i, (play, played) in enumerate(zip(plays, actions, strict=True)):
+        ours = np.asarray(states[len(played)].data.motion.qpos[i])[10:].reshape(2, 7)[:, :3]
+        gaps.append(np.abs(ours - play.qpos[10:].reshape(2, 7)[:, :3]).max())
+    filled = np.asarray(states[-1].metrics["score"])
+    assert np.median(gaps) < 0.01
+    assert (filled == 1).mean() >= 0.75
+
+
+@pytest.mark.slow
+def test_the_expert_fills_the_box_from_forty_starts():
+    env, many = _env(), _reset()(jax.random.split(jax.random.key(7), 40))
+    filled = 0
+    for i in range(40):
+        play = scenes.InC(env, _lane(many, i))
+        scenes.fill_box(play)
+        filled += _flags(_seen(play, _lane(many, i))) == [1, 1, 1]
+    assert filled >= 38
+
+
+@pytest.mark.slow
+def test_a_thousand_random_and_extreme_actions_leave_everything_finite(starts):
+    for state in _play(starts, 1000, seed=1):
+        last = state
+        assert np.isfinite(state.obs).all()
+    _bounded([last], limit=100.0)

@@ -1,0 +1,100 @@
+"""Boxes read from pictures whose things are known, and the errors put on them."""
+
+import numpy as np
+import pytest
+from gril_jax.envs.tabletop import detector
+
+
+def _picture(*patches, pixels=20):
+    thing = np.full((pixels, pixels), -1, np.int8)
+    for index, (top, left, bottom, right) in enumerate(patches):
+        thing[top:bottom, left:right] = index
+    return thing
+
+
+def _video(count=400):
+    rng = np.random.default_rng(0)
+    center = rng.uniform(-0.5, 0.5, (count, 3, 2)).astype(np.float32)
+    size = rng.uniform(0.1, 0.3, (count, 3, 2)).astype(np.float32)
+    return detector.Sightings(center, size, np.ones((count, 3), bool))
+
+
+def test_a_box_is_that_of_the_visible_pixels_with_y_up():
+    found = detector.detect(_picture((0, 0, 10, 20), (5, 4, 15, 8)), 3)
+    # the second patch hides a part of the first, which reaches as far as before
+    np.testing.assert_allclose(found.center[0], [0, 0.5], atol=1e-6)
+    np.testing.assert_allclose(found.size[0], [2, 1], atol=1e-6)
+    np.testing.assert_allclose(found.center[1], [-0.4, 0], atol=1e-6)
+    np.testing.assert_allclose(found.size[1], [0.4, 1], atol=1e-6)
+    assert found.seen.tolist() == [True, True, False]
+
+
+def test_what_is_hidden_but_for_a_few_pixels_is_not_seen():
+    hidden = _picture((2, 2, 6, 6), (2, 2, 6, 5), (5, 2, 6, 6))
+    assert detector.detect(hidden, 3).seen.tolist() == [False, True, True]
+    assert detector.detect(hidden, 3, least=3).seen.all()
+
+
+def test_an_exact_detector_is_left_as_it_is():
+    exact = _video()
+    same = detector.disturbed(exact, detector.EXACT, np.random.default_rng(1), pixels=256)
+    for a, b in zip(exact, same, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
+
+
+def test_jitter_moves_each_edge_by_as_many_pixels_as_it_says():
+    exact, noise = _video(), detector.Noise(jitter=0.7)
+    noisy = detector.disturbed(exact, noise, np.random.default_rng(1), pixels=256)
+    for side in (-0.5, 0.5):
+        moved = noisy.center + side * noisy.size - exact.center - side * exact.size
+        assert moved.std() * 128 == pytest.approx(0.7, rel=0.1)
+    assert (noisy.size > 0).all()
+    assert noisy.center.dtype == noisy.size.dtype == np.float32
+
+
+def test_dropout_and_switches_come_as_often_as_they_should():
+    noise = detector.Noise(dropout=0.1, switch=0.02)
+    exact = _video(4000)
+    noisy = detector.disturbed(exact, noise, np.random.default_rng(1), pixels=256, twins=((1, 2),))
+    assert 1 - noisy.seen.mean() == pytest.approx(0.1, abs=0.01)
+    np.testing.assert_allclose(noisy.center[:, 0], exact.center[:, 0], atol=1e-6)
+    changed = np.abs(noisy.center[:, 1] - exact.center[:, 1]).max(axis=1) > 1e-5
+    np.testing.assert_allclose(noisy.center[changed, 1], exact.center[changed, 2], atol=1e-6)
+    np.testing.assert_allclose(noisy.center[changed, 2], exact.center[changed, 1], atol=1e-6)
+    assert np.abs(np.diff(changed.astype(int))).sum() == pytest.approx(80, rel=0.3)
+
+
+def test_what_is_not_seen_keeps_its_last_box_or_takes_its_first():
+    exact = _video(6)
+    exact.seen[:, 0] = [False, True, True, False, False, True]
+    filled = detector.carried(exact)
+    np.testing.assert_array_equal(filled.center[:, 0], exact.center[[1, 1, 2, 2, 2, 5], 0])
+    np.testing.assert_array_equal(filled.size[:, 1], exact.size[:, 1])
+    np.testing.assert_array_equal(filled.seen, exact.seen)
+
+
+def test_what_is_never_seen_is_named():
+    exact = _video(5)
+    exact.seen[:, 2] = False
+    with pytest.raises(ValueError, match="thing 2 is seen in none of 5 frames"):
+        detector.carried(exact)
+
+
+@pytest.mark.parametrize(
+    ("noise", "words"),
+    [
+        (detector.Noise(jitter=-1.0), "noise.jitter is -1.0, but must be at least 0"),
+        (detector.Noise(dropout=1.0), "noise.dropout is 1.0, but must be from 0 to below 1"),
+        (detector.Noise(switch=-0.1), "noise.switch is -0.1"),
+    ],
+)
+def test_noise_out_of_range_is_named(noise, words):
+    with pytest.raises(ValueError, match=words):
+        detector.disturbed(_video(3), noise, np.random.default_rng(0), pixels=64)
+
+
+def test_frames_are_stacked_in_order():
+    pictures = [_picture((0, 0, 4, 4)), _picture((4, 4, 8, 8))]
+    video = detector.stacked([detector.detect(p, 1) for p in pictures])
+    assert video.center.shape == (2, 1, 2)
+    assert video.center[0, 0, 0] < video.center[1, 0, 0]

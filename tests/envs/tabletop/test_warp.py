@@ -1,0 +1,142 @@
+"""MuJoCo Warp in place of MJX: equal behaviour, and a sentence where it is not installed."""
+
+import functools
+import importlib
+import importlib.util
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.experiments.pipeline import setup
+from gril_jax.experiments.sweeps import programs as sweep_programs
+from gril_jax.experiments.sweeps.rows import Row
+from support import tabletop_scenes as scenes
+
+from gril_jax import envs
+from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
+from gril_jax.config.grid import with_seed
+from gril_jax.errors import ConfigError
+
+LANES = 4
+INSTALLED = importlib.util.find_spec("warp") is not None
+with_warp = pytest.mark.skipif(not INSTALLED, reason="warp-lang is not installed")
+
+
+@functools.cache
+def _env(impl):
+    config = EnvConfig(name="shoes_in_box", reward="staged", impl=impl, worlds=64)
+    return setup.make_env(config, training=False)
+
+
+@functools.cache
+def _step(impl):
+    return jax.jit(jax.vmap(_env(impl).step))
+
+
+@pytest.fixture(scope="module")
+def starts():
+    return jax.jit(jax.vmap(_env("jax").reset))(jax.random.split(jax.random.key(0), LANES))
+
+
+def _qpos(states):
+    return np.asarray(states.data.motion.qpos)
+
+
+def _in_c(starts):
+    """Each lane in C MuJoCo."""
+    lanes = [jax.tree.map(lambda x, i=i: x[i], starts) for i in range(LANES)]
+    return [scenes.InC(_env("jax"), lane) for lane in lanes]
+
+
+@with_warp
+def test_a_step_is_that_of_c_mujoco(starts):
+    actions = np.random.default_rng(0).uniform(-1, 1, (LANES, 5)).astype(np.float32)
+    after = {impl: _step(impl)(starts, jnp.asarray(actions)) for impl in ("jax", "warp")}
+    plays = _in_c(starts)
+    for play, action in zip(plays, actions, strict=True):
+        play.step(action)
+    true = np.stack([play.qpos for play in plays])
+    np.testing.assert_allclose(_qpos(after["warp"]), true, atol=1e-4)
+    np.testing.assert_allclose(_qpos(after["jax"]), true, atol=1e-4)
+    shapes = [[(x.shape, x.dtype) for x in jax.tree.leaves(state)] for state in after.values()]
+    assert shapes[0] == shapes[1]
+
+
+@with_warp
+def test_kernels_do_not_report_among_what_a_command_prints(monkeypatch):
+    warp = importlib.import_module("warp")
+    monkeypatch.setattr(warp.config, "log_level", warp.LOG_INFO)
+    assert _env.__wrapped__("warp").observation_size  # made anew
+    assert warp.config.log_level == warp.LOG_WARNING
+
+
+@with_warp
+def test_only_what_is_lost_is_told_of():
+    """Not each solution that ends at the iterations' limit, but contacts without room."""
+    kinds = importlib.import_module("mujoco.mjx.third_party.mujoco_warp").OverflowType
+    told = _env("warp").physics._model.opt._impl.warn_overflow
+    assert not told & (kinds.ITERATIONS | kinds.LS_ITERATIONS)
+    assert told & kinds.NEFC
+    assert told & kinds.NARROWPHASE
+
+
+@with_warp
+def test_lanes_of_lanes_are_lanes(starts):
+    action = jnp.zeros((LANES, 5))
+    nested = jax.tree.map(lambda x: x.reshape(2, LANES // 2, *x.shape[1:]), (starts, action))
+    found = jax.jit(jax.vmap(jax.vmap(_env("warp").step)))(*nested)
+    flat = _step("warp")(starts, action)
+    np.testing.assert_array_equal(_qpos(found).reshape(LANES, -1), _qpos(flat))
+
+
+@with_warp
+@pytest.mark.slow
+def test_a_whole_episode_of_the_expert_ends_alike(starts):
+    """Open loop: an expert's actions in C MuJoCo, replayed."""
+    plays = _in_c(starts)
+    actions = [np.array(scenes.fill_box(play)) for play in plays]
+    length = max(map(len, actions))
+    rest = np.array([0, 0, 0, 0, 1])
+    held = [np.concatenate([a, np.tile(a[-1] * rest, (length - len(a), 1))]) for a in actions]
+    ends = {}
+    for impl in ("jax", "warp"):
+        states, ends[impl] = starts, [None] * LANES
+        for moment, action in enumerate(np.stack(held, axis=1).astype(np.float32), start=1):
+            states = _step(impl)(states, jnp.asarray(action))
+            for i, played in enumerate(actions):
+                if moment == len(played):
+                    ends[impl][i] = _qpos(states)[i, 10:].reshape(2, 7)[:, :3]
+        assert (np.asarray(states.metrics["score"]) == 1).mean() >= 0.75
+    true = [play.qpos[10:].reshape(2, 7)[:, :3] for play in plays]
+    gaps = {
+        name: [np.abs(a - b).max() for a, b in zip(found, true, strict=True)]
+        for name, found in ends.items()
+    }
+    assert np.median(gaps["warp"]) < 0.01, gaps
+
+
+@with_warp
+def test_a_sweep_runs_as_many_seeds_at_once_as_there_is_room_for():
+    env = EnvConfig(
+        name="shoes_in_box", reward="staged", impl="warp", worlds=160, varied_starts=0.0
+    )
+    config = RunConfig(env=env, ppo=PPOConfig(num_envs=64), run=RunSettings(reward="environmental"))
+    rows = [Row(0, seed, with_seed(config, seed)) for seed in range(3)]
+    found = sweep_programs.programs(rows, 7, jax.devices())
+    assert [len(program.rows) for program in found] == [2, 1]
+
+
+@pytest.mark.skipif(INSTALLED, reason="warp-lang is installed")
+def test_without_the_package_a_sentence_says_what_to_install():
+    with pytest.raises(ConfigError, match=r"impl is 'warp', .* pip install 'gril-jax\[warp\]'"):
+        _env("warp")
+
+
+def test_an_unknown_implementation_and_another_task_are_refused():
+    with pytest.raises(ValueError, match="impl is 'cpp', but must be one of jax, warp"):
+        envs.make("shoes_in_box", impl="cpp")
+    with pytest.raises(ConfigError, match=r"match_regions has env\.engine"):
+        setup.make_env(EnvConfig(impl="warp"), training=False)
+    with pytest.raises(ValueError, match="worlds is 0"):
+        envs.make("shoes_in_box", worlds=0)

@@ -1,0 +1,193 @@
+"""The tasks of known returns against MuJoCo itself, and the comparison on them."""
+
+import json
+import sys
+import types
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from gril_jax.experiments.bench.known_settings import GROUND
+from gril_jax.experiments.bench.known_tasks import InvertedPendulum, Reacher
+from gril_jax.experiments.bench.pendulum import Pendulum, SacSetting, Setting
+
+from gril_jax.cli import arguments, main
+from gril_jax.errors import RunError
+
+
+def _walk(task, actions, nudge):
+    """Our states under some actions, and MuJoCo's positions and velocities under the same."""
+    begun = jax.jit(task.reset)(jax.random.key(0))
+    position, velocity, *rest = begun.data
+    begun = begun._replace(data=(position + nudge, velocity, *rest))
+    state, step, ours = begun, jax.jit(task.step), []
+    for action in actions:
+        state = step(state, jnp.asarray(action, jnp.float32))
+        ours.append(jax.device_get(state))
+    data = mujoco.MjData(task.mj_model)
+    data.qpos, data.qvel = begun.data[:2]
+    theirs = []
+    for action in actions:
+        data.ctrl = np.clip(action, -1, 1) * (3 if isinstance(task, InvertedPendulum) else 1)
+        mujoco.mj_step(task.mj_model, data, 2)
+        theirs.append((data.qpos.copy(), data.qvel.copy()))
+    return begun, ours, theirs, data
+
+
+@pytest.mark.slow
+def test_the_pole_falls_as_in_mujoco_and_ends_the_episode():
+    task = InvertedPendulum()
+    np.testing.assert_allclose(task.mj_model.body_mass[1:], [10.47, 5.02], atol=0.01)
+    begun, ours, theirs, _ = _walk(task, [[-0.5], [0.2], [-2.0], [0.0]], np.array([0.0, 0.15]))
+    for state, (position, velocity) in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(state.obs, [*position, *velocity], atol=1e-4)
+        leans = abs(position[1]) > 0.2
+        assert (state.reward, state.done) == (1.0 - leans, leans)
+        np.testing.assert_allclose(
+            state.objects.center[1] - state.objects.center[0],
+            0.6 * np.array([np.sin(position[1]), np.cos(position[1])]), atol=1e-5,
+        )  # fmt: skip
+    assert [float(state.done) for state in ours] == sorted(float(s.done) for s in ours)
+    assert (begun.done, ours[-1].done) == (0, 1)
+
+
+@pytest.mark.slow
+def test_the_arm_moves_as_in_mujoco_and_pays_for_distance_and_effort():
+    actions = [[1.0, -2.0], [-0.3, 0.5], [0.1, 0.9]]
+    begun, ours, theirs, data = _walk(Reacher(), actions, np.zeros(2))
+    target = begun.data[2]
+    for state, action, (position, velocity) in zip(ours, actions, theirs, strict=True):
+        tip = state.objects.center[1]
+        np.testing.assert_allclose(state.obs[:2], np.cos(position), atol=1e-4)
+        np.testing.assert_allclose(state.obs[2:4], np.sin(position), atol=1e-4)
+        np.testing.assert_allclose(state.obs[6:8], velocity, rtol=1e-4)
+        np.testing.assert_allclose(state.obs[8:], tip - target, atol=1e-6)
+        pay = -np.linalg.norm(tip - target) - np.sum(np.clip(action, -1, 1) ** 2)
+        np.testing.assert_allclose(state.reward, pay, rtol=1e-5)
+        assert state.done == 0
+    mujoco.mj_kinematics(Reacher().mj_model, data)
+    np.testing.assert_allclose(tip, data.geom_xpos[-1, :2], atol=1e-5)
+
+
+def test_targets_fill_the_disc_evenly():
+    state = jax.jit(jax.vmap(Reacher().reset))(jax.random.split(jax.random.key(1), 4000))
+    away = np.linalg.norm(state.data[2], axis=1)
+    assert away.max() <= 0.2
+    np.testing.assert_allclose(np.mean(away < 0.1), 0.25, atol=0.03)
+    np.testing.assert_allclose(state.data[2].mean(0), 0, atol=0.01)
+
+
+def test_each_ground_has_both_algorithms_and_a_source():
+    for ground in GROUND.values():
+        assert set(ground.settings) == set(ground.published) == {"ppo", "sac"}
+        assert isinstance(ground.settings["sac"], SacSetting)
+        assert all(known.source for known in ground.published.values())
+
+
+def test_control_steps_cover_what_lies_between_two_evaluations():
+    assert SacSetting(num_timesteps=1001, num_evals=3, num_envs=10).updates == 51
+
+
+def test_both_sides_stand_beside_what_is_published():
+    from gril_jax.experiments.bench.known import compared
+
+    row = compared(
+        "pendulum", "ppo", {"ours": {"returns": [-150.0, -154.0]}, "stock": {"returns": [-180.0]}}
+    )
+    assert row["mean_return"] == {"ours": -152.0, "stock": -180.0}
+    assert row["above_published"] == {"ours": 20.2, "stock": -7.8}
+    assert json.loads(json.dumps(row))["published"]["mean"] == -172.2
+
+
+def test_every_task_algorithm_and_side_is_measured_once(monkeypatch):
+    from gril_jax.experiments.bench import known as bench_known
+
+    seen, lines = [], []
+    monkeypatch.setattr(bench_known, "_child", lambda x: seen.append(x) or {"returns": [len(x[2])]})
+    options = {"tasks": ("reacher",), "algorithms": ("ppo", "sac"), "seeds": 2, "jobs": 2}
+    bench_known.main(**options, echo=lines.append)
+    assert len(seen) == len({*seen}) == 4
+    rows = json.loads(lines[0])["rows"]
+    assert [row["algorithm"] for row in rows] == ["ppo", "sac"]
+    assert rows[1]["mean_return"] == {"ours": 4, "stock": 5}
+
+
+def test_a_process_that_fails_is_one_sentence(monkeypatch):
+    from gril_jax.experiments.bench import known as bench_known
+
+    monkeypatch.setattr(bench_known, "_CHILD", "raise SystemExit('no memory left')")
+    with pytest.raises(RunError, match="ppo of ours on pendulum failed: no memory left"):
+        bench_known._child(("pendulum", "ppo", "ours", 1))
+
+
+@pytest.mark.parametrize(
+    ("args", "fault"),
+    [
+        (["--tasks", "lunch"], "--tasks has 'lunch', but must be of pendulum, inverted_pendulum"),
+        (["--algorithms", "a2c"], "--algorithms has 'a2c', but must be of ppo, sac"),
+        (["--seeds", "0"], "--seeds is 0, but must be at least 1"),
+        (["--jobs", "0"], "--jobs is 0, but must be at least 1"),
+    ],
+)
+def test_options_of_the_verb_have_ranges(capsys, args, fault):
+    assert main.main(["bench", "known", *args]) == 2
+    assert fault in capsys.readouterr().err
+
+
+def test_the_verb_offers_what_there_is_and_hands_on_its_options(monkeypatch):
+    name, calls = "gril_jax.experiments.bench.known", []
+    module = types.ModuleType(name)
+    module.main = lambda **options: calls.append(options)
+    monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(name, module, raising=False)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
+    assert main.main(["bench", "known", "--algorithms", "sac", "--seeds", "2"]) == 0
+    shared = {"seeds": 2, "jobs": None, "echo": arguments.echo}
+    assert calls == [{"tasks": tuple(GROUND), "algorithms": ("sac",)} | shared]
+
+
+_TINY = {
+    "ppo": Setting(num_timesteps=128, num_evals=2, num_envs=8, unroll_length=4, num_minibatches=2,
+                   num_epochs=1, hidden=(4,)),
+    "sac": SacSetting(num_timesteps=64, num_evals=2, num_envs=4, updates_per_step=2, batch_size=8,
+                      replay_size=64, min_replay=8, hidden=(4,)),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["ours", "stock"])
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_both_sides_train_on_a_task_that_ends_and_on_one_that_does_not(side, algorithm):
+    from gril_jax.experiments.bench.known import measure
+
+    found = measure("inverted_pendulum", algorithm, side, 2, _TINY[algorithm])
+    assert all(2 < value < 1000 for value in found["returns"] + found["untrained"])
+    found = measure("pendulum", algorithm, side, 1, _TINY[algorithm])
+    assert -200 * 16.3 < found["returns"][0] < 0
+
+
+@pytest.mark.slow
+def test_the_last_return_is_the_mean_over_as_many_episodes_as_are_asked_for():
+    """Four environments play mean actions at a time: those asked for beyond them are others."""
+    from gril_jax.experiments.bench import ours as bench_ours
+
+    found = [
+        bench_ours.all_returns(_TINY["ppo"], Pendulum(), 1, episodes)[0] for episodes in (4, 8)
+    ]
+    assert found[0][0] == found[1][0]  # before training
+    few, twice = found[0][-1], found[1][-1]
+    other = 2 * twice - few
+    assert few != other
+    assert -200 * 16.3 < other < 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_the_pole_is_kept_upright_to_the_time_limit(algorithm):
+    from gril_jax.experiments.bench.known import measure
+
+    found = measure("inverted_pendulum", algorithm, "ours", 1)
+    assert found["untrained"][0] < 100
+    assert found["returns"][0] > 950  # Gymnasium's threshold

@@ -1,0 +1,102 @@
+"""A sweep from the command line to its table, and one that goes on after being cut off."""
+
+import csv
+import itertools
+import json
+
+import pytest
+from gril_jax.experiments.sweeps.named_rows import changed
+
+from gril_jax.cli import main
+from gril_jax.errors import RunError
+from gril_jax.runs import run_dir
+
+SMALL = [
+    "--reward", "environmental", "--lambda", "0.5,1", "--ppo.discounting", "0.9,0.99",
+    "--seeds", "2", "--ppo.num-envs", "4", "--ppo.num-minibatches", "2",
+    "--ppo.unroll-length", "5", "--ppo.num-timesteps", "60", "--ppo.hidden", "8",
+    "--env.episode-length", "10", "--run.evaluations", "2", "--run.checkpoint-every", "0",
+]  # fmt: skip
+
+
+def test_a_folder_that_is_no_sweep_is_refused(tmp_path):
+    from gril_jax.experiments.sweeps.sweep import read_cells
+
+    with pytest.raises(RunError, match="is not a sweep"):
+        read_cells(tmp_path)
+
+
+def test_an_odd_number_of_environments_is_refused_before_work_starts(tmp_path, capsys):
+    odd = ["--seeds", "1", "--reward", "environmental", "--ppo.num-envs", "3"]
+    odd += ["--ppo.num-minibatches", "1", "--out", str(tmp_path / "odd")]
+    assert main.main(["sweep", "quickstart", *odd]) == 2
+    assert "ppo.num_envs is 3, but must be even" in capsys.readouterr().err
+    assert not (tmp_path / "odd").exists()
+
+
+def test_rows_of_table_1_are_one_more_axis(monkeypatch):
+    from gril_jax.experiments.sweeps import sweep
+    from gril_jax.experiments.table1 import rows as table1_rows
+
+    calls = []
+    monkeypatch.setattr(sweep, "main", lambda *args, **kwargs: calls.append(args))
+    rows = ["environmental", "ours with robot"]
+    axis = ["--ppo.learning-rate", "1e-3,2e-3"]
+    assert main.main(["sweep", "match_regions", "--rows", ",".join(rows), *axis]) == 0
+    ((config, found, seeds),) = calls
+    assert seeds == 5
+    rates = (1e-3, 2e-3)
+    assert [(cell.name, cell.config.ppo.learning_rate) for cell in found] == [
+        (f"row {row}, learning-rate {rate}", float(rate))
+        for row in rows
+        for rate in axis[1].split(",")
+    ]
+    for cell, (row, rate) in zip(found, itertools.product(rows, rates), strict=True):
+        plain = changed(config, table1_rows.ROWS[row])
+        assert cell.config == changed(plain, {"ppo.learning_rate": rate})
+
+
+def test_what_a_row_says_is_no_option_beside_it(capsys):
+    for more, fault in (
+        (["--rows", "environmental", "--reward", "learned,sum"], "--run.reward is given, but each"),
+        (["--rows", "enviromental"], "did you mean environmental?"),
+        (["shoes_in_box", "--rows", "environmental"], "must be 'match_regions' here"),
+    ):
+        assert main.main(["sweep", *more]) == 2
+        assert fault in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_sweep_without_evaluations_in_between_has_one_at_its_end(tmp_path):
+    out = tmp_path / "once"
+    few = [*SMALL, "--run.evaluations", "0"]
+    assert main.main(["sweep", "quickstart", *few, "--out", str(out)]) == 0
+    assert len([r for r in run_dir.read_metrics(out) if r["phase"] == "policy-0"]) == 1
+
+
+@pytest.mark.slow
+def test_a_sweep_makes_what_differs_once_and_goes_on_where_it_was_cut_off(tmp_path, monkeypatch):
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    assert main.main(["sweep", "quickstart", *SMALL, "--out", str(whole)]) == 0
+    lines = list(csv.DictReader((whole / "sweep.csv").open()))
+    assert len(lines) == 8  # lambda does not matter to this reward, but has its lines
+    assert run_dir.read_results(whole)["policies"] == 4
+    assert (whole / "sweep.png").stat().st_size > 10_000
+
+    from gril_jax.runs import loop
+
+    once = []
+
+    def fail_after_first(self, done, state):
+        original(self, done, state)
+        once.append(done)
+        raise KeyboardInterrupt
+
+    original = loop.CheckpointWriter.save
+    monkeypatch.setattr(loop.CheckpointWriter, "save", fail_after_first)
+    assert main.main(["sweep", "quickstart", *SMALL, "--out", str(cut)]) == 130
+    monkeypatch.undo()
+    assert once == [1]
+    assert main.main(["sweep", "--resume", str(cut)]) == 0
+    assert (cut / "sweep.csv").read_text() == (whole / "sweep.csv").read_text()
+    assert json.loads((cut / "sweep.json").read_text())["seeds"] == 2

@@ -1,0 +1,160 @@
+"""`gril audit`: what it refuses, in one sentence each, and a whole audit."""
+
+import dataclasses
+import json
+import types
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.experiments import audit
+from gril_jax.experiments.pipeline import setup
+from support.run_folders import save_run
+
+from gril_jax.cli import main
+from gril_jax.config import EncoderConfig, EnvConfig, RunConfig
+from gril_jax.encoders import encoder
+from gril_jax.errors import ConfigError, RunError, ShapeError
+from gril_jax.interop.reward_file import load_reward, save_reward
+from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.reward.learned_reward import LearnedReward
+
+CLASSES = setup.make_env(EnvConfig(), training=False).classes
+OBJECTS = ("goal", "robot", "green square")
+CONFIG = encoder.EncoderConfig(len(CLASSES), width=4, rounds=1, latent=3)
+
+
+def _params(config=CONFIG):
+    rng = np.random.default_rng(0)
+    shapes = jax.eval_shape(lambda key: encoder.init(key, config), jax.random.key(0))
+    params = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), jnp.float32), shapes)
+    goal = jnp.ones(config.latent)
+    return RewardParams(params, goal, jnp.float32(0.5), jnp.float32(5.0))
+
+
+def _save(path, config=CONFIG, **changes):
+    choices = {"classes": CLASSES, "robots": ("robot",), "objects": OBJECTS} | changes
+    save_reward(path, _params(config), config, **choices)
+    return path
+
+
+def _fault(capsys, *args, code=2):
+    assert main.main(["audit", *map(str, args)]) == code
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    return err
+
+
+# --- refused before any work
+
+
+def test_a_mistake_on_the_command_line_has_exit_code_2(tmp_path, capsys):
+    assert "must be a reward file or the folder of a run" in _fault(capsys, tmp_path / "none.npz")
+    assert "has no config.yaml" in _fault(capsys, tmp_path)
+    run = save_run(tmp_path / "run")
+    assert "has no reward, so its run has not got that far yet" in _fault(capsys, run)
+    file = tmp_path / "reward.npz"
+    file.write_bytes(b"")
+    assert "--starts is 0, but must be at least 1" in _fault(capsys, file, "--starts", "0")
+    assert "--ascents is 0, but must be" in _fault(capsys, file, "--ascents", "0")
+    assert "--seed is -1, but must be from 0" in _fault(capsys, file, "--seed=-1")
+    assert "is a file, but --out must be a folder" in _fault(capsys, file, "--out", file)
+
+
+def test_help_lists_the_options(capsys):
+    assert main.main(["audit", "--help"]) == 0
+    assert "--ascents" in capsys.readouterr().out
+
+
+# --- refused once the reward is read
+
+
+def test_a_reward_of_pictures_is_refused(tmp_path):
+    pictures = RunConfig(encoder=EncoderConfig(kind="pixels"))
+    with pytest.raises(ConfigError, match=r"'pixels', but must be 'paper', .* for an audit"):
+        audit.main(save_run(tmp_path / "run", config=pictures))
+    with pytest.raises(ConfigError, match="takes pictures, but an audit moves boxes"):
+        audit.main(_save(tmp_path / "reward.npz", encoder.PixelConfig(3)))
+
+
+def test_another_task_is_refused(tmp_path):
+    reward = _save(tmp_path / "reward.npz")
+    with pytest.raises(ConfigError, match="--task is 'sorting', but must be one of match_regions"):
+        audit.main(reward, task="sorting")
+    run = save_run(tmp_path / "run")
+    with pytest.raises(ConfigError, match="was trained for match_regions, but --task is sorting"):
+        audit.main(run, task="sorting")
+
+
+def test_a_reward_of_other_objects_is_refused(tmp_path):
+    mug = _save(tmp_path / "mug.npz", objects=("goal", "robot", "red star"))
+    with pytest.raises(ConfigError, match="objects goal, robot, red star, but match_regions has"):
+        audit.main(mug)
+    names = tuple(name.replace("green", "grey") for name in CLASSES)
+    grey = _save(tmp_path / "grey.npz", classes=names, objects=())
+    with pytest.raises(ConfigError, match="knows no class 'green star', which the task has"):
+        audit.main(grey)
+
+
+def test_an_encoder_for_another_number_of_objects_is_refused(tmp_path):
+    flat = encoder.MLPConfig(len(CLASSES), width=4, flat_nodes=5)
+    reward = _save(tmp_path / "flat.npz", config=flat)
+    with pytest.raises(ShapeError, match="5"):
+        audit.main(reward, starts=1)
+
+
+def test_a_task_without_stages_is_refused(tmp_path, monkeypatch):
+    bare = types.SimpleNamespace(classes=CLASSES)
+    monkeypatch.setattr(setup, "make_env", lambda *args, **kwargs: bare)
+    with pytest.raises(ConfigError, match="match_regions has no stage definition"):
+        audit.main(_save(tmp_path / "reward.npz"))
+
+
+def test_classes_in_another_order_are_matched_by_name():
+    turned = tuple(reversed(CLASSES))
+    learned = LearnedReward(_params(), CONFIG, turned)
+    label = audit._labels(learned, CLASSES, np.array([[0, 1, 3]]), Path("reward.npz"))
+    assert [turned[i] for i in label[0]] == [CLASSES[i] for i in (0, 1, 3)]
+
+
+# --- a whole audit
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Short grids: the programs are the same."""
+    monkeypatch.setattr(audit, "make_states", lambda *a, **k: _make(*a, **k, side=3))
+
+
+_make = audit.make_states
+
+
+def test_a_reward_file_is_audited_into_a_folder_beside_it(tmp_path, capsys, small):
+    reward = _save(tmp_path / "mine.npz")
+    args = ["audit", str(reward), "--starts", "1", "--ascents", "10"]
+    assert main.main(args) == 0
+    out = capsys.readouterr().out
+    assert "report: " in out
+    assert out.count("\n") == 5
+    folder = tmp_path / "mine-audit"
+    assert {"audit.json", "report.html", "hack.png", "maps.png"} <= {
+        p.name for p in folder.iterdir()
+    }
+    results = json.loads((folder / "audit.json").read_text())
+    assert results["settings"]["ascents"] == 10
+    assert results["alone_share"].keys() == {"green square", "robot"}
+    best = {o["name"]: o["center"] for o in results["best_unearned_state"]["objects"]}
+    offset = np.abs(np.array(best["green square"]) - best["goal"])
+    assert (offset > [0.3, 0.35]).any()  # not in the region
+
+
+@pytest.mark.slow
+def test_a_reward_that_is_no_number_somewhere_is_named(tmp_path, monkeypatch, small):
+    learned = load_reward(_save(tmp_path / "reward.npz"))
+    params = learned.params._replace(goal=jnp.full(3, jnp.nan))
+    broken = dataclasses.replace(learned, params=params)
+    monkeypatch.setattr(audit, "load_reward", lambda path: broken)
+    with pytest.raises(RunError, match=r"the reward is nan instead of a number at goal \(0.400"):
+        audit.main(tmp_path / "reward.npz", starts=1, ascents=10)

@@ -1,0 +1,53 @@
+"""A run's reward as one file."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+from gril_jax.experiments import export_reward
+from gril_jax.experiments.pipeline import setup
+from support.run_folders import save_run
+from support.saved_rewards import made
+
+from gril_jax import envs
+from gril_jax.config import EncoderConfig, EnvConfig, RunConfig
+from gril_jax.errors import RunError
+from gril_jax.interop.reward_file import RewardFileError, load_reward
+from gril_jax.runs.checkpoints import checkpoint
+
+ENV = EnvConfig(targets=("green star",), distractors=("blue pentagon",), variant="layout")
+CONFIG = dataclasses.replace(RunConfig(), env=ENV, encoder=EncoderConfig(width=8, latent=4))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = save_run(tmp_path_factory.mktemp("runs") / "one", config=CONFIG, ppo=0)
+    num_classes = len(envs.make("match_regions").classes)
+    params = made(setup.encoder_config(CONFIG, num_classes))
+    checkpoint.save(folder / "reward", 5, params)
+    return folder, params
+
+
+def test_the_file_holds_the_runs_reward_and_what_it_depends_on(run, tmp_path):
+    folder, params = run
+    said = []
+    export_reward.main(folder, tmp_path / "reward.npz", echo=said.append)
+    learned = load_reward(tmp_path / "reward.npz")
+    assert jax.tree.all(jax.tree.map(np.array_equal, learned.params, params))
+    assert learned.objects == ("goal", "robot", "green star", "blue pentagon")
+    assert learned.robots == ("robot",)
+    assert learned.activity[:2] == (CONFIG.pool.tau, CONFIG.pool.window)
+    about = learned.about
+    assert about["half_extent"] > 1
+    assert about["provenance"]["kendall_tau"] == 0.912
+    assert len(about["provenance"]["demos_sha256"]) == 64
+    assert said == [f"wrote {tmp_path / 'reward.npz'}"]
+    with pytest.raises(RewardFileError, match="exists already"):
+        export_reward.main(folder, tmp_path / "reward.npz", echo=said.append)
+
+
+def test_a_run_without_a_reward_is_refused(tmp_path):
+    folder = save_run(tmp_path / "one", config=CONFIG, ppo=0)
+    with pytest.raises(RunError, match="has no reward"):
+        export_reward.main(folder, tmp_path / "reward.npz")

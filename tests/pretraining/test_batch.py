@@ -1,0 +1,70 @@
+"""Batches of encoder training: frames in order, videos apart, scenes turned as a whole."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.kinematic_demos import kinematic_demos
+
+from gril_jax.encoders.encoder import EncoderConfig
+from gril_jax.pretraining import batch
+from gril_jax.pretraining.pretrain import PretrainConfig
+
+SMALL = PretrainConfig(encoder=EncoderConfig(num_classes=7), num_videos=3, num_frames=6)
+
+
+@pytest.fixture(scope="module")
+def demos():
+    return jax.tree.map(jnp.asarray, kinematic_demos(0, 5, num_objects=5))
+
+
+def test_drawn_frames_are_distinct_sorted_and_from_distinct_videos():
+    length = jnp.array([20, 4, 12, 1])
+    config = dataclasses.replace(SMALL, num_videos=4)
+    for seed in range(5):
+        frames, valid, videos = batch.draw(jax.random.key(seed), length, 20, config)
+        assert sorted(videos.tolist()) == [0, 1, 2, 3]
+        for row, ok, video in zip(frames, valid, videos, strict=True):
+            drawn = row[ok].tolist()
+            assert drawn == sorted(set(drawn))
+            assert len(drawn) == min(6, int(length[video]))
+            assert max(drawn) < length[video]
+
+
+def test_every_frame_is_drawn_in_time():
+    length = jnp.array([8, 8])
+    config = dataclasses.replace(SMALL, num_videos=2, num_frames=2)
+    draw = jax.vmap(batch.draw, (0, None, None, None))
+    frames, _, _ = draw(jax.random.split(jax.random.key(0), 200), length, 8, config)
+    counts = np.bincount(np.asarray(frames).ravel(), minlength=8)
+    assert counts.min() > 0.6 * counts.mean()
+
+
+def test_turned_scenes_keep_all_distances_and_swap_boxes_with_axes(demos):
+    turned = batch.turn(jax.random.key(3), demos)
+    apart = [
+        jnp.linalg.norm(d.center[:, :, :, None] - d.center[:, :, None], axis=-1)
+        for d in (demos, turned)
+    ]
+    np.testing.assert_allclose(*apart, atol=1e-5)
+    from_middle = [jnp.linalg.norm(d.center, axis=-1) for d in (demos, turned)]
+    np.testing.assert_allclose(*from_middle, atol=1e-5)
+    np.testing.assert_allclose(
+        jnp.sort(demos.size, axis=-1), jnp.sort(turned.size, axis=-1), atol=1e-6
+    )
+    swapped = (turned.size != demos.size).any(axis=(1, 2, 3))
+    wide = jnp.abs(jnp.abs(turned.center) - jnp.abs(demos.center)).max(axis=(1, 2, 3)) > 1e-4
+    assert 0 < int(wide.sum()) < len(wide)  # some videos have their axes swapped, some not
+    assert not bool((swapped & ~wide).any())
+
+
+def test_a_touched_object_counts_as_moved_from_first_to_last():
+    bits = jnp.zeros((200, 4, 3), bool).at[:, 2:, 1].set(True)
+    touched = batch.touch(jax.random.key(0), bits, 0.25)
+    assert touched[bits].all()  # nothing is taken back
+    new = np.asarray(touched & ~bits)[:, 0]
+    assert (np.asarray(touched)[:, :2] == np.asarray(touched)[:, :1]).all()
+    assert 0.2 < new.mean() < 0.3
+    assert not batch.touch(jax.random.key(0), bits, 0.0)[:, 0].any()

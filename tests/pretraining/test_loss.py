@@ -1,0 +1,142 @@
+"""What encoder training minimises: every switch, against the losses it is made of."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.kinematic_demos import kinematic_demos
+
+from gril_jax import losses as library
+from gril_jax.encoders.encoder import EncoderConfig, InteractionConfig, MLPConfig
+from gril_jax.errors import ConfigError
+from gril_jax.pretraining import loss, pretrain
+from gril_jax.pretraining.pretrain import Hyper, PretrainConfig
+
+SMALL = PretrainConfig(
+    encoder=EncoderConfig(num_classes=7, width=8, rounds=1, latent=4), num_videos=3, num_frames=6
+)
+
+
+terms_of, latents_of = jax.jit(loss.terms), jax.jit(loss.latents)
+mean_consistency = jax.jit(library.mean_consistency)
+
+
+@pytest.fixture(scope="module")
+def demos():
+    return jax.tree.map(jnp.asarray, kinematic_demos(0, 5, num_objects=5))
+
+
+def _terms(config, demos, hyper=Hyper()):  # noqa: B008 -- a tuple of numbers
+    """Terms of some frames of three videos, and what they come from."""
+    some = jax.tree.map(lambda x: x[:3], demos)
+    params = pretrain.init(jax.random.key(0), demos, config).params
+    active = np.zeros((*some.center.shape[:3],), bool)
+    frames = np.tile(5 * np.arange(6), (3, 1))
+    valid = np.arange(6) < np.array([[6], [4], [6]])
+    terms = terms_of(*params, jax.random.key(1), some, active, frames, valid, hyper, config)
+    some = jax.tree.map(np.asarray, some)
+    found = [
+        latents_of(params.encoder, demo, bits, rows, hyper, config)
+        for demo, bits, rows in zip(
+            [jax.tree.map(lambda x, i=i: x[i], some) for i in range(3)], active, frames, strict=True
+        )
+    ]
+    times = (frames / some.length[:, None]).astype(np.float32)
+    return terms, jax.tree.map(np.asarray, found), times, valid, params
+
+
+@jax.jit
+def _node_errors(decoder, embeddings, nodes):
+    box, logits = library.decode(decoder, embeddings, SMALL.encoder)
+    return library.reconstruction(box, logits, nodes)
+
+
+@jax.jit
+def _graph_errors(decoder, latent, nodes):
+    box, logits = library.decode_graph(decoder, latent, SMALL.encoder, num_nodes=5)
+    return library.reconstruction(box, logits, nodes)
+
+
+def test_the_terms_are_the_librarys_losses_of_the_latents(demos):
+    terms, found, times, valid, params = _terms(SMALL, demos)
+    latents = np.stack([f[0] for f in found])
+    cycle, agreement = mean_consistency(latents, times, valid)
+    np.testing.assert_allclose(terms.consistency, cycle, rtol=1e-4)
+    np.testing.assert_allclose(terms.agreement, agreement, rtol=1e-4)
+    errors = []
+    for (_, embeddings, nodes), ok in zip(found, valid, strict=True):
+        for t in np.flatnonzero(ok):
+            frame = jax.tree.map(lambda x, t=t: x[t], nodes)
+            errors.append(_node_errors(params.decoder, embeddings[t], frame))
+    np.testing.assert_allclose(terms.reconstruction, np.mean(errors), rtol=1e-4)
+
+
+def test_soft_dtw_is_the_mean_divergence_a_frame_of_all_pairs(demos):
+    config = dataclasses.replace(SMALL, consistency="soft_dtw")
+    hyper = Hyper(soft_dtw_weight=2.0, gamma=0.5)
+    terms, found, _, valid, _ = _terms(config, demos, hyper)
+    latents, lengths = np.stack([f[0] for f in found]), valid.sum(axis=1)
+    i, j = [0, 0, 1], [1, 2, 2]
+    apart = jax.jit(lambda *pairs: library.soft_dtw_divergence(*pairs, gamma=0.5))
+    each = apart(latents[i], latents[j], lengths[i], lengths[j]) / (lengths[i] + lengths[j])
+    np.testing.assert_allclose(terms.consistency, 2.0 * np.mean(each), rtol=1e-3)
+
+
+def test_the_graph_decoder_rebuilds_all_objects_but_the_robot_from_the_latent(demos):
+    config = dataclasses.replace(SMALL, decoder="graph")
+    terms, found, _, valid, params = _terms(config, demos)
+    errors = []
+    for (latents, _, nodes), ok in zip(found, valid, strict=True):
+        for t in np.flatnonzero(ok):
+            frame = jax.tree.map(lambda x, t=t: x[t], nodes)
+            error = np.asarray(_graph_errors(params.decoder, latents[t], frame))
+            errors.append(error[~np.asarray(demos.is_robot[0])])
+    np.testing.assert_allclose(terms.reconstruction, np.mean(errors), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "kind", [InteractionConfig(num_classes=7, width=8), MLPConfig(num_classes=7, width=8)]
+)
+def test_every_graph_encoder_can_be_trained(demos, kind):
+    config = dataclasses.replace(SMALL, encoder=kind, decoder="graph", updates=2)
+    state, metrics = pretrain.step(
+        pretrain.init(jax.random.key(0), demos, config), demos, Hyper(), config
+    )
+    assert np.isfinite(metrics.loss).all()
+    values = pretrain.evaluate(state.params.encoder, demos, demos, Hyper(), config)
+    np.testing.assert_allclose(values["reward_first"], -1.0, rtol=1e-3)
+
+
+def test_an_encoder_without_nodes_has_none_to_decode():
+    with pytest.raises(ConfigError, match="MLPConfig encoder has no nodes to decode"):
+        PretrainConfig(encoder=MLPConfig(num_classes=7))
+
+
+def test_every_switch_changes_the_loss_and_nothing_is_nan(demos):
+    """Losses are compared as they are; one step with the least usual switches goes through all."""
+    changes = {"plain": {}, "stochastic": {"matching": "stochastic"}}
+    changes |= {"cosine": {"similarity": "cosine"}, "huber": {"form": "regression_huber"}}
+    changes |= {"both": {"consistency": "both"}, "soft_dtw": {"consistency": "soft_dtw"}}
+    some = jax.tree.map(lambda x: x[:3], demos)
+    params = pretrain.init(jax.random.key(0), demos, SMALL).params
+    active = np.zeros(some.center.shape[:3], bool)
+    frames, valid = np.tile(5 * np.arange(6), (3, 1)), np.ones((3, 6), bool)
+
+    @jax.jit  # one program, for they share all but the losses
+    def consistencies(*inputs):
+        configs = [dataclasses.replace(SMALL, **c) for c in changes.values()]
+        found = [loss.terms(*inputs, Hyper(), config) for config in configs]
+        return jnp.stack([terms.consistency for terms in found])
+
+    found = consistencies(*params, jax.random.key(1), some, active, frames, valid)
+    assert np.isfinite(found).all()
+    assert len(set(found.tolist())) == len(changes)
+
+    rare = {"decoder": "graph", "consistency": "both", "matching": "stochastic", "updates": 1}
+    config = dataclasses.replace(SMALL, **rare, turn_scenes=True, touched=0.5)
+    state = pretrain.init(jax.random.key(0), demos, config)
+    after, metrics = pretrain.step(state, demos, Hyper(), config)
+    assert all(np.isfinite(x).all() for x in metrics)
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(after.params))

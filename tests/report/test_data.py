@@ -1,0 +1,181 @@
+"""What a report reads: arrays and numbers are checked, and rates say how sure they are."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from support.run_folders import FRAMES, RESULTS, save_profiles, save_rollouts
+
+from gril_jax.config import RunConfig
+from gril_jax.errors import RunError
+from gril_jax.report.data import (
+    number,
+    read_finished,
+    read_profiles,
+    read_rollouts,
+    read_rows,
+    read_versions,
+)
+from gril_jax.report.headline import headline, in_words, stage_times, wilson
+from gril_jax.runs import run_dir
+
+# --- arrays
+
+
+def test_traces_are_cut_to_their_lengths(tmp_path):
+    save_profiles(tmp_path)
+    profiles = read_profiles(tmp_path)
+    (trace,) = profiles.traces("failure")
+    np.testing.assert_array_equal(trace, profiles.reward[2, : FRAMES - 1])
+    assert profiles.traces("nothing") == []
+    assert profiles.names == ("one", "two", "fell short")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"reward": np.zeros(3, np.float32)}, r"shape \(3,\), but must be \(B, T\)"),
+        ({"reward": np.zeros((0, 4), np.float32)}, "must be"),
+        ({"reward": np.array([["a"]])}, "must not be of type <U1"),
+        ({"length": np.array([1, 2], np.int32)}, r"length has shape \(2,\)"),
+        ({"length": np.array([1, 2, 0], np.int32)}, "must lie in 1 to 8"),
+        ({"length": np.array([1, 2, 9], np.int32)}, "must lie in 1 to 8"),
+        ({"transitions": np.zeros((3, 7), bool)}, r"transitions has shape \(3, 7\)"),
+        ({"split": np.array(["train", "test", "train"])}, "'test', but must be train"),
+        ({"names": np.array([b"a", b"b", b"c"])}, "names must not be of type"),
+        ({"names": np.array([{}, 1, 2], object)}, "not an npz file of plain arrays"),
+    ],
+)
+def test_profiles_that_do_not_fit_together_are_refused(tmp_path, change, message):
+    save_profiles(tmp_path, **change)
+    with pytest.raises(RunError, match=message):
+        read_profiles(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"shown": np.array(2)}, "shown is 2, but there are 2 episodes"),
+        ({"shown": np.array(-1)}, "shown is -1"),
+        ({"shown": np.array([0])}, r"shown has shape \(1,\)"),
+        ({"success": np.zeros(3, bool)}, r"success has shape \(3,\)"),
+        ({"reward": np.zeros((2, 0), np.float32)}, "must be"),
+    ],
+)
+def test_rollouts_that_do_not_fit_together_are_refused(tmp_path, change, message):
+    save_rollouts(tmp_path, **change)
+    with pytest.raises(RunError, match=message):
+        read_rollouts(tmp_path)
+
+
+def test_success_may_be_saved_as_numbers(tmp_path):
+    save_rollouts(tmp_path, success=np.array([0.0, 1.0], np.float32))
+    assert read_rollouts(tmp_path).success.tolist() == [False, True]
+
+
+def test_an_array_that_is_missing_is_named(tmp_path):
+    np.savez(tmp_path / "rollouts.npz", reward=np.zeros((1, 1), np.float32))
+    with pytest.raises(RunError, match="the array 'success' is missing"):
+        read_rollouts(tmp_path)
+
+
+@pytest.mark.parametrize("data", [b"", b"PK\x03\x04", b"\x93NUMPY", b"no arrays"])
+def test_bytes_that_are_no_npz_are_refused(tmp_path, data):
+    (tmp_path / "profiles.npz").write_bytes(data)
+    with pytest.raises(RunError, match="not an npz file"):
+        read_profiles(tmp_path)
+
+
+def test_a_single_array_in_place_of_a_file_of_arrays_is_refused(tmp_path):
+    with open(tmp_path / "profiles.npz", "wb") as file:
+        np.save(file, np.zeros(3))
+    with pytest.raises(RunError, match="not an npz file"):
+        read_profiles(tmp_path)
+
+
+def test_files_that_are_not_there_are_none_or_empty(tmp_path):
+    assert read_profiles(tmp_path) is None
+    assert read_rollouts(tmp_path) is None
+    assert read_finished(tmp_path) is None
+    assert read_versions(tmp_path) == {}
+    assert read_rows(tmp_path) == {"pretrain": [], "ppo": [], "sac": []}
+
+
+# --- metrics and numbers
+
+
+def test_rows_are_sorted_by_phase_and_keep_their_seed(tmp_path):
+    with run_dir.create(tmp_path / "run", RunConfig(), device="cpu", command=["x"]) as run:
+        run.log(phase="ppo", env_steps=10, success=float("nan"), seed=3)
+        run.log(phase="pretrain", step=1, loss=2)
+        run.log(phase="other", word="ignored")
+        run.log(step=4)
+    rows = read_rows(tmp_path / "run")
+    assert rows["ppo"] == [{"env_steps": 10.0, "success": None, "seed": "3"}]
+    assert rows["pretrain"] == [{"step": 1.0, "loss": 2.0}]
+
+
+@pytest.mark.parametrize(
+    ("value", "read"),
+    [(3, 3.0), (0.5, 0.5), (None, None), (math.nan, None), (-math.inf, None)],
+)
+def test_a_number_may_be_missing_but_never_wrong(value, read):
+    assert number({"x": value}, "x", "here") == read
+    assert number({}, "x", "here") is None
+
+
+@pytest.mark.parametrize("value", [True, "3", [3], {}, 10**400, -1e200])
+def test_what_is_no_usable_number_is_refused(value):
+    with pytest.raises(RunError, match="here: x "):
+        number({"x": value}, "x", "here")
+
+
+# --- words for numbers
+
+
+@pytest.mark.parametrize("count", [1, 7, 50, 1000])
+@pytest.mark.parametrize("rate", [0.0, 0.3, 1.0])
+def test_wilsons_bounds_are_where_the_rate_is_just_not_refuted(rate, count):
+    """Each bound p solves |rate - p| = z sqrt(p (1 - p) / count), the score test's edge."""
+    for bound, edge in zip(wilson(rate, count), (0.0, 1.0), strict=True):
+        if bound == pytest.approx(edge, abs=1e-12):
+            assert rate == edge
+            continue
+        spread = math.sqrt(bound * (1 - bound) / count)
+        assert abs(rate - bound) == pytest.approx(1.959963984540054 * spread, rel=1e-9)
+
+
+def test_wilsons_interval_mirrors_and_narrows():
+    low, high = wilson(0.2, 30)
+    assert wilson(0.8, 30) == pytest.approx((1 - high, 1 - low))
+    narrow = wilson(0.2, 3000)
+    assert low < narrow[0] < 0.2 < narrow[1] < high
+
+
+def test_the_headline_compares_the_trained_policy_with_a_random_one():
+    values = {tile.label: (tile.value, tile.note) for tile in headline(RESULTS)}
+    assert values["success of the trained policy"][0] == "90.0%"
+    assert values["success with actions drawn as in training"][0] == "80.0%"
+    assert values["success of a random policy"][1].startswith("1 of 20 episodes")
+    assert values["for the whole run"][0] == "1 min 13 s"
+    assert headline({}) == []
+
+
+def test_a_rate_without_a_number_of_episodes_has_no_interval():
+    (tile,) = headline({"success": 0.5})
+    assert (tile.value, tile.note) == ("50.0%", "")
+
+
+def test_stages_keep_their_order_and_leave_out_what_was_not_timed():
+    results = json.loads('{"seconds": {"z": 1, "a": 2.5, "b": null}}')
+    assert stage_times(results) == [("z", 1.0), ("a", 2.5)]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0, "0.0 s"), (4.26, "4.3 s"), (9.96, "10 s"), (59.4, "59 s"), (59.9, "1 min 0 s"),
+     (251, "4 min 11 s"), (3599.7, "1 h 0 min"), (7500, "2 h 5 min")],
+)  # fmt: skip
+def test_durations_in_words(seconds, words):
+    assert in_words(seconds) == words

@@ -1,0 +1,316 @@
+"""A run's report: complete, self-contained, and plain about what is missing."""
+
+import base64
+import dataclasses
+import hashlib
+import html.parser
+import json
+import re
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from support.run_folders import FRAMES, RESULTS, save_demos, save_profiles, save_rollouts, save_run
+
+from gril_jax.config import RunConfig, RunSettings
+from gril_jax.demos.vision.video import read_video
+from gril_jax.errors import RunError
+from gril_jax.report.headline import headline
+from gril_jax.report.run_report import write_report
+
+PICTURES = {"demos", "reward_profile", "success_failure", "rl_curve", "pretrain"}
+VIDEOS = {"demo", "policy"}
+VOID = {"meta", "img", "link", "br", "hr", "input"}
+HOSTILE = '<script>alert("x")</script>&'
+
+
+class Page(html.parser.HTMLParser):
+    """What a browser would make of a page: its tags, its addresses, and its text."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.addresses, self.text, self._open = [], [], "", []
+        self.feed(text)
+        assert self._open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self._open += [] if tag in VOID else [tag]
+        for name, value in attrs:
+            assert not name.startswith("on"), f"{tag} has a handler {name}"
+            if name in ("src", "href", "srcset", "data", "poster", "action"):
+                self.addresses.append(value)
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def report(folder):
+    return Page(write_report(folder).read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A finished run with its report; tests only read it."""
+    folder = save_run(tmp_path_factory.mktemp("runs") / "my run")
+    return folder, report(folder)
+
+
+@pytest.fixture
+def copied(tmp_path, finished):
+    return shutil.copytree(finished[0], tmp_path / "run")
+
+
+@pytest.fixture
+def run(copied, monkeypatch):
+    """A copy of the finished run, to be changed; its pictures are drawn, but not made PNGs."""
+    monkeypatch.setattr("gril_jax.report.png", lambda figure: b"a picture")
+    return copied
+
+
+# --- a whole run
+
+
+@pytest.mark.parametrize("name", sorted(PICTURES))
+def test_every_picture_is_a_png_that_is_not_blank(finished, name):
+    image = cv2.imread(str(finished[0] / f"{name}.png"))
+    assert image.shape[1] == (864 if name == "pretrain" else 1440)
+    assert image.shape[0] > 300
+    assert (image != 255).any(-1).mean() > 0.01
+
+
+@pytest.mark.parametrize(("name", "frames"), [("demo", FRAMES), ("policy", FRAMES)])
+def test_every_video_can_be_played_from_beginning_to_end(finished, name, frames):
+    video = read_video(finished[0] / f"{name}.mp4")
+    assert len(video) == frames
+    assert video[0].shape[:2] != video[0].shape[1::-1]  # wider than its source
+    assert (video[0] != video[-1]).any()
+
+
+def test_the_page_is_well_formed_and_loads_nothing(finished):
+    _, page = finished
+    assert len(page.addresses) == len(PICTURES | VIDEOS)
+    for address in page.addresses:
+        assert re.match(r"data:(image/png|video/mp4);base64,[A-Za-z0-9+/=]+$", address)
+    assert "script" not in page.tags
+    assert "link" not in page.tags
+
+
+def test_the_page_holds_the_very_files_that_were_written(finished):
+    folder, page = finished
+    inside = {hashlib.sha256(_bytes(address)).digest() for address in page.addresses}
+    files = [folder / f"{n}.png" for n in PICTURES] + [folder / f"{n}.mp4" for n in VIDEOS]
+    assert inside == {hashlib.sha256(file.read_bytes()).digest() for file in files}
+
+
+def _bytes(address):
+    return base64.b64decode(address.split(",")[1])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "GRIL run my run",
+        "90.0%",
+        "18 of 20 episodes; 95% Wilson interval 69.9% to 97.2%",
+        "1 of 20 episodes",
+        "0.912",
+        "0.834",
+        "4,321",
+        "64,000 in all",
+        "1 min 13 s",
+        "17",
+        "gril train x",
+        "1 x cpu",
+        "drawn for a test",
+        "num_timesteps: 1000000",
+        "jax",
+    ],
+)
+def test_the_page_says_what_was_run_and_what_came_of_it(finished, text):
+    assert text in finished[1].text
+
+
+def test_every_picture_has_a_caption_and_an_alternative_text(finished):
+    folder, page = finished
+    assert page.tags.count("figcaption") == page.tags.count("figure") == 7
+    assert 'alt=""' not in (folder / "report.html").read_text()
+
+
+def test_the_same_folder_gives_the_same_files(copied):
+    files = ["report.html", *(f"{n}.png" for n in PICTURES), *(f"{n}.mp4" for n in VIDEOS)]
+    drawn = []
+    for _ in range(2):
+        write_report(copied)
+        drawn.append({name: (copied / name).read_bytes() for name in files})
+    assert [name for name in files if drawn[0][name] != drawn[1][name]] == []
+
+
+def test_nothing_is_left_behind_beside_the_reports_files(run):
+    before = {path.name for path in run.iterdir()}
+    write_report(run)
+    assert {path.name for path in run.iterdir()} == before
+
+
+# --- what comes from files is text, never markup
+
+
+def test_names_from_files_are_escaped(tmp_path):
+    names = (f"{HOSTILE}1", f"{HOSTILE}2", "</title><img src=x onerror=alert(1)>")
+    folder = save_run(
+        tmp_path / "<b>run&lt;", names=names, results={**RESULTS, HOSTILE: "<i>odd</i>"}
+    )
+    versions = json.loads((folder / "versions.json").read_text())
+    versions["command"] = versions["packages"]["jax"] = f"gril {HOSTILE}"
+    (folder / "versions.json").write_text(json.dumps(versions))
+    page = report(folder)
+    assert not {"script", "i", "title"} & set(page.tags[page.tags.index("body") :])
+    assert page.tags.count("b") == len(headline(RESULTS))
+    assert len(page.addresses) == 7
+    for text in (f"{HOSTILE}2", "GRIL run <b>run&lt;", "<i>odd</i>", f"gril {HOSTILE}"):
+        assert text in page.text
+
+
+# --- missing parts
+
+
+def test_a_run_that_only_learned_a_reward_says_that_there_is_no_policy(tmp_path):
+    results = {"tau": 0.5}
+    page = report(save_run(tmp_path / "run", ppo=0, results=results))
+    assert "No policy has been trained in this run." in page.text
+    assert "0.500" in page.text
+    assert len(page.addresses) == 5
+    assert not (tmp_path / "run" / "policy.mp4").exists()
+
+
+def test_an_unfinished_run_shows_what_there_is(run):
+    for name in ("results.json", "rollouts.npz", "rollout.mp4"):
+        (run / name).unlink()
+    page = report(run)
+    assert "has not finished" in page.text
+    assert "was not filmed" in page.text
+    assert len(page.addresses) == 6
+
+
+def test_a_run_that_has_only_begun_still_has_a_page(run):
+    for path in run.iterdir():
+        if path.is_file() and path.name != "config.yaml":
+            path.unlink()
+    shutil.rmtree(run / "demos")
+    page = report(run)
+    assert page.addresses == []
+    for sentence in ("holds no demonstrations", "not been learned", "no metrics", "No policy"):
+        assert sentence in page.text
+
+
+@pytest.mark.parametrize(
+    ("split", "sentence"),
+    [("train", "no failed demonstrations"), ("failure", "no successful demonstrations")],
+)
+def test_successes_without_failures_and_the_reverse_are_not_compared(run, split, sentence):
+    save_profiles(run, split=np.array([split] * 3))
+    page = report(run)
+    assert sentence in page.text
+    assert len(page.addresses) == 6
+
+
+def test_demonstrations_elsewhere_are_shown_while_they_are_there(tmp_path):
+    save_demos(tmp_path / "kept", source="from elsewhere")
+    folder = save_run(tmp_path / "run", demos_path=tmp_path / "kept")
+    assert "from elsewhere" in report(folder).text
+    (tmp_path / "kept").rename(tmp_path / "moved")
+    page = report(folder)
+    assert f"were in {tmp_path / 'kept'}, where they are no more" in page.text
+    assert len(page.addresses) == 5  # the profile is drawn without frames
+
+
+def test_demonstrations_longer_than_their_profiles_are_cut(run):
+    save_profiles(run, length=np.array([5, 6, 7], np.int32))
+    assert len(report(run).addresses) == 7
+
+
+def test_a_demonstration_that_the_set_does_not_have_is_drawn_without_frames(run):
+    save_profiles(run, names=("x", "y", "z"))
+    page = report(run)
+    assert "along y" in page.text
+    assert "frames above" not in page.text
+
+
+def test_numbers_that_are_missing_or_null_have_no_tile(run):
+    (run / "results.json").write_text('{"success": null, "tau": 0.25}')
+    page = report(run)
+    assert "0.250" in page.text
+    assert "Wilson" not in page.text
+
+
+def test_a_run_on_the_tasks_own_reward_does_not_call_it_learned(tmp_path):
+    settings = dataclasses.replace(RunSettings(), reward="environmental")
+    page = report(save_run(tmp_path / "run", config=RunConfig(run=settings)))
+    assert "environmental reward" in page.text
+
+
+# --- damaged files
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["profiles.npz", "rollouts.npz", "rollout.mp4", "versions.json", "results.json",
+     "demos/demos.json", "demos/000.mp4", "demos/001.npz", "config.yaml"],
+)  # fmt: skip
+def test_a_damaged_file_is_one_sentence_that_names_it(run, name):
+    data = (run / name).read_bytes()
+    (run / name).write_bytes(data[: len(data) // 2] + b"\x00[")
+    with pytest.raises(RunError, match=re.escape(name.split("/")[-1])) as error:
+        write_report(run)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("results.json", "[1]", "must be an object"),
+        ("results.json", '{"tau": "high"}', "tau must be a number"),
+        ("results.json", '{"success": 7}', "success is 7, but must be from 0 to 1"),
+        ("results.json", '{"seconds": [1]}', "seconds must be an object"),
+        ("versions.json", '{"packages": 3}', "packages another"),
+        ("metrics.jsonl", "3\n", "line 1 must be an object"),
+        ("metrics.jsonl", '{"phase": "ppo"}\n', "'env_steps' is missing"),
+        ("metrics.jsonl", '{"phase": "ppo", "env_steps": [1]}\n', "must be a number"),
+        ("metrics.jsonl", '{"phase": "ppo", "env_steps": 1e300}\n', "beyond all bounds"),
+    ],
+)
+def test_a_value_of_the_wrong_kind_is_one_sentence(run, name, text, message):
+    (run / name).write_text(text)
+    with pytest.raises(RunError, match=message):
+        write_report(run)
+
+
+def test_a_video_of_another_length_than_its_reward_is_refused(run):
+    save_rollouts(run, frames=FRAMES + 2)
+    with pytest.raises(RunError, match=r"has 10 frames, but rollouts\.npz has 7 rewards"):
+        write_report(run)
+
+
+def test_a_profile_longer_than_its_video_is_refused(run):
+    wide = np.zeros((3, 20), np.float32)
+    save_profiles(run, reward=wide, transitions=wide > 0, length=np.array([20] * 3, np.int32))
+    with pytest.raises(RunError, match="profile of 'two' has 20 frames, but its video has 8"):
+        write_report(run)
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path):
+    with pytest.raises(RunError, match=r"no config\.yaml"):
+        write_report(tmp_path)
+    with pytest.raises(RunError, match="does not exist"):
+        write_report(tmp_path / "nowhere")
+
+
+def test_a_file_that_cannot_be_written_is_one_sentence(run):
+    (run / "report.html").unlink()
+    (run / "report.html").mkdir()
+    with pytest.raises(RunError, match="cannot be written to"):
+        write_report(run)

@@ -1,0 +1,295 @@
+"""PPO on probes with a known answer, and what its step must not depend on."""
+
+import functools
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.probes import Probe
+
+from gril_jax.rl.policy import LEAST_DEVIATION, MAX_OBSERVATION, normalize
+from gril_jax.rl.ppo import PPO, Hyper, Static
+
+STATIC = Static(
+    num_envs=16, unroll_length=8, num_minibatches=2, num_epochs=4, hidden=(16,), window=4
+)
+GAMMA = 0.8
+HYPER = Hyper(*map(jnp.float32, Hyper(learning_rate=5e-3, discounting=GAMMA)))
+CONSTANT, SEEN, DONE, LATE = np.eye(4, dtype=np.float32)  # what is rewarded
+
+
+def weighted(weights, state, active):
+    """A constant, the sign that was seen, action times sign, and the task's end."""
+    del active
+    return weights @ jnp.stack([jnp.ones(()), state.data.before, state.reward, state.done])
+
+
+def _ppo(static=STATIC, **options):
+    return PPO(Probe(**options), weighted, static)
+
+
+def _value(ppo, state, sign, time=0):
+    seen = jnp.array([sign, time], jnp.float32)
+    return float(ppo.networks.value_network.apply(state.normalizer, state.params.value, seen))
+
+
+def _mean_action(ppo, state, sign):
+    seen = jnp.array([sign, 0], jnp.float32)
+    logits = ppo.networks.policy_network.apply(state.normalizer, state.params.policy, seen)
+    return float(ppo.networks.parametric_action_distribution.mode(logits)[0])
+
+
+UNSEEING = Static(**{**STATIC.__dict__, "observe_activity": False})
+# Weights of the reward, and options of the probe.
+PROBES = {
+    "constant": (CONSTANT, {}),
+    "seen": (SEEN, {}),
+    "done": (DONE, {}),
+    "late": (LATE, {"ends": 2, "clock": True}),
+    "ends": (CONSTANT, {"ends": 1}),
+    "burns": (-CONSTANT, {"burns": True}),
+    "breaks": (DONE, {"breaks": 2, "fragile": 0.5}),
+}
+
+
+@pytest.fixture(scope="module")
+def ppo():
+    return _ppo(UNSEEING)
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """One program for all probes: what is learned from each, and its metrics."""
+    never = {"ends": 10**6, "breaks": 10**6, "fragile": 0.0, "burns": False, "clock": False}
+
+    def learn(weights, options):
+        ppo = _ppo(UNSEEING, **options)
+        start = ppo.init(jax.random.key(0), HYPER)
+        return jax.lax.scan(lambda s, _: ppo.step(s, HYPER, weights), start, length=120)
+
+    cases = [(weights, never | options) for weights, options in PROBES.values()]
+    states, metrics = jax.jit(jax.vmap(learn))(*jax.tree.map(lambda *x: jnp.stack(x), *cases))
+    chex.assert_tree_all_finite((states.params, states.optimiser, states.normalizer))
+    return {
+        name: jax.tree.map(lambda x, i=i: x[i], (states, metrics)) for i, name in enumerate(PROBES)
+    }
+
+
+# ---------------------------------------------------------------- probes
+
+
+def test_critic_learns_a_constant_and_bootstraps_at_the_time_limit(ppo, solved):
+    """Episodes of 8 steps are cut, not ended: 1 / (1 - 0.8) = 5. As ends: 2.9."""
+    for sign in (-1, 1):
+        assert _value(ppo, solved["constant"][0], sign) == pytest.approx(5.0, abs=0.35)
+
+
+def test_critic_reads_the_observation(ppo, solved):
+    for sign in (-1, 1):
+        assert _value(ppo, solved["seen"][0], sign) == pytest.approx(sign, abs=0.3)
+
+
+def test_critic_discounts_a_reward_that_comes_late(ppo, solved):
+    """It comes with the second and last step of an episode."""
+    for sign in (-1, 1):
+        assert _value(ppo, solved["late"][0], sign, time=0) == pytest.approx(GAMMA, abs=0.1)
+        assert _value(ppo, solved["late"][0], sign, time=1) == pytest.approx(1.0, abs=0.1)
+
+
+def test_actor_learns_the_action_that_the_observation_asks_for(ppo, solved):
+    for sign in (-1, 1):
+        assert sign * _mean_action(ppo, solved["done"][0], sign) > 0.8
+
+
+def test_critic_does_not_bootstrap_where_the_task_ends(ppo, solved):
+    state, metrics = solved["ends"]
+    for sign in (-1, 1):
+        assert _value(ppo, state, sign) == pytest.approx(1.0, abs=0.1)
+    assert metrics["episodes"][-1] == STATIC.num_envs * STATIC.unroll_length
+
+
+def test_breaking_the_simulation_is_not_learned_as_a_way_out_of_a_negative_reward(solved):
+    """Actions above 0.5 break it. Were that an end with nothing to come, all steps would.
+
+    They become more at first, while the critic lags behind: a cut step has advantage 0, and
+    normalising lifts it above the negative ones. That passes; then nothing pulls either way.
+    """
+    _, metrics = solved["burns"]
+    share = np.asarray(metrics["nonfinite"]) / (STATIC.num_envs * STATIC.unroll_length)
+    assert share[0] > 0.05  # it happens, by chance
+    assert share[40:60].max() < 0.9
+
+
+def test_broken_lanes_leave_all_weights_finite(solved):
+    state, metrics = solved["breaks"]
+    assert metrics["nonfinite"].min() > 0
+    chex.assert_tree_all_finite((state.params, state.optimiser, state.normalizer))
+
+
+def test_an_observation_that_was_constant_so_far_does_not_blow_up_the_networks(ppo, solved):
+    """It counts as if it had varied a little until it first changes."""
+    state, _ = solved["done"]
+    constant = np.asarray(state.normalizer.std) == np.float32(LEAST_DEVIATION)
+    assert constant.any()
+    ones = jnp.ones(ppo.observation_size)
+    seen = normalize(ones, state.normalizer)
+    beyond = (ones - state.normalizer.mean)[constant] / LEAST_DEVIATION
+    np.testing.assert_allclose(seen[constant], beyond, rtol=1e-5)
+    assert np.abs(seen).max() <= MAX_OBSERVATION
+    for network, params in (
+        (ppo.networks.value_network, state.params.value),
+        (ppo.networks.policy_network, state.params.policy),
+    ):
+        out = network.apply(state.normalizer, params, ones)
+        nearby = network.apply(state.normalizer, params, 0.9 * ones)
+        assert np.abs(out - nearby).max() < 10  # one deviation apart
+
+
+# ---------------------------------------------------------------- what step must not depend on
+
+
+@pytest.fixture(scope="module")
+def seeing():
+    """With activity bits: the default."""
+    return _ppo()
+
+
+@pytest.fixture(scope="module")
+def step(seeing):
+    def once(state, hyper, weights):
+        return seeing.step(state, hyper, weights)
+
+    return jax.jit(chex.assert_max_traces(once, n=1))
+
+
+@pytest.fixture(scope="module")
+def init(seeing):
+    return jax.jit(seeing.init)
+
+
+def _numbers(tree):
+    def plain(leaf):
+        key = jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+        return np.asarray(jax.random.key_data(leaf) if key else leaf)
+
+    return jax.tree.map(plain, tree)
+
+
+def test_step_compiles_once_and_counts_its_updates(init, step):
+    state = init(jax.random.key(0), HYPER)
+    for _ in range(3):
+        state, _ = step(state, HYPER, jnp.asarray(DONE))
+    assert int(state.updates) == 3
+
+
+def test_same_key_same_training_and_another_key_another(init, step):
+    def run(seed):
+        state = init(jax.random.key(seed), HYPER)
+        for _ in range(2):
+            state, metrics = step(state, HYPER, jnp.asarray(DONE))
+        return _numbers((state, metrics))
+
+    chex.assert_trees_all_equal(run(0), run(0))
+    a, b = jax.tree.leaves(run(0)[0].params)[0], jax.tree.leaves(run(1)[0].params)[0]
+    assert not np.allclose(a, b)
+
+
+def test_where_a_run_is_cut_into_chunks_changes_no_bit(seeing, init):
+    @functools.partial(jax.jit, static_argnames="updates")
+    def chunk(state, updates):
+        def update(state, _):
+            return seeing.step(state, HYPER, jnp.asarray(DONE))
+
+        return jax.lax.scan(update, state, length=updates)[0]
+
+    start = init(jax.random.key(0), HYPER)
+    whole, parts = chunk(start, 2), chunk(chunk(start, 1), 1)
+    chex.assert_trees_all_equal(_numbers(whole), _numbers(parts))
+
+
+def test_seeds_side_by_side_equal_seeds_one_by_one(seeing, init, step):
+    keys = jax.random.split(jax.random.key(3), 2)
+    both = jax.vmap(seeing.init, in_axes=(0, None))(keys, HYPER)
+    both, _ = jax.jit(jax.vmap(seeing.step, in_axes=(0, None, None)))(both, HYPER, DONE)
+    for i, key in enumerate(keys):
+        alone, _ = step(init(key, HYPER), HYPER, jnp.asarray(DONE))
+        beside = jax.tree.map(lambda x, i=i: x[i], both)
+        chex.assert_trees_all_close(_numbers(beside), _numbers(alone), atol=1e-4, rtol=1e-4)
+
+
+def test_parameters_of_the_reward_are_an_argument(init, step):
+    """No second trace, other rewards: `step` fails when it is traced twice."""
+    state = init(jax.random.key(0), HYPER)
+    for weights, expected in ((CONSTANT, 1.0), (-3 * CONSTANT, -3.0)):
+        _, metrics = step(state, HYPER, jnp.asarray(weights))
+        assert float(metrics["reward"]) == pytest.approx(expected)
+
+
+def test_hyper_parameters_are_an_argument(init, step):
+    state = init(jax.random.key(0), HYPER)
+    frozen, _ = step(state, HYPER._replace(learning_rate=jnp.float32(0)), jnp.asarray(DONE))
+    chex.assert_trees_all_equal(_numbers(frozen.params), _numbers(state.params))
+    moved, _ = step(state, HYPER, jnp.asarray(DONE))
+    assert not np.allclose(*(jax.tree.leaves(s.params)[-1] for s in (moved, state)))
+
+
+# ---------------------------------------------------------------- lanes, metrics, acting
+
+
+def test_lanes_begin_at_scattered_times(init):
+    time = np.asarray(init(jax.random.key(0), HYPER).fleet.lanes.time)
+    assert time.min() >= 0
+    assert time.max() < 8
+    assert len(set(time)) > 4
+
+
+def test_every_lane_ends_once_in_an_unroll_as_long_as_an_episode(init, step):
+    """And begins anew: bits and time of an old episode would show."""
+    before = init(jax.random.key(0), HYPER)
+    after, metrics = step(before, HYPER, jnp.asarray(DONE))
+    assert float(metrics["episodes"]) == STATIC.num_envs
+    np.testing.assert_array_equal(
+        after.fleet.lanes.time, before.fleet.lanes.time
+    )  # 8 more, modulo 8
+    begun = np.asarray(after.fleet.lanes.time) == 0
+    assert begun.any()
+    assert not np.asarray(after.fleet.lanes.memory.active)[begun].any()
+    assert np.asarray(after.fleet.lanes.memory.active)[~begun, 2].any()
+    assert not np.asarray(after.fleet.lanes.state.data.where)[begun].any()
+
+
+def test_metrics_hold_losses_episodes_and_the_tasks_own(init, step):
+    _, metrics = step(init(jax.random.key(0), HYPER), HYPER, jnp.asarray(DONE))
+    assert {"reward", "episodes", "nonfinite", "score", "success"} <= set(metrics)
+    assert any(name.startswith("loss/") for name in metrics)
+    assert float(metrics["score"]) == pytest.approx(0.1 * _mean_length(init), abs=1e-5)
+    chex.assert_tree_all_finite(metrics)
+
+
+def _mean_length(init):
+    """First episodes begin at scattered times, so they are 8 minus that long."""
+    return float(np.mean(8 - np.asarray(init(jax.random.key(0), HYPER).fleet.lanes.time)))
+
+
+def test_policy_sees_activity_bits_unless_told_not_to(ppo, seeing):
+    assert ppo.observation_size == 2
+    assert seeing.observation_size == 2 + 3
+
+
+def test_actions_are_in_the_box_and_random_only_if_asked(seeing, init):
+    state = init(jax.random.key(0), HYPER)
+    policy = seeing.policy(state)
+    lane = jax.tree.map(lambda x: x[0], state.fleet.lanes)
+
+    def act(key, deterministic):
+        return seeing.act(policy, lane, key, deterministic=deterministic)
+
+    keys = jax.random.split(jax.random.key(1), 50)
+    drawn = jax.vmap(lambda key: act(key, False))(keys)
+    assert drawn.shape == (50, 1)
+    assert np.abs(drawn).max() <= 1
+    assert len(np.unique(drawn)) == 50
+    mean = jax.vmap(lambda key: act(key, True))(keys)
+    assert len(np.unique(mean)) == 1

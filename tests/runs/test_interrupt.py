@@ -1,0 +1,130 @@
+"""The first signal is a note, the second acts; handlers from before come back."""
+
+import contextlib
+import gc
+import signal
+import sys
+import threading
+import time
+import weakref
+
+import pytest
+
+from gril_jax.cli import main
+from gril_jax.errors import RunError
+from gril_jax.runs.interrupt import Interrupted, heard, noticed
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_is_noted_and_nothing_is_raised(number):
+    with noticed() as notice:
+        assert (notice.number, notice.name) == (None, "")
+        signal.raise_signal(number)
+        assert (notice.number, notice.name) == (number, number.name)
+
+
+def test_the_second_signal_acts_as_ever():
+    with noticed() as notice:
+        signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        assert notice.number == signal.SIGTERM
+
+
+def test_handlers_come_back_whatever_happened():
+    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    with contextlib.suppress(RunError), noticed():
+        assert signal.getsignal(signal.SIGINT) not in before
+        raise RunError("the disk is gone")
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_other_threads_leave_signals_alone():
+    before, found = signal.getsignal(signal.SIGINT), []
+
+    def work():
+        with noticed() as notice:
+            found.append((notice.number, signal.getsignal(signal.SIGINT)))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert found == [(None, before)]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_the_command_line_says_one_sentence_and_exits_as_shells_expect(
+    monkeypatch, capsys, number, code
+):
+    def interrupted(_):
+        raise Interrupted("it came, and the run is saved", number)
+
+    monkeypatch.setitem(main.VERBS, "train", lambda args: lambda: interrupted(args))
+    assert main.main(["train"]) == code
+    assert capsys.readouterr().err == "gril: it came, and the run is saved.\n"
+
+
+class _Last:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+def _in_a_weak_reference():
+    def callback(_):
+        signal.raise_signal(signal.SIGINT)
+
+    one = set()
+    kept = weakref.ref(one, callback)
+    del one
+    assert kept() is None
+
+
+def _in_the_collector():
+    come = []
+
+    def callback(phase, info):
+        if not come:
+            come.append(phase)
+            signal.raise_signal(signal.SIGINT)
+
+    gc.callbacks.append(callback)
+    try:
+        gc.collect()
+    finally:
+        gc.callbacks.remove(callback)
+
+
+@pytest.mark.parametrize("interrupt", [_Last, _in_a_weak_reference, _in_the_collector])
+def test_ctrl_c_is_heard_where_python_would_only_print_it(interrupt):
+    before = sys.unraisablehook
+
+    def work():
+        interrupt()  # Python goes on after it
+        time.sleep(30)
+
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), heard():
+        work()
+    assert time.monotonic() - start < 25
+    assert sys.unraisablehook is before
+
+
+def test_what_else_is_lost_goes_where_it_went_before(monkeypatch):
+    class Broken:
+        def __del__(self):
+            raise RuntimeError("so it is")
+
+    lost = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda what: lost.append(what.exc_type))
+    with heard():
+        Broken()
+    assert lost == [RuntimeError]
+
+
+def test_ctrl_c_interrupts_at_once_elsewhere_and_what_noticed_it_before_comes_first():
+    with heard():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with noticed() as notice:
+            signal.raise_signal(signal.SIGINT)
+        assert notice.number == signal.SIGINT

@@ -1,0 +1,54 @@
+"""A small audit made by hand: one start, two objects, five states, a grid of 2 x 2."""
+
+import types
+
+import numpy as np
+
+from gril_jax.audit.ascent import Found
+from gril_jax.audit.measures import Audit, Measures, Rewards, States
+from gril_jax.audit.scene_reward import Scene
+from gril_jax.audit.states import FACTORS, Battery
+from gril_jax.report.audit_findings import Findings
+
+FACTOR = ("start", "success", "touched", "wrong place", "random")
+SCORE = (0.0, 1.0, 0.0, 0.0, 0.5)
+PAID = (-1.0, -0.1, -0.9, -0.4, -0.95)
+NUMBERS = {
+    "order_accuracy": 0.98, "worst_violation": 0.55, "hack_gap": -0.05, "hack_gap_scattered": -0.1,
+    "hack_share": 1.05, "range": 0.9, "start_reward": -1.0, "worst_success": -0.1,
+    "best_unearned": -0.05, "touch_share": np.nan, "push_share": 0.7,
+}  # fmt: skip
+
+
+def _scenes(*lead):
+    rng = np.random.default_rng(sum(lead))
+    center = rng.uniform(-0.8, 0.8, (*lead, 2, 2)).astype(np.float32)
+    flags = np.zeros((*lead, 2), bool)
+    return Scene(center, np.full_like(center, 0.3), flags.astype(np.int32), flags, flags)
+
+
+def findings(best="gradient ascent"):
+    """The audit; the best state without progress is found by `best`."""
+    pairs = np.array([[[1, 2, 3, 4, 4]], [[0, 0, 0, 0, 3]]], np.int32)
+    factor = np.array([[FACTORS.index(f) for f in FACTOR]], np.int32)
+    states = States(
+        Battery(_scenes(1, 5), np.array([SCORE], np.float32), factor, *pairs, pairs[0]),
+        _scenes(1, 2, 1, 2, 2), np.ones((1, 2, 1, 2, 2), bool),
+        _scenes(1, 2, 2), np.ones((1, 2, 2), bool),
+    )  # fmt: skip
+    paid = lambda kind, *lead: np.full(lead, -0.05 if kind == best else -0.6)  # noqa: E731
+    rewards = Rewards(
+        np.array([PAID]),
+        np.linspace(-1, -0.06, 8).reshape(1, 2, 1, 2, 2) if best != "one object moved" else
+        paid("one object moved", 1, 2, 1, 2, 2),
+        paid("targets pushed", 1, 2, 2),
+    )  # fmt: skip
+    found = Found(_scenes(1, 3), paid("gradient ascent", 1, 3))
+    accuracy = np.where(np.isin(FACTORS, FACTOR), 0.9, np.nan)
+    measures = Measures(
+        **{name: np.float32(value) for name, value in NUMBERS.items()},
+        factor_accuracy=accuracy, worst_pair=np.array([0, 3, 4]), alone_share=np.array([0.25]),
+        finite=np.array(True),
+    )  # fmt: skip
+    task = types.SimpleNamespace(movable=(1,), robots=(), half_extent=1.0)
+    return Findings(states, Audit(measures, rewards, found), ("goal", "shoe <b>"), task)
