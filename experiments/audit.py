@@ -29,7 +29,7 @@ from gril_jax.config import EnvConfig
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.interop.reward_file import load_reward
-from gril_jax.report.audit_report import Findings, write_report
+from gril_jax.report.audit.page import Findings, write_report
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
 

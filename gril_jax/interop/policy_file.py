@@ -40,7 +40,6 @@ their difference loses digits.
 import dataclasses
 import itertools
 import json
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -55,6 +54,7 @@ from gril_jax.rl import training
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.safe_files import new_file, writing
 
 __all__ = [
     "FORMAT",
@@ -108,9 +108,7 @@ def main(
     Raises:
       RunError: the run has no policy or a broken one, or `out` exists or cannot be written.
     """
-    found = checkpoint.latest(folder / "policy")
-    if found is None:
-        raise RunError(f"{folder} has no policy, so its run has not got that far yet")
+    found = checkpoint.newest(folder, "policy")
     fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
     arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
     for name, array in arrays.items():
@@ -234,17 +232,12 @@ def write(
       RunError: the file exists, or its folder is missing, full or not writable.
     """
     text = np.array(json.dumps(description, allow_nan=False))
-    part = out.with_name(f".{out.name}.{os.getpid()}.part")
-    with run_dir.writing(out.parent):
+    with writing(out.parent):
         try:
-            with open(part, "wb") as file:
+            with new_file(out) as file:
                 np.savez(file, **arrays, description=text)
-            with open(out, "xb"):  # takes the name: whatever came in between is not overwritten
-                os.replace(part, out)
         except FileExistsError:
             raise RunError(f"{out} exists already, but --out must be a new file") from None
-        finally:
-            part.unlink(missing_ok=True)
 
 
 def _names(names: Sequence[str] | None, size: int, default: str, env: Any) -> Sequence[str]:

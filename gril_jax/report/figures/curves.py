@@ -17,13 +17,13 @@ from matplotlib.patches import ConnectionPatch
 
 from gril_jax.errors import ShapeError
 
-from .style import COLOURS, GREY, INK, WIDTH, shortened, styled
+from .style import COLOURS, GREY, HALF, INK, shortened, styled
 
 __all__ = ["learning_curve", "pretrain_curve", "reward_profile", "success_failure"]
 
 _BLUE, _RED, _GREEN = COLOURS[:3]
 _MOST = 7  # pictures on a strip: more would be too small to see a block in
-_LARGEST = 2.2  # inches: a picture on a strip of few
+_LARGEST = 1.7  # inches: a picture on a strip of few
 _BELOW, _CURVE, _TIES, _ABOVE = 0.55, 2.9, 0.3, 0.5  # inches: parts of a profile's height
 
 
@@ -55,10 +55,10 @@ def reward_profile(
         )
     ends = np.flatnonzero(boundary)
     shown = _to_show(ends, len(reward))
-    side = 0.0 if frames is None else min(_LARGEST, WIDTH / len(shown))
+    side = 0.0 if frames is None else min(_LARGEST, HALF / len(shown))
     height = _BELOW + _CURVE + _ABOVE + (side + _TIES if side else 0)
-    figure = Figure(figsize=(WIDTH, height))
-    axes = figure.add_axes((0.085, _BELOW / height, 0.9, _CURVE / height))
+    figure = Figure(figsize=(HALF, height))
+    axes = figure.add_axes((0.1, _BELOW / height, 0.885, _CURVE / height))
     _stages(axes, reward, ends)
     axes.set_xlabel(f"frame ({fps:g} a second)" if fps else "frame")
     axes.set_ylabel("learned reward")
@@ -134,7 +134,7 @@ def success_failure(
       success: one reward trace a demonstration, of any lengths; at least 1.
       failure: the same of the failed ones; the mean holds a trace's last value once it ended.
     """
-    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    figure = Figure(figsize=(HALF, 2.8), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, traces, word, colour in (
         (panels[0], success, "success", _BLUE),
@@ -151,7 +151,7 @@ def success_failure(
         plural = "es" if word == "success" else "s"
         axes.set_title(f"{len(traces)} {word}{plural if len(traces) > 1 else ''}")
         axes.set_xlabel("frame")
-        axes.legend(loc="upper left")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     panels[0].set_ylabel("learned reward")
     panels[0].margins(x=0.02, y=0.08)
     return figure
@@ -170,7 +170,7 @@ def learning_curve(
         left out, and so is the success of a row in which no episode ended.
       random_success: success rate of the random policy, a dashed line.
     """
-    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    figure = Figure(figsize=(HALF, 3.1), layout="constrained")
     left, right = figure.subplots(1, 2)
     most = max((row["env_steps"] for row in rows), default=0)
     unit, word = next(
@@ -185,8 +185,8 @@ def learning_curve(
             _mean_and_band(axes, curves, unit, factor, colour)
         axes.set_xlabel(f"{word}environment steps")
     for field, marker, label in (
-        ("eval/success", "D", "evaluation, mean actions"),
-        ("eval/success_sampled", "s", "evaluation, actions drawn"),
+        ("eval/success", "D", "evaluation, deterministic actions"),
+        ("eval/success_sampled", "s", "evaluation, sampled actions"),
     ):
         for steps, values in _by_seed(rows, field):
             left.plot(steps / unit, 100 * values, marker, color=INK, markersize=5, label=label,
@@ -198,9 +198,7 @@ def learning_curve(
         )
     left.set(title="Success rate", ylabel="episodes that succeed (%)", ylim=(-3, 103))
     right.set(title="Mean reward", ylabel="mean reward a step")
-    for axes in (left, right):
-        if axes.get_legend_handles_labels()[1]:
-            axes.legend(loc="best")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -241,7 +239,7 @@ def pretrain_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
     Args:
       rows: each has "step" and some of "loss", "consistency", "reconstruction"; None is left out.
     """
-    figure = Figure(figsize=(0.6 * WIDTH, 3.0), layout="constrained")
+    figure = Figure(figsize=(HALF, 2.8), layout="constrained")
     axes = figure.subplots()
     lowest = []
     for field, label, colour, dash in (

@@ -32,7 +32,10 @@ from gril_jax.safe_files import sync, writing
 
 from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
 
-__all__ = ["DamagedError", "discard", "latest", "manifest", "restore", "save", "steps", "write"]
+__all__ = [
+    "DamagedError", "discard", "latest", "manifest", "newest", "restore", "save",
+    "save_part", "steps", "write",
+]  # fmt: skip
 
 _FORMAT = 1
 
@@ -129,6 +132,24 @@ def latest(folder: Path) -> Path | None:
     """The newest complete checkpoint in a folder, or None where there is none."""
     found = steps(folder)
     return folder / f"{found[-1]:012d}" if found else None
+
+
+def save_part(run: Path, part: str, step: int, state: Any) -> None:
+    """Saves a part of a run, such as "reward", in place of what a process that was cut off left."""
+    shutil.rmtree(run / part, ignore_errors=True)
+    save(run / part, step, state)
+
+
+def newest(run: Path, part: str) -> Path:
+    """The newest checkpoint of a part of a run, such as "reward" or "policy".
+
+    Raises:
+      RunError: there is none.
+    """
+    found = latest(run / part)
+    if found is None:
+        raise RunError(f"{run} has no {part}, so its run has not got that far yet")
+    return found
 
 
 def discard(path: Path) -> Path:

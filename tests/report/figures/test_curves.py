@@ -47,9 +47,9 @@ def rows(count=6, seed=None, lift=0.0):
 # --- a demonstration's profile
 
 
-def test_a_profile_is_as_wide_as_the_page_and_not_blank():
-    assert picture(reward_profile(REWARD, ENDS)).shape[1] == 1440
-    assert picture(reward_profile(REWARD, ENDS, frames=FRAMES)).shape[1] == 1440
+def test_a_profile_is_half_as_wide_as_the_page_and_not_blank():
+    assert picture(reward_profile(REWARD, ENDS)).shape[1] == 1088
+    assert picture(reward_profile(REWARD, ENDS, frames=FRAMES)).shape[1] == 1088
 
 
 def test_a_profile_draws_the_reward_and_numbers_its_stage_ends():

@@ -1,19 +1,17 @@
 """The page of an audit: its numbers, the heat maps, and the states that the reward gets wrong."""
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from gril_jax.audit.states import FACTORS
 from gril_jax.report.figures.style import png
-from gril_jax.runs.run_dir import writing
+from gril_jax.report.headline import Tile, Verdict
+from gril_jax.report.html import Part, render, save
 
-from .audit_findings import ASKED, Findings
-from .audit_maps import Situation, reward_maps, state_pictures
-from .headline import Tile
-from .html import Part, Section, render
+from .findings import ASKED, Findings
+from .maps import Situation, reward_maps, state_pictures
 
 __all__ = ["write_report"]
 
@@ -35,26 +33,32 @@ def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, t
     """
     page = render(
         title=title,
-        summary="Made-up states with known true progress, and a search for states that are paid "
-        "well although nothing has been achieved. The range is what success is paid more than a "
-        "reset.",
+        summary="Made-up states with known true progress, and a search for states that the reward "
+        "overestimates. Its range is that from a reset to a success.",
+        verdict=_verdict(found),
         tiles=_tiles(found),
-        sections=[
-            Section("Best paid for nothing", [_unearned(folder, found)]),
-            Section("Where the reward wants each object", [_maps(folder, found)]),
-            Section("Most out of order", [_pair(folder, found)]),
-        ],
+        film=_unearned(folder, found),
+        beside=[_pair(folder, found), _maps(folder, found)],
+        sections=[],
         facts={name: str(value) for name, value in results["settings"].items()},
         tables={
             "Pairs in order, by what was changed": _texts(results["factor_accuracy"]),
-            "Most that an object alone is paid at a place without progress, share of the range":
+            "Largest rise by one object at a place without progress, share of the range":
                 _texts(results["alone_share"]),
             "All numbers": _texts(found.numbers()),
         },
         listings={"audit.json": json.dumps(results, indent=2)},
     )  # fmt: skip
-    _save(folder, "report.html", page.encode("utf-8", "replace"))
+    save(folder / "report.html", page.encode("utf-8", "replace"))
     return folder / "report.html"
+
+
+def _verdict(found: Findings) -> Verdict:
+    numbers = found.numbers()
+    faults = sum(not asked.holds(numbers[name]) for name, asked in ASKED.items())
+    if faults:
+        return Verdict("bad", f"Not sound: {faults} of {len(ASKED)} measures are not as asked.")
+    return Verdict("good", f"Sound: all {len(ASKED)} measures are as asked.")
 
 
 def _tiles(found: Findings) -> list[Tile]:
@@ -83,12 +87,12 @@ def _unearned(folder: Path, found: Findings) -> Part:
         half_extent=found.task.half_extent,
     )
     return Part(
-        f"The best-paid state without progress, found by {how}, gets {reward:.3f}: "
+        f"The most overestimated state without progress, found by {how}, gets {reward:.3f}: "
         f"{numbers['hack_share']:.0%} of the range. The worst of "
         f"{int((made.score >= 0.999).sum())} successes, other objects untouched, gets "
         f"{numbers['worst_success']:.3f}. Thick boxes have their activity bit set.",
-        _save(folder, "hack.png", png(pictures)),
-        "Three states as boxes: a reset, the best-paid state without progress, and a success",
+        save(folder / "hack.png", png(pictures)),
+        "Three states as boxes: a reset, the most overestimated one without progress, a success",
     )
 
 
@@ -103,7 +107,7 @@ def _maps(folder: Path, found: Findings) -> Part:
         "The reward with one object's centre at each place of the plane and the others where the "
         "white boxes are; the dot is where the object itself was. A target's map should be bright "
         "in its region alone, and the other maps should be flat outside it.",
-        _save(folder, "maps.png", png(figure)),
+        save(folder / "maps.png", png(figure)),
         "Heat maps of the reward over the place of each object",
     )
 
@@ -112,15 +116,14 @@ def _pair(folder: Path, found: Findings) -> Part:
     kind, lesser, better, score, paid = found.worst_pair()
     if found.numbers()["worst_violation"] == 0:
         return Part("Every pair of states is in its true order.")
-    titles = (f"true progress {q:.2f}: paid {r:.3f}" for q, r in zip(score, paid, strict=True))
+    titles = (f"true progress {q:.2f}: reward {r:.3f}" for q, r in zip(score, paid, strict=True))
     views = [found.view(t, s) for t, s in zip(titles, (lesser, better), strict=True)]
     figure = state_pictures(views, found.names, half_extent=found.task.half_extent)
     return Part(
         f"The two states ({kind}) whose rewards contradict their true progress most, by "
         f"{found.numbers()['worst_violation']:.0%} of the range.",
-        _save(folder, "worst_pair.png", png(figure)),
-        "Two states as boxes, of which the left one is paid more and has achieved less",
-        small=True,
+        save(folder / "worst_pair.png", png(figure)),
+        "Two states as boxes, of which the left one has the higher reward and less progress",
     )
 
 
@@ -133,12 +136,3 @@ def _first(found: Findings, kind: int):
 
 def _texts(rows: Mapping[str, float | None]) -> dict[str, str]:
     return {name: "-" if value is None else f"{value:.4f}" for name, value in rows.items()}
-
-
-def _save(folder: Path, name: str, contents: bytes) -> bytes:
-    """Writes a file, whole or not at all; returns its contents."""
-    part = folder / f".{name}.part"
-    with writing(folder):
-        part.write_bytes(contents)
-        os.replace(part, folder / name)
-    return contents

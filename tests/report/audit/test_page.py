@@ -4,7 +4,7 @@ import pytest
 from support.audit_findings_made import findings
 
 from gril_jax.errors import RunError
-from gril_jax.report.audit_report import write_report
+from gril_jax.report.audit.page import write_report
 
 
 def _write(folder, found):

@@ -11,8 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments import pretrain
-from gril_jax.experiments.pipeline import cheats, policy_setup, setup
+from gril_jax.experiments.pipeline import hard_negatives, policy_setup, setup
 from support.probes import Probe
 
 from gril_jax.audit.scene_reward import Scene
@@ -38,12 +37,16 @@ PROBE = jnp.array([[0.5, 0.5], [-0.5, 0.0], [0.0, 0.0]])  # where its episodes b
 
 def test_a_reward_of_pictures_learns_from_no_policy(tmp_path):
     pictures = dataclasses.replace(CONFIG, encoder=EncoderConfig(kind="pixels"))
-    pretrain.check_cheats(pictures, [])
+    hard_negatives.require_boxes(pictures, [])
     for new, old in ((pictures, CONFIG), (CONFIG, pictures)):
-        cheat = types.SimpleNamespace(config=old)
+        earlier = _trained_as(old)
         with pytest.raises(ConfigError, match=r"must be 'paper', .* for --hard-negatives"):
-            pretrain.check_cheats(new, [cheat])
-    pretrain.check_cheats(CONFIG, [types.SimpleNamespace(config=CONFIG)])
+            hard_negatives.require_boxes(new, [earlier])
+    hard_negatives.require_boxes(CONFIG, [_trained_as(CONFIG)])
+
+
+def _trained_as(config):
+    return hard_negatives.EarlierPolicy(Path("gone"), config, None, None, None, None)
 
 
 def _demos():
@@ -61,7 +64,7 @@ def _demos():
 
 
 @pytest.fixture(scope="module")
-def cheat():
+def earlier():
     """A fresh policy, and a reward that tells nothing apart and so is always 0."""
     probe = Probe(episode_length=12)
     ppo = policy_setup.make_ppo(CONFIG, probe)
@@ -69,7 +72,7 @@ def cheat():
     blind = jax.tree.map(jnp.zeros_like, setup.blank_reward(CONFIG, len(probe.classes)))
     blind = RewardParams(blind.encoder, blind.goal, jnp.float32(1.0), jnp.float32(5.0))
     policy = Policy(state.normalizer, state.params.policy)
-    return cheats.Cheat(Path("gone"), CONFIG, ppo, policy, blind, blind)
+    return hard_negatives.EarlierPolicy(Path("gone"), CONFIG, ppo, policy, blind, blind)
 
 
 @pytest.fixture
@@ -78,7 +81,7 @@ def begin(tmp_path):
     with contextlib.ExitStack() as opened:
 
         def create(policies):
-            known = {"experiment": "pretrain", "begun": cheats.noted(policies)}
+            known = {"experiment": "pretrain", "begun": hard_negatives.noted(policies)}
             run = run_dir.create(tmp_path / "new", CONFIG, device="cpu", **known)
             return opened.enter_context(run)
 
@@ -87,17 +90,17 @@ def begin(tmp_path):
 
 def _gather(policies, run, said=None):
     echo = (lambda line: None) if said is None else said.append
-    return cheats.gather_once(policies, CONFIG, _demos(), run, Progress(), echo=echo)
+    return hard_negatives.gather_once(policies, CONFIG, _demos(), run, Progress(), echo=echo)
 
 
 @pytest.mark.slow
-def test_the_scenes_are_played_once_and_then_read_from_the_folder(cheat, begin):
+def test_the_scenes_are_played_once_and_then_read_from_the_folder(earlier, begin):
     said = []
-    run = begin([cheat])
-    pool = _gather([cheat], run, said)
+    run = begin([earlier])
+    pool = _gather([earlier], run, said)
     num = len(pool.label)
     assert 1 < num <= 6 * 13
-    assert said == [f"{num} scenes of gone are overrated and will be learned from"]
+    assert said == [f"{num} scenes of gone are overestimated and will be learned from"]
     np.testing.assert_array_equal(pool.label, np.tile(np.arange(3), (num, 1)))
     np.testing.assert_array_equal(pool.is_robot, pool.label == 1)
     np.testing.assert_array_equal(pool.center[:, 0], np.full((num, 2), 0.5))
@@ -110,10 +113,10 @@ def test_the_scenes_are_played_once_and_then_read_from_the_folder(cheat, begin):
 
 
 @pytest.mark.slow
-def test_a_reward_that_pays_less_than_is_due_gives_no_scenes(cheat, begin):
-    strict = cheat.learned._replace(goal=jnp.full(2, 10.0))
-    run = begin([cheat])
-    assert _gather([cheat._replace(learned=strict)], run) is None
+def test_a_reward_that_pays_less_than_is_due_gives_no_scenes(earlier, begin):
+    strict = earlier.learned._replace(goal=jnp.full(2, 10.0))
+    run = begin([earlier])
+    assert _gather([earlier._replace(learned=strict)], run) is None
     assert run.finished_phase("hard_negatives")["scenes"] == [0]
     assert _gather([], run) is None
 
@@ -124,16 +127,16 @@ def test_a_run_that_noted_none_gathers_none(begin):
     assert not (run.path / "hard_negatives.npz").exists()
 
 
-def test_a_run_notes_them_as_it_is_created(cheat, begin):
-    run = begin([cheat])
+def test_a_run_notes_them_as_it_is_created(earlier, begin):
+    run = begin([earlier])
     noted = phases.read_phases(run.path).finished["hard_negatives_of"]
     assert noted == {"runs": [str(Path("gone").resolve())]}
 
 
-def test_scenes_that_were_changed_or_lost_are_refused(cheat, begin, monkeypatch):
-    monkeypatch.setattr(cheats, "_overrated", lambda *_: _two_scenes())
-    run = begin([cheat, cheat])
-    assert len(_gather([cheat, cheat], run).label) == 4
+def test_scenes_that_were_changed_or_lost_are_refused(earlier, begin, monkeypatch):
+    monkeypatch.setattr(hard_negatives, "_overestimated", lambda *_: _two_scenes())
+    run = begin([earlier, earlier])
+    assert len(_gather([earlier, earlier], run).label) == 4
     file = run.path / "hard_negatives.npz"
     whole = file.read_bytes()
     file.write_bytes(whole[:-1] + b"x")
@@ -149,8 +152,8 @@ def _two_scenes():
     return Scene(np.zeros((2, 3, 2)), np.ones((2, 3, 2)), np.zeros((2, 3), int), no, no)
 
 
-def test_a_run_that_was_cut_off_before_it_had_them_needs_the_noted_run(cheat, begin):
-    run = begin([cheat])
+def test_a_run_that_was_cut_off_before_it_had_them_needs_the_noted_run(earlier, begin):
+    run = begin([earlier])
     with pytest.raises(ConfigError, match=r"--hard-negatives: .*gone does not exist"):
         _gather([], run)
 
@@ -247,10 +250,10 @@ def test_a_run_that_is_cut_off_around_its_scenes_ends_as_an_undisturbed_one(tmp_
         raise RunError("cut off")
 
     with monkeypatch.context() as patch:
-        patch.setattr(cheats, "_overrated", cut_off)  # before the scenes are there
+        patch.setattr(hard_negatives, "_overestimated", cut_off)  # before the scenes are there
         assert cli.main(["pretrain", "quickstart", "--out", cut, *again]) == 1
     with monkeypatch.context() as patch:
-        patch.setattr(cheats, "_read", cut_off)  # and after, when they need no run any more
+        patch.setattr(hard_negatives, "_read", cut_off)  # and after, when they need no run any more
         assert cli.main(["pretrain", "--resume", cut]) == 1
     shutil.rmtree(tmp_path / "first" / "policy")
     assert cli.main(["pretrain", "--resume", cut]) == 0

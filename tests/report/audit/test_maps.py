@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from gril_jax.report.audit_maps import Situation, View, reward_maps, state_pictures
+from gril_jax.report.audit.maps import Situation, View, reward_maps, state_pictures
 from gril_jax.report.figures.style import png
 
 CENTER = np.array([[0.5, 0.5], [-0.5, 0.0], [0.0, -0.5]])

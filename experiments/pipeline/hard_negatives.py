@@ -1,13 +1,13 @@
-"""What the policies of finished runs were overpaid for, for the next reward to learn from.
+"""Collects states that a learned reward overestimates, as hard negatives for the next one.
 
 gril pretrain quickstart --hard-negatives RUN          one round
 gril train quickstart --hard-negatives RUN,RUN         the runs of two rounds together
 
-The policies play in their own task, with mean and with sampled actions. Only the boxes of what they
-did, their own learned reward and the demonstrations' last frames decide what is chosen: no reward
-of the task and no success. They teach with the weight `loss.contrast`, beside the displaced copies
-(`pretrain.copies`) or without any. A run's folder keeps the scenes in `hard_negatives.npz`, and
-needs the runs that they came from no more.
+The policies of finished runs play in their own task, with deterministic and with sampled actions.
+The boxes of what they did, their own learned reward and the demonstrations' last frames alone
+decide what is chosen: no reward of the task and no success. The scenes teach with the weight
+`loss.contrast`, beside the displaced copies (`pretrain.copies`) or without any. A run's folder
+keeps them in `hard_negatives.npz`, and needs the runs that they came from no more.
 """
 
 import os
@@ -24,21 +24,21 @@ from gril_jax.audit.scene_reward import Scene
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.errors import ConfigError, RunError
-from gril_jax.pretraining import hard_negatives, pretrain
+from gril_jax.pretraining import pretrain
 from gril_jax.pretraining.final_places import final_places
+from gril_jax.pretraining.hard_negatives import choose, due_rewards
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl.evaluate import evaluate
 from gril_jax.rl.policy import Policy
 from gril_jax.rl.training import Algorithm
 from gril_jax.runs import run_dir
-from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import sync, writing
 from gril_jax.types import DemoBatch
 
-from . import policy_rewards, policy_setup, setup
+from . import policy_setup, saved, setup
 
-__all__ = ["Cheat", "gather_once", "load", "noted"]
+__all__ = ["EarlierPolicy", "gather_once", "load", "noted", "require_boxes"]
 
 _FILE = "hard_negatives.npz"
 _EACH = 256  # scenes of each run; a batch of eight videos draws 64
@@ -46,7 +46,7 @@ _EACH = 256  # scenes of each run; a batch of eight videos draws 64
 Echo = Callable[[str], None]
 
 
-class Cheat(NamedTuple):
+class EarlierPolicy(NamedTuple):
     """The policy of a run, and what it was trained on."""
 
     folder: Path
@@ -57,7 +57,7 @@ class Cheat(NamedTuple):
     learned: RewardParams
 
 
-def load(folders: Sequence[Path]) -> list[Cheat]:
+def load(folders: Sequence[Path]) -> list[EarlierPolicy]:
     """The policies of some runs, whose folders are only read.
 
     Raises:
@@ -66,15 +66,21 @@ def load(folders: Sequence[Path]) -> list[Cheat]:
     return [_load(folder) for folder in folders]
 
 
-def noted(policies: Sequence[Cheat]) -> dict[str, dict[str, Any]]:
-    """What a new run notes as it is created: whose scenes it learns from, should it be cut off."""
+def require_boxes(config: RunConfig, policies: Sequence[EarlierPolicy]) -> None:
+    """Raises ConfigError if a reward of pictures would teach or be taught by earlier policies."""
+    for each in (config, *(earlier.config for earlier in policies)) if policies else ():
+        setup.require_boxes(each, "--hard-negatives, in the new run and in those that it names")
+
+
+def noted(policies: Sequence[EarlierPolicy]) -> dict[str, dict[str, Any]]:
+    """The note of a new run: whose scenes it learns from, should it be cut off."""
     if not policies:
         return {}
-    return {"hard_negatives_of": {"runs": [str(cheat.folder.resolve()) for cheat in policies]}}
+    return {"hard_negatives_of": {"runs": [str(earlier.folder.resolve()) for earlier in policies]}}
 
 
 def gather_once(
-    policies: Sequence[Cheat],
+    policies: Sequence[EarlierPolicy],
     config: RunConfig,
     demos: DemoBatch,
     run: run_dir.RunDir,
@@ -93,7 +99,7 @@ def gather_once(
       echo: says how many there are.
 
     Returns:
-      Leaves (P, N, ...); None where no run was noted, and where nothing is overrated.
+      Leaves (P, N, ...); None where no run was noted, and where nothing is overestimated.
 
     Raises:
       ConfigError: see `load`.
@@ -104,48 +110,43 @@ def gather_once(
         return None
     if run.finished_phase("hard_negatives") is None:
         policies = policies or load([Path(name) for name in known["runs"]])
-        found = [_overrated(cheat, config, demos, progress) for cheat in policies]
+        found = [_overestimated(earlier, config, demos, progress) for earlier in policies]
         pool = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
         digest = _save(run.path / _FILE, pool)
         counts = [len(scenes.label) for scenes in found]
         run.finish_phase("hard_negatives", {"sha256": digest, "scenes": counts})
-        for cheat, count in zip(policies, counts, strict=True):
-            echo(f"{count} scenes of {cheat.folder} are overrated and will be learned from")
+        for earlier, count in zip(policies, counts, strict=True):
+            echo(f"{count} scenes of {earlier.folder} are overestimated and will be learned from")
     return _read(run.path / _FILE, run.finished_phase("hard_negatives"))
 
 
-def _load(folder: Path) -> Cheat:
+def _load(folder: Path) -> EarlierPolicy:
     try:
         config = run_dir.read_config(folder)
         env = setup.make_env(config.env, training=False)
         algorithm = policy_setup.make_algorithm(config, env)
-        return Cheat(
+        return EarlierPolicy(
             folder,
             config,
             algorithm,
             policy_setup.restore_policy(folder, config, algorithm),
-            _restore(folder, "policy_reward", policy_rewards.blank(config, env)),
-            _restore(folder, "reward", setup.blank_reward(config, len(env.classes))),
+            saved.policy_reward(folder, config, env),
+            saved.learned_reward(folder, config, env),
         )
     except RunError as error:
         raise ConfigError(f"--hard-negatives: {error}") from None
 
 
-def _restore(folder: Path, part: str, like: Any) -> Any:
-    found = checkpoint.latest(folder / part)
-    if found is None:
-        raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
-    return checkpoint.restore(found, like)
-
-
-def _overrated(cheat: Cheat, config: RunConfig, demos: DemoBatch, progress: Progress) -> Scene:
+def _overestimated(
+    earlier: EarlierPolicy, config: RunConfig, demos: DemoBatch, progress: Progress
+) -> Scene:
     """The chosen scenes of one run on the host, leaves (K, N, ...)."""
-    num_classes = len(cheat.algorithm.episodes.env.classes)
-    played = _play(cheat, progress)
-    own = setup.pretrain_hyper(cheat.config), setup.pretrain_config(cheat.config, num_classes)
+    num_classes = len(earlier.algorithm.episodes.env.classes)
+    played = _play(earlier, progress)
+    own = setup.pretrain_hyper(earlier.config), setup.pretrain_config(earlier.config, num_classes)
     hyper, static = setup.pretrain_hyper(config), setup.pretrain_config(config, num_classes)
-    latents = pretrain.embed(cheat.learned.encoder, played, *own)
-    paid = reward.latent_reward(cheat.learned, latents)
+    latents = pretrain.embed(earlier.learned.encoder, played, *own)
+    paid = reward.latent_reward(earlier.learned, latents)
     places = jax.jit(final_places, static_argnums=1, static_argnames="turned")(
         demos, num_classes, turned=static.turn_scenes
     )
@@ -153,27 +154,25 @@ def _overrated(cheat: Cheat, config: RunConfig, demos: DemoBatch, progress: Prog
     label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)
     bits = pretrain.activity_bits(played, hyper, static)
     scenes = Scene(played.center, played.size, label, is_robot, bits)
-    due = hard_negatives.due_rewards(
-        places, scenes, near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch
-    )
-    chosen = hard_negatives.choose(scenes, paid, due, num=_EACH)
+    due = due_rewards(places, scenes, near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch)
+    chosen = choose(scenes, paid, due, num=_EACH)
     known = np.asarray(chosen.known)
     return jax.tree.map(lambda x: np.asarray(x)[known], chosen.scenes)
 
 
-def _play(cheat: Cheat, progress: Progress) -> DemoBatch:
-    """Episodes as if they were videos: as many of mean as of sampled actions."""
-    episodes = cheat.config.run.eval_episodes
+def _play(earlier: EarlierPolicy, progress: Progress) -> DemoBatch:
+    """Episodes as if they were videos: half with deterministic actions, half with sampled ones."""
+    episodes = earlier.config.run.eval_episodes
     phase = progress.phase("playing an earlier policy", total=2 * episodes, unit="episodes")
-    key = jax.random.fold_in(jax.random.key(cheat.config.run.seed), 3)
+    key = jax.random.fold_in(jax.random.key(earlier.config.run.seed), 3)
     parts = []
     for sampled in (False, True):
         found = evaluate(
-            cheat.algorithm,
-            cheat.policy,
-            cheat.policy_reward,
+            earlier.algorithm,
+            earlier.policy,
+            earlier.policy_reward,
             jax.random.fold_in(key, sampled),
-            tau=cheat.config.pool.tau,
+            tau=earlier.config.pool.tau,
             episodes=episodes,
             deterministic=jnp.asarray(not sampled),
         )

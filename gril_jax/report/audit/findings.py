@@ -13,7 +13,7 @@ from gril_jax.audit.measures import Audit, States
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.audit.states import FACTORS
 
-from .audit_maps import View
+from .maps import View
 
 __all__ = ["ASKED", "Asked", "Findings"]
 

@@ -1,4 +1,4 @@
-"""Pictures of an audit: what a reward pays for each place of each object, and single states.
+"""Pictures of an audit: the reward of each place of each object, and single states.
 
 Shapes use N for objects, M for those that are swept, W for situations and G for a side of a grid.
 Each function returns a figure; `png` of `gril_jax.report.figures.style` turns it into a file.
