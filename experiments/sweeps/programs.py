@@ -13,7 +13,7 @@ import jax
 from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup
 from jax.sharding import Mesh
 
-from gril_jax.compilation import ahead, device_memory, memory, sharding
+from gril_jax.compilation import ahead, memory, sharding
 from gril_jax.errors import ConfigError
 from gril_jax.rl import training
 from gril_jax.runs import hosts
@@ -109,7 +109,7 @@ def _examinations(starts: int, num_envs: int) -> int:
 
 def _available_bytes() -> int | None:
     """Memory of the device that has least, in whichever process."""
-    found = [device_memory.available_bytes(device) for device in jax.local_devices()]
+    found = [memory.available_bytes(device) for device in jax.local_devices()]
     known = [x >> 20 for x in found if x is not None]  # MiB, so that they are small numbers
     if len(known) < len(found):
         return None

@@ -105,14 +105,14 @@ def test_files_that_are_not_there_are_none_or_empty(tmp_path):
 # --- metrics and numbers
 
 
-def test_rows_are_sorted_by_phase_and_keep_their_seed(tmp_path):
+def test_rows_are_sorted_by_phase(tmp_path):
     with run_dir.create(tmp_path / "run", RunConfig(), device="cpu", command=["x"]) as run:
         run.log(phase="ppo", env_steps=10, success=float("nan"), seed=3)
         run.log(phase="pretrain", step=1, loss=2)
         run.log(phase="other", word="ignored")
         run.log(step=4)
     rows = read_rows(tmp_path / "run")
-    assert rows["ppo"] == [{"env_steps": 10.0, "success": None, "seed": "3"}]
+    assert rows["ppo"] == [{"env_steps": 10.0, "success": None}]
     assert rows["pretrain"] == [{"step": 1.0, "loss": 2.0}]
 
 
