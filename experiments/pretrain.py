@@ -73,7 +73,7 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
 
 
 class _Programs(NamedTuple):
-    """What trains an encoder and makes its reward, being compiled; (state, data, hyper) -> ..."""
+    """Programs of an encoder's training, being compiled: (state, data, hyper) -> ..."""
 
     init: Future[Any]  # (key, data) -> state
     step: Future[Any]

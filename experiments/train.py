@@ -201,7 +201,7 @@ def _examines(config: RunConfig, algorithm: training.Algorithm) -> bool:
 
 
 class Plan(NamedTuple):
-    """How many updates each chunk makes, and whether it evaluates."""
+    """The number of updates in each chunk, and which chunks evaluate."""
 
     updates: int
     per_chunk: int

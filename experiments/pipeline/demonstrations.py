@@ -19,7 +19,7 @@ __all__ = ["Demonstrations", "gather", "gather_once"]
 
 
 class Demonstrations(NamedTuple):
-    """What a run learns from and is measured on."""
+    """The demonstrations that a run learns from and is measured on."""
 
     demo_set: DemoSet
     names: dict[str, list[str]]  # "train", "validation" and "failure" to demonstrations
@@ -97,6 +97,6 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
 
 
 def _kept_aside(config: RunConfig, successes: int) -> int:
-    """How many successes are not learned from: of somebody's own videos a quarter at the most."""
+    """The number of successes to hold out: of somebody's own videos a quarter at the most."""
     wanted = config.demos.num_validation
     return wanted if config.demos.path is None else min(wanted, math.ceil(successes / 4))

@@ -17,7 +17,7 @@ Echo = Callable[[str], None]
 
 
 class OpenRun(NamedTuple):
-    """What every part of a run needs."""
+    """A run, with what every part of it needs."""
 
     config: RunConfig
     dir: run_dir.RunDir

@@ -1,4 +1,4 @@
-"""What a run has saved of its reward, read back from its folder."""
+"""The reward that a run has saved, read back from its folder."""
 
 from pathlib import Path
 from typing import Any

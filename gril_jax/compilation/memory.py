@@ -1,4 +1,4 @@
-"""How much memory a training program will need, before it is compiled, and how much there is.
+"""Predicts the memory of a training program before it is compiled, and reads how much there is.
 
 The estimate counts what is surely there at once: the state (twice: while it is replaced; a replay
 once, as it is written in place), the data of an unroll (as collected, in brax's order, and
@@ -75,7 +75,7 @@ def available_bytes(device: Any) -> int | None:
 
 
 def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -> int:
-    """How many seeds to run at once, such that they fit: a multiple of `devices` if possible.
+    """The number of seeds to run at once, such that they fit: a multiple of `devices` if possible.
 
     Args:
       rows: seeds in all, at least 1.

@@ -58,7 +58,7 @@ class DemoSet:
 
 
 def trim_static_tail(tracks: Tracks, classes: Sequence[str]) -> int:
-    """How many frames to keep: all in which a block is still on its way, and a few more.
+    """The number of frames to keep: all in which a block is still on its way, and a few more.
 
     Many equal frames at the end would carry different times, which temporal cycle-consistency
     can only fit by chance. Robot and goal do not count: a robot may wander off when it is done.

@@ -26,7 +26,7 @@ _VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif")
 
 
 class Imported(NamedTuple):
-    """What became of one demonstration."""
+    """The outcome of importing one demonstration."""
 
     name: str
     frames: int  # kept

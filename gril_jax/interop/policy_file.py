@@ -1,7 +1,7 @@
 """A run's policy as plain arrays, for programs that have neither JAX nor this package.
 
-`gril export-policy RUN --out policy.npz` writes the policy that `gril eval` plays: the mean action,
-without noise. To act, for one observation (O,) or for many (..., O), it takes NumPy alone:
+`gril export-policy RUN --out policy.npz` writes the policy that `gril eval` plays, with its
+deterministic (mean) action. To act on one observation (O,) or many (..., O), NumPy is enough:
 
     import json
     import numpy as np
@@ -142,7 +142,7 @@ def describe(
     arrays: dict[str, Float[np.ndarray, "..."]],
     objects: Sequence[str],
 ) -> dict[str, Any]:
-    """What the arrays mean, as JSON has it. Index ranges are [start, stop).
+    """The meaning of the arrays, as JSON has it. Index ranges are [start, stop).
 
     Args:
       config: the run's.
@@ -154,7 +154,7 @@ def describe(
       format, version, gril_jax: what wrote the file.
       layers: `in`, `out` and `activation` (swish, relu, tanh or none) of each.
       output: the ranges of the last layer that hold the action's mean and its spread before
-        `squash`, which is applied to the mean. The mean action does not need the spread.
+        `squash`, which is applied to the mean. The deterministic action does not need the spread.
       observation: name and range of each input, in order, activity bits included.
       activity: None, or the range of the activity bits, their objects, and the rule: a bit is 0
         when an episode begins and becomes 1 for good when the centre of the object's box lies more

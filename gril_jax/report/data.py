@@ -1,4 +1,4 @@
-"""What a run's folder holds for its report, read and checked: parts that are missing are None.
+"""Reads and checks a run's folder for its report: parts that are missing are None.
 
     profiles.npz   the learned reward along each demonstration (B, T), where its stages end
     rollouts.npz   the reward in each evaluation episode (E, T), and which one was filmed

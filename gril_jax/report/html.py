@@ -28,7 +28,7 @@ class Part(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """What stands in a table, and in small letters below it what belongs to it, such as a range."""
+    """An entry of a table, and in small letters below it what belongs to it, such as a range."""
 
     value: str
     note: str = ""

@@ -29,7 +29,7 @@ _bits = jax.jit(activity.trajectory, static_argnames=("window", "smoothing", "no
 
 
 class Inputs(NamedTuple):
-    """What was read of a run; the report's files go into the same folder."""
+    """All that was read of a run; the report's files go into the same folder."""
 
     folder: Path
     config: RunConfig

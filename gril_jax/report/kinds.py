@@ -1,4 +1,4 @@
-"""Which runs have the page of one reward and one policy, and what the others have instead.
+"""Tells runs with the page of one reward and one policy from those with something else.
 
     table1                     a page of its own kind, see `gril_jax.experiments.table1.report`
     table2, soundness, sweep   a table and a figure, and no page

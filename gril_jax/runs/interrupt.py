@@ -33,7 +33,7 @@ class Interrupted(GrilError):
 
 
 class Notice:
-    """Which signal has come, if any."""
+    """The signal that has come, if any."""
 
     number: int | None = None
 

@@ -1,1 +1,1 @@
-"""What is seen in a frame: video files, colours, shapes, and pictures drawn from boxes."""
+"""Video files, the colours and shapes in their frames, and pictures drawn from boxes."""

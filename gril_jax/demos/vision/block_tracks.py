@@ -33,7 +33,7 @@ _FAR = 10.0  # cost of an impossible pairing, in world units
 
 
 class Sighting(NamedTuple):
-    """Where a block is in one frame."""
+    """The place of a block in one frame."""
 
     center: Float[np.ndarray, "2"]  # pixels
     size: Float[np.ndarray, "2"]  # pixels, axis-aligned box
@@ -82,7 +82,7 @@ def _mismatch(component: _Component, shape: str, scale: float) -> float:
 
 
 def count_shapes(masks: Sequence[UInt8[np.ndarray, "H W"]], scale: float) -> dict[str, int]:
-    """How many blocks of each shape there are, from masks of one colour in several frames.
+    """The number of blocks of each shape, from masks of one colour in several frames.
 
     A shape counts as often as it stands alone in at least a quarter of the frames.
     """

@@ -1,4 +1,4 @@
-"""What an audit found, as numbers and words: the JSON file, the lines on the terminal, the states.
+"""The findings of an audit: the numbers in its JSON file, lines for the terminal, and states.
 
 The four numbers that a sound reward reaches are in `ASKED`.
 """
@@ -19,7 +19,7 @@ __all__ = ["ASKED", "Asked", "Findings"]
 
 
 class Asked(NamedTuple):
-    """What is asked of one measure."""
+    """The bound of one measure."""
 
     words: str  # what it is
     bound: str  # what it must be, in words
@@ -50,7 +50,7 @@ class Findings(NamedTuple):
 
     @property
     def swept(self) -> tuple[int, ...]:
-        """Which objects the maps are of."""
+        """The objects that the maps are of."""
         return (*self.task.movable, *self.task.robots)
 
     def numbers(self) -> dict[str, float]:
@@ -59,7 +59,7 @@ class Findings(NamedTuple):
         return {k: float(v) for k, v in found.items() if v.ndim == 0 and k != "finite"}
 
     def best_unearned(self) -> tuple[str, Scene, float]:
-        """The best-paid state without progress: how it was found, the state, its reward."""
+        """The most overestimated state without progress: how it was found, itself, its reward."""
         states, paid, found = self.states, self.audit.rewards, self.audit.found
         kinds = {
             "gradient ascent": (found.scene, found.reward),

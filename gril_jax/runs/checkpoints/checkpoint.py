@@ -186,7 +186,7 @@ def manifest(path: Path) -> dict[str, Any]:
 
 
 def _entry(index: int, leaf: Leaf) -> dict[str, Any]:
-    """What the manifest says of a leaf; `file` is the name of its folder."""
+    """The manifest's entry of a leaf; `file` is the name of its folder."""
     return {
         "path": leaf.path,
         "file": f"{index:05d}",
