@@ -1,11 +1,10 @@
 """A run's learned reward as one file, for other people's JAX code.
 
-    python -m gril_jax.experiments.export_reward RUN reward.npz        a few seconds
+    gril export-reward RUN --out reward.npz        a few seconds
 
 `gril_jax.interop.reward_file.load_reward` reads it; the run's folder is only read.
 """
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from gril_jax import envs
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.interop.reward_file import save_reward
+from gril_jax.report.data import read_finished
 from gril_jax.runs import run_dir
 
 __all__ = ["main"]
@@ -69,11 +69,5 @@ def _provenance(folder: Path, config: RunConfig) -> dict:
     known = {"run": folder.resolve().name, "seed": config.run.seed}
     if demos.is_file():  # its entries hold the digests of the demonstrations
         known["demos_sha256"] = schema.digest(demos)
-    results = folder / "results.json"
-    if results.is_file() and "tau" in (found := run_dir.read_results(folder)):
-        known["kendall_tau"] = found["tau"]
-    return known
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    found = read_finished(folder) or {}
+    return known | ({"kendall_tau": found["tau"]} if "tau" in found else {})

@@ -119,6 +119,7 @@ def _success(lines: Sequence[Line]) -> Part:
         "A dot for each seed, and a bar at their mean; the dotted line is the first row's mean.",
         png(figure),
         "Success of each row's policies",
+        wide=True,
     )
 
 
@@ -128,6 +129,7 @@ def _figure2(figure: bytes) -> Part:
         "upper quartile. Seconds are those of a program with all its policies, without compiling.",
         figure,
         "Success against env steps and against seconds for each row",
+        wide=True,
     )
 
 

@@ -153,15 +153,11 @@ def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
                 f"task also has {missing[0]}."
             )
         keep = [i for i, name in enumerate(entry.objects) if name in objects]
-        track = Tracks(
-            track.center[:, keep], track.size[:, keep], track.label[keep], track.seen[:, keep]
-        )
+        track = track.of(keep)
         frames = entry.frames
         if len(keep) < len(entry.objects):
             frames = trim_static_tail(track, demo_set.classes)
-            track = Tracks(
-                track.center[:frames], track.size[:frames], track.label, track.seen[:frames]
-            )
+            track = track.during(slice(frames))
         tracks.append(track)
         entries.append(
             replace(
@@ -220,12 +216,7 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
 
 def _canonical(tracks: Tracks) -> Tracks:
     order = np.lexsort((tracks.center[0, :, 0], tracks.label))
-    return Tracks(
-        tracks.center[:, order],
-        tracks.size[:, order],
-        tracks.label[order],
-        tracks.seen[:, order],
-    )
+    return tracks.of(order)
 
 
 def _padded(arrays: list[np.ndarray]) -> np.ndarray:

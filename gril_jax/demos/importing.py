@@ -167,7 +167,7 @@ def import_videos(
 
 def _trimmed(name, frames, tracks, classes, outcome, report: list[Imported]) -> Demo:
     kept = trim_static_tail(tracks, classes)
-    short = Tracks(tracks.center[:kept], tracks.size[:kept], tracks.label, tracks.seen[:kept])
+    short = tracks.during(slice(kept))
     cut = len(frames) - kept
     report.append(Imported(name, kept, cut, outcome, float(short.seen.mean())))
     return Demo(name, frames[:kept], short, cut, outcome)

@@ -209,7 +209,8 @@ h2 { font-size: 1.2rem; margin: 2.2rem 0 .9rem; padding-top: 1.1rem;
 .first > div { min-width: 0; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .6rem;
          margin: 1rem 0; }
-.first .tiles, .first figure { margin: 0; }
+.first .tiles { margin: 0; }
+.film video { max-height: 19.5rem; object-fit: contain; }
 .tiles div { background: var(--tile); border-radius: .5rem; padding: .6rem .8rem;
              font-size: .92rem; line-height: 1.35; }
 .tiles b { display: block; font-size: 1.5rem; line-height: 1.2; }

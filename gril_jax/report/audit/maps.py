@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from gril_jax.report.figures.style import COLOURS, GREY, WIDTH, shortened, styled
+from gril_jax.report.figures.style import COLOURS, GREY, HALF, shortened, styled
 
 __all__ = ["Situation", "View", "reward_maps", "state_pictures"]
 
@@ -55,9 +55,8 @@ def reward_maps(
     columns = min(len(swept), _MOST)
     rows_each = -(-len(swept) // columns)
     rows = rows_each * len(situations)
-    figure = Figure(
-        figsize=(WIDTH, 0.3 + 1.12 * rows * WIDTH / max(columns, 3)), layout="constrained"
-    )
+    height = 0.3 + rows * (0.2 + 0.92 * HALF / max(columns, 3))
+    figure = Figure(figsize=(HALF, height), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False)
     values = np.concatenate([s.reward.ravel() for s in situations])
     low, high = np.nanmin(values), np.nanmax(values)
@@ -96,8 +95,7 @@ def _map(axes: Axes, situation: Situation, row: int, index: int, low, high, half
 @styled
 def state_pictures(views: Sequence[View], names: Sequence[str], *, half_extent: float) -> Figure:
     """States side by side as boxes; thick ones have their activity bit set."""
-    side = WIDTH / max(len(views), 3)
-    figure = Figure(figsize=(side * len(views), side * 1.3), layout="constrained")
+    figure = Figure(figsize=(HALF, 0.43 * HALF), layout="constrained")
     for axes, view in zip(figure.subplots(1, len(views), squeeze=False)[0], views, strict=True):
         for i in range(len(names)):
             _box(axes, view, i, linewidth=2.6 if view.active[i] else 0.9, **_look(i))
