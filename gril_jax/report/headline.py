@@ -83,34 +83,33 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
       RunError: a field is no number, or a rate is not from 0 to 1.
     """
     get = {field: number(results, field, _WHERE) for field in _FIELDS}
-    episodes = int(get["eval_episodes"] or 0)
-    tiles = []
-    for field, label in (
+    episodes, total = int(get["eval_episodes"] or 0), sum(s for _, s in stage_times(results))
+    rates = (
         ("success", "success of the trained policy"),
         ("success_sampled", "success with sampled actions"),
         ("success_random", "success of a random policy"),
-    ):
-        if get[field] is not None:
-            tiles.append(_rate_tile(field, get[field], episodes, label))
-    if get["tau"] is not None:
-        note = "on demonstrations kept aside; 1 is perfect, 0 is chance"
-        tiles.append(Tile(f"{get['tau']:.3f}", "Kendall's tau of the alignment", note))
-    if get["reward_time_tau"] is not None:
-        note = "1 if the reward never falls along a demonstration"
-        tiles.append(
-            Tile(f"{get['reward_time_tau']:.3f}", "Kendall's tau of reward and time", note)
-        )
-    if get["env_steps_per_s"] is not None:
-        steps = get["env_steps"]
-        note = "" if steps is None else f"{_count(steps)} in all"
-        tiles.append(Tile(_count(get["env_steps_per_s"]), "environment steps a second", note))
-    total = sum(seconds for _, seconds in stage_times(results))
-    if total:
-        tiles.append(Tile(in_words(total), "for the whole run", "by stages below"))
-    if get["trimmed_frames"] is not None:
-        note = "cut from ends of videos in which nothing moves"
-        tiles.append(Tile(_count(get["trimmed_frames"]), "frames trimmed", note))
-    return tiles
+    )
+    tiles = [
+        _rate_tile(field, get[field], episodes, label)
+        for field, label in rates
+        if get[field] is not None
+    ]
+    others = (
+        (get["tau"], ".3f", "Kendall's tau of the alignment",
+         "on demonstrations kept aside; 1 is perfect, 0 is chance"),
+        (get["reward_time_tau"], ".3f", "Kendall's tau of reward and time",
+         "1 if the reward never falls along a demonstration"),
+        (get["env_steps_per_s"], ",.0f", "environment steps a second",
+         "" if get["env_steps"] is None else f"{get['env_steps']:,.0f} in all"),
+        (in_words(total) if total else None, "", "for the whole run", "by stages below"),
+        (get["trimmed_frames"], ",.0f", "frames trimmed",
+         "cut from ends of videos in which nothing moves"),
+    )  # fmt: skip
+    return tiles + [
+        Tile(format(value, shape), label, note)
+        for value, shape, label, note in others
+        if value is not None
+    ]
 
 
 _FIELDS = (
@@ -157,7 +156,3 @@ def in_words(seconds: int | float) -> str:
     if whole < 3600:
         return f"{whole // 60} min {whole % 60} s"
     return f"{whole // 3600} h {whole % 3600 // 60} min"
-
-
-def _count(value: float) -> str:
-    return f"{value:,.0f}"

@@ -37,11 +37,6 @@ class Notice:
 
     number: int | None = None
 
-    @property
-    def name(self) -> str:
-        """Such as "SIGTERM"."""
-        return "" if self.number is None else signal.Signals(self.number).name
-
 
 @contextlib.contextmanager
 def noticed() -> Iterator[Notice]:
