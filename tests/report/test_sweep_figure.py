@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from gril_jax.report.sweep_figure import draw_spread, figure, write_figure
+from gril_jax.report.sweep_table import Result
 from matplotlib.figure import Figure
 
 from gril_jax.report.figures.style import COLOURS
-from gril_jax.report.sweep_figure import draw_spread, figure, write_figure
-from gril_jax.report.sweep_table import Result
 
 
 def _results(cells, seeds=3):

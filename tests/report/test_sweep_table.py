@@ -4,7 +4,6 @@ import csv as csv_format
 
 import numpy as np
 import pytest
-
 from gril_jax.report.sweep_table import Result, csv, first_at, markdown, median_reached, results
 
 COLUMNS = ("success", "success_sampled", "success_ever", "score")

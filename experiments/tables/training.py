@@ -1,4 +1,4 @@
-"""The second half of a sweep: the policies of all rows, many in one program."""
+"""The policies of a table's rows, many in one program."""
 
 import itertools
 import shutil
@@ -16,9 +16,8 @@ from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 
-from . import rows as sweep_rows
 from .programs import Program, Ready, arguments, tasks_of_parts, updates_of_chunks
-from .rewards import LearnedReward, reward_key
+from .rewards import LearnedReward, learns, reward_key, stack
 
 __all__ = ["learn_policies"]
 
@@ -33,16 +32,15 @@ def learn_policies(
 ) -> dict[str, Any]:
     """Train a program's policies; their scores while they learn are rows of metrics.jsonl.
 
-    In these `success` is with mean actions in the first of the tasks, `success_sampled` with
-    samples, and `success_layout` and `success_layout_sampled` are the same in the task "layout".
+    In these `success` is with deterministic actions in the first of the tasks, `success_sampled`
+    with sampled ones, and `success_layout` and `success_layout_sampled` are the same in the task
+    "layout".
     """
     rows, algorithm = program.rows, program.algorithm
     configs = [row.config for row in rows]
     hyper, keys = arguments(program, ready.layout)
     # Each process has learned rewards; rounding may have driven them apart.
-    params = hosts.same_everywhere(
-        sweep_rows.stack([_policy_reward(config, rewards) for config in configs])
-    )
+    params = hosts.same_everywhere(stack([_policy_reward(config, rewards) for config in configs]))
     params = sharding.place(ready.layout, params)
     begun = loop.restore(run, program.name, ready.init(keys, hyper), tell=echo)
     updates, where = updates_of_chunks(program), tasks_of_parts(program)
@@ -83,7 +81,7 @@ def learn_policies(
     )
     return {
         "rows": [(row.cell, row.seed) for row in rows],
-        "taus": [_tau(config, rewards) for config in configs],
+        "taus": [rewards[reward_key(one)].tau if learns(one) else None for one in configs],
         "seconds": done.seconds,
     }
 
@@ -101,11 +99,7 @@ def _by_start(where: Sequence[str], scores: training.Scores) -> dict[str, Any]:
 
 
 def _policy_reward(config: RunConfig, rewards: Mapping[Hashable, LearnedReward]) -> Any:
-    if config.run.reward == "environmental":
+    if not learns(config):
         return ()
     found = rewards[reward_key(config)]
     return policy_rewards.parameters(config, found.params, found.demos, found.num_classes)
-
-
-def _tau(config: RunConfig, rewards: Mapping[Hashable, LearnedReward]) -> float | None:
-    return None if config.run.reward == "environmental" else rewards[reward_key(config)].tau

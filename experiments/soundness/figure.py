@@ -1,18 +1,17 @@
-"""The figure of an ablation of soundness: success against what is known before a policy is made.
+"""The figure of an ablation of soundness: success against figures known before a policy is.
 
-Success is that with drawn actions: with mean actions a policy is right or wrong, and dots hide each
-other.
+Success is that with sampled actions: with deterministic ones a policy is right or wrong, and dots
+hide each other.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
+from gril_jax.experiments.tables.written import Line, column
 from matplotlib.figure import Figure
 
 from gril_jax.errors import ShapeError
 from gril_jax.report.figures.style import COLOURS, WIDTH, shortened, styled
-
-from .table import Line, column
 
 __all__ = ["figure"]
 
@@ -54,7 +53,7 @@ def figure(lines: Sequence[Line]) -> Figure:
         axes.set_xlabel(label)
         axes.locator_params(axis="x", nbins=5)
     for axes in panels[:, 0]:
-        axes.set_ylabel("success, drawn actions")
+        axes.set_ylabel("success, sampled actions")
         axes.set_ylim(-0.04, 1.04)
     drawn.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     drawn.set_layout_engine("constrained")

@@ -1,24 +1,27 @@
-"""Figure 2: success while policies are trained, against env steps and against seconds."""
+"""Success while policies are trained, against env steps and against seconds (Figure 2)."""
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from gril_jax.errors import ShapeError
-from gril_jax.report.figures.style import GREY, WIDTH, shortened, styled
-from gril_jax.report.sweep_figure import draw_spread
+from gril_jax.metrics.interquartile import interquartile_mean
+from gril_jax.report.figures.style import COLOURS, GREY, WIDTH, shortened, styled
 
-from .scores import Curve
+from .curves import Curve
 
-__all__ = ["figure"]
+__all__ = ["draw_spread", "learning_curves"]
 
 _FEW = 6  # bands that can be told apart where they overlap
 _COLUMNS = 3
-_SUCCESS = "success, actions drawn, Demo starts"
+_SUCCESS = "success, sampled actions"
+_SECONDS = "seconds of a program with all its policies"
 
 
 class _Line(NamedTuple):
@@ -30,8 +33,12 @@ class _Line(NamedTuple):
 
 
 @styled
-def figure(found: Sequence[Curve]) -> Figure:
+def learning_curves(names: Sequence[str], found: Sequence[Curve]) -> Figure:
     """A row of the table is a line within its band; many rows have a panel each for their bands.
+
+    Args:
+      names: of all rows; one without a policy is left out.
+      found: the policies.
 
     Raises:
       ShapeError: there is no curve.
@@ -39,8 +46,8 @@ def figure(found: Sequence[Curve]) -> Figure:
     if not found:
         raise ShapeError("found is empty; it must hold at least one curve.")
     rows: dict[str, list[Curve]] = {}
-    for curve in found:
-        rows.setdefault(curve.row, []).append(curve)
+    for curve in sorted(found, key=lambda curve: curve.cell):
+        rows.setdefault(names[curve.cell], []).append(curve)
     lines = {name: _line(members) for name, members in rows.items()}
     drawn = _overlaid(lines) if len(lines) <= _FEW else _side_by_side(lines)
     drawn.set_layout_engine("constrained")
@@ -63,7 +70,7 @@ def _overlaid(lines: Mapping[str, _Line]) -> Figure:
         draw_spread(over_steps, line.steps, line.success, **look)
         draw_spread(over_seconds, line.seconds, line.success, **look)
     _label(over_steps, "env steps of each policy, millions")
-    _label(over_seconds, "seconds of a program with all its policies")
+    _label(over_seconds, _SECONDS)
     drawn.legend(*over_steps.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return drawn
 
@@ -84,12 +91,11 @@ def _side_by_side(lines: Mapping[str, _Line]) -> Figure:
         draw_spread(over_seconds, line.seconds, line.success, shade=0.0, **look)
     for panel in panels[len(lines) :]:
         panel.set_axis_off()
-    above.supxlabel(
-        f"env steps of each policy, millions (dotted: {shortened(next(iter(lines)))})", fontsize=10
-    )
+    first = shortened(next(iter(lines)))
+    above.supxlabel(f"env steps of each policy, millions (dotted: {first})", fontsize=10)
     above.supylabel(_SUCCESS, fontsize=10)
     panels[0].set_ylim(-0.03, 1.03)
-    _label(over_seconds, "seconds of a program with all its policies")
+    _label(over_seconds, _SECONDS)
     below.legend(*over_seconds.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return drawn
 
@@ -98,3 +104,33 @@ def _label(axes: Any, x: str) -> None:
     axes.set_xlabel(x)
     axes.set_ylabel(_SUCCESS)
     axes.set_ylim(-0.03, 1.03)
+
+
+def draw_spread(
+    axes: Any,
+    x: Float[np.ndarray, "n"],
+    curves: Float[np.ndarray, "seeds n"],
+    *,
+    number: int,
+    label: str,
+    shade: float = 0.15,
+) -> None:
+    """A line at the interquartile mean over seeds, within a band from quartile to quartile.
+
+    The mean is left out: one seed that fails or excels can carry it outside of the quartiles, where
+    the interquartile mean never is.
+
+    Args:
+      axes: to draw on.
+      x: of the points.
+      curves: one for each seed.
+      number: of the line; it has a colour, or a colour and a style, of its own up to 24.
+      label: for the legend.
+      shade: opacity of the band.
+    """
+    colour = COLOURS[number % len(COLOURS)]
+    style = ("-", "--", ":", "-.")[number // len(COLOURS) % 4]
+    middle = jax.vmap(interquartile_mean, in_axes=1)(jnp.asarray(curves, jnp.float32))
+    low, high = np.quantile(curves, [0.25, 0.75], axis=0)
+    axes.fill_between(x, low, high, color=colour, alpha=shade, linewidth=0)
+    axes.plot(x, np.asarray(middle), style, color=colour, label=label)

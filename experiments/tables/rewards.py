@@ -1,4 +1,4 @@
-"""The first half of a sweep: the rewards of all rows, many encoders in one program.
+"""The rewards of a table's rows, many encoders in one program.
 
 Rows whose encoders compile to the same program are trained side by side by `jax.vmap`; what differs
 between them are arrays.
@@ -22,16 +22,18 @@ from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 from gril_jax.types import DemoBatch
 
-from . import rows as sweep_rows
 from .rows import Row
 
 __all__ = [
     "LearnedReward",
     "Wanted",
     "get_ready",
-    "learn_rewards",
+    "keys",
+    "learns",
     "needed",
     "reward_key",
+    "stack",
+    "task_key",
     "tasks",
 ]
 
@@ -45,10 +47,30 @@ class LearnedReward(NamedTuple):
     num_classes: int
 
 
+def learns(config: RunConfig) -> bool:
+    """True if a reward is learned for the policy."""
+    return config.run.reward != "environmental"
+
+
 def reward_key(config: RunConfig) -> Hashable:
-    """What a learned reward depends on."""
-    parts = (config.env, config.demos, config.encoder, config.pool, config.loss, config.pretrain)
-    return parts, config.run.seed
+    """The part of the configuration that a learned reward depends on."""
+    parts = (config.demos, config.encoder, config.pool, config.loss, config.pretrain)
+    return task_key(config), parts, config.run.seed
+
+
+def task_key(config: RunConfig) -> Hashable:
+    """The task without its own reward, on which neither demonstrations nor encoders depend."""
+    return tuple(value for name, value in vars(config.env).items() if name != "reward")
+
+
+def keys(seeds: Sequence[int], stream: int):
+    """The keys that a run of each seed by itself uses."""
+    return jax.vmap(lambda s: jax.random.fold_in(jax.random.key(s), stream))(jnp.array(seeds))
+
+
+def stack(trees: Sequence[Any]) -> Any:
+    """Trees of one structure with a leading axis."""
+    return jax.tree.map(lambda *x: jnp.stack(x), *trees)
 
 
 class _Ready(NamedTuple):
@@ -77,30 +99,17 @@ def get_ready(
     pool: Executor,
 ) -> list[Wanted]:
     """Begin to compile, in a pool, what trains the reward of every row that needs one."""
-    needed = {
-        reward_key(row.config): row.config
-        for row in rows
-        if row.config.run.reward != "environmental"
-    }
+    needed = {reward_key(row.config): row.config for row in rows if learns(row.config)}
     groups: dict[Hashable, list[Hashable]] = {}
     for key, config in needed.items():
         static = learners.static_config(config, len(gather(config).demo_set.classes))
-        same = (config.env, config.demos, static, config.pretrain.steps)
+        same = (task_key(config), config.demos, static, config.pretrain.steps)
         groups.setdefault(same, []).append(key)
     found = []
-    for keys in groups.values():
-        configs = [needed[key] for key in keys]
+    for members in groups.values():
+        configs = [needed[key] for key in members]
         demos = gather(configs[0])
-        found.append(Wanted(keys, configs[0], demos, pool.submit(_compiled, configs, demos)))
-    return found
-
-
-def learn_rewards(
-    wanted: Sequence[Wanted], run: RunDir, progress: Progress, echo: Callable[[str], None]
-) -> dict[Hashable, LearnedReward]:
-    """The rewards, each trained once, with their tau."""
-    found: dict[Hashable, LearnedReward] = {}
-    ahead.carry_out(tasks(wanted, found, run, progress, echo))
+        found.append(Wanted(members, configs[0], demos, pool.submit(_compiled, configs, demos)))
     return found
 
 
@@ -123,7 +132,7 @@ def tasks(
 
 def needed(wanted: Sequence[Wanted], rows: Iterable[Row]) -> frozenset[str]:
     """Names of the tasks that learn these rows' rewards."""
-    asked = {reward_key(row.config) for row in rows if row.config.run.reward != "environmental"}
+    asked = {reward_key(row.config) for row in rows if learns(row.config)}
     return frozenset(_name(i) for i, one in enumerate(wanted) if not asked.isdisjoint(one.keys))
 
 
@@ -147,9 +156,9 @@ def _compiled(configs: Sequence[RunConfig], demos) -> _Ready:
     # Several processes train the same encoders, each on devices of its own.
     devices = jax.local_devices()
     layout = sharding.mesh(devices, seeds=len(configs), num_envs=len(devices))
-    hyper = sweep_rows.stack([_arrays(setup.pretrain_hyper(config)) for config in configs])
+    hyper = stack([_arrays(setup.pretrain_hyper(config)) for config in configs])
     hyper = sharding.place(layout, hyper)
-    keys = sharding.place(layout, sweep_rows.keys([config.run.seed for config in configs], 0))
+    begin = sharding.place(layout, keys([config.run.seed for config in configs], 0))
     data = jax.device_put(learner.data, NamedSharding(layout, PartitionSpec()))
     each = _one_by_one(layout) if configs[0].encoder.kind == "pixels" else _side_by_side
 
@@ -163,15 +172,15 @@ def _compiled(configs: Sequence[RunConfig], demos) -> _Ready:
     with ahead.tracing():
         state = jax.tree.map(
             lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=by_seed),
-            jax.eval_shape(init, keys, data),
+            jax.eval_shape(init, begin, data),
         )
         lowered = (
-            init.lower(keys, data),
+            init.lower(begin, data),
             step.lower(state, data, hyper),
             jax.jit(each(measured)).lower(state, data, hyper),
         )
     programs = map(compiled, lowered)
-    return _Ready(len(configs), learner.static.updates, (keys, data, hyper), *programs)
+    return _Ready(len(configs), learner.static.updates, (begin, data, hyper), *programs)
 
 
 def _encoders(name, config: RunConfig, ready: _Ready, run: RunDir, progress: Progress, echo):

@@ -1,4 +1,4 @@
-"""The programs of a sweep's policies: which rows share one, and compiling them while others run.
+"""The programs of a table's policies: which rows share one, and compiling them while others run.
 
 Rows that compile to the same program are trained side by side by `jax.vmap`; what differs between
 them are arrays.
@@ -18,7 +18,7 @@ from gril_jax.errors import ConfigError
 from gril_jax.rl import training
 from gril_jax.runs import hosts
 
-from . import rows as sweep_rows
+from .rewards import keys, stack
 from .rows import Row
 
 __all__ = [
@@ -44,7 +44,12 @@ class Program(NamedTuple):
 
 
 def programs(
-    rows: Sequence[Row], num_classes: int, devices: Sequence[Any], *, starts: Sequence[str] = ()
+    rows: Sequence[Row],
+    num_classes: int,
+    devices: Sequence[Any],
+    *,
+    starts: Sequence[str] = (),
+    at_once: int | None = None,
 ) -> list[Program]:
     """The rows by what they compile, in parts that fit into the devices' memory.
 
@@ -53,6 +58,7 @@ def programs(
       num_classes: of the task's objects.
       devices: to train on.
       starts: variants of the task to evaluate in; its own alone where there is none.
+      at_once: most policies in one program; as many as fit where None.
 
     Raises:
       ConfigError: one seed does not fit, the devices cannot share a part evenly, or the
@@ -69,11 +75,11 @@ def programs(
         run = row.config.run
         kind = (run.reward, run.reward_offset, run.evaluations, chosen.num_timesteps)
         key = (row.config.env, algorithm.static, encoder, kind)
-        if not _examinations(len(starts) or 1, algorithm.num_envs):
+        if not _num_parts(len(starts) or 1, algorithm.num_envs):
             raise ConfigError(
                 f"{run.algorithm}.num_envs is {algorithm.num_envs}, but must be "
                 + (f"a multiple of {2 * len(starts)}" if len(starts) > 1 else "even")
-                + ": in the evaluations of a sweep half of the environments play mean actions"
+                + ": half of the environments play deterministic actions in evaluations"
             )
         made.setdefault(key, algorithm)
         groups.setdefault(key, []).append(row)
@@ -92,16 +98,23 @@ def programs(
             for variant in starts or (config.env.variant,)
         }
         for start in range(0, len(members), each):
-            part = members[start : start + each]
-            sharding.mesh(devices, seeds=len(part), num_envs=algorithm.num_envs)
-            found.append(Program(f"policy-{len(found)}", part, algorithm, tasks, updates))
+            for part in _evenly(members[start : start + each], at_once):
+                sharding.mesh(devices, seeds=len(part), num_envs=algorithm.num_envs)
+                found.append(Program(f"policy-{len(found)}", part, algorithm, tasks, updates))
     return found
 
 
-def _examinations(starts: int, num_envs: int) -> int:
-    """In how many parts the environments are examined, at least one for each kind of start.
+def _evenly(rows: list[Row], most: int | None) -> list[list[Row]]:
+    """The rows in as few parts as can be, each with at most so many."""
+    parts = -(-len(rows) // most) if most else 1
+    each = -(-len(rows) // parts)
+    return [rows[start : start + each] for start in range(0, len(rows), each)]
 
-    Each part is halved, for mean actions and samples; 0 if no number below twice the starts fits.
+
+def _num_parts(starts: int, num_envs: int) -> int:
+    """Number of parts of the environments in an evaluation, at least one for each kind of start.
+
+    Each is halved, for deterministic and sampled actions; 0 if nothing below twice the starts fits.
     """
     fitting = (n for n in range(starts, 2 * starts) if num_envs % (2 * n) == 0)
     return next(fitting, 0)
@@ -162,7 +175,7 @@ def _compiled(program: Program, devices: Sequence[Any]) -> Ready:
     with ahead.tracing():
         hyper, keys = arguments(program, layout)
         blank = [policy_rewards.blank(configs[0], algorithm.episodes.env)] * len(configs)
-        params = jax.eval_shape(lambda: sweep_rows.stack(blank))
+        params = jax.eval_shape(lambda: stack(blank))
         found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks)
     return Ready(layout, *found.compile())
 
@@ -170,9 +183,9 @@ def _compiled(program: Program, devices: Sequence[Any]) -> Ready:
 def arguments(program: Program, layout: Mesh) -> tuple[Any, Any]:
     """Hyper-parameters and keys of the policies, where they belong."""
     configs = [row.config for row in program.rows]
-    hyper = sweep_rows.stack([policy_setup.algorithm_hyper(config) for config in configs])
-    keys = sweep_rows.keys([config.run.seed for config in configs], 1)
-    return sharding.place(layout, hyper), keys
+    hyper = stack([policy_setup.algorithm_hyper(config) for config in configs])
+    found = keys([config.run.seed for config in configs], 1)
+    return sharding.place(layout, hyper), found
 
 
 def updates_of_chunks(program: Program) -> list[int]:
@@ -184,5 +197,5 @@ def updates_of_chunks(program: Program) -> list[int]:
 
 def tasks_of_parts(program: Program) -> list[str]:
     """The task of each part of the environments in an evaluation."""
-    parts = _examinations(len(program.tasks), program.algorithm.num_envs)
+    parts = _num_parts(len(program.tasks), program.algorithm.num_envs)
     return [*program.tasks, *[[*program.tasks][-1]] * (parts - len(program.tasks))]

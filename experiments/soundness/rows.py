@@ -1,21 +1,16 @@
-"""What an ablation of soundness compares, and how much work it puts into it.
+"""The rows of an ablation of soundness: each is a way of training encoders.
 
-A row is a way of training encoders: fields of the configuration, named by dotted paths, and their
-values. Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
+Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
 """
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-from gril_jax.experiments.sweeps import named_rows
+from gril_jax.experiments.tables import rows as named_rows
 
 from gril_jax.config import RunConfig
-from gril_jax.errors import ConfigError
 
-__all__ = ["ROWS", "Settings", "chosen_rows", "read_settings", "with_budget", "write_settings"]
+__all__ = ["ROWS", "Settings", "with_budget"]
 
 # Every row says all that any row changes, so that defaults may move without moving the table.
 _PAPER: dict[str, Any] = {
@@ -65,18 +60,14 @@ ROWS: dict[str, dict[str, Any]] = {
     "all with width 128 + alpha 2": _ALL | {"encoder.width": 128, "pool.alpha": 2.0},
 }
 
-_FILE = "soundness.json"
-
 
 @dataclass(frozen=True)
-class Settings:
-    """All that is not in the configuration."""
+class Settings(named_rows.Settings):
+    """All of an ablation of soundness that is not in the configuration."""
 
-    rows: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: ROWS)
-    seeds: int = 5
-    """Encoders of each row."""
+    rows: named_rows.Rows = field(default_factory=lambda: ROWS)
     policies: bool = True
-    """Whether a policy is trained with each of them."""
+    """Whether a policy is trained with each encoder's reward."""
     policies_at_once: int = 25
     """Most policies in one program."""
     ascents: int = 1000
@@ -85,41 +76,13 @@ class Settings:
     """Starts that an audit begins from, of each kind."""
 
 
-def chosen_rows(names: str | None) -> named_rows.Rows:
-    """Rows by their names with commas between; all where there is no choice.
-
-    Raises:
-      ConfigError: there is no row of this name, or one is named twice.
-    """
-    return named_rows.chosen_rows(names, ROWS)
-
-
 def with_budget(config: RunConfig, steps: int | None) -> RunConfig:
     """The configuration with this many control steps for a policy; its own where None or 0.
 
     Raises:
       ConfigError: they do not cover one update, or the policies would not learn from the rewards.
     """
-    if config.run.reward != "learned":
-        raise ConfigError(
-            f"run.reward is {config.run.reward!r}, but must be 'learned' to compare learned rewards"
-        )
+    named_rows.require_learned(config)
     if not steps:
         return config
-    name = config.run.algorithm
-    section = dataclasses.replace(getattr(config, name), num_timesteps=steps)
-    return dataclasses.replace(config, **{name: section})
-
-
-def write_settings(folder: Path, settings: Settings) -> None:
-    """Beside the run's configuration, for `read_settings`."""
-    named_rows.write_settings(folder / _FILE, settings)
-
-
-def read_settings(folder: Path) -> Settings:
-    """What `write_settings` wrote.
-
-    Raises:
-      RunError: the file is missing or damaged.
-    """
-    return named_rows.read_settings(folder / _FILE, Settings, "ablation of soundness")
+    return named_rows.changed(config, {f"{config.run.algorithm}.num_timesteps": steps})
