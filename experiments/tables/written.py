@@ -134,7 +134,7 @@ def _cell(lines: Sequence[Line], one: Column) -> str:
 
 
 def markdown(lines: Sequence[Line], sections: Sequence[Section]) -> str:
-    """Sections as tables of at most five columns; what no row has is left out."""
+    """Sections as tables of at most five columns; a column or row without numbers is left out."""
     parts = []
     for caption, columns in sections:
         known = [one for one in columns if _is_known(lines, one)]
@@ -145,8 +145,11 @@ def markdown(lines: Sequence[Line], sections: Sequence[Section]) -> str:
             part = known[start : start + _MOST]
             table = ["| | " + " | ".join(one.heading for one in part) + " |"]
             table.append("|---" * (len(part) + 1) + "|")
-            for row, texts in cells(lines, part).items():
-                table.append(f"| {row} | " + " | ".join(texts) + " |")
+            table += [
+                f"| {row} | " + " | ".join(texts) + " |"
+                for row, texts in cells(lines, part).items()
+                if any(texts)
+            ]
             parts.append("\n".join(table))
     return "\n\n".join(part for part in parts if part)
 

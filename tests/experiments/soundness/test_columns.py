@@ -1,7 +1,9 @@
 """The tables of an ablation of soundness beside plain sums over their lines."""
 
 import numpy as np
-from gril_jax.experiments.soundness.table import COLUMNS, PREDICTORS, column, markdown
+from gril_jax.experiments.soundness.columns import COLUMNS, PREDICTORS, text
+from gril_jax.experiments.tables.frame import Found
+from gril_jax.experiments.tables.written import column
 
 
 def _lines(rows=4, seeds=6, policies=True):
@@ -20,15 +22,22 @@ def _lines(rows=4, seeds=6, policies=True):
     return found
 
 
+def markdown(lines):
+    return text(Found([], lines, [], {}, {}))
+
+
 def test_a_row_has_mean_and_range_over_its_encoders():
     lines = _lines(2)
-    table = markdown(lines).splitlines()
-    head = next(line for line in table if "order" in line).split(" | ")
-    cells = next(line for line in table if line.startswith("| row 1 | 6 |")).split(" | ")
-    for name, heading in {"tau": "tau", "hack_gap_demo": "hack gap", "success": "success"}.items():
-        x = column(lines[6:], name)
-        wanted = f"{x.mean():.3f} ({x.min():.3f} to {x.max():.3f})"
-        assert cells[head.index(heading)] == wanted
+    first, demo, layout = [x for x in markdown(lines).splitlines() if x.startswith("| row 1 |")][:3]
+    assert first.startswith("| row 1 | 6 |")
+    for line, names in (
+        (first, ("tau", "success", "success_sampled")),
+        (demo, ("order_demo", "touch_demo", "push_demo", "hack_gap_demo")),
+        (layout, ("order_layout", "touch_layout", "push_layout", "hack_gap_layout")),
+    ):
+        for cell, name in zip(line.strip("| ").split(" | ")[-len(names) :], names, strict=True):
+            x = column(lines[6:], name)
+            assert cell == f"{x.mean():.3f} ({x.min():.3f} to {x.max():.3f})"
 
 
 def test_an_undefined_share_is_counted_and_not_averaged():
@@ -72,5 +81,5 @@ def test_too_few_encoders_and_equal_ones_are_told():
 
 def test_without_policies_there_is_no_success_to_tell():
     table = markdown(_lines(policies=False))
-    assert "success |" not in table
+    assert "actions |" not in table
     assert "correlation" not in table

@@ -4,18 +4,11 @@ import dataclasses
 
 import pytest
 from gril_jax.experiments.pipeline import setup
-from gril_jax.experiments.soundness.settings import (
-    ROWS,
-    Settings,
-    chosen_rows,
-    read_settings,
-    with_budget,
-    write_settings,
-)
-from gril_jax.experiments.sweeps.named_rows import changed
+from gril_jax.experiments.soundness.rows import ROWS, with_budget
+from gril_jax.experiments.tables.rows import changed
 
 from gril_jax.config import RunConfig
-from gril_jax.errors import ConfigError, RunError
+from gril_jax.errors import ConfigError
 
 
 def test_every_row_is_a_training_of_its_own():
@@ -28,19 +21,6 @@ def test_every_row_is_a_training_of_its_own():
 
 def test_every_row_sets_the_same_fields():
     assert len({frozenset(change) for change in ROWS.values()}) == 1
-
-
-def test_rows_are_chosen_by_name():
-    assert chosen_rows(None) == ROWS
-    assert list(chosen_rows("copies, paper")) == ["copies", "paper"]
-    with pytest.raises(ConfigError, match=r"names 'papers' \(did you mean paper\?\), but the rows"):
-        chosen_rows("copies,papers")
-    with pytest.raises(ConfigError, match="names 'copies' twice"):
-        chosen_rows("copies,copies")
-
-
-def test_a_row_can_be_named_on_the_command_line():
-    assert not any("," in name for name in ROWS)
 
 
 def test_a_budget_is_that_of_the_algorithm_that_trains():
@@ -56,17 +36,3 @@ def test_a_budget_below_one_update_and_another_reward_are_refused():
     run = dataclasses.replace(RunConfig().run, reward="sum")
     with pytest.raises(ConfigError, match=r"run\.reward is 'sum', but must be 'learned'"):
         with_budget(RunConfig(run=run), None)
-
-
-def test_settings_are_read_as_they_were_written(tmp_path):
-    settings = Settings(rows={"a": {"pool.alpha": 2.0}}, seeds=3, policies=False)
-    write_settings(tmp_path, settings)
-    assert read_settings(tmp_path) == settings
-
-
-@pytest.mark.parametrize("text", [None, "{", "[]", '{"stray": 1}'])
-def test_a_folder_without_whole_settings_is_refused(tmp_path, text):
-    if text is not None:
-        (tmp_path / "soundness.json").write_text(text)
-    with pytest.raises(RunError, match="is no ablation of soundness"):
-        read_settings(tmp_path)

@@ -1,16 +1,17 @@
-"""How a sweep shares environments and updates out, and what it compiles ahead."""
+"""How a table shares environments and updates out, and what it compiles ahead."""
 
 import functools
 from concurrent.futures import Future
 
 import jax
 import pytest
-from gril_jax.experiments.sweeps import programs as sweep_programs
-from gril_jax.experiments.sweeps import rewards as sweep_rewards
-from gril_jax.experiments.sweeps.named_rows import changed
-from gril_jax.experiments.sweeps.rows import Row
+from gril_jax.experiments.table1.rows import ROWS
+from gril_jax.experiments.tables import programs as table_programs
+from gril_jax.experiments.tables import rewards as table_rewards
+from gril_jax.experiments.tables.rows import Row, changed
 
 from gril_jax.config import RunConfig
+from gril_jax.config.files import load
 
 
 @pytest.mark.parametrize(
@@ -20,7 +21,7 @@ from gril_jax.config import RunConfig
 def test_parts_are_at_least_the_starts_and_twice_their_number_divides_the_environments(
     starts, num_envs, parts
 ):
-    assert sweep_programs._examinations(starts, num_envs) == parts
+    assert table_programs._num_parts(starts, num_envs) == parts
 
 
 @pytest.mark.parametrize(
@@ -29,8 +30,8 @@ def test_parts_are_at_least_the_starts_and_twice_their_number_divides_the_enviro
 )
 def test_chunks_have_about_as_many_updates_each(evaluations, updates, chunks):
     row = Row(0, 0, changed(RunConfig(), {"run.evaluations": evaluations}))
-    program = sweep_programs.Program("policy-0", [row], None, {}, updates)
-    assert sweep_programs.updates_of_chunks(program) == chunks
+    program = table_programs.Program("policy-0", [row], None, {}, updates)
+    assert table_programs.updates_of_chunks(program) == chunks
 
 
 def test_policies_wait_for_the_rewards_that_they_are_trained_on_and_for_no_others():
@@ -40,17 +41,17 @@ def test_policies_wait_for_the_rewards_that_they_are_trained_on_and_for_no_other
         {"run.reward": "shaped", "loss.near": 0.7},
     ]
     rows = [Row(i, 0, changed(RunConfig(), change)) for i, change in enumerate(kinds)]
-    left = [sweep_programs.Program(f"policy-{i}", [row], None, {}, 1) for i, row in enumerate(rows)]
+    left = [table_programs.Program(f"policy-{i}", [row], None, {}, 1) for i, row in enumerate(rows)]
     wanted = [
-        sweep_rewards.Wanted([sweep_rewards.reward_key(row.config)], row.config, None, Future())
+        table_rewards.Wanted([table_rewards.reward_key(row.config)], row.config, None, Future())
         for row in (rows[0], rows[2])
     ]
     ready = {program.name: Future() for program in left}
     trained = []
-    tasks = sweep_programs.tasks(
+    tasks = table_programs.tasks(
         left,
         dict(ready),
-        functools.partial(sweep_rewards.needed, wanted),
+        functools.partial(table_rewards.needed, wanted),
         lambda program, compiled: trained.append((program.name, compiled)),
     )
     names = ["policy-0", "policy-1", "policy-2"]
@@ -66,5 +67,18 @@ def test_rewards_of_other_offsets_are_other_programs():
         Row(i, 0, changed(RunConfig(), {"run.reward_offset": by, "ppo.num_envs": 4}))
         for i, by in enumerate((0.0, 1.0, 1.0))
     ]
-    found = sweep_programs.programs(rows, 7, jax.devices())
+    found = table_programs.programs(rows, 7, jax.devices())
     assert [[row.cell for row in program.rows] for program in found] == [[0], [1, 2]]
+
+
+def test_a_program_has_at_most_so_many_policies():
+    parts = [table_programs._evenly([*range(n)], most) for n, most in ((7, 3), (2, 3), (7, None))]
+    assert parts == [[[0, 1, 2], [3, 4, 5], [6]], [[0, 1]], [[*range(7)]]]
+
+
+def test_rows_that_differ_in_what_becomes_of_their_reward_share_it():
+    names = ["ours audited", "ours with potential shaping", "ours with robot"]
+    base = load("match_regions")
+    keys = [table_rewards.reward_key(changed(base, ROWS[name])) for name in names]
+    assert keys[0] == keys[1] != keys[2]
+    assert not table_rewards.learns(changed(base, ROWS["environmental"]))

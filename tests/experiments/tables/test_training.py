@@ -1,7 +1,7 @@
-"""The scores of a sweep's policies while they learn, by their names."""
+"""The scores of a table's policies while they learn, by their names."""
 
 import numpy as np
-from gril_jax.experiments.sweeps import training
+from gril_jax.experiments.tables import training
 
 from gril_jax.rl.training import Scores
 
