@@ -91,7 +91,7 @@ class Table(NamedTuple):
 def make(
     table: Table,
     config: RunConfig,
-    settings: Settings,
+    settings: Any,
     *,
     resume: Path | None = None,
     echo: Echo = print,
@@ -103,7 +103,7 @@ def make(
     Args:
       table: its family.
       config: what all rows have in common; each changes fields of it.
-      settings: the rows, and how many seeds.
+      settings: of the table's own kind: the rows, and how many seeds.
       resume: folder of a run with this configuration and these settings.
       echo: takes what is said on the way.
 

@@ -95,14 +95,18 @@ def test_a_table_measures_each_row_once_and_rows_alike_share_a_program(tmp_path,
             assert len(plain["failure"]) == 3
 
 
-def test_rows_without_a_learned_reward_or_of_pictures_are_not_measured():
+def test_rows_without_a_learned_reward_or_of_pictures_are_not_measured(tmp_path):
     configs = [
         changed(CONFIG, {"run.reward": "environmental"}),
         changed(CONFIG, {"encoder.kind": "pixels"}),
     ]
-    compiled = measures.Measure("a", None, lambda config: 0, lambda config, count: 0)
-    with ahead.compiling() as pool:
-        run = type("Run", (), {"finished_phase": lambda self, name: None})()
-        given = (with_seeds(configs, 1), {}, lambda rows: frozenset(), run, pool, None, None)
+    compiled = measures.Measure("a", lambda *_: {}, lambda config: 0, lambda config, count: 0)
+    with (
+        ahead.compiling() as pool,
+        Progress() as progress,
+        run_dir.create(tmp_path / "run", CONFIG, device="cpu") as run,
+    ):
+        rows, none = with_seeds(configs, 1), lambda *_: frozenset()
+        given = (rows, {}, none, run, pool, progress, none)
         assert measures.tasks([compiled], *given) == []
         assert [task.name for task in measures.tasks([measures.TAU], *given)] == ["tau-1"]

@@ -8,7 +8,7 @@ import pytest
 from gril_jax.experiments.table1.rows import ROWS
 from gril_jax.experiments.tables import programs as table_programs
 from gril_jax.experiments.tables import rewards as table_rewards
-from gril_jax.experiments.tables.rows import Row, changed
+from gril_jax.experiments.tables.rows import Row, changed, with_seeds
 
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
@@ -72,8 +72,11 @@ def test_rewards_of_other_offsets_are_other_programs():
 
 
 def test_a_program_has_at_most_so_many_policies():
-    parts = [table_programs._evenly([*range(n)], most) for n, most in ((7, 3), (2, 3), (7, None))]
-    assert parts == [[[0, 1, 2], [3, 4, 5], [6]], [[0, 1]], [[*range(7)]]]
+    for count, most, parts in ((7, 3, [3, 3, 1]), (2, 3, [2]), (7, None, [7])):
+        rows = with_seeds([RunConfig()], count)
+        found = table_programs._evenly(rows, most)
+        assert [len(part) for part in found] == parts
+        assert [row for part in found for row in part] == rows
 
 
 def test_rows_that_differ_in_what_becomes_of_their_reward_share_it():
