@@ -12,9 +12,9 @@ from collections.abc import Mapping
 import jax
 from gril_jax.experiments.pipeline import setup
 from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.tables.frame import Found, Table
 from gril_jax.experiments.tables.measures import Measure, blank_rewards, stacked
-from gril_jax.experiments.tables.written import SEEDS, Column, Section, column, markdown
+from gril_jax.experiments.tables.table import Found, Table
+from gril_jax.experiments.tables.written import SEEDS, Column, Section, by_row, markdown
 
 from gril_jax.compilation import ahead
 from gril_jax.compilation.compiler import compiled
@@ -35,8 +35,8 @@ _SECTION = Section(
 
 def _measures(config, settings: Settings, demos: Demonstrations) -> list[Measure]:
     """The figures that `pretrain.evaluate` finds of each encoder."""
-    num_classes, batches = len(demos.demo_set.classes), map(demos.batch, ("validation", "train"))
-    held, train = batches
+    num_classes = len(demos.demo_set.classes)
+    held, train = demos.batch("validation"), demos.batch("train")
     same = lambda config: setup.pretrain_config(config, num_classes)  # noqa: E731
 
     def compile_for(config, count):
@@ -56,11 +56,7 @@ def _measures(config, settings: Settings, demos: Demonstrations) -> list[Measure
 
 
 def _pictures(found: Found, last: bool) -> Mapping[str, bytes]:
-    taus = {
-        name: column([line for line in found.lines if line["row"] == name], "tau")
-        for name in dict.fromkeys(line["row"] for line in found.lines)
-    }
-    return {"ablate.png": png(spread(taus, "tau on held-out videos"))}
+    return {"ablate.png": png(spread(by_row(found.lines, "tau"), "tau on held-out videos"))}
 
 
 TABLE = Table(

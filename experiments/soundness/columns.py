@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from gril_jax.experiments.tables.audits import FIGURES, VARIANTS
 from gril_jax.experiments.tables.curves import LAST
-from gril_jax.experiments.tables.frame import Found
+from gril_jax.experiments.tables.table import Found
 from gril_jax.experiments.tables.written import (
     SEEDS,
     Column,

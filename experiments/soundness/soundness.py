@@ -14,9 +14,9 @@ from collections.abc import Mapping
 
 import jax
 from gril_jax.experiments.tables.audits import VARIANTS, audit, tasks
-from gril_jax.experiments.tables.frame import Found, Table, read_lines
 from gril_jax.experiments.tables.measures import TAU
 from gril_jax.experiments.tables.programs import Program, programs
+from gril_jax.experiments.tables.table import Found, Table
 
 from gril_jax.report.figures.style import png
 
@@ -52,5 +52,5 @@ TABLE = Table(
     plan=_plan,
     measured={"tau": ("tau",), "audit": AUDIT},
     measures=_measures,
-    joins=read_lines,
+    joins_csv=True,
 )

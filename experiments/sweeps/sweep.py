@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import jax
-from gril_jax.experiments.tables import frame
 from gril_jax.experiments.tables.curves import LAST, Curve, at_the_end
 from gril_jax.experiments.tables.figure import learning_curves
-from gril_jax.experiments.tables.frame import Found, Table
 from gril_jax.experiments.tables.programs import programs
 from gril_jax.experiments.tables.rewards import learns
+from gril_jax.experiments.tables.table import Found, Table
 from gril_jax.experiments.tables.written import (
     SEEDS,
     Column,
@@ -131,10 +130,9 @@ def _policy(curve: Curve) -> dict[str, float | int | None]:
     return numbers | whole
 
 
-def _read(table: Table, folder: Path, sweep: Sweep) -> Found:
+def _with_twins(found: Found, sweep: Sweep) -> Found:
     """The results of all cells; those with the same policies have the same ones."""
-    names, first = [cell.name for cell in sweep.cells], _first_of_twins(sweep)
-    found = frame.read(table, folder, names)
+    names, first = found.names, _first_of_twins(sweep)
     lines: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
     for line in found.lines:
         lines[line["row"]].append(dict(line))
@@ -166,6 +164,7 @@ TABLE = Table(
     plan=_plan,
     policy=_policy,
     save=_write_cells,
-    read=_read,
+    names=lambda sweep: [cell.name for cell in sweep.cells],
+    complete=_with_twins,
     one_set=False,
 )

@@ -1,10 +1,9 @@
 """The columns of Table I: the numbers of a policy, and the sections that people read."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from gril_jax.experiments.tables.curves import Curve, first_at, in_last_tenth
-from gril_jax.experiments.tables.frame import Found
+from gril_jax.experiments.tables.table import Found
 from gril_jax.experiments.tables.written import (
     SEEDS,
     Column,
@@ -14,11 +13,12 @@ from gril_jax.experiments.tables.written import (
     mean_interval,
     median_reached,
     same,
+    with_paper,
 )
 
 from .rows import PAPER
 
-__all__ = ["COLUMNS", "SECTIONS", "STARTS", "columns", "policy", "text", "with_paper"]
+__all__ = ["COLUMNS", "SECTIONS", "STARTS", "columns", "policy", "text"]
 
 STARTS = ("demo", "jitter", "layout")
 _LEVELS = (50, 80, 95)  # percent of success
@@ -114,14 +114,6 @@ def policy(curve: Curve) -> dict[str, float]:
     return found
 
 
-def with_paper(lines: Sequence[Line]) -> list[dict[str, Any]]:
-    """The lines with the paper's number where it has one."""
-    return [
-        dict(line) | ({"paper": f"{PAPER[line['row']]:.1f}"} if line["row"] in PAPER else {})
-        for line in lines
-    ]
-
-
 def text(found: Found) -> str:
     """The table as Markdown, and what made it."""
     about, packages = found.about, found.about.get("packages", {})
@@ -133,4 +125,4 @@ def text(found: Found) -> str:
         f"{about.get('device', '')}; {shown}; demonstrations with SHA-256 "
         f"{about.get('demos_sha256', '')}."
     )
-    return f"{markdown(with_paper(found.lines), SECTIONS)}\n\n{origin}"
+    return f"{markdown(with_paper(found.lines, PAPER, 1), SECTIONS)}\n\n{origin}"

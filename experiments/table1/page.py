@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from gril_jax.experiments.tables.frame import Found
+from gril_jax.experiments.tables.table import Found
 from gril_jax.experiments.tables.written import Section as TableSection
-from gril_jax.experiments.tables.written import cells, column
+from gril_jax.experiments.tables.written import by_row, cells, with_paper
 
 from gril_jax.report.figures.curves import success_failure
 from gril_jax.report.figures.spread import spread
@@ -15,7 +15,7 @@ from gril_jax.report.figures.style import png
 from gril_jax.report.headline import Tile
 from gril_jax.report.html import Cell, Part, Section, Table, render
 
-from .columns import SECTIONS, text, with_paper
+from .columns import SECTIONS, text
 from .rows import PAPER
 
 __all__ = ["page"]
@@ -29,10 +29,7 @@ def page(found: Found, figure: bytes) -> str:
       figure: Figure 2 as PNG.
     """
     success, rewards, *others = (_table(found, section) for section in SECTIONS)
-    of = {
-        row: column([line for line in found.lines if line["row"] == row], "success_sampled")
-        for row in dict.fromkeys(line["row"] for line in found.lines)
-    }
+    of = by_row(found.lines, "success_sampled")
     dots = Part(
         "A dot for each seed, and a bar at their mean; the dotted line is the first row's mean.",
         png(spread(of, "success, sampled actions, Demo starts")),
@@ -72,7 +69,7 @@ def _tile(row: str, values: np.ndarray) -> Tile:
 
 def _table(found: Found, section: TableSection) -> Table:
     """A section; in a cell the number, and below it what follows: `84.4; 84.4 (71.9 to 96.9)`."""
-    rows = cells(with_paper(found.lines), section.columns)
+    rows = cells(with_paper(found.lines, PAPER, 1), section.columns)
     split = {
         row: [Cell(*re.split(r"; | (?=\()", cell, maxsplit=1)) for cell in texts]
         for row, texts in rows.items()

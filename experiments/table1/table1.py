@@ -18,8 +18,9 @@ from typing import Any
 import jax
 from gril_jax.experiments.tables.audits import audit
 from gril_jax.experiments.tables.figure import learning_curves
-from gril_jax.experiments.tables.frame import Found, Table
 from gril_jax.experiments.tables.programs import programs
+from gril_jax.experiments.tables.table import Found, Table
+from gril_jax.experiments.tables.written import by_row
 
 from gril_jax.report.figures.style import png
 
@@ -46,11 +47,10 @@ def _measures(config, settings: Settings, demos):
 
 
 def _summary(found: Found) -> dict[str, Any]:
-    rows = {}
-    for name in dict.fromkeys(line["row"] for line in found.lines):
-        lines = [line for line in found.lines if line["row"] == name]
-        shown = ("success", "success_sampled")
-        rows[name] = {k: sum(line[k] for line in lines) / len(lines) for k in shown}
+    rows: dict[str, dict[str, float]] = {}
+    for name in ("success", "success_sampled"):
+        for row, values in by_row(found.lines, name).items():
+            rows.setdefault(row, {})[name] = sum(values.tolist()) / len(values)
     return {"rows": rows} | dict(found.about)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from gril_jax.experiments.tables.frame import Found
+from gril_jax.experiments.tables.table import Found
 from gril_jax.experiments.tables.written import (
     Column,
     Line,
@@ -10,6 +10,7 @@ from gril_jax.experiments.tables.written import (
     markdown,
     mean_interval,
     same,
+    with_paper,
 )
 
 from .measures import MEASURES
@@ -62,10 +63,7 @@ def columns(lines: Sequence[Line]) -> list[str]:
 
 def text(found: Found) -> str:
     """All measures with the paper's ratio, and the kinds of failure, as Markdown."""
-    lines = [
-        dict(line) | ({"paper": f"{PAPER[line['row']]:.3f}"} if line["row"] in PAPER else {})
-        for line in found.lines
-    ]
+    lines = with_paper(found.lines, PAPER, 3)
     failures = Section(
         "AUC of the last reward, successes against failures of each kind:",
         [

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments.pipeline import learners, setup
 from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.tables.frame import Found, Table
 from gril_jax.experiments.tables.measures import TAU, Measure
-from gril_jax.experiments.tables.written import column
+from gril_jax.experiments.tables.table import Found, Table
+from gril_jax.experiments.tables.written import by_row
 
 from gril_jax import reward
 from gril_jax.demos.schema import DemoEntry
@@ -83,10 +83,7 @@ def _of_true_stages(demos: Demonstrations) -> list[dict[str, Any]]:
 
 
 def _pictures(found: Found, last: bool) -> Mapping[str, bytes]:
-    ratios = {
-        name: column([line for line in found.lines if line["row"] == name], "rho_held")
-        for name in dict.fromkeys(line["row"] for line in found.lines)
-    }
+    ratios = by_row(found.lines, "rho_held")
     label = "rho of held-out recordings, held to one length; lower is better"
     return {"table2.png": png(spread(ratios, label))}
 

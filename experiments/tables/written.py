@@ -21,6 +21,7 @@ __all__ = [
     "Column",
     "Line",
     "Section",
+    "by_row",
     "cells",
     "column",
     "csv",
@@ -30,6 +31,7 @@ __all__ = [
     "median_reached",
     "read_csv",
     "same",
+    "with_paper",
 ]
 
 Line = Mapping[str, Any]
@@ -115,12 +117,28 @@ def column(lines: Sequence[Line], name: str) -> Float[np.ndarray, "n"]:
     return np.array([np.nan if x is None else x for x in values], np.float64)
 
 
+def by_row(lines: Sequence[Line], name: str) -> dict[str, Float[np.ndarray, "n"]]:
+    """Row to one number of each of its lines."""
+    return {row: column(members, name) for row, members in _rows(lines).items()}
+
+
+def with_paper(lines: Sequence[Line], paper: Mapping[str, float], digits: int) -> list[Line]:
+    """The lines with the paper's number as `paper`, where it has one of the row."""
+    known = {row: {"paper": f"{number:.{digits}f}"} for row, number in paper.items()}
+    return [dict(line) | known.get(line["row"], {}) for line in lines]
+
+
 def cells(lines: Sequence[Line], columns: Sequence[Column]) -> dict[str, list[str]]:
     """Row to what stands in each column; empty where nothing is known."""
+    rows = _rows(lines).items()
+    return {row: [_cell(members, one) for one in columns] for row, members in rows}
+
+
+def _rows(lines: Sequence[Line]) -> dict[str, list[Line]]:
     of: dict[str, list[Line]] = {}
     for line in lines:
         of.setdefault(line["row"], []).append(line)
-    return {row: [_cell(members, one) for one in columns] for row, members in of.items()}
+    return of
 
 
 def _cell(lines: Sequence[Line], one: Column) -> str:

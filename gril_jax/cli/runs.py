@@ -142,11 +142,11 @@ def _report(args: list[str]) -> Work:
         with heavy_imports():
             if of_table1:
                 from gril_jax.experiments.table1 import table1
-                from gril_jax.experiments.tables import frame
+                from gril_jax.experiments.tables import results
             else:
                 from gril_jax.experiments import report
         if of_table1:
-            frame.redraw(table1.TABLE, folder, echo=echo)
+            results.redraw(table1.TABLE, folder, echo=echo)
         else:
             report.main(folder, echo=echo)
 

@@ -81,7 +81,9 @@ def made(
         with heavy_imports(config, devices=connect is None):
             if connect is not None:
                 connect()
-            frame, table = _frame(), _table(name)
+            from gril_jax.experiments.tables import frame
+
+            table = _table(name)
         frame.make(table, config, settings(), resume=resume, echo=echo)
 
     return work
@@ -91,10 +93,6 @@ def not_beside(args: list[str], option: str, takes: str) -> None:
     """Raises ConfigError if there is anything beside an option that stands alone."""
     if args:
         raise ConfigError(f"{option} takes {takes}, so {args[0]} must not be given beside it")
-
-
-def _frame() -> ModuleType:
-    return importlib.import_module("gril_jax.experiments.tables.frame")
 
 
 def _table(name: str) -> Any:
@@ -136,8 +134,10 @@ def _joined(args: list[str], name: str) -> Work | None:
 
     def work() -> None:
         with heavy_imports():
-            frame, table = _frame(), _table(name)
-        frame.join(table, folders, Path(out), echo=echo)
+            from gril_jax.experiments.tables import results
+
+            table = _table(name)
+        results.join(table, folders, Path(out), echo=echo)
 
     return work
 

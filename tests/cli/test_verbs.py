@@ -186,12 +186,12 @@ def test_report_hands_on_the_run(experiment, run):
 
 def test_report_draws_the_page_of_a_table_1_anew(experiment, tmp_path, monkeypatch):
     from gril_jax.experiments.table1.table1 import TABLE
-    from gril_jax.experiments.tables import frame
+    from gril_jax.experiments.tables import results
 
     path = tmp_path / "table"
     run_dir.create(path, RunConfig(), device="cpu", experiment="table1").close()
     calls = []
-    monkeypatch.setattr(frame, "redraw", lambda *args, echo: calls.append(args))
+    monkeypatch.setattr(results, "redraw", lambda *args, echo: calls.append(args))
     assert main.main(["report", str(path)]) == 0
     assert calls == [(TABLE, path)]
 

@@ -8,9 +8,9 @@ from gril_jax.experiments.ablate.ablate import TABLE
 from gril_jax.experiments.ablate.rows import ROWS, Settings
 from gril_jax.experiments.pipeline import setup
 from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.tables.frame import Found
 from gril_jax.experiments.tables.rewards import LearnedReward
 from gril_jax.experiments.tables.rows import changed
+from gril_jax.experiments.tables.table import Found
 from support.kinematic_demos import kinematic_demos
 
 from gril_jax.config import RunConfig

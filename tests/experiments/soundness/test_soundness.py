@@ -10,7 +10,7 @@ from gril_jax.experiments.pipeline import demonstrations, setup
 from gril_jax.experiments.soundness.columns import COLUMNS
 from gril_jax.experiments.soundness.rows import Settings
 from gril_jax.experiments.soundness.soundness import TABLE
-from gril_jax.experiments.tables import audits, frame
+from gril_jax.experiments.tables import audits, frame, results
 from gril_jax.experiments.tables.rows import read_settings, write_settings
 from gril_jax.experiments.tables.written import csv as written
 from support.kinematic_demos import kinematic_demos
@@ -95,16 +95,16 @@ def test_tables_of_runs_with_different_rows_become_one(tmp_path, capsys):
 def test_runs_that_do_not_belong_together_are_not_joined(tmp_path):
     first, out = _run(tmp_path / "a", ["x"]), tmp_path / "out"
     with pytest.raises(ConfigError, match="row 'x' with seed 0 is in two of the runs"):
-        frame.join(TABLE, [first, _run(tmp_path / "b", ["x"])], out)
+        results.join(TABLE, [first, _run(tmp_path / "b", ["x"])], out)
     other = _run(tmp_path / "c", ["y"], ppo=PPOConfig())
     with pytest.raises(ConfigError, match=r"cannot be joined with .* ppo\.num_timesteps"):
-        frame.join(TABLE, [first, other], out)
+        results.join(TABLE, [first, other], out)
     offset = dataclasses.replace(SMALL.run, reward_offset=0.5)
     with pytest.raises(ConfigError, match=r"run\.reward_offset \(0\.5, not 0\.0\)"):
-        frame.join(TABLE, [first, _run(tmp_path / "e", ["y"], run=offset)], out)
+        results.join(TABLE, [first, _run(tmp_path / "e", ["y"], run=offset)], out)
     (other / "soundness.csv").unlink()
     with pytest.raises(RunError, match="has no table yet"):
-        frame.join(TABLE, [_run(tmp_path / "d", ["y"], ppo=PPOConfig()), other], out)
+        results.join(TABLE, [_run(tmp_path / "d", ["y"], ppo=PPOConfig()), other], out)
     assert not out.exists()
 
 

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from gril_jax.experiments.table1.columns import COLUMNS, REWARD, SECTIONS, policy, text, with_paper
+from gril_jax.experiments.table1.columns import COLUMNS, REWARD, SECTIONS, policy, text
+from gril_jax.experiments.table1.rows import PAPER
 from gril_jax.experiments.tables.curves import Curve
-from gril_jax.experiments.tables.frame import Found
-from gril_jax.experiments.tables.written import cells
+from gril_jax.experiments.tables.table import Found
+from gril_jax.experiments.tables.written import cells, with_paper
 
 SCORES = COLUMNS[2:14]
 
@@ -42,7 +43,7 @@ def test_a_policy_s_scores_are_means_over_the_last_tenth_and_its_times_the_first
 def test_success_is_told_in_percent_beside_the_paper_s_number():
     lines = _lines()
     of = np.array([line["success_sampled"] for line in lines[5:]])
-    found = cells(with_paper(lines), SECTIONS[0].columns)
+    found = cells(with_paper(lines, PAPER, 1), SECTIONS[0].columns)
     assert found["environmental"][:2] == ["5", "85.0"]
     assert found["ours audited"][:2] == ["5", ""]
     middle = np.sort(of)[1:4].mean()

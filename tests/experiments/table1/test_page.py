@@ -4,10 +4,11 @@ import re
 
 import numpy as np
 import pytest
-from gril_jax.experiments.table1.columns import COLUMNS, REWARD, SECTIONS, with_paper
+from gril_jax.experiments.table1.columns import COLUMNS, REWARD, SECTIONS
 from gril_jax.experiments.table1.page import page
-from gril_jax.experiments.tables.frame import Found
-from gril_jax.experiments.tables.written import cells
+from gril_jax.experiments.table1.rows import PAPER
+from gril_jax.experiments.tables.table import Found
+from gril_jax.experiments.tables.written import cells, with_paper
 
 from gril_jax.report.figures.spread import spread
 from gril_jax.report.figures.style import png
@@ -43,7 +44,7 @@ def test_the_page_has_every_column_of_the_table_with_its_numbers(found, picture)
     for section in SECTIONS:
         heads = [one.heading for one in section.columns]
         of = [t for t in tables if re.findall(r'<th scope="col">(.*?)</th>', t) == heads]
-        wanted = cells(with_paper(found.lines), section.columns)
+        wanted = cells(with_paper(found.lines, PAPER, 1), section.columns)
         for row, texts in wanted.items():
             plain = [re.sub(r"; | (?=\()", "", cell, count=1) for cell in texts]
             rows = [re.search(rf'<th scope="row">{row}</th>(.*?)</tr>', t)[1] for t in of]

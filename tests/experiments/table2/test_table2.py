@@ -9,6 +9,7 @@ from gril_jax.experiments.table2 import columns, measures, table2
 from gril_jax.experiments.table2 import rows as table2_rows
 from gril_jax.experiments.tables import frame
 from gril_jax.experiments.tables.rows import changed
+from gril_jax.experiments.tables.table import Found
 from gril_jax.experiments.tables.written import csv
 
 from gril_jax.cli import main
@@ -70,7 +71,7 @@ def test_the_table_has_the_papers_ratio_beside_ours_and_each_kind_of_failure():
         for row, rho in (("XIRL", 0.9), ("ours without robot", 0.5))
         for seed in (0, 1)
     ]
-    text = columns.text(frame.Found([], lines, [], {}, {}))
+    text = columns.text(Found([], lines, [], {}, {}))
     row = next(x for x in text.splitlines() if x.startswith("| ours without robot"))
     assert "| 0.684 | 0.500 (0.500 to 0.500) |" in row
     assert "lid only" in text

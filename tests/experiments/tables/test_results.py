@@ -1,4 +1,4 @@
-"""What every table has from its frame: it is read from the run's files, and drawn again."""
+"""The results of a run: read from its files, and drawn again."""
 
 import re
 
@@ -7,7 +7,7 @@ from gril_jax.experiments.soundness.soundness import TABLE as SOUNDNESS
 from gril_jax.experiments.table1.columns import COLUMNS
 from gril_jax.experiments.table1.rows import Settings
 from gril_jax.experiments.table1.table1 import TABLE
-from gril_jax.experiments.tables import frame
+from gril_jax.experiments.tables import results
 from gril_jax.experiments.tables.rows import write_settings
 
 from gril_jax.config import RunConfig
@@ -38,15 +38,15 @@ def _files(folder):
 
 
 def test_the_page_is_the_one_that_the_run_wrote(run):
-    found = TABLE.read(TABLE, run, Settings(rows=ROWS))
-    frame.write(TABLE, run, found)
+    found = results.read(TABLE, run, Settings(rows=ROWS))
+    results.write(TABLE, run, found)
     before = _files(run)
     for name in WRITTEN:
         (run / name).unlink()
-    frame.write(TABLE, run, found, last=False)
+    results.write(TABLE, run, found, last=False)
     assert not (run / "report.html").exists()
     said = []
-    frame.redraw(TABLE, run, echo=said.append)
+    results.redraw(TABLE, run, echo=said.append)
     assert _files(run) == before
     assert said == [f"report: {run / 'report.html'}"]
     assert "environmental" in (run / "report.html").read_text()
@@ -58,7 +58,7 @@ def test_a_damaged_file_is_one_sentence_and_the_page_stays(run, name):
     (run / name).write_bytes((run / name).read_bytes()[:-9] + b"[")
     before = _files(run)
     with pytest.raises(RunError, match=re.escape(name)) as error:
-        frame.redraw(TABLE, run)
+        results.redraw(TABLE, run)
     assert "\n" not in str(error.value)
     assert _files(run) == before
 
@@ -68,7 +68,7 @@ def test_a_run_that_has_only_begun_has_no_table_yet(tmp_path):
     run_dir.create(begun, RunConfig(), device="a test", experiment="table1").close()
     write_settings(begun, "table1", Settings(rows=ROWS, seeds=2))
     with pytest.raises(RunError, match="has no policy that has finished, so its table is still"):
-        frame.redraw(TABLE, begun)
+        results.redraw(TABLE, begun)
     assert not (begun / "report.html").exists()
 
 
@@ -77,7 +77,7 @@ def test_a_line_has_what_was_measured_of_its_seed_and_what_was_not_finite_is_mis
         made.finish_phase("tau-1", {"tau": [0.5, 0.75]})
         made.finish_phase("audit-1", {"order_demo": [0.25, None], "stray": [1, 2]})
         made.finish_phase("measures-1", {"seeds": [{"auc one shoe": 1.0}, {"order": None}]})
-    first, second, third, fourth = frame.read(SOUNDNESS, run, [*ROWS]).lines
+    first, second, third, fourth = results.read(SOUNDNESS, run, Settings(rows=ROWS)).lines
     assert [(x["row"], x["seed"]) for x in (first, fourth)] == [
         ("environmental", 0),
         ("ours audited", 1),
@@ -86,6 +86,6 @@ def test_a_line_has_what_was_measured_of_its_seed_and_what_was_not_finite_is_mis
     assert third == {"row": "ours audited", "seed": 0, "tau": 0.5, "order_demo": 0.25}
     assert fourth == {"row": "ours audited", "seed": 1, "tau": 0.75}
     each = SOUNDNESS._replace(measured={"measures": ()})
-    lines = frame.read(each, run, [*ROWS]).lines[2:]
+    lines = results.read(each, run, Settings(rows=ROWS)).lines[2:]
     assert lines[0] == {"row": "ours audited", "seed": 0, "auc one shoe": 1.0}
     assert lines[1] == {"row": "ours audited", "seed": 1}
