@@ -29,11 +29,6 @@ class Demonstrations(NamedTuple):
         """The demonstrations of one split, which must not be empty."""
         return demo_batch(self.demo_set, self.names[split])
 
-    def trimmed_of(self, split: str) -> list[int]:
-        """Frames cut from the static tail of each demonstration of one split."""
-        entries = {e.name: e for e in self.demo_set.entries}
-        return [entries[name].trimmed for name in self.names[split]]
-
 
 def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress) -> Demonstrations:
     """`gather` into the run's folder, as its first phase.
