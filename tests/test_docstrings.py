@@ -1,9 +1,8 @@
-"""What a stranger reads: docstrings that name shapes and errors, doctests that run, the pages."""
+"""Docstrings that name shapes and errors, doctests that run, and an API page for each module."""
 
 import ast
 import doctest
 import importlib
-import importlib.util
 import inspect
 import re
 
@@ -11,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 from support.paths import REPOSITORY as ROOT
+from test_architecture import ROOMS
 
 from gril_jax import losses
 
@@ -18,12 +18,11 @@ PACKAGE = ROOT / "gril_jax"
 
 
 def _listed():
-    """`MODULES` of the script that writes the pages, which itself needs pdoc."""
-    tree = ast.parse((ROOT / "experiments" / "docs" / "api_reference.py").read_text())
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "MODULES":
-            return ast.literal_eval(node.value)
-    raise AssertionError("MODULES is gone")
+    """The modules that the pages of the API show, without the name of the package."""
+    pages = sorted((ROOT / "docs" / "api").glob("*.md"))
+    return re.findall(
+        r"^::: gril_jax\.(\S+)$", "\n".join(p.read_text() for p in pages), re.MULTILINE
+    )
 
 
 def _files(names):
@@ -38,7 +37,7 @@ def _module(path):
     return ".".join(["gril_jax", *(part for part in parts if part != "__init__")])
 
 
-REFERENCE = [*_files(_listed())]
+REFERENCE = [*dict.fromkeys(_files(_listed()))]
 
 
 def _public(path):
@@ -62,9 +61,19 @@ ELSEWHERE = re.compile(r"errors (are (those of|the same)|as for)")
 # --- docstrings
 
 
-def test_the_reference_has_a_page_for_every_pure_module():
-    assert set(_listed()) >= PURE
+def test_the_reference_has_a_page_for_every_pure_room():
+    pure = {room for room, layer in ROOMS.items() if layer == "pure"}
+    assert set(_listed()) >= pure
     assert len(set(_listed())) == len(_listed())
+
+
+def test_the_reference_shows_each_public_module_of_a_package():
+    for name in _listed():
+        package = importlib.import_module(f"gril_jax.{name}")
+        for public in package.__all__:
+            value = getattr(package, public)
+            if inspect.ismodule(value):
+                assert value.__name__.removeprefix("gril_jax.") in _listed()
 
 
 @pytest.mark.parametrize("path", REFERENCE, ids=_module)
@@ -141,23 +150,3 @@ def test_the_doctests_of_a_module_pass(path):
         said = []
         failed, _ = runner.run(test, out=said.append)
         assert not failed, "".join(said)
-
-
-# --- pages
-
-
-def test_the_pages_are_complete(tmp_path):
-    if importlib.util.find_spec("pdoc") is None:
-        pytest.skip("pdoc is not installed")
-    from gril_jax.experiments.docs import api_reference
-
-    pages = api_reference.main(tmp_path)
-    for name, page in zip(_listed(), pages, strict=True):
-        text = page.read_text()
-        module = importlib.import_module(f"gril_jax.{name}")
-        for public in module.__all__:
-            anchor = f'id="{public}"'
-            assert anchor in text or inspect.ismodule(getattr(module, public)), f"{name}.{public}"
-        assert "Alias for field number" not in text
-    assert "Float</span>" in (tmp_path / "gril_jax" / "pooling.html").read_text()
-    assert "jaxlib" not in (tmp_path / "gril_jax" / "activity.html").read_text()
