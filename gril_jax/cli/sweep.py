@@ -28,7 +28,7 @@ _ABOUT = (
     "whose value has commas is an axis: --reward learned,environmental --lambda 0.1,1. --rows A,B "
     "takes rows of gril table1 as one more. "
     "--resume RUN goes on with a sweep that was cut off. --distributed makes one of all processes "
-    "of a SLURM or Kubernetes job: see experiments/clusters.md."
+    "of a SLURM or Kubernetes job: see docs/sweeps_and_clusters.md."
 )
 _PROG = "gril sweep"
 
