@@ -150,7 +150,7 @@ def _members(kind: Any) -> tuple[Any, ...]:
     return typing.get_args(kind) if is_union else (kind,)
 
 
-def _room(kind: Any) -> float:
+def _room(kind: Any) -> int | float:
     """How many words an option of this type takes."""
     items = typing.get_args(kind) if typing.get_origin(kind) is tuple else (kind,)
     return float("inf") if items[-1] is Ellipsis else len(items)

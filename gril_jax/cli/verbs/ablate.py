@@ -13,6 +13,4 @@ def _plan(args: list[str]) -> Work:
     return experiment("sweeps.ablate", config, seeds, config=config, devices=True)
 
 
-VERB = Verb(
-    "ablate [CONFIG]", "which choices of the reward's training matter, over seeds", _plan
-)
+VERB = Verb("ablate [CONFIG]", "which choices of the reward's training matter, over seeds", _plan)

@@ -55,6 +55,4 @@ def _plan(args: list[str]) -> Work:
     return experiment("audit", source, config=config, devices=True, **options)
 
 
-VERB = Verb(
-    "audit RUN|REWARD", "how a reward could be hacked, before a policy finds it", _plan
-)
+VERB = Verb("audit RUN|REWARD", "how a reward could be hacked, before a policy finds it", _plan)

@@ -14,6 +14,7 @@ def _plan(args: list[str]) -> Work:
 
 VERB = Verb(
     "soundness [CONFIG]",
-    "the same by audits and by policies, and whether audits tell success; --resume RUN goes on, --join RUN,RUN makes one table",
+    "the same by audits and by policies, and whether audits tell success; "
+    "--resume RUN goes on, --join RUN,RUN makes one table",
     _plan,
 )

@@ -14,6 +14,7 @@ def _plan(args: list[str]) -> Work:
 
 VERB = Verb(
     "table1 [CONFIG]",
-    "the paper's Table I and Figure 2: policies with rewards of all kinds; --quick on a laptop, --resume RUN goes on",
+    "the paper's Table I and Figure 2: policies with rewards of all kinds; "
+    "--quick on a laptop, --resume RUN goes on",
     _plan,
 )

@@ -20,9 +20,13 @@ def _plan(args: list[str]) -> Work:
     from gril_jax.config.files import load
 
     name, out = positional(args), take(args, "--out")
-    about = explained("Make scripted demonstrations in the new folder that --out names.", _SHORTCUTS)
+    about = explained(
+        "Make scripted demonstrations in the new folder that --out names.", _SHORTCUTS
+    )
     args, prog = in_full(args, _SHORTCUTS), "gril demos make"
-    config = load(name, args, schema=MakeDemosConfig, prog=prog, description=about)
+    config = load(
+        name, args, schema=MakeDemosConfig, prog=prog, description=explained(about, _SHORTCUTS)
+    )
     if out is None:
         raise ConfigError("gril demos make needs --out, the folder of the demonstration set")
     folder = demo_set_to_write(out)
