@@ -8,7 +8,6 @@ epochs take turns: steps a second (of the fastest part, evaluations excluded) an
 """
 
 import dataclasses
-import os
 import statistics
 import time
 from typing import Any
@@ -49,24 +48,20 @@ def main(*, seeds: int) -> dict[str, Any]:
 def fresh_processes(setting: Setting, repeats: int) -> dict[str, Any]:
     """Seconds and compilations of a run from the start of its process to the end."""
     seconds = dict.fromkeys(_SIDES, float("inf"))
-    processor_s = dict(seconds)  # other loads lengthen it less
     answers: dict[str, Any] = {}
     for _ in range(repeats):
         for side in _SIDES:
-            start, spent = time.perf_counter(), os.times()
+            start = time.perf_counter()
             answers[side] = new_process(
                 _CHILD.format(side=side), dataclasses.asdict(setting), f"the run of {side}",
                 JAX_ENABLE_COMPILATION_CACHE="0",
             )  # fmt: skip
             seconds[side] = min(seconds[side], time.perf_counter() - start)
-            spent_s = sum(os.times()[2:4]) - sum(spent[2:4])  # of children, user and system
-            processor_s[side] = min(processor_s[side], spent_s)
     made = {side: answers[side]["compilations"] for side in _SIDES}
     return {
         "steps": setting.parts * setting.steps,
         "evaluations": setting.num_evals,
         "seconds": rounded(seconds),
-        "processor_s": rounded(processor_s),
         "compile_s": rounded({side: answers[side]["compile_s"] for side in _SIDES}),
         "compilations": made,
         "times_as_fast": round(seconds["stock"] / seconds["ours"], 2),

@@ -18,15 +18,13 @@ import jax
 import jax.numpy as jnp
 from gril_jax.experiments.pipeline import policy_setup, setup
 
-from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
-from gril_jax.errors import RunError
 from gril_jax.pretraining import pretrain
 from gril_jax.rl import evaluate, training
 from gril_jax.types import DemoBatch
 
-from .frame import new_process, rounded, without_cache
+from .frame import new_process, rounded, staged, without_cache
 
 __all__ = ["main", "programs", "small_runs", "timed"]
 
@@ -55,9 +53,10 @@ with heavy_imports():
 from gril_jax.cli.main import main
 
 with counted() as count:
-    code = main(json.loads(sys.argv[1]))
+    if code := main(json.loads(sys.argv[1])):
+        sys.exit(code)
 print()
-print(json.dumps([code, count.requests, count.made, count.seconds]))
+print(json.dumps([count.requests, count.made, count.seconds]))
 """
 
 
@@ -71,12 +70,8 @@ def main(*, config: str) -> dict[str, Any]:
 
 def timed(program: Program) -> dict[str, float]:
     """Seconds of tracing (into what XLA reads) and of XLA itself."""
-    start = time.perf_counter()
-    lowered = program.function.lower(*program.args, **program.options)
-    traced = time.perf_counter()
-    compiled(lowered, brief=program.brief)
-    done = time.perf_counter()
-    return {"trace_s": round(traced - start, 2), "compile_s": round(done - traced, 2)}
+    made = staged(program.function, program.args, brief=program.brief, **program.options)
+    return {"trace_s": round(made[1], 2), "compile_s": round(made[2], 2)}
 
 
 def programs(config: RunConfig) -> Iterator[Program]:
@@ -92,7 +87,8 @@ def programs(config: RunConfig) -> Iterator[Program]:
         algorithm, hyper = make(config, env), values[name](config)
         state = jax.eval_shape(algorithm.init, key, hyper)
         yield Program(f"{name}: init", jax.jit(algorithm.init), (key, hyper), {})
-        chunk = _chunk(algorithm, task)
+        advance = functools.partial(training.chunk, algorithm, updates=20, evaluation=(task,))
+        chunk = jax.jit(advance, donate_argnums=0)
         yield Program(f"{name}: chunk with evaluation", chunk, (state, hyper, reward), {})
         policy = jax.eval_shape(algorithm.policy, state)
         options = {"tau": hyper.tau, "episodes": config.run.eval_episodes}
@@ -117,11 +113,6 @@ def _of_pretraining(config: RunConfig, classes: int) -> Iterator[Program]:
     yield Program("pretrain: step", pretrain.step, step, {}, brief=setup.few_updates(config))
 
 
-def _chunk(algorithm: training.Algorithm, task: Any) -> Any:
-    advance = functools.partial(training.chunk, algorithm, updates=20, evaluation=(task,))
-    return jax.jit(advance, donate_argnums=0)
-
-
 def small_runs(options: list[str]) -> dict[str, Any]:
     """The same run of the whole pipeline with an empty cache, and with a full one."""
     with tempfile.TemporaryDirectory() as folder:
@@ -130,11 +121,9 @@ def small_runs(options: list[str]) -> dict[str, Any]:
 
 def _run(folder: Path, name: str, options: list[str]) -> dict[str, Any]:
     start = time.perf_counter()
-    code, requests, made, compile_s = new_process(
+    requests, made, compile_s = new_process(
         _CHILD, ["quickstart", "--out", str(folder / name), *options], "the small run",
         JAX_COMPILATION_CACHE_DIR=None, XDG_CACHE_HOME=str(folder),
     )  # fmt: skip
-    if code:
-        raise RunError(f"the small run failed with exit code {code}")
     seconds = rounded({"seconds": time.perf_counter() - start, "compile_s": compile_s}, 1)
     return seconds | {"programs": requests, "compiled": made}

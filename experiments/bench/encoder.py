@@ -96,7 +96,7 @@ def measure(
     params = message_passing.init(jax.random.key(0), config)
     graphs = random_graphs(num_graphs, num_nodes, config.num_classes)
     programs = {
-        (name, kind): compile_timed(_wanted(form, kind, config), params, graphs)
+        (name, kind): compile_timed(_wanted(form, kind, config), params, graphs, plain=True)
         for name, form in _FORMS.items()
         for kind in ("forward", "gradient")
     }

@@ -75,7 +75,7 @@ def measure(task: str, num_envs: int, steps: int, **options: Any) -> dict[str, A
 
         return jax.lax.scan(move, state, jax.random.split(key, steps))[0]
 
-    program, compile_s = compile_timed(play, state, jax.random.key(0))
+    program, compile_s = compile_timed(play, state, jax.random.key(0), plain=True)
 
     def call():
         nonlocal state

@@ -35,6 +35,7 @@ __all__ = [
     "new_process",
     "ratios",
     "rounded",
+    "staged",
     "times_in_turn",
     "without_cache",
 ]
@@ -54,11 +55,31 @@ def make_env(name: str, **options: Any) -> envs.Env:
 # --- times
 
 
-def compile_timed(function: Callable[..., Any], *args: Any, **options: Any) -> tuple[Any, float]:
+def compile_timed(
+    function: Callable[..., Any], *args: Any, plain: bool = False, **options: Any
+) -> tuple[Any, float]:
     """A function compiled for these arguments, and the seconds it took with tracing."""
+    program, trace_s, compile_s = staged(jax.jit(function, **options), args, plain=plain)
+    return program, trace_s + compile_s
+
+
+def staged(
+    function: Any, args: tuple[Any, ...], *, plain: bool = False, brief: bool = False, **static: Any
+) -> tuple[Any, float, float]:
+    """A jitted function compiled, the seconds of tracing it, and those of XLA itself.
+
+    Args:
+      function: jitted.
+      args: shapes will do.
+      plain: compiled as JAX does by itself, and not as this project's large programs are.
+      brief: see `gril_jax.compilation.compiler`.
+      static: further arguments.
+    """
     start = time.perf_counter()
-    program = compiled(jax.jit(function, **options).lower(*args))
-    return program, time.perf_counter() - start
+    lowered = function.lower(*args, **static)
+    traced = time.perf_counter()
+    program = lowered.compile() if plain else compiled(lowered, brief=brief)
+    return program, traced - start, time.perf_counter() - traced
 
 
 class InPlace:

@@ -1,4 +1,4 @@
-"""The pool of starts beside a start for each environment in every unroll, or even in every step.
+"""The pool of starts beside a start for each environment in every step.
 
 `gril bench train` has these figures among its own.
 """
@@ -23,13 +23,14 @@ def starts(env: Env, num_envs: int, unroll: int, repeats: int) -> dict[str, Any]
     episodes = env_loop.Episodes.of(env, rewards.environmental)
     drawn = {
         "pool": rollout.renewals(num_envs, unroll, env.episode_length),
-        "each_unroll": num_envs,
         "each_step": num_envs * unroll,
     }
     keys = jax.random.split(jax.random.key(0), 2 * num_envs)
     begun = jax.jit(lambda keys: rollout.init(episodes, keys))(keys), jax.random.key(1)
-    plain = _in_each_step(episodes, num_envs, unroll)
-    runs = {n: plain if n == "each_step" else _pooled(episodes, drawn[n], unroll) for n in drawn}
+    runs = {
+        "pool": _pooled(episodes, drawn["pool"], unroll),
+        "each_step": _in_each_step(episodes, num_envs, unroll),
+    }
     # A buffer is donated once, so each has its own.
     calls = {name: InPlace(run, jax.tree.map(jnp.copy, begun)) for name, run in runs.items()}
     taken = best(times_in_turn(calls, repeats))

@@ -7,7 +7,6 @@ most of it the compilation of the loop.
 
 import functools
 import statistics
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -17,7 +16,7 @@ from jaxtyping import Array, Float
 
 from gril_jax.losses import mean_cycle_consistency
 
-from .frame import median_ms, times_in_turn, without_cache
+from .frame import median_ms, staged, times_in_turn, without_cache
 
 __all__ = ["measure", "pair_loop"]
 
@@ -67,7 +66,9 @@ def _compare(losses: dict[str, Callable], size, compile_repeats, repeats) -> dic
     for _ in range(compile_repeats):
         for name, loss in losses.items():
             # A new function each time: one that has been traced before is not traced again.
-            compiled[name], *seconds = _compiled(functools.partial(loss), args)
+            fresh = jax.jit(jax.value_and_grad(functools.partial(loss)))
+            with without_cache():
+                compiled[name], *seconds = staged(fresh, args, plain=True)
             taken[name].append(seconds)
     calls = {name: functools.partial(program, *args) for name, program in compiled.items()}
     run_ms = median_ms(times_in_turn(calls, repeats))
@@ -88,12 +89,3 @@ def _compare(losses: dict[str, Callable], size, compile_repeats, repeats) -> dic
         for name in others
     }
     return {"videos": num_videos, "frames": num_frames, "width": width, **figures, **over}
-
-
-def _compiled(loss: Callable, args: tuple[Any, ...]) -> tuple[Any, float, float]:
-    """A program, the seconds of tracing it, and those of compiling it."""
-    start = time.perf_counter()
-    lowered = jax.jit(jax.value_and_grad(loss)).lower(*args)
-    traced = time.perf_counter()
-    with without_cache():
-        return lowered.compile(), traced - start, time.perf_counter() - traced

@@ -80,12 +80,12 @@ def costs(env: Env, sizes: Sizes, repeats: int) -> dict[str, Any]:
         jnp.zeros(config.latent), jnp.float32(1), jnp.float32(1),
     )  # fmt: skip
     reward = rewards.learned(config, robots=policy_rewards.robots(env))
+    learned = _ppo(env, reward, sizes, sizes.num_envs)
     own = _ppo(env, rewards.environmental, sizes, sizes.num_envs)
     calls = {
-        "learned": _training(_ppo(env, reward, sizes, sizes.num_envs), sizes.updates, params),
+        "learned": _training(learned, sizes.updates, params),
         "environmental": _training(own, sizes.updates, None),
         "random": _random(env, sizes),
-        "learn": _learning(own),
     }
     rounds = times_in_turn(calls, repeats)
     taken, steps = best(rounds), sizes.updates * sizes.num_envs * sizes.unroll
@@ -104,9 +104,6 @@ def costs(env: Env, sizes: Sizes, repeats: int) -> dict[str, Any]:
             name: {of: round(value, 3) for of, value in both("random", name).items()}
             for name in trained
         },
-        "learning_share_of_an_update": round(
-            sizes.updates * taken["learn"] / taken["environmental"], 3
-        ),
     }
 
 
@@ -146,22 +143,3 @@ def _random(env: Env, sizes: Sizes) -> InPlace:
 
     begun = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), sizes.num_envs))
     return InPlace(run, (begun, jax.random.key(1)))
-
-
-def _learning(algorithm: ppo.PPO) -> InPlace:
-    """What an update learns from an unroll, by itself; the numbers are as good as any."""
-    hyper, key = ppo.Hyper(), jax.random.key(2)
-    to_collect = jax.random.split(key, algorithm.keys_to_collect)
-    to_learn = jax.random.split(key, algorithm.keys_to_learn)
-    exploring = jnp.zeros((algorithm.num_envs,), bool)
-
-    def collect(state):
-        return algorithm.collect(state, to_collect, hyper, None, deterministic=exploring)[1]
-
-    def learn(carry):
-        state, steps = carry
-        return algorithm.learn(state, steps, to_learn, hyper, None)[0], steps
-
-    state = jax.jit(algorithm.init)(key, hyper)
-    shapes = jax.eval_shape(collect, state)
-    return InPlace(learn, (state, jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)))
