@@ -2,7 +2,7 @@
 
 `InvertedPendulum` ends early and `Reacher` never does, so that ends of the task and time limits
 both matter. Masses, gears, rewards and starts are those of InvertedPendulum-v5 and Reacher-v5; they
-are integrated implicitly here, and by Runge-Kutta there. Their objects are dummies.
+are integrated implicitly here, and by Runge-Kutta there.
 """
 
 import contextlib
@@ -10,8 +10,10 @@ import io
 
 import jax
 import jax.numpy as jnp
-from gril_jax.envs import Objects, State
+from gril_jax.envs import State
 from jaxtyping import Array, Float, PRNGKeyArray
+
+from .pendulum import Bare
 
 with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
     import mujoco
@@ -60,12 +62,8 @@ _ARM = """
 """
 
 
-class _Simulated:
-    """What both have in common: positions and velocities that MJX moves on."""
-
-    classes = ("goal", "robot")
-    half_extent = 1.2
-    background = (255, 255, 255)
+class _Simulated(Bare):
+    """A task whose positions and velocities MJX moves on."""
 
     def __init__(self, xml: str, *, timestep: float, substeps: int):
         self.mj_model = mujoco.MjModel.from_xml_string(
@@ -73,11 +71,6 @@ class _Simulated:
         )
         self._model, self._substeps = mjx.put_model(self.mj_model), substeps
         self._blank = mjx.make_data(self._model)
-
-    def outlines(self, data):
-        """Nothing to draw."""
-        del data
-        return []
 
     def _moved(self, position, velocity, control):
         """Both, some substeps later."""
@@ -88,22 +81,6 @@ class _Simulated:
         begun = self._blank.replace(qpos=position, qvel=velocity, ctrl=control)
         data, _ = jax.lax.scan(substep, begun, length=self._substeps)
         return data.qpos, data.qvel
-
-    def _state(self, data, obs, centers, reward, success, done) -> State:
-        return State(
-            data=data,
-            obs=obs,
-            objects=Objects(
-                center=jnp.stack(centers),
-                size=jnp.full((2, 2), 0.1),
-                label=jnp.arange(2),
-                is_robot=jnp.arange(2) == 1,
-            ),
-            moved=jnp.array([False, False]),
-            reward=reward,
-            done=done,
-            metrics={"score": success, "success": success},
-        )
 
 
 class InvertedPendulum(_Simulated):

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments.bench import clock
+from gril_jax.experiments.bench import frame
 from gril_jax.experiments.bench.pendulum import Pendulum, Setting
 from gril_jax.experiments.bench.stock import BraxTask, stand_in
 
@@ -12,7 +12,7 @@ from gril_jax.experiments.bench.stock import BraxTask, stand_in
 def test_calls_take_turns_and_the_first_of_each_is_left_out():
     order = []
     calls = {"a": lambda: order.append("a"), "b": lambda: order.append("b")}
-    taken = clock.times_in_turn(calls, 2)
+    taken = frame.times_in_turn(calls, 2)
     assert order == ["a", "b"] * 3
     assert [len(times) for times in taken.values()] == [2, 2]
 
@@ -22,7 +22,7 @@ def test_a_compilation_is_counted_once_and_only_inside():
         return 2 * x
 
     one = np.ones(3, np.float32)
-    with clock.counted() as count:
+    with frame.counted() as count:
         compiled = jax.jit(double)
         compiled(one)
         compiled(one)
@@ -32,14 +32,14 @@ def test_a_compilation_is_counted_once_and_only_inside():
 
 
 def test_a_program_is_compiled_before_its_first_call():
-    call, seconds = clock.compile_timed(lambda x: x + 1, jnp.ones(2))
+    call, seconds = frame.compile_timed(lambda x: x + 1, jnp.ones(2))
     np.testing.assert_array_equal(call(jnp.ones(2)), [2, 2])
     assert seconds > 0
 
 
 def test_the_cache_is_as_it_was_after_it_has_been_off():
     before = jax.config.jax_enable_compilation_cache
-    with clock.without_cache():
+    with frame.without_cache():
         assert not jax.config.jax_enable_compilation_cache
     assert jax.config.jax_enable_compilation_cache == before
 
