@@ -1,6 +1,6 @@
-"""What is drawn at the start of a MatchRegions episode, inside jit.
+"""MAGICAL's variants: what is drawn at the start of an episode, inside jit.
 
-MAGICAL's variants: where things start, which colours and shapes they have, how strong the robot and
+They say where things start, which colours and shapes they have, how strong the robot and
 the table are. Entities are placed one after another (region, robot, blocks), each at the first of
 `_CANDIDATES` uniform poses that touches nothing placed before, the region included. If none is free
 the first is taken and the episode says so (`unplaced`). Blocks count as their bounding circles,
@@ -14,13 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.planar.joints import Strengths
 from gril_jax.envs.planar.robots import PIVOTS, Robot
+from gril_jax.envs.planar.shapes import SHAPES
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 __all__ = [
+    "CLASSES",
     "COLOURS",
-    "DEMO_BLOCKS",
-    "DEMO_GOAL",
-    "DEMO_ROBOT",
     "RADII",
     "VARIANTS",
     "Layout",
@@ -34,16 +33,8 @@ __all__ = [
 
 VARIANTS = ("demo", "jitter", "layout", "color", "shape", "dynamics", "all")
 COLOURS = ("green", "blue", "yellow", "red")
-# MAGICAL's Demo layout: x, y (arena units) and angle (rad).
-DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
-DEMO_BLOCKS = {
-    "green star": (0.80, -0.70, 2.37),
-    "green square": (-0.68, 0.72, 1.28),
-    "blue pentagon": (-0.05, -0.20, -1.09),
-    "yellow circle": (-0.75, -0.55, 2.78),
-    "yellow pentagon": (0.30, -0.82, -1.15),
-}
-DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
+# What a detector of their pictures tells apart.
+CLASSES = ("goal", "robot", *tuple(f"{c} {s}" for c in COLOURS for s in SHAPES))
 RADII = np.array([0.156, 0.1525, 0.138, 0.12], np.float32)  # of star, square, pentagon, circle
 _CANDIDATES = 64
 _FACING = (0.55, 0.75, 0.4)  # distances from which a robot faces a point, and rad off it

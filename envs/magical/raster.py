@@ -1,6 +1,6 @@
 """MatchRegions from above as pixels, painted by one pure function on the device.
 
-Geometry and colours are those of `match_regions_scene`, whose outlines are painted on the host.
+Geometry and colours are those of `scene`, whose outlines are painted on the host.
 Here each pixel asks every body how far from its outline it is, and bodies are painted one over the
 other: arithmetic alone, which XLA fuses into one pass. So learners from pixels can keep their
 pictures where they are made.
@@ -38,7 +38,7 @@ class Scene(NamedTuple):
     """What is to be seen. Lengths are in arena units, angles in radians, counter-clockwise."""
 
     pose: Float[Array, "N 3"]  # x, y, angle; a finger's x, y is its pivot; closed: robot's angle
-    shape: Int[Array, "B"]  # index into `block_shapes.SHAPES`: star, square, pentagon, circle
+    shape: Int[Array, "B"]  # index into `planar.shapes.SHAPES`: star, square, pentagon, circle
     colour: Int[Array, "B"]  # index into `COLOURS`: green, blue, yellow, red
     goal: Float[Array, "4"]  # the region's centre x, y; width, height
     goal_colour: Int[Array, ""]  # index into `COLOURS`

@@ -1,7 +1,7 @@
 """Contact capsules of the blocks and of the gripper, for the MJX engine.
 
 MJX collides spheres and capsules in closed form, so a few of them stand for each outline of
-`block_shapes` and `robots`: flush with it along its edges, rounded at its corners.
+`shapes` and `robots`: flush with it along its edges, rounded at its corners.
 """
 
 import math
@@ -51,7 +51,7 @@ def _spokes(corners: np.ndarray) -> tuple[Capsule, ...]:
 
 
 def block(name: str) -> tuple[Capsule, ...]:
-    """Of a block, one of `block_shapes.SHAPES`, in its own frame (arena units)."""
+    """Of a block, one of `shapes.SHAPES`, in its own frame (arena units)."""
     if name == "circle":
         return disc(shapes.SIZE)
     corners = shapes.outline(name)

@@ -1,6 +1,6 @@
 """The second engine of a planar scene: the gripper and blocks of fixed shapes, in MuJoCo MJX.
 
-Its interface is that of `planar_physics.Physics`, its model that of `planar_model`. What MuJoCo has
+Its interface is that of `physics.Physics`, its model that of `model`. What MuJoCo has
 no equal for is computed here each substep: the drive as forces, the walls as ranges of joints, and
 the table's friction, which is a disc in the original but a square in MuJoCo, as a loss on each axis
 that follows the direction of travel. Motion without contacts agrees with the other engine; contacts
@@ -40,7 +40,7 @@ class MjxPhysics:
     """The gripper among blocks.
 
     Args:
-      blocks: the blocks' shapes, each one of `block_shapes.SHAPES`.
+      blocks: the blocks' shapes, each one of `shapes.SHAPES`.
       arena: half the side of the walls' square.
       substeps: physics steps a control step.
       iterations: of MuJoCo's Newton solver, each substep.

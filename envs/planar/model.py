@@ -101,7 +101,7 @@ def build(
     block_1, ...
 
     Args:
-      blocks: the blocks' shapes, each one of `block_shapes.SHAPES`.
+      blocks: the blocks' shapes, each one of `shapes.SHAPES`.
       timestep: length of a substep (s).
       iterations: of the contact solver.
       max_contacts: most contacts that a substep resolves; the deepest count.

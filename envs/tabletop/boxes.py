@@ -1,4 +1,4 @@
-"""Boxes of things in space, and whether they touch. A camera's view is in `tabletop_camera`."""
+"""Boxes of things in space, and whether they touch. A camera's view is in `camera`."""
 
 from typing import NamedTuple
 

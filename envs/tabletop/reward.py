@@ -14,9 +14,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from . import REWARDS
+
 __all__ = ["REWARDS", "Progress", "Record", "closeness", "no_record", "record", "reward"]
 
-REWARDS = ("staged", "stages", "sparse")
 _SUSTAINED = 5  # moments, the reset being one
 _SUCCESS_BONUS, _CHANGE_COST = 5.0, 0.01
 

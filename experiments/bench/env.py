@@ -1,8 +1,8 @@
 """Control steps per second of a task, random actions in parallel episodes, as JSON.
 
     gril bench env                      MatchRegions with the default setting
-    gril bench env --levers True        what each setting of the solver gives, and the MJX engine
-    gril bench env --task shoes_in_box --levers True     the same there, and MuJoCo Warp if it is
+    gril bench env --settings True      what each setting of the solver gives, and the MJX engine
+    gril bench env --task shoes_in_box --settings True   the same there, and MuJoCo Warp if it is
                                         installed
 
 Throughput is the best of `repeats` runs of a compiled scan; compile time is that of the scan; and
@@ -25,33 +25,7 @@ from gril_jax.experiments.pipeline import setup
 
 from gril_jax import envs
 
-__all__ = ["LEVERS", "main", "measure"]
-
-# Settings of the solver, from the original's own to the coarsest, and other engines.
-_MATCH_REGIONS: list[dict[str, Any]] = [
-    {"substeps": 10, "iterations": 10},
-    {"substeps": 10, "iterations": 6},
-    {"substeps": 10, "iterations": 4},
-    {"substeps": 7, "iterations": 4},
-    {"substeps": 5, "iterations": 5},
-    {"engine": "mjx", "substeps": 10, "iterations": 4},
-    {"engine": "mjx", "substeps": 5, "iterations": 2},
-    {"variant": "all"},
-    {"robot": "short"},
-    {"targets": ("green square",), "distractors": ("yellow circle",)},
-]
-_SHOES: list[dict[str, Any]] = [
-    {},
-    {"iterations": 4, "ls_iterations": 6},
-    {"iterations": 3},
-    {"max_contacts": 32},
-    {"max_contacts": 16},
-    {"substeps": 5},
-    {"impl": "warp"},
-    {"impl": "warp", "substeps": 5},
-]
-LEVERS = {"match_regions": _MATCH_REGIONS, "shoes_in_box": _SHOES}
-_LANES = {"match_regions": 32_768, "shoes_in_box": 4096}  # on a GPU
+__all__ = ["main", "measure"]
 
 
 def measure(task: str, lanes: int, steps: int, repeats: int, **options) -> dict:
@@ -101,13 +75,14 @@ def main(
     steps: int,
     repeats: int,
     *,
-    task: str = "match_regions",
-    levers: bool,
+    task: str,
+    settings: bool,
     echo: Callable[[str], None],
 ) -> None:
     """Echo the figures as JSON."""
-    lanes = lanes or (256 if jax.default_backend() == "cpu" else _LANES[task])
-    cases = LEVERS[task] if levers else [{}]
+    spec = envs.spec(task)
+    lanes = lanes or (256 if jax.default_backend() == "cpu" else spec.bench_envs)
+    cases = spec.bench_settings if settings else ({},)
     if importlib.util.find_spec("warp") is None:
         cases = [case for case in cases if case.get("impl") != "warp"]
     figures = [measure(task, lanes, steps, repeats, **case) for case in cases]

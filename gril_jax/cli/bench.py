@@ -25,7 +25,7 @@ class _BenchEnv:
     """Control steps of each timed run."""
     repeats: int = 5
     """Timed runs, of which the best counts."""
-    levers: bool = False
+    settings: bool = False
     """Measure every setting of the solver, and other engines, instead of the default alone."""
 
 
@@ -149,8 +149,9 @@ def _bench_env(args: list[str]) -> Work:
         with heavy_imports(load(given.task)):  # XLA's options depend on the task
             from gril_jax.experiments.bench import env as bench_env
         bench_env.main(
-            given.lanes, given.steps, given.repeats, task=given.task, levers=given.levers, echo=echo
-        )
+            given.lanes, given.steps, given.repeats, task=given.task, settings=given.settings,
+            echo=echo,
+        )  # fmt: skip
 
     return work
 

@@ -19,7 +19,7 @@ class PlanarData(NamedTuple):
     pose: Float[Array, "E 3"]  # x, y (arena units), angle (rad); a finger's place is its pivot
     velocity: Float[Array, "E 3"]  # per second
     memory: Float[Array, "I"]  # what the engine's solver begins with
-    shape: Int[Array, "B"]  # of each block, an index into `block_shapes.SHAPES`
+    shape: Int[Array, "B"]  # of each block, an index into `planar.shapes.SHAPES`
     colour: Int[Array, "B"]  # an index into COLOURS; the region has the first target's
     strengths: Float[Array, "5"]  # the fields of `joints.Strengths`
     goal: Float[Array, "4"]  # centre x, y; width, height

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.base import State
+from gril_jax.envs.magical.expert.docks import choose_dock
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import phases, plans, sampling_planner
-from .docks import choose_dock
 from .plans import FAILURES, Job, Plan, Style, plan
 from .sampling_planner import Search
 

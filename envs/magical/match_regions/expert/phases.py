@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.envs.magical.expert.docks import BERTH, BODY, REACH, STAND, WIDTH
+from gril_jax.envs.magical.expert.grid_planning import Obstacles, cost_to_go, waypoint
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from jaxtyping import Array, Bool, Float, Int
 
-from .docks import BERTH, BODY, REACH, STAND, WIDTH
-from .grid_planning import Obstacles, cost_to_go, waypoint
 from .plans import Job, Plan
 
 __all__ = ["BACK", "CARRY", "CLOSE", "DOCK", "GO", "OPEN", "Moment", "aim", "drive", "leave",
