@@ -107,7 +107,7 @@ class Demonstrations(NamedTuple):
     objects: tuple[str, ...]  # in every one of them
     episodes: list[Episode]
     films: Iterator[Film] | None = None
-    """Of the episodes in turn; None where a colour detector reads videos of `env.outlines`."""
+    """Films of the episodes in turn; None where a colour detector reads `env.outlines`."""
 
 
 Demonstrate = Callable[[Callable[..., Env], Wanted, Callable[[int], None]], Demonstrations]

@@ -29,6 +29,7 @@ __all__ = [
     "place_robot",
     "scatter",
     "shapes",
+    "turned",
 ]
 
 VARIANTS = ("demo", "jitter", "layout", "color", "shape", "dynamics", "all")
@@ -42,7 +43,7 @@ _DYNAMICS = Strengths((3.2, 5.5), (0.7, 1.5), (2.5, 4.5), (1.0, 1.8), (0.07, 0.1
 
 
 class Layout(NamedTuple):
-    """Where an episode starts."""
+    """The start of an episode."""
 
     robot: Float[Array, "3"]
     blocks: Float[Array, "B 3"]
@@ -68,7 +69,8 @@ def _gap_to_goal(xy: Float[Array, "*C 2"], goal: Float[Array, "4"]) -> Float[Arr
     return jnp.sqrt(jnp.sum(outside**2, axis=-1))
 
 
-def _turn(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
+def turned(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
+    """Points turned counter-clockwise about the origin by an angle in rad."""
     c, s = jnp.cos(angle), jnp.sin(angle)
     return jnp.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1)
 
@@ -112,7 +114,7 @@ def place_robot(
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
     if facing is not None:
         poses = _before(poses, facing)
-    points = _turn(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
+    points = turned(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
     free = (jnp.abs(points) < arena).all(axis=(1, 2))
     if goal is not None:
         free &= (_gap_to_goal(points, goal) > 0).all(axis=1)
@@ -139,7 +141,7 @@ def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena:
     goal = jnp.concatenate([(2 * unit[:2] - 1) * (arena - size / 2), size])
     none = jnp.zeros((0, 3))
     pose, unplaced = place_robot(key_robot, robot, none, none[:, 0], goal, arena=arena)
-    points = _turn(pose[2], jnp.asarray(rim(robot))) + pose[:2]
+    points = turned(pose[2], jnp.asarray(rim(robot))) + pose[:2]
     blocks = jnp.zeros((0, 3))
     for b, key_b in enumerate(keys):
         poses = _candidates(key_b, arena - radii[b])

@@ -84,7 +84,7 @@ class Hand:
             self.act(_still(self.grip))
 
     def move(self, goal, *, speed: float, yaw: float | None = None) -> None:
-        """In a straight line to a place of the tool centre point, or as near as the arm comes.
+        """Moves the tool centre point straight to a place, or as near as the arm comes.
 
         Args:
           goal: x, y, z, metres.

@@ -37,7 +37,7 @@ _ROWS = 6  # of the solver for each contact: 4 of its pyramid, and what joints a
 
 
 class Motion(NamedTuple):
-    """What moves, Q positions and V velocities: the arm's nine joints, then the task's."""
+    """Q positions and V velocities: the arm's nine joints, then the task's."""
 
     qpos: Float[Array, "Q"]  # rad, metres; a free joint has its position and quaternion
     qvel: Float[Array, "V"]
@@ -78,7 +78,7 @@ class Physics:
         self._blank = mjx.make_data(model if room else self._model, impl=impl, **room)
 
     def start(self, qpos: Float[Array, "Q"]) -> Motion:
-        """Everything at rest."""
+        """The motion of a scene at rest."""
         rest = jnp.zeros(self.mj_model.nv)
         return Motion(qpos, rest, rest)
 

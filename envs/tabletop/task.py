@@ -47,7 +47,7 @@ _COLOURS = (
 
 
 class View(NamedTuple):
-    """What a task's functions read of a scene."""
+    """The scene as a task's functions read it."""
 
     hand: Frame  # of the tool centre point
     pads: Boxes  # of both fingertips, (2, ...)
@@ -73,7 +73,7 @@ class Task(NamedTuple):
 
 
 class TabletopData(NamedTuple):
-    """What an episode must remember."""
+    """The memory of an episode."""
 
     motion: Motion
     target: Float[Array, "8"]  # the servos' aims: joints, opening of a finger
@@ -175,7 +175,7 @@ class Tabletop:
         return self._observe(*[self._at_rest(arm, start, opening)] * 2)
 
     def _begin(self, key: PRNGKeyArray) -> TabletopData:
-        """As the task begins."""
+        """The task's own beginning."""
         key_start, key_arm = jax.random.split(key)
         start = self.task.start(key_start, self.jitter)
         noise = self.jitter * _ARM_NOISE * jax.random.normal(key_arm, (7,))
@@ -192,7 +192,7 @@ class Tabletop:
         )  # fmt: skip
 
     def _within(self, moment: Moments) -> tuple[TabletopData, Bool[Array, "N"]]:
-        """At a moment of a recorded episode, and what has moved by then."""
+        """A moment of a recorded episode, and the objects that have moved by then."""
         motion = self.physics.start(moment.qpos)._replace(qvel=moment.qvel)
         data = TabletopData(
             motion, moment.target, moment.fixtures, jnp.zeros(self.action_size),
@@ -218,7 +218,7 @@ class Tabletop:
     # ---------------------------------------------------------------- what is seen
 
     def view(self, data: TabletopData) -> View:
-        """What can be read of a scene without asking the simulator."""
+        """The scene as far as it can be read without asking the simulator."""
         robot, own = jnp.split(data.motion.qpos, [panda_model.DOFS])
         hand = kinematics.hand(robot[:7])
         pads = [
@@ -280,7 +280,7 @@ class Tabletop:
         )
 
     def outlines(self, data: TabletopData) -> list[Outline]:
-        """What to paint for one moment (host side): boxes as the camera sees them, far to near."""
+        """The outlines of one moment (host side): boxes as the camera sees them, far to near."""
         found = self.world_boxes(jax.tree.map(jnp.asarray, data))
         seen = [*zip(*jax.tree.map(np.asarray, found), strict=True)]
         away = [np.linalg.norm(place - np.array(self.camera.place)) for place, *_ in seen]

@@ -77,7 +77,7 @@ def places(
     radii: Float[Array, "B"],
     arena: float,
 ) -> layouts.Layout:
-    """Where things start: the Demo layout, near it, or anywhere."""
+    """The places of a start: the Demo layout's, near them, or anywhere."""
     if variant in ("layout", "all"):
         return layouts.scatter(key, robot, radii, arena=arena)
     layout = layouts.Layout(
@@ -101,7 +101,7 @@ def varied(
     radii: Float[Array, "B"],
     arena: float,
 ) -> Varied:
-    """In a `share` of the episodes the robot anywhere and targets further on.
+    """A start that in a `share` of the episodes has the robot anywhere and targets further on.
 
     Two times in three one target is in the region; of the other targets each is somewhere on its
     way there with probability `on_the_way`, so that what is left to do is short now and then; and

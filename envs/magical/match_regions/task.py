@@ -236,7 +236,7 @@ class MatchRegions:
         )  # fmt: skip
 
     def outlines(self, data: PlanarData) -> list[Outline]:
-        """What to paint for one moment (host side)."""
+        """The outlines of one moment, to be painted (host side)."""
         data = jax.tree.map(np.asarray, data)
         names = [(COLOURS[c], SHAPES[s]) for c, s in zip(data.colour, data.shape, strict=True)]
         exact = (f.astype(np.float64) for f in (data.pose, data.goal))
