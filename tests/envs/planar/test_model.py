@@ -144,4 +144,4 @@ def test_the_model_takes_the_options_it_is_given():
     assert model.nv == 5 + 6
     assert model.npair == 5 * (1 + 5) + 5
     assert (model.opt.timestep, model.opt.iterations) == (0.01, 3)
-    assert model.numeric("max_contact_points").data[0] == 4
+    assert model.numeric("max_contact_points").data[0] == 16
