@@ -1,6 +1,6 @@
-"""What an action of MatchRegions tells the robot.
+"""Actions of MAGICAL's tasks, as commands to the robot.
 
-Actions are (3,), or (2,) for a stick, each number in [-1, 1]: forward speed, turn, grip. With the
+They are (3,), or (2,) for a stick, each number in [-1, 1]: forward speed, turn, grip. With the
 physics "magical" they are rounded to MAGICAL's eighteen: forward 0.8 units/s, stop or reverse 0.6;
 left, none or right; open or closed.
 """
@@ -11,7 +11,7 @@ from gril_jax.envs.planar.joints import TURN_RATE, Command
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Float, Int
 
-from .options import PRESETS
+from .simulator import PRESETS
 
 __all__ = ["TURN_GAIN", "command", "from_magical", "rounded_command"]
 

@@ -1,6 +1,6 @@
-"""What is drawn at the start of a MatchRegions episode, inside jit.
+"""MAGICAL's variants: what is drawn at the start of an episode, inside jit.
 
-MAGICAL's variants: where things start, which colours and shapes they have, how strong the robot and
+They say where things start, which colours and shapes they have, how strong the robot and
 the table are. Entities are placed one after another (region, robot, blocks), each at the first of
 `_CANDIDATES` uniform poses that touches nothing placed before, the region included. If none is free
 the first is taken and the episode says so (`unplaced`). Blocks count as their bounding circles,
@@ -14,13 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.planar.joints import Strengths
 from gril_jax.envs.planar.robots import PIVOTS, Robot
+from gril_jax.envs.planar.shapes import SHAPES
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 __all__ = [
+    "CLASSES",
     "COLOURS",
-    "DEMO_BLOCKS",
-    "DEMO_GOAL",
-    "DEMO_ROBOT",
     "RADII",
     "VARIANTS",
     "Layout",
@@ -30,20 +29,13 @@ __all__ = [
     "place_robot",
     "scatter",
     "shapes",
+    "turned",
 ]
 
 VARIANTS = ("demo", "jitter", "layout", "color", "shape", "dynamics", "all")
 COLOURS = ("green", "blue", "yellow", "red")
-# MAGICAL's Demo layout: x, y (arena units) and angle (rad).
-DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
-DEMO_BLOCKS = {
-    "green star": (0.80, -0.70, 2.37),
-    "green square": (-0.68, 0.72, 1.28),
-    "blue pentagon": (-0.05, -0.20, -1.09),
-    "yellow circle": (-0.75, -0.55, 2.78),
-    "yellow pentagon": (0.30, -0.82, -1.15),
-}
-DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
+# What a detector of their pictures tells apart.
+CLASSES = ("goal", "robot", *tuple(f"{c} {s}" for c in COLOURS for s in SHAPES))
 RADII = np.array([0.156, 0.1525, 0.138, 0.12], np.float32)  # of star, square, pentagon, circle
 _CANDIDATES = 64
 _FACING = (0.55, 0.75, 0.4)  # distances from which a robot faces a point, and rad off it
@@ -51,7 +43,7 @@ _DYNAMICS = Strengths((3.2, 5.5), (0.7, 1.5), (2.5, 4.5), (1.0, 1.8), (0.07, 0.1
 
 
 class Layout(NamedTuple):
-    """Where an episode starts."""
+    """The start of an episode."""
 
     robot: Float[Array, "3"]
     blocks: Float[Array, "B 3"]
@@ -77,7 +69,8 @@ def _gap_to_goal(xy: Float[Array, "*C 2"], goal: Float[Array, "4"]) -> Float[Arr
     return jnp.sqrt(jnp.sum(outside**2, axis=-1))
 
 
-def _turn(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
+def turned(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
+    """Points turned counter-clockwise about the origin by an angle in rad."""
     c, s = jnp.cos(angle), jnp.sin(angle)
     return jnp.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1)
 
@@ -121,7 +114,7 @@ def place_robot(
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
     if facing is not None:
         poses = _before(poses, facing)
-    points = _turn(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
+    points = turned(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
     free = (jnp.abs(points) < arena).all(axis=(1, 2))
     if goal is not None:
         free &= (_gap_to_goal(points, goal) > 0).all(axis=1)
@@ -148,7 +141,7 @@ def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena:
     goal = jnp.concatenate([(2 * unit[:2] - 1) * (arena - size / 2), size])
     none = jnp.zeros((0, 3))
     pose, unplaced = place_robot(key_robot, robot, none, none[:, 0], goal, arena=arena)
-    points = _turn(pose[2], jnp.asarray(rim(robot))) + pose[:2]
+    points = turned(pose[2], jnp.asarray(rim(robot))) + pose[:2]
     blocks = jnp.zeros((0, 3))
     for b, key_b in enumerate(keys):
         poses = _candidates(key_b, arena - radii[b])

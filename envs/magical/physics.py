@@ -1,4 +1,4 @@
-"""What the original MAGICAL solves in another way than x-magical, on top of `Physics`.
+"""The original MAGICAL's physics, where it differs from x-magical's, on top of `Physics`.
 
 fingers   hang on pin joints of length zero, x-magical's on pivots. A pin holds its finger along
           one direction only, that in which it is off its place at the moment, so a finger may
@@ -40,7 +40,7 @@ class Gripping(NamedTuple):
 
 
 def _directions(aim: Aims, dt: float) -> Vec:
-    """From where each finger should be to where it is, of length one; zero if it is there."""
+    """Unit vectors from where each finger should be to where it is; zero if it is there."""
     off = jnp.sqrt(aim.pivot.dot(aim.pivot) + 1e-20)  # over dt
     return aim.pivot * jnp.where(off * dt > _ON_PLACE, -1.0 / off, 0.0)
 

@@ -1,6 +1,6 @@
 """MatchRegions from above as pixels, painted by one pure function on the device.
 
-Geometry and colours are those of `match_regions_scene`, whose outlines are painted on the host.
+Geometry and colours are those of `scene`, whose outlines are painted on the host.
 Here each pixel asks every body how far from its outline it is, and bodies are painted one over the
 other: arithmetic alone, which XLA fuses into one pass. So learners from pixels can keep their
 pictures where they are made.
@@ -35,17 +35,17 @@ _Pixels = Float[Array, "S S 3"]
 
 
 class Scene(NamedTuple):
-    """What is to be seen. Lengths are in arena units, angles in radians, counter-clockwise."""
+    """A scene to paint. Lengths are in arena units, angles in radians, counter-clockwise."""
 
     pose: Float[Array, "N 3"]  # x, y, angle; a finger's x, y is its pivot; closed: robot's angle
-    shape: Int[Array, "B"]  # index into `block_shapes.SHAPES`: star, square, pentagon, circle
+    shape: Int[Array, "B"]  # index into `planar.shapes.SHAPES`: star, square, pentagon, circle
     colour: Int[Array, "B"]  # index into `COLOURS`: green, blue, yellow, red
     goal: Float[Array, "4"]  # the region's centre x, y; width, height
     goal_colour: Int[Array, ""]  # index into `COLOURS`
 
 
 class _Canvas(NamedTuple):
-    """Where the pixels are."""
+    """The places of the pixels."""
 
     x: Float[Array, "1 S"]  # of their centres, in pixels from the picture's middle
     y: Float[Array, "S 1"]
@@ -54,7 +54,7 @@ class _Canvas(NamedTuple):
     antialias: bool
 
     def width(self, pixels: int) -> float:
-        """Of a line."""
+        """Width of a line, in pixels."""
         return pixels * self.zoom if self.antialias else float(round(pixels * self.zoom))
 
     def local(self, pose: Float[Array, "3"]) -> tuple[_Plane, _Plane]:
@@ -209,7 +209,7 @@ def _pick(palette: dict[str, tuple[int, int, int]], index: Int[Array, ""]) -> In
 
 
 def _disc(x: _Plane, y: _Plane, radius: float) -> _Plane:
-    """To first order around the rim, because XLA would not fuse a square root.
+    """Distance from a disc, to first order: XLA would not fuse a square root.
 
     Only where a smooth disc is no larger than its edge, as pupils in small pictures, is it paler.
     """

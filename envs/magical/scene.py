@@ -1,4 +1,4 @@
-"""What MatchRegions looks like from above: outlines and colours, in the order they are painted.
+"""A scene of MAGICAL's from above: outlines and colours, in the order they are painted.
 
 Colours are those of MAGICAL and x-magical, so that their videos and ours pass the same detector.
 """

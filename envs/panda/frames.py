@@ -24,7 +24,7 @@ __all__ = [
 
 
 class Frame(NamedTuple):
-    """Where something is and how it is turned, in the world."""
+    """A place and a rotation in the world."""
 
     position: Float[Array, "*B 3"]  # metres
     rotation: Float[Array, "*B 3 3"]
@@ -74,7 +74,7 @@ def quaternion_about_z(angle: Float[Array, "*B"]) -> Float[Array, "*B 4"]:
 
 
 def small_turn(start: Float[Array, "*B 3 3"], goal: Float[Array, "*B 3 3"]) -> Float[Array, "*B 3"]:
-    """What turns `start` into `goal`: axis times the sine of the angle, world axes.
+    """The turn from `start` to `goal`: axis times the sine of the angle, world axes.
 
     It is the mean of the cross products of corresponding axes, and exact to second order.
     """

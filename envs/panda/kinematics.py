@@ -99,7 +99,7 @@ def _ahead(frame: Frame, distance: float) -> Frame:
 
 
 def jacobian(q: Float[Array, "7"]) -> tuple[Float[Array, "6 7"], Frame]:
-    """How joint rates move the tool centre point, and where it is.
+    """The tool centre point's Jacobian, and its frame.
 
     Rows are its velocity (m/s) and its angular velocity (rad/s), world axes.
     """

@@ -1,4 +1,4 @@
-"""Where planar bodies touch: a fixed list of layers, each with one possible contact a block.
+"""Contacts of planar bodies: a fixed list of layers, each with one possible one a block.
 
 A layer holds, for every block at once, the contact with one part of the robot, with another block,
 or with a wall. Contacts that are not there are switched off by their gap: nothing is sorted,
@@ -24,7 +24,7 @@ _FAR = 1e3
 
 
 class Frames(NamedTuple):
-    """Where N bodies are."""
+    """The places of N bodies."""
 
     center: Vec
     heading: Vec  # cosine and sine of the angle
@@ -39,7 +39,7 @@ class Contacts(NamedTuple):
 
 
 def _deepest(candidates: Contacts, allowed: Array | None = None) -> Contacts:
-    """Of K candidates, the deepest allowed one."""
+    """The deepest allowed one of K candidates."""
     gap = candidates.gap if allowed is None else jnp.where(allowed, candidates.gap, _FAR)
     best = Contacts(gap[0], candidates.normal[0], candidates.second[0])
     for k in range(1, len(gap)):

@@ -23,7 +23,7 @@ _LEFT = 0.9**60  # share of an overlap that is left after a second
 
 
 class Bodies(NamedTuple):
-    """What N bodies weigh; zeros for what cannot be moved."""
+    """The weights of N bodies; zeros for what cannot be moved."""
 
     inverse_mass: Float[Array, "*N"]
     inverse_inertia: Float[Array, "*N"]
@@ -88,7 +88,7 @@ def prepare(
 
 
 def kick(rows: Rows, j: Impulse) -> tuple[Motion | None, Motion]:
-    """What impulses change in the motions of the first and the second bodies."""
+    """The changes that impulses make to the motions of the first and the second bodies."""
     push = rows.normal * j.normal + rows.normal.turned() * j.tangent
     shift = rows.normal * j.shift
 

@@ -45,7 +45,7 @@ class Strengths(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What the robot is told for one control step."""
+    """A command to the robot for one control step."""
 
     speed: Float[Array, ""]  # forward, units/s
     turn: Float[Array, ""]  # heading offset that the servo aims at, rad
@@ -60,7 +60,7 @@ class Servo(NamedTuple):
 
 
 class FingerImpulses(NamedTuple):
-    """Of the fingers' pivots, stops and motors."""
+    """Impulses of the fingers' pivots, stops and motors."""
 
     pivot: Vec  # (2,)
     limit: Float[Array, "2"]
@@ -68,7 +68,7 @@ class FingerImpulses(NamedTuple):
 
 
 class Aims(NamedTuple):
-    """What the joints aim at in one substep; the fingers' fields are None without fingers."""
+    """The joints' aims in one substep; the fingers' fields are None without fingers."""
 
     drive: Vec  # velocity of the base
     turn: Float[Array, ""]  # its spin

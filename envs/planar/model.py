@@ -24,6 +24,7 @@ __all__ = ["FINGER_TORQUE", "build", "finger_armature"]
 
 FINGER_TORQUE = 4.0  # largest, of the original's finger motors
 TABLE_FORCE, TABLE_TORQUE = 1.5, 0.1  # most that the original's table resists a block with
+_MAX_CONTACTS = 16  # that a substep resolves; the deepest count
 # MuJoCo's contacts are springs whose stiffness scales with the lighter body's mass, so a gripped
 # block of 0.01 would be pierced. At this impedance it yields by 0.005 at the largest grip.
 _HARD = "0.999 0.999 0.01"
@@ -91,9 +92,7 @@ def _pairs(surfaces: list[tuple[list[str], float]], robot_parts: int) -> str:
     return "".join(text)
 
 
-def build(
-    blocks: tuple[str, ...], *, timestep: float, iterations: int, max_contacts: int
-) -> mujoco.MjModel:
+def build(blocks: tuple[str, ...], *, timestep: float, iterations: int) -> mujoco.MjModel:
     """Compile the scene of the gripper and blocks.
 
     Joint positions are the gripper's x, y (arena units), yaw, left and right finger (rad, relative
@@ -101,10 +100,9 @@ def build(
     block_1, ...
 
     Args:
-      blocks: the blocks' shapes, each one of `block_shapes.SHAPES`.
+      blocks: the blocks' shapes, each one of `shapes.SHAPES`.
       timestep: length of a substep (s).
       iterations: of the contact solver.
-      max_contacts: most contacts that a substep resolves; the deepest count.
     """
     base, *fingers = robots.robot("gripper").parts
     names, inner = _geoms("robot", planar_capsules.disc(base.radius))
@@ -129,7 +127,7 @@ def build(
           ls_iterations="5" cone="pyramidal" integrator="Euler">
     <flag eulerdamp="disable"/>
   </option>
-  <custom><numeric name="max_contact_points" data="{max_contacts}"/></custom>
+  <custom><numeric name="max_contact_points" data="{_MAX_CONTACTS}"/></custom>
   <default>
     <geom contype="0" conaffinity="0"/>
     <joint solreflimit="{2 * timestep} 1" solreffriction="{2 * timestep} 1"

@@ -32,7 +32,7 @@ BLOCK_FRICTION, WALL_FRICTION = 0.5, 0.8  # of one surface; Chipmunk multiplies 
 
 
 class _Impulses(NamedTuple):
-    """What contacts and joints have given in a substep."""
+    """The impulses of contacts and joints in a substep."""
 
     contacts: list[Impulse]  # a layer each
     table: jointing.Servo
@@ -84,15 +84,10 @@ class Physics:
             np.array([1 / p.inertia for p in parts], np.float32),
         )
 
-    @property
-    def memory_size(self) -> int:
-        """How many numbers `step` remembers beside poses and velocities."""
-        # Not by making one: outside of a program each array would be compiled by itself.
-        return jax.eval_shape(lambda: self._pack(self._none())).size
-
     def rest(self) -> Float[Array, "I"]:
         """The memory of a scene in which nothing has touched yet."""
-        return jnp.zeros(self.memory_size)
+        # Not by packing one: outside of a program each array would be compiled by itself.
+        return jnp.zeros(jax.eval_shape(lambda: self._pack(self._none())).size)
 
     # By itself, so that programs which share this object trace it once.
     @functools.partial(jax.jit, static_argnums=0)
@@ -172,7 +167,7 @@ class Physics:
         return pose + self.dt * self._ahead * velocity, velocity, shift, impulses
 
     def _motions(self, velocity: Float[Array, "E 3"]) -> tuple[Motion, Motion]:
-        """Of the robot's parts and of the blocks."""
+        """Motions of the robot's parts and of the blocks."""
         count = len(self.robot.parts)
 
         def motion(v):

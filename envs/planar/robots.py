@@ -45,7 +45,7 @@ class Robot(NamedTuple):
 
     @property
     def has_fingers(self) -> bool:
-        """Whether there are fingers to open and close."""
+        """True if there are fingers to open and close."""
         return len(self.parts) > 1
 
 

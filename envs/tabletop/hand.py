@@ -29,17 +29,12 @@ class Hand:
     """An episode under way; the hand points down and holds `grip` and `yaw` between moves.
 
     Args:
-      env: a tabletop environment with the controller "ee_delta_yaw".
+      env: a tabletop environment.
       start: of its `reset`.
       limit: control steps after which nothing happens any more.
-
-    Raises:
-      ValueError: the environment has another controller.
     """
 
     def __init__(self, env: Tabletop, start: State, *, limit: int = 1000):
-        if env.controller != "ee_delta_yaw":
-            raise ValueError(f"controller is {env.controller!r}, but must be 'ee_delta_yaw'")
         data = jax.tree.map(np.asarray, start.data)
         self.env, self.fixtures, self._limit = env, data.fixtures, limit
         self._model = env.physics.mj_model
@@ -89,7 +84,7 @@ class Hand:
             self.act(_still(self.grip))
 
     def move(self, goal, *, speed: float, yaw: float | None = None) -> None:
-        """In a straight line to a place of the tool centre point, or as near as the arm comes.
+        """Moves the tool centre point straight to a place, or as near as the arm comes.
 
         Args:
           goal: x, y, z, metres.
@@ -136,7 +131,7 @@ def _aim():
     """The controller, and where it wants the tool centre point."""
 
     def aim(target, arm, action, rest, dt):
-        target = control.aim("ee_delta_yaw", target, arm, action, rest=rest, dt=dt)
+        target = control.aim(target, arm, action, rest=rest, dt=dt)
         return target, kinematics.tcp(target[:7])
 
     return jax.jit(aim, static_argnames="dt")

@@ -35,6 +35,6 @@ def draw(key: PRNGKeyArray, moments: Moments) -> Moments:
 
 
 def record_of(moment: Moments) -> Record:
-    """What an episode that begins there remembers of what has been done."""
+    """The record of an episode that begins there."""
     stage_time = jnp.where(moment.reached, 0, -1).astype(jnp.int32)
     return Record(stage_time, jnp.zeros((), jnp.int32), moment.best.astype(jnp.int32))

@@ -79,21 +79,14 @@ class Renderer:
         self,
         qpos: Float[np.ndarray, "Q"],
         fixtures: Float[np.ndarray, "M 7"],
-        *,
-        colour: bool = True,
     ) -> Picture:
         """One moment.
 
         Args:
           qpos: joint positions, as in `Motion`.
           fixtures: position and quaternion of what stands still.
-          colour: whether to paint the frame; else it is black, at half the cost.
         """
-        if colour:
-            frame = self.frame(qpos, fixtures)
-        else:
-            self._place(qpos, fixtures)
-            frame = np.zeros((self.pixels, self.pixels, 3), np.uint8)
+        frame = self.frame(qpos, fixtures)
         segmented = (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)
         for flag in segmented:
             self._scene.flags[flag] = True
@@ -111,10 +104,6 @@ class Renderer:
         self, qpos: Float[np.ndarray, "Q"], fixtures: Float[np.ndarray, "M 7"]
     ) -> UInt8[np.ndarray, "P P 3"]:
         """The colours alone of one moment; arguments as those of `picture`."""
-        self._place(qpos, fixtures)
-        return self._read()
-
-    def _place(self, qpos: np.ndarray, fixtures: np.ndarray) -> None:
         self._gl.make_current()
         self._data.qpos[:] = qpos
         self._data.mocap_pos[:], self._data.mocap_quat[:] = np.split(fixtures, [3], axis=1)
@@ -123,6 +112,7 @@ class Renderer:
             self._model, self._data, self._options, None, self._camera,
             mujoco.mjtCatBit.mjCAT_ALL, self._scene,
         )  # fmt: skip
+        return self._read()
 
     def _read(self) -> UInt8[np.ndarray, "P P 3"]:
         pixels = np.empty((self.pixels, self.pixels, 3), np.uint8)

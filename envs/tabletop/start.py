@@ -1,4 +1,4 @@
-"""How an episode on the table starts: a group of things moved as one, and each of them a little.
+"""Starts on the table: a group of things moved as one, and each of them a little.
 
 As in RLBench a task's things are one rigid group, put down with a random offset and yaw; each then
 gets a jitter of its own. Arrangements in which things overlap are rejected, inside the compiled
@@ -30,14 +30,14 @@ class Start(NamedTuple):
 
 
 class Footprint(NamedTuple):
-    """Where N things stand on the table."""
+    """The places of N things on the table."""
 
     place: Float[Array, "*N 3"]  # x, y (metres), yaw (rad)
     half: Float[Array, "*N 2"]  # half extents along their own axes, metres
 
 
 def apart(a: Footprint, b: Footprint) -> Bool[Array, ""]:
-    """Whether a gap of 1 cm or more is between two things (the separating axis theorem)."""
+    """True if a gap of 1 cm or more is between two things (the separating axis theorem)."""
     yaws = jnp.stack([a.place[2], a.place[2] + jnp.pi / 2, b.place[2], b.place[2] + jnp.pi / 2])
     axes = jnp.stack([jnp.cos(yaws), jnp.sin(yaws)], axis=1)  # (4, 2)
 

@@ -18,42 +18,20 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments.pipeline import setup
 
+from gril_jax import envs
+
 from .frame import best, compile_timed, make_env, times_in_turn
 
-__all__ = ["SETTINGS", "main", "measure"]
+__all__ = ["main", "measure"]
 
 _REPEATS = 5
-# Settings of the solver, from the original's own to the coarsest, and other engines.
-_MATCH_REGIONS: list[dict[str, Any]] = [
-    {"substeps": 10, "iterations": 10},
-    {"substeps": 10, "iterations": 6},
-    {"substeps": 10, "iterations": 4},
-    {"substeps": 7, "iterations": 4},
-    {"substeps": 5, "iterations": 5},
-    {"engine": "mjx", "substeps": 10, "iterations": 4},
-    {"engine": "mjx", "substeps": 5, "iterations": 2},
-    {"variant": "all"},
-    {"robot": "short"},
-    {"targets": ("green square",), "distractors": ("yellow circle",)},
-]
-_SHOES: list[dict[str, Any]] = [
-    {},
-    {"iterations": 4, "ls_iterations": 6},
-    {"iterations": 3},
-    {"max_contacts": 32},
-    {"max_contacts": 16},
-    {"substeps": 5},
-    {"impl": "warp"},
-    {"impl": "warp", "substeps": 5},
-]
-SETTINGS = {"match_regions": _MATCH_REGIONS, "shoes_in_box": _SHOES}
-_NUM_ENVS = {"match_regions": 32_768, "shoes_in_box": 4096}  # on a GPU
 
 
 def main(*, task: str, num_envs: int | None, steps: int, settings: bool) -> dict[str, Any]:
     """The figures of the default setting, or of every one."""
-    num_envs = num_envs or (256 if jax.default_backend() == "cpu" else _NUM_ENVS[task])
-    cases = SETTINGS[task] if settings else [{}]
+    spec = envs.spec(task)
+    num_envs = num_envs or (256 if jax.default_backend() == "cpu" else spec.bench_envs)
+    cases = spec.bench_settings if settings else ({},)
     if importlib.util.find_spec("warp") is None:
         cases = [case for case in cases if case.get("impl") != "warp"]
     return {"task": task, "cases": [measure(task, num_envs, steps, **case) for case in cases]}

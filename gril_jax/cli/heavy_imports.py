@@ -11,6 +11,7 @@ from pathlib import Path
 
 from gril_jax import threads
 from gril_jax.config import MakeDemosConfig, RunConfig
+from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
 __all__ = ["heavy_imports"]
@@ -22,15 +23,14 @@ def _xla_flags(config: RunConfig | MakeDemosConfig) -> list[str]:
     flags = []
     if isinstance(config, RunConfig) and config.run.deterministic:
         flags.append("--xla_gpu_deterministic_ops=true")
-    # With the newer code generator for CPUs an arm in MJX is a thousand times slower. XLA aborts
-    # over a flag that it does not know: hence the version.
-    if config.env.name == "shoes_in_box" and metadata.version("jaxlib").startswith("0.10."):
-        flags.append("--xla_cpu_use_fusion_emitters=false")
+    for version, needed in registry.spec(config.env.name).xla_flags.items():
+        if metadata.version("jaxlib").startswith(version):
+            flags += needed
     return flags
 
 
 def _steps_in_mjx(config: RunConfig | MakeDemosConfig) -> bool:
-    return config.env.name == "shoes_in_box" or config.env.engine == "mjx"
+    return registry.spec(config.env.name).steps_in_mjx or config.env.engine == "mjx"
 
 
 @contextlib.contextmanager
@@ -77,7 +77,7 @@ def heavy_imports(
 
 @contextlib.contextmanager
 def _spared_from_collection() -> Iterator[None]:
-    """What is imported stays: looking for garbage in it is a fifth of a short run's time."""
+    """Freezes imported modules out of garbage collection, else a fifth of a short run's time."""
     gc.disable()
     try:
         yield

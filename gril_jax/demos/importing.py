@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import UInt8
 
+from gril_jax.config import EnvConfig
 from gril_jax.demos.demo_set import Demo, save_demo_set, trim_static_tail
 from gril_jax.demos.vision.detect import PALETTE_CLASSES, ColourDetector, Detector, Tracks
 from gril_jax.demos.vision.video import read_fps, read_video
@@ -93,7 +94,7 @@ def import_videos(
     source_dir: str | os.PathLike,
     out_dir: str | os.PathLike,
     half_extent: float,
-    task: str = "match_regions",
+    task: str = EnvConfig.name,
     boxes: bool = False,
     *,
     classes: Sequence[str] = PALETTE_CLASSES,

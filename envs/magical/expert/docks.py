@@ -1,4 +1,4 @@
-"""From where a gripper takes hold of a block.
+"""Docks: the directions from which a gripper takes hold of a block.
 
 It closes its finger tips around the block and can then carry it any way, so it comes from where
 there is room. Distances are from centre to centre, arena units.

@@ -83,7 +83,7 @@ def waypoint(
     reach: float = 0.4,
     near: float = 0.12,
 ) -> Float[Array, "2"]:
-    """Where to head from `start`: the best grid point about `reach` ahead, or the target itself.
+    """The point to head for: the best grid point about `reach` ahead, or the target itself.
 
     Args:
       start: where the robot is.

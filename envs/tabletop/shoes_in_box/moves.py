@@ -42,7 +42,7 @@ def out_of_box(hand: Hand, point) -> Float[np.ndarray, "3"]:
 
 
 def shoe_place(hand: Hand, shoe: int) -> tuple[Float[np.ndarray, "3"], float]:
-    """Where a shoe is, in the world, and how far fingers turn for it: at most a quarter turn."""
+    """A shoe's place in the world, and the fingers' turn for it: at most a quarter turn."""
     pose = hand.qpos[_FIRST_SHOE + 7 * shoe : _FIRST_SHOE + 7 * (shoe + 1)]
     w, x, y, z = pose[3:]
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -66,14 +66,14 @@ def close_lid(hand: Hand, style: Style) -> None:
 
 
 def _along(hand: Hand, path, x: float, *, speed: float) -> None:
-    """Along (y, z) with closed fingers."""
+    """Moves along (y, z) with closed fingers."""
     hand.grip = CLOSED
     for y, z in path:
         hand.move(out_of_box(hand, (x, y, z)), speed=speed, yaw=box_yaw(hand))
 
 
 def holds(hand: Hand, shoe: int) -> bool:
-    """Whether a shoe is off the ground and with the hand."""
+    """True if a shoe is off the ground and with the hand."""
     place, _ = shoe_place(hand, shoe)
     return bool(place[2] > 0.1 and np.linalg.norm(place - hand.place) < 0.1)
 

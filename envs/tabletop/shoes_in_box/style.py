@@ -1,4 +1,4 @@
-"""How a scripted episode of shoes in the box is played: what differs between two people.
+"""Styles of scripted episodes of shoes in the box: what differs between two people.
 
 Lengths are metres, speeds m/s, pauses control steps.
 """

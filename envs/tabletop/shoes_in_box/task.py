@@ -20,12 +20,13 @@ import jax.numpy as jnp
 from gril_jax.envs.panda.frames import Frame, compose, into, out_of, rotation
 from gril_jax.envs.tabletop.boxes import Boxes, box, free, lowest, touching
 from gril_jax.envs.tabletop.moments import Moments
+from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.reward import Progress, closeness
 from gril_jax.envs.tabletop.start import Footprint, Start, free_joint, group, place
 from gril_jax.envs.tabletop.task import Tabletop, Task, View
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from . import model, moments, stages
+from . import expert, model, stages
 
 __all__ = ["LAYOUT", "shoes_in_box", "task"]
 
@@ -67,8 +68,8 @@ def shoes_in_box(*, varied_starts: float = 0.0, **options) -> Tabletop:
 
 @functools.cache
 def _moments() -> Moments:
-    """Once in a process: what is recorded depends on no option of who begins there."""
-    return moments.moments(Tabletop(task()))
+    """Moments of the expert, recorded once a process: they depend on no option of an episode."""
+    return moments(Tabletop(task()), expert.perform)
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:

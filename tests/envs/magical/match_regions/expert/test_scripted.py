@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.magical.expert import scripted
+from gril_jax.envs.magical.match_regions.expert import scripted
 
 from gril_jax import envs
 

@@ -1,4 +1,4 @@
-"""What an expert of MatchRegions intends: which blocks, in which order and style, to which places.
+"""The plan of an expert of MatchRegions: blocks, their order and places, and a style.
 
 A plan is drawn once an episode. From it, and from where things are by then, follows the next job:
 one block and its place. K is the number of target blocks.
@@ -20,7 +20,7 @@ _APART = 0.33  # arena units between the centres of two blocks that do not touch
 
 
 class Style(NamedTuple):
-    """How an expert goes about it; probabilities are for each stage. All may be traced."""
+    """An expert's style; probabilities are for each stage. All may be traced."""
 
     pause: Int[Array, ""] | int = 2  # longest wait before a stage, control steps
     detour: Float[Array, ""] | float = 0.0  # probability of driving somewhere else first
@@ -29,7 +29,7 @@ class Style(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What one episode's expert intends."""
+    """The plan of one episode."""
 
     blocks: Int[Array, "K"]  # which block each stage brings
     slots: Float[Array, "K 2"]  # where to
@@ -89,7 +89,7 @@ def _aims(
     goal: Float[Array, "4"],
     fails: dict[str, Bool[Array, ""] | bool],
 ) -> tuple[Int[Array, "K"], Float[Array, "K 2"]]:
-    """Which block each stage brings, and where to; the last one's as the failure says."""
+    """The block that each stage brings, and its place; the last one's as the failure says."""
     k, count = env.num_targets, len(blocks)
     order = jax.random.permutation(keys[0], k)
     away = goal[:2] - blocks[order]
@@ -115,7 +115,7 @@ def first_job(drawn: Plan) -> Job:
 
 
 def next_job(env: MatchRegions, drawn: Plan, job: Job, state: State) -> Job:
-    """What to do after a job.
+    """The job after a job.
 
     A failing plan goes through its stages once. One that succeeds first clears out of the region
     what should not be there, then brings the first block that is missing.
@@ -147,7 +147,7 @@ def next_job(env: MatchRegions, drawn: Plan, job: Job, state: State) -> Job:
 
 
 def _apart(points: Float[Array, "C 2"], which: Int[Array, ""], blocks: Float[Array, "B 2"]):
-    """How much too near each point is to the nearest other block."""
+    """The lack of room at each point, summed over the other blocks."""
     gaps = jnp.sqrt(jnp.sum((points[:, None] - blocks) ** 2, axis=-1) + 1e-12)
     gaps = jnp.where(jnp.arange(len(blocks)) == which, 10.0, gaps)
     return jnp.maximum(_APART - gaps, 0.0).sum(axis=1)

@@ -14,12 +14,12 @@ __all__ = ["PlanarData", "distances", "objects", "progress"]
 
 
 class PlanarData(NamedTuple):
-    """What the simulator must remember; E bodies are the robot's parts, then B blocks."""
+    """The simulator's memory; E bodies are the robot's parts, then B blocks."""
 
     pose: Float[Array, "E 3"]  # x, y (arena units), angle (rad); a finger's place is its pivot
     velocity: Float[Array, "E 3"]  # per second
     memory: Float[Array, "I"]  # what the engine's solver begins with
-    shape: Int[Array, "B"]  # of each block, an index into `block_shapes.SHAPES`
+    shape: Int[Array, "B"]  # of each block, an index into `planar.shapes.SHAPES`
     colour: Int[Array, "B"]  # an index into COLOURS; the region has the first target's
     strengths: Float[Array, "5"]  # the fields of `joints.Strengths`
     goal: Float[Array, "4"]  # centre x, y; width, height
@@ -31,12 +31,12 @@ class PlanarData(NamedTuple):
 
 
 def distances(points: Float[Array, "K C"], center: Float[Array, "2"]) -> Float[Array, "K"]:
-    """Of points (x, y, ...) to a centre, arena units."""
+    """Distances of points (x, y, ...) from a centre, arena units."""
     return jnp.sqrt(jnp.sum((points[:, :2] - center) ** 2, axis=1) + 1e-12)
 
 
 def progress(data: PlanarData, *, parts: int, targets: int) -> Progress:
-    """What scores and rewards depend on; `parts` bodies are the robot's, then come the targets."""
+    """The quantities of scores and rewards; `parts` bodies are the robot's, then come targets."""
     blocks = data.pose[parts:]
     return Progress(
         inside=(jnp.abs(blocks[:, :2] - data.goal[:2]) <= data.goal[2:] / 2).all(axis=1),
@@ -48,7 +48,7 @@ def progress(data: PlanarData, *, parts: int, targets: int) -> Progress:
 
 
 def _robot_size(robot: Robot, angle: Float[Array, ""]) -> Float[Array, "2"]:
-    """Of the base's box: a disc's fingers are thin, and a detector leaves them out."""
+    """Size of the base's box: a disc's fingers are thin, and a detector leaves them out."""
     part = robot.parts[0]
     if part.radius:
         return jnp.full(2, 2 * part.radius)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.magical.expert import push_routes as routes
+from gril_jax.envs.magical.match_regions.expert import push_routes as routes
 
 from gril_jax import envs
 

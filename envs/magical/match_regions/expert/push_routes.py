@@ -20,7 +20,7 @@ _PATIENCE = 20  # control steps after which a waypoint is given up
 
 
 class Route(NamedTuple):
-    """Where to drive, and how far along it is."""
+    """Three waypoints, and how far along them the robot is."""
 
     points: Float[Array, "3 2"]
     at: Int[Array, ""]  # waypoint now headed for; 3 when done
@@ -34,7 +34,7 @@ def stay() -> Route:
 
 
 def length(vector: Float[Array, "*B 2"]) -> Float[Array, "*B"]:
-    """Of a vector, with a gradient at none."""
+    """Length of a vector, with a gradient at none."""
     return jnp.sqrt(jnp.sum(vector**2, axis=-1) + 1e-12)
 
 

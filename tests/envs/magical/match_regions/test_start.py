@@ -4,6 +4,7 @@ import chex
 import numpy as np
 import pytest
 from gril_jax.envs.magical import layout as layouts
+from gril_jax.envs.magical.match_regions import start as starts
 from support import match_regions_lanes as lanes
 from support import planar_scenes, scenes
 from support.match_regions_lanes import LANES, NAMES, SQUARE, STAR, observe
@@ -191,7 +192,7 @@ def test_variants_draw_what_their_names_say():
 
 
 def test_layout_constants_are_the_specifications():
-    assert {name: layouts.DEMO_BLOCKS[name] for name in NAMES} == scenes.BLOCKS
+    assert {name: starts.DEMO_BLOCKS[name] for name in NAMES} == scenes.BLOCKS
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What a gripper expert of MatchRegions does in each phase of a job, and when it goes on.
+"""The phases of a gripper expert's job in MatchRegions, and when each ends.
 
 GO drives to where the robot docks from, DOCK up to the block, CLOSE shuts the fingers, CARRY brings
 the block to its place, OPEN lets go and BACK drives off.
@@ -8,14 +8,15 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.envs.magical.expert.docks import BERTH, BODY, REACH, STAND, WIDTH
+from gril_jax.envs.magical.expert.grid_planning import Obstacles, cost_to_go, waypoint
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from jaxtyping import Array, Bool, Float, Int
 
-from .docks import BERTH, BODY, REACH, STAND, WIDTH
-from .grid_planning import Obstacles, cost_to_go, waypoint
 from .plans import Job, Plan
+from .push_routes import length
 
-__all__ = ["BACK", "CARRY", "CLOSE", "DOCK", "GO", "OPEN", "Moment", "aim", "drive", "leave",
+__all__ = ["BACK", "CARRY", "CLOSE", "DOCK", "GO", "OPEN", "View", "aim", "drive", "leave",
            "stand", "unit"]  # fmt: skip
 
 GO, DOCK, CLOSE, CARRY, OPEN, BACK = range(6)
@@ -26,8 +27,8 @@ _STUCK = 8  # control steps without motion
 _FASTEST = np.array([2.5, 2.5, 0.0, 1.2, 0.8, 2.5], np.float32)
 
 
-class Moment(NamedTuple):
-    """What an expert sees of a moment, for its present job."""
+class View(NamedTuple):
+    """The scene as an expert sees it, for its present job."""
 
     robot: Float[Array, "2"]
     yaw: Float[Array, ""]
@@ -55,25 +56,21 @@ def unit(vector: Float[Array, "2"]) -> Float[Array, "2"]:
     return vector / jnp.maximum(jnp.sqrt(jnp.sum(vector**2) + 1e-12), 1e-6)
 
 
-def _length(vector: Float[Array, "2"]) -> Float[Array, ""]:
-    return jnp.sqrt(jnp.sum(vector**2) + 1e-12)
-
-
-def stand(env: MatchRegions, seen: Moment, dock: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Where the robot turns to the block before it drives up to it."""
+def stand(env: MatchRegions, seen: View, dock: Float[Array, "2"]) -> Float[Array, "2"]:
+    """The place where the robot turns to the block before it drives up to it."""
     limit = env.arena - BODY - 0.01
     return jnp.clip(seen.block - STAND * dock, -limit, limit)
 
 
 def aim(
     env: MatchRegions,
-    seen: Moment,
+    seen: View,
     drawn: Plan,
     at: Int[Array, ""],
     stand: Float[Array, "2"],
     roaming: Bool[Array, ""],
 ) -> Float[Array, "2"]:
-    """Where the robot heads: to dock, to the block's place, or on the plan's detour."""
+    """The point that the robot heads for: to dock, the block's place, or the plan's detour."""
     carries = seen.phase == CARRY
     target = jnp.where(roaming, drawn.via[at], jnp.where(carries, seen.job.slot, stand))
     # On its way it keeps clear of the job's block too; with it in hand, of what it may sweep along.
@@ -87,7 +84,7 @@ def aim(
 
 
 def drive(
-    seen: Moment, aim: Float[Array, "2"], stand: Float[Array, "2"], roaming: Bool[Array, ""]
+    seen: View, aim: Float[Array, "2"], stand: Float[Array, "2"], roaming: Bool[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Forward speed (units/s), turn (rad/s) and opening (rad) wanted of the fingers.
 
@@ -98,8 +95,8 @@ def drive(
     """
     turn = bearing(aim - seen.robot, seen.yaw)
     facing = jnp.clip(1.0 - jnp.abs(turn), 0.0, 1.0)
-    go = facing * jnp.clip(6.0 * _length(aim - seen.robot), 0.2, 0.8)
-    there = (_length(seen.robot - stand) < 0.1) & ~roaming
+    go = facing * jnp.clip(6.0 * length(aim - seen.robot), 0.2, 0.8)
+    there = (length(seen.robot - stand) < 0.1) & ~roaming
     go, go_turn = jnp.where(there, 0.0, go), jnp.where(there, seen.ahead, turn)
 
     straight = jnp.clip(1.0 - 2.5 * jnp.abs(seen.ahead), 0.0, 1.0)
@@ -114,16 +111,16 @@ def drive(
     return speed, jnp.clip(6.0 * turns[seen.phase], -fastest, fastest), opening
 
 
-def _carry(seen: Moment, turn: Float[Array, ""]) -> Float[Array, ""]:
+def _carry(seen: View, turn: Float[Array, ""]) -> Float[Array, ""]:
     """Speed with a block in hand."""
-    short = _length(seen.job.slot - seen.robot) - seen.distance
+    short = length(seen.job.slot - seen.robot) - seen.distance
     # Turning on the spot is slow with the block in hand, and at a wall it wedges: back off.
     bend = 0.8 * jnp.clip(1.0 - jnp.abs(turn) / 0.7, -0.3, 1.0)
     final = jnp.clip(6.0 * short, -0.4, 0.6) * jnp.clip(1.0 - jnp.abs(turn) / 0.7, 0.2, 1.0)
     return jnp.where(short < 0.25, final, bend)
 
 
-def _back(seen: Moment) -> tuple[Float[Array, ""], Float[Array, ""]]:
+def _back(seen: View) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Speed and turn of backing off from a block."""
     # A block that comes along when the robot backs off is wedged between the fingers: shake it.
     stuck, beat = (seen.distance < 0.45) & (seen.timer >= 2), seen.timer % 4
@@ -132,19 +129,19 @@ def _back(seen: Moment) -> tuple[Float[Array, ""], Float[Array, ""]]:
 
 
 def leave(
-    seen: Moment,
+    seen: View,
     dock: Float[Array, "2"],
     stand: Float[Array, "2"],
     roaming: Bool[Array, ""],
     dropped: Bool[Array, ""],
 ) -> tuple[Bool[Array, ""], Int[Array, ""]]:
-    """Whether the present phase ends, and which follows. Arguments as for `drive`.
+    """True if the present phase ends, and the one that follows. Arguments as for `drive`.
 
     `dropped` is true from when a plan lets its block go on the way.
     """
     timer, width = seen.timer, jnp.abs(seen.aside)
     behind = unit(seen.block - seen.robot) @ dock > 0.8
-    at_stand = (_length(seen.robot - stand) < 0.1) | behind & (seen.distance < STAND + 0.1)
+    at_stand = (length(seen.robot - stand) < 0.1) | behind & (seen.distance < STAND + 0.1)
     lined = at_stand & ~roaming & (jnp.abs(seen.ahead) < 0.3)
     # A block that did not come off when the robot backed away is carried on as it is.
     still = (seen.distance < REACH + 0.04) & (width < WIDTH) & ~roaming & (seen.phase == GO)
@@ -168,8 +165,8 @@ def leave(
     return ended | caught, jnp.where(caught & ~ended, BACK, to)
 
 
-def _arrived(seen: Moment) -> Bool[Array, ""]:
-    """Whether the block in hand is at its place, or as near as going on brings it."""
-    left = _length(seen.job.slot - seen.block)
-    short = _length(seen.job.slot - seen.robot) - seen.distance
+def _arrived(seen: View) -> Bool[Array, ""]:
+    """True if the block in hand is at its place, or as near as going on brings it."""
+    left = length(seen.job.slot - seen.block)
+    short = length(seen.job.slot - seen.robot) - seen.distance
     return (left < 0.05) | (left < 0.1) & (jnp.abs(short) < 0.04)

@@ -1,19 +1,31 @@
-"""How an episode of MatchRegions starts: what the variant draws, and varied starts for training."""
+"""Starts of MatchRegions: those that a variant draws, and varied ones for training."""
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from gril_jax.envs.magical import layout as layouts
+from gril_jax.envs.magical.simulator import PRESETS, Preset
 from gril_jax.envs.planar import robots
 from gril_jax.envs.planar.joints import Strengths
 from gril_jax.envs.planar.robots import Robot
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from . import layout as layouts
-from .options import PRESETS, Preset
+__all__ = [
+    "DEMO_BLOCKS", "DEMO_GOAL", "DEMO_ROBOT", "Varied", "looks", "places", "robot_pose",
+    "strengths", "varied",
+]  # fmt: skip
 
-__all__ = ["Varied", "looks", "places", "robot_pose", "strengths", "varied"]
-
+# MAGICAL's Demo layout: x, y (arena units) and angle (rad).
+DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
+DEMO_BLOCKS = {
+    "green star": (0.80, -0.70, 2.37),
+    "green square": (-0.68, 0.72, 1.28),
+    "blue pentagon": (-0.05, -0.20, -1.09),
+    "yellow circle": (-0.75, -0.55, 2.78),
+    "yellow pentagon": (0.30, -0.82, -1.15),
+}
+DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
 
 _CANDIDATES = 16
 _ASIDE = 0.15  # arena units, standard deviation of a block's place from the straight way
@@ -65,13 +77,13 @@ def places(
     radii: Float[Array, "B"],
     arena: float,
 ) -> layouts.Layout:
-    """Where things start: the Demo layout, near it, or anywhere."""
+    """The places of a start: the Demo layout's, near them, or anywhere."""
     if variant in ("layout", "all"):
         return layouts.scatter(key, robot, radii, arena=arena)
     layout = layouts.Layout(
-        jnp.array(layouts.DEMO_ROBOT),
-        jnp.array([layouts.DEMO_BLOCKS[b] for b in blocks]),
-        jnp.array(layouts.DEMO_GOAL),
+        jnp.array(DEMO_ROBOT),
+        jnp.array([DEMO_BLOCKS[b] for b in blocks]),
+        jnp.array(DEMO_GOAL),
         jnp.zeros((), bool),
     )
     return layouts.jitter(key, layout, arena=arena) if variant == "jitter" else layout
@@ -89,7 +101,7 @@ def varied(
     radii: Float[Array, "B"],
     arena: float,
 ) -> Varied:
-    """In a `share` of the episodes the robot anywhere and targets further on.
+    """A start that in a `share` of the episodes has the robot anywhere and targets further on.
 
     Two times in three one target is in the region; of the other targets each is somewhere on its
     way there with probability `on_the_way`, so that what is left to do is short now and then; and

@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.shoes_in_box import expert
-from gril_jax.envs.tabletop.shoes_in_box.moments import moments
 from gril_jax.envs.tabletop.shoes_in_box.task import shoes_in_box, task
 from gril_jax.envs.tabletop.task import Tabletop
 from gril_jax.experiments.pipeline import setup
@@ -21,7 +21,7 @@ def plain():
 
 @pytest.fixture(scope="module")
 def found(plain):
-    return moments(plain, episodes=3)
+    return moments(plain, expert.perform, episodes=3)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.magical import score as rewards
+from gril_jax.envs.magical.match_regions import score as rewards
 from support import scenes
 
 STAR, SQUARE, BLUE = range(3)

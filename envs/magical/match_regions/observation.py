@@ -1,4 +1,4 @@
-"""What a policy sees in MatchRegions: two vectors to choose from, each with a name for each number.
+"""Observations of MatchRegions: three vectors to choose from, each with a name for each number.
 
 "rich" holds what the task's dynamics and reward depend on, in the robot's frame where that helps.
 "sorted" holds the same, but targets come in the order in which they are due: those outside the
@@ -11,6 +11,7 @@ Lengths are in arena units.
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from gril_jax.envs.magical.layout import turned
 from gril_jax.envs.planar.joints import TURN_RATE
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float
@@ -33,25 +34,20 @@ class Scene(NamedTuple):
     inside: Bool[Array, "B"]
 
 
-def _turn(angle: Float[Array, ""], xy: Float[Array, "*N 2"]) -> Float[Array, "*N 2"]:
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    return jnp.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1)
-
-
 def _rich(scene: Scene, parts: int, due: int = 0) -> Float[Array, "O"]:
     """`due` targets are put in the order in which they are due; 0 keeps all in place."""
     x_y, yaw, velocity = scene.pose[0, :2], scene.pose[0, 2], scene.velocity[0]
     robot = [
         x_y,
         jnp.stack([jnp.cos(yaw), jnp.sin(yaw)]),
-        _turn(-yaw, velocity[:2])[::-1],
+        turned(-yaw, velocity[:2])[::-1],
         velocity[2:] / TURN_RATE,
     ]
     if parts > 1:
         robot.append((scene.pose[1:2, 2] - scene.pose[2:3, 2]) / (2 * FINGER_OPEN))
-    robot += [_turn(-yaw, scene.goal[:2] - x_y), scene.goal]
+    robot += [turned(-yaw, scene.goal[:2] - x_y), scene.goal]
     blocks, speed = scene.pose[parts:], scene.velocity[parts:]
-    local = _turn(-yaw, blocks[:, :2] - x_y)
+    local = turned(-yaw, blocks[:, :2] - x_y)
     each = [
         local,
         blocks[:, :2],

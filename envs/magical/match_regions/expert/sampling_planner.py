@@ -1,4 +1,4 @@
-"""How a stick, which can only push, does what a plan of MatchRegions says: by trying it out.
+"""The expert of a stick, which can only push: it tries out how to do what a plan says.
 
 The simulator is exact and repeatable, so the expert plays candidate routes to the end of a horizon
 with the real physics, takes the one that leaves the scene best, follows its first steps and looks
@@ -36,7 +36,7 @@ _GAIN = 0.01  # less than this between two searches is none
 
 
 class Search(NamedTuple):
-    """How much is tried out."""
+    """The size of a search."""
 
     candidates: int = 32  # routes a round
     rounds: int = 2
@@ -63,7 +63,7 @@ class _Memory(NamedTuple):
 
 
 def _need(env: MatchRegions, drawn: Plan, state: State) -> Float[Array, "B"]:
-    """How far each block is from where it may stay; all zero when the task is solved."""
+    """Distance of each block from where it may stay; all zero when the task is solved."""
     goal, blocks = state.data.goal, state.data.pose[-len(env.blocks) :, :2]
     rim = goal[2:] / 2 - jnp.abs(blocks - goal[:2])  # to the nearer sides; negative beyond
     depth = rim.min(axis=1)
@@ -78,7 +78,7 @@ def _need(env: MatchRegions, drawn: Plan, state: State) -> Float[Array, "B"]:
 
 
 def cost(env: MatchRegions, drawn: Plan, state: State, pull: Pull) -> Float[Array, ""]:
-    """What is still to do in a scene, arena units; 0 when all is done and nothing pulls."""
+    """The cost of what is left to do, arena units; 0 when all is done and nothing pulls."""
     need, robot = _need(env, drawn, state), state.data.pose[0, :2]
     blocks, todo = state.data.pose[-len(env.blocks) :, :2], need > 0
     # At a wall, or beside another block, a block is hard to get behind.
@@ -121,7 +121,7 @@ def _drive(
 def _outlook(
     env: MatchRegions, how: Search, drawn: Plan, state: State, pull: Pull, route: Route
 ) -> Float[Array, ""]:
-    """What a route leads to: the cost at the horizon, and on average, so that sooner is better."""
+    """The cost of a route: that at the horizon, and on average, so that sooner is better."""
 
     def move(carry, _):
         state, route = carry
@@ -134,7 +134,7 @@ def _outlook(
 
 
 def _vary(how: Search, key: PRNGKeyArray, best: Route, new: Route) -> Route:
-    """What a later round tries: the best routes with noise, and a quarter of new ones."""
+    """The routes of a later round: the best with noise, and a quarter of new ones."""
     key_pick, key_noise = jax.random.split(key)
     pick = jax.random.randint(key_pick, (how.candidates,), 0, how.elite)
     varied = jax.tree.map(lambda x: x[pick], best)

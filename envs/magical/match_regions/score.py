@@ -10,9 +10,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from . import SPEC
+
 __all__ = ["REWARDS", "Progress", "reward", "score"]
 
-REWARDS = ("S4", "V5", "S3", "sparse")
+REWARDS = SPEC.rewards
 DIAGONAL = 2.8284271247461903  # by which V5 and S3 divide distances: of a +-1 arena
 
 

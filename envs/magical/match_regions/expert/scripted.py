@@ -2,7 +2,7 @@
 
 It sees the simulator's state and is a pure function, so that hundreds of demonstrations run under
 one vmap. For each block of its plan it drives to where it can take hold of it, docks, brings the
-block to its place, lets go and backs off (`scripted_phases`). A block that slips away is fetched
+block to its place, lets go and backs off (`phases`). A block that slips away is fetched
 again, and a distractor that got into the region is taken out. All this is a gripper's way, which
 holds a block between the tips of its fingers and carries it anywhere. A stick can only push, and
 finds out by trials in the simulator how (`sampling_planner`), 170 steps of it for each of its own.
@@ -13,12 +13,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.base import State
+from gril_jax.envs.magical.expert.docks import choose_dock
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import phases, plans, sampling_planner
-from .docks import choose_dock
 from .plans import FAILURES, Job, Plan, Style, plan
 from .sampling_planner import Search
 
@@ -95,17 +95,17 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
 
 
 def _moves(memory: Memory, state: State) -> Bool[Array, ""]:
-    """Whether the robot has moved since the last control step."""
+    """True if the robot has moved since the last control step."""
     step = jnp.abs(state.data.pose[0] - memory.pose)
     return (step[:2].max() > _STILL) | (step[2] > _STILL_TURN)
 
 
-def _look(env: MatchRegions, memory: Memory, state: State) -> phases.Moment:
+def _look(env: MatchRegions, memory: Memory, state: State) -> phases.View:
     pose, job = state.data.pose, memory.job
     robot, yaw = pose[0, :2], pose[0, 2]
     blocks = pose[-len(env.blocks) :, :2]
     away = blocks[job.block] - robot
-    return phases.Moment(
+    return phases.View(
         robot=robot,
         yaw=yaw,
         blocks=blocks,

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.magical.expert import sampling_planner as planner
-from gril_jax.envs.magical.expert import scripted
-from gril_jax.envs.magical.expert.push_routes import Route, stay
+from gril_jax.envs.magical.match_regions.expert import sampling_planner as planner
+from gril_jax.envs.magical.match_regions.expert import scripted
+from gril_jax.envs.magical.match_regions.expert.push_routes import Route, stay
 
 from gril_jax import envs
 

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.magical import observation as observations
-from gril_jax.envs.magical.observation import Scene
+from gril_jax.envs.magical.match_regions import observation as observations
+from gril_jax.envs.magical.match_regions.observation import Scene
 from support import planar_scenes, scenes
 
 BLOCKS = ("green star", "green square", "blue pentagon", "yellow circle", "yellow pentagon")
