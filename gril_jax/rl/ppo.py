@@ -63,7 +63,7 @@ class TrainState(NamedTuple):
     params: losses.PPONetworkParams
     optimiser: Any
     normalizer: running_statistics.RunningStatisticsState
-    rollout: rollout.Fleet  # (B, ...)
+    fleet: rollout.Fleet  # (B, ...)
     key: PRNGKeyArray
     updates: Int[Array, ""]
     replay: tuple[()] = ()  # learning is from the last unroll alone

@@ -56,7 +56,7 @@ class TrainState(NamedTuple):
     learned: Learned
     normalizer: running_statistics.RunningStatisticsState
     replay: replay.Replay  # of `Row`
-    rollout: rollout.Fleet  # (B, ...)
+    fleet: rollout.Fleet  # (B, ...)
     key: PRNGKeyArray
     updates: Int[Array, ""]  # unrolls so far
 
