@@ -1,8 +1,11 @@
 """Set before any test imports JAX: the suite is for the CPU, whatever else a machine has."""
 
+import collections
 import importlib.metadata
 import os
 import pathlib
+
+TESTS = pathlib.Path(__file__).parent
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 # Most of the time goes to compiling: at a lower level of optimisation, and with the older code
@@ -14,9 +17,15 @@ if importlib.metadata.version("jaxlib").startswith("0.10."):
 os.environ.setdefault("XLA_FLAGS", " ".join(FLAGS))
 
 # Files that take longest come first, or one worker would play its last alone.
-LONGEST = """pipeline hosts sharding planar_physics ppo match_regions scripted sampling_planner
-pretrain_loss pretrain encoder training sac planar_mjx soft_dtw contacts examples report
-export_policy ablate subtasks reward magical_replay""".split()
+LONGEST = """pipeline runs/hosts compilation/sharding envs/planar/physics rl/ppo
+envs/magical/match_regions/task envs/magical/expert/scripted envs/magical/expert/sampling_planner
+pretraining/loss pretraining/pretrain encoders/encoder rl/training rl/sac envs/planar/mjx_engine
+losses/time_warping/soft_dtw envs/planar/contacts experiments/examples report/run_report
+interop/policy_file experiments/sweeps/ablate subtasks/boundaries reward/latent_goal
+experiments/fidelity/magical_replay""".split()
+
+SECONDS: collections.Counter[str] = collections.Counter()  # of each file, tests and fixtures
+SLOWEST = 10
 
 
 def pytest_configure(config):
@@ -26,5 +35,22 @@ def pytest_configure(config):
 
 def pytest_collection_modifyitems(items):
     """By file; the order within one is kept."""
-    rank = {f"test_{name}": place for place, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: rank.get(pathlib.Path(item.path).stem, len(rank)))
+    rank = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(_name(item.path), len(rank)))
+
+
+def _name(path):
+    """losses/tcc/batch for tests/losses/tcc/test_batch.py."""
+    return path.relative_to(TESTS).with_suffix("").as_posix().replace("test_", "")
+
+
+def pytest_runtest_logreport(report):
+    SECONDS[report.nodeid.partition("::")[0]] += report.duration
+
+
+def pytest_terminal_summary(terminalreporter):
+    """The files worth making faster."""
+    if len(SECONDS) > SLOWEST:
+        terminalreporter.section(f"{SLOWEST} slowest files")
+        for name, seconds in SECONDS.most_common(SLOWEST):
+            terminalreporter.write_line(f"{seconds:6.1f} s  {name}")

@@ -213,7 +213,7 @@ def test_a_resumed_configuration_needs_what_a_new_one_needs(tmp_path):
 _CHILD = """
 import os, signal, sys, threading
 from gril_jax.cli import main
-from gril_jax.commands.heavy_imports import heavy_imports
+from gril_jax.cli.heavy_imports import heavy_imports
 with heavy_imports():
     from gril_jax.experiments import train
     from gril_jax import run_dir

@@ -65,7 +65,7 @@ def test_the_wheel_adds_one_name_and_one_command(wheel):
         tops = {name.split("/")[0] for name in archive.namelist()}
         info = next(top for top in tops if top.endswith(".dist-info"))
         assert tops == {"gril_jax", info}
-        assert "gril = gril_jax.cli:main" in archive.read(f"{info}/entry_points.txt").decode()
+        assert "gril = gril_jax.cli.main:main" in archive.read(f"{info}/entry_points.txt").decode()
         metadata = Parser().parsestr(archive.read(f"{info}/METADATA").decode())
     assert metadata["Name"] == "gril-jax"
     assert metadata["Requires-Python"] == "<3.13,>=3.11"

@@ -52,7 +52,7 @@ _SMALL = """--demos.num 6 --demos.num-validation 2 --demos.num-failures 2 --pret
 
 _CHILD = """
 import json, sys
-from gril_jax.commands.heavy_imports import heavy_imports
+from gril_jax.cli.heavy_imports import heavy_imports
 
 with heavy_imports():
     from gril_jax.experiments.bench_clock import counted

@@ -78,4 +78,4 @@ def joined(args: list[str], name: str) -> Work | None:
 
 
 def _experiment(name: str) -> ModuleType:
-    return importlib.import_module(f"gril_jax.experiments.{name}")
+    return importlib.import_module(f"gril_jax.experiments.{name}.{name}")

@@ -11,14 +11,14 @@ from gril_jax.compilation import ahead
 
 @pytest.mark.parametrize("cores", [2, 4])
 def test_what_was_compiled_in_the_pool_runs(monkeypatch, cores):
-    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: cores)
+    monkeypatch.setattr(ahead.threads, "cores", lambda: cores)
     with ahead.compiling() as pool:
         found = pool.submit(lambda: jax.jit(jnp.sin).lower(1.0).compile()).result()
     assert found(1.0) == jnp.sin(1.0)
 
 
 def test_what_has_not_begun_when_something_fails_is_given_up(monkeypatch):
-    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: 4)
+    monkeypatch.setattr(ahead.threads, "cores", lambda: 4)
     begun, go = threading.Event(), threading.Event()
 
     def first():
@@ -45,7 +45,7 @@ def test_what_has_not_begun_when_something_fails_is_given_up(monkeypatch):
 def test_on_two_cores_or_hosts_each_is_made_once_and_when_it_is_asked_for(
     monkeypatch, cores, processes
 ):
-    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: cores)
+    monkeypatch.setattr(ahead.threads, "cores", lambda: cores)
     monkeypatch.setattr(ahead.jax, "process_count", lambda: processes)
     made = []
     with ahead.compiling() as pool:
@@ -57,7 +57,7 @@ def test_on_two_cores_or_hosts_each_is_made_once_and_when_it_is_asked_for(
 
 
 def test_programs_are_traced_one_by_one_and_compiled_side_by_side(monkeypatch):
-    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: 8)
+    monkeypatch.setattr(ahead.threads, "cores", lambda: 8)
     traced, both = [], threading.Barrier(2)
 
     def make(name):
@@ -74,7 +74,7 @@ def test_programs_are_traced_one_by_one_and_compiled_side_by_side(monkeypatch):
 
 @pytest.mark.parametrize("cores", [2, 8])
 def test_tasks_come_after_those_that_they_need(monkeypatch, cores):
-    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: cores)
+    monkeypatch.setattr(ahead.threads, "cores", lambda: cores)
     done = []
     with ahead.compiling() as pool:
         programs = {name: pool.submit(lambda name=name: name) for name in "abc"}
@@ -95,7 +95,7 @@ def test_tasks_come_after_those_that_they_need(monkeypatch, cores):
 
 
 def test_what_is_compiled_first_comes_first(monkeypatch):
-    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: 8)
+    monkeypatch.setattr(ahead.threads, "cores", lambda: 8)
     done, slow = [], threading.Event()
     with ahead.compiling() as pool:
         first, second = pool.submit(slow.wait, 60), pool.submit(lambda: True)
@@ -114,7 +114,7 @@ def test_what_is_compiled_first_comes_first(monkeypatch):
 
 
 def test_a_program_that_cannot_be_compiled_fails_where_it_is_asked_for(monkeypatch):
-    monkeypatch.setattr(ahead.parallel_map, "cores", lambda: 8)
+    monkeypatch.setattr(ahead.threads, "cores", lambda: 8)
     with ahead.compiling() as pool:
         broken = pool.submit(lambda: 1 // 0)
         with pytest.raises(ZeroDivisionError):

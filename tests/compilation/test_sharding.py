@@ -54,7 +54,7 @@ def test_devices_that_cannot_be_shared_out_are_refused(devices, seeds, num_envs,
 _CHILD = """
 import json, sys
 import jax
-import sharded_training as t
+from support import sharded_training as t
 from gril_jax.rl import blocks
 blocks._LEAST = 2  # so that few environments are blocks enough for all devices
 devices = jax.devices()

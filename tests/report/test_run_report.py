@@ -68,7 +68,7 @@ def copied(tmp_path, finished):
 @pytest.fixture
 def run(copied, monkeypatch):
     """A copy of the finished run, to be changed; its pictures are drawn, but not made PNGs."""
-    monkeypatch.setattr("gril_jax.report.png", lambda figure: b"a picture")
+    monkeypatch.setattr("gril_jax.report.run_report.png", lambda figure: b"a picture")
     return copied
 
 

@@ -47,7 +47,7 @@ from gril_jax.cluster import cluster_of
 hosts.initialize(cluster_of(os.environ))
 import jax, numpy as np
 import jax.numpy as jnp
-import sharded_training as t
+from support import sharded_training as t
 from gril_jax import run_dir, training_loop
 from gril_jax.config import RunConfig
 from gril_jax.interrupt import Interrupted

@@ -214,7 +214,7 @@ def test_a_full_disk_ends_the_run_in_one_sentence_and_the_last_checkpoint_stays(
 # checkpoint from a given chunk on is complete.
 _CHILD = """
 import os, pathlib, signal, sys, threading, time
-import test_training_loop as t
+from runs import test_loop as t
 path, chunk, delay_s = pathlib.Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3])
 begun = []
 def row(done, seconds, metrics):

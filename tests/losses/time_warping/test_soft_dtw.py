@@ -7,7 +7,7 @@ import pytest
 from support.soft_dtw_oracle import assert_close, oracle, random_cost
 
 from gril_jax.losses import expected_alignment, pairwise_cost, soft_dtw_between, soft_dtw_divergence
-from gril_jax.losses.time_warping import soft_dtw
+from gril_jax.losses import soft_dtw
 from gril_jax.losses.time_warping.recursion import recursion, strip_height
 
 
