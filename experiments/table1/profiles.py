@@ -68,7 +68,7 @@ def get_ready(
     return found
 
 
-def program(static: pretrain.PretrainConfig):
+def program(static: pretrain.Static):
     """Jitted: (S rewards, hyper, demonstrations) -> two-way cycle consistency of each, rewards."""
 
     @jax.jit

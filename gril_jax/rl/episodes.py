@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from gril_jax.config.encoder import PoolConfig
 from gril_jax.graphs import activity
 
 from .rewards import AnyReward, Reward, as_reward
@@ -45,11 +46,11 @@ class Episodes:
     reward: Reward
     observe_activity: bool = True
     """Whether the policy sees the activity bits, as the reward does."""
-    window: int = 40
+    window: int = PoolConfig.window
     """Of the activity memory, frames."""
-    smoothing: int = 1
+    smoothing: int = PoolConfig.smoothing
     """Frames of the running median of centres before that."""
-    noise: float | None = None
+    noise: float | None = PoolConfig.noise
     """Standard deviation of a centre along one axis, world units."""
 
     @classmethod

@@ -18,6 +18,9 @@ from brax.training.acme import running_statistics
 from brax.training.agents.ppo import losses, networks
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
+from gril_jax.config.encoder import PoolConfig
+from gril_jax.config.policy import PPOConfig
+
 from . import blocks, ppo_loss, rollout, training
 from .episodes import Episodes, Lane
 from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
@@ -25,36 +28,40 @@ from .rewards import AnyReward
 
 __all__ = ["PPO", "Hyper", "Static", "TrainState"]
 
+Number = Float[Array, ""] | float
+
 
 @dataclasses.dataclass(frozen=True)
 class Static:
     """What shapes the compiled program."""
 
-    num_envs: int = 64
-    unroll_length: int = 30
-    num_minibatches: int = 4
-    num_epochs: int = 4
-    hidden: tuple[int, ...] = (64, 64)
+    num_envs: int = PPOConfig.num_envs
+    unroll_length: int = PPOConfig.unroll_length
+    num_minibatches: int = PPOConfig.num_minibatches
+    num_epochs: int = PPOConfig.num_epochs
+    hidden: tuple[int, ...] = PPOConfig.hidden
     observe_activity: bool = True
-    window: int = 40  # of the activity memory, frames
-    smoothing: int = 1  # of centres, frames, before that
-    noise: float | None = None  # of centres, world units
+    window: int = PoolConfig.window  # of the activity memory, frames
+    smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
+    noise: float | None = PoolConfig.noise  # of centres, world units
 
 
 class Hyper(NamedTuple):
     """What may vary within one program: a sweep over it is a vmap."""
 
-    learning_rate: Float[Array, ""] | float = 3e-4
-    discounting: Float[Array, ""] | float = 0.99
-    gae_lambda: Float[Array, ""] | float = 0.95
-    entropy_cost: Float[Array, ""] | float = 1e-2
-    clipping_epsilon: Float[Array, ""] | float = 0.2
-    reward_scaling: Float[Array, ""] | float = 1.0
-    max_grad_norm: Float[Array, ""] | float = 1.0
-    tau: Float[Array, ""] | float = 0.005  # activity threshold, in box diagonals
-    decay_updates: Float[Array, ""] | float = 1.0  # over which the two below are reached
-    learning_rate_left: Float[Array, ""] | float = 1.0  # share of the learning rate, at the end
-    entropy_left: Float[Array, ""] | float = 1.0  # share of the entropy cost, at the end
+    learning_rate: Number = PPOConfig.learning_rate
+    discounting: Number = PPOConfig.discounting
+    gae_lambda: Number = PPOConfig.gae_lambda
+    entropy_cost: Number = PPOConfig.entropy_cost
+    clipping_epsilon: Number = PPOConfig.clipping_epsilon
+    reward_scaling: Number = PPOConfig.reward_scaling
+    max_grad_norm: Number = PPOConfig.max_grad_norm
+    tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
+    decay_updates: Number = 1.0  # over which the two below are reached
+    learning_rate_left: Number = (
+        PPOConfig.learning_rate_left
+    )  # share of the learning rate, at the end
+    entropy_left: Number = PPOConfig.entropy_left  # share of the entropy cost, at the end
 
 
 class TrainState(NamedTuple):

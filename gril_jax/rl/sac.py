@@ -21,6 +21,8 @@ from brax.training.types import Transition
 from flax import linen
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
+from gril_jax.config.encoder import PoolConfig
+from gril_jax.config.policy import SACConfig
 from gril_jax.errors import ConfigError
 
 from . import replay, rollout, sac_loss, training
@@ -36,18 +38,20 @@ __all__ = ["SAC", "Hyper", "Row", "Seen", "Static", "TrainState"]
 class Static:
     """What shapes the compiled program."""
 
-    num_envs: int = 64
-    unroll_length: int = 4
-    updates_per_step: int = 8  # gradient steps after each unroll
-    batch_size: int = 256
-    replay_size: int = 2**17  # transitions, a multiple of those of one unroll
-    min_replay: int = 2**13  # transitions before learning begins; until then actions are random
-    relabel: bool = False  # whether rewards are computed when a batch is drawn
-    hidden: tuple[int, ...] = (128, 128)
+    num_envs: int = SACConfig.num_envs
+    unroll_length: int = SACConfig.unroll_length
+    updates_per_step: int = SACConfig.updates_per_step  # gradient steps after each unroll
+    batch_size: int = SACConfig.batch_size
+    replay_size: int = SACConfig.replay_size  # transitions, a multiple of those of one unroll
+    min_replay: int = (
+        SACConfig.min_replay
+    )  # transitions before learning begins; until then actions are random
+    relabel: bool = SACConfig.relabel  # whether rewards are computed when a batch is drawn
+    hidden: tuple[int, ...] = SACConfig.hidden
     observe_activity: bool = True
-    window: int = 40  # of the activity memory, frames
-    smoothing: int = 1  # of centres, frames, before that
-    noise: float | None = None  # of centres, world units
+    window: int = PoolConfig.window  # of the activity memory, frames
+    smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
+    noise: float | None = PoolConfig.noise  # of centres, world units
 
 
 class TrainState(NamedTuple):

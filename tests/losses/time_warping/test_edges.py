@@ -10,8 +10,7 @@ import pytest
 from support.soft_dtw_oracle import assert_close, oracle, random_cost
 
 from gril_jax.errors import ConfigError, GrilError, ShapeError
-from gril_jax.losses import expected_alignment, pairwise_cost, soft_dtw_between
-from gril_jax.losses import soft_dtw
+from gril_jax.losses import expected_alignment, pairwise_cost, soft_dtw, soft_dtw_between
 from gril_jax.losses.time_warping.recursion import FORBIDDEN
 
 apart = jax.jit(jax.value_and_grad(soft_dtw_between))

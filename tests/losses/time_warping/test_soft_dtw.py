@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from support.soft_dtw_oracle import assert_close, oracle, random_cost
 
-from gril_jax.losses import expected_alignment, pairwise_cost, soft_dtw_between, soft_dtw_divergence
-from gril_jax.losses import soft_dtw
+from gril_jax.losses import (
+    expected_alignment,
+    pairwise_cost,
+    soft_dtw,
+    soft_dtw_between,
+    soft_dtw_divergence,
+)
 from gril_jax.losses.time_warping.recursion import recursion, strip_height
 
 
