@@ -44,7 +44,10 @@ LAYERS = {
         | {"numpy", "scipy", "tyro", "yaml", "rich", "orbax", "absl"}
         | {"mujoco", "matplotlib", "av", "cv2"},
     ),
-    "runs": ({"ground", "options", "pure", "training", "host", "tasks", "runs"}, None),  # None: any package
+    "runs": (
+        {"ground", "options", "pure", "training", "host", "tasks", "runs"},
+        None,
+    ),  # None: any package
 }
 
 # Files and clocks are for the host.

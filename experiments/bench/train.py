@@ -182,16 +182,14 @@ def _random(env: Any, sizes: Sizes):
 def _learning(algorithm: ppo.PPO):
     """What an update learns from an unroll, by itself; the numbers are as good as any."""
     hyper, key = ppo.Hyper(), jax.random.key(2)
-    to_collect = jax.random.split(key, algorithm.keys_to_collect)
-    to_learn = jax.random.split(key, algorithm.keys_to_learn)
     exploring = jnp.zeros((algorithm.num_envs,), bool)
 
     def collect(state):
-        return algorithm.collect(state, to_collect, hyper, None, deterministic=exploring)[1]
+        return algorithm.collect(state, key, hyper, None, deterministic=exploring)[1]
 
     def learn(carry):
         state, steps = carry
-        return algorithm.learn(state, steps, to_learn, hyper, None)[0], steps
+        return algorithm.learn(state, steps, key, hyper, None)[0], steps
 
     state = jax.jit(algorithm.init)(key, hyper)
     shapes = jax.eval_shape(collect, state)
@@ -258,8 +256,8 @@ def _starting(episodes: env_loop.Episodes, way: str, count: int, sizes: Sizes):
     def plain(carry):
         now, key = carry
         key, key_steps = jax.random.split(key)
-        lanes, _ = jax.lax.scan(move, now.lanes, jax.random.split(key_steps, sizes.unroll))
-        return now._replace(lanes=lanes), key
+        lanes, _ = jax.lax.scan(move, now.running, jax.random.split(key_steps, sizes.unroll))
+        return now._replace(running=lanes), key
 
     def pooled(carry):
         now, key = carry

@@ -35,6 +35,8 @@ from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
 __all__ = ["DamagedError", "discard", "latest", "manifest", "restore", "save", "steps", "write"]
 
 _FORMAT = 1
+# How leaves of a training state began in older versions, and begin now; the longer ones first.
+_RENAMED = {"fleet.lanes.": "envs.running.", "fleet.": "envs."}
 
 
 class DamagedError(RunError):
@@ -176,7 +178,16 @@ def _entry(index: int, leaf: Leaf) -> dict[str, Any]:
     }
 
 
+def _present_name(name: str) -> str:
+    """The name that a leaf of an older version has today."""
+    for old, new in _RENAMED.items():
+        if name.startswith(old):
+            return new + name.removeprefix(old)
+    return name
+
+
 def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> None:
+    entries = [entry | {"path": _present_name(entry["path"])} for entry in entries]
     wanted = [(leaf_name(p), leaf) for p, leaf in jax.tree_util.tree_leaves_with_path(like)]
     names, stored = {name for name, _ in wanted}, {entry["path"] for entry in entries}
     for name, _ in wanted:
