@@ -1,7 +1,7 @@
 # make quickstart   install, then videos in, trained policy out, report in runs/quickstart
 # make test         install, then check
 # make lint         ruff
-# make docs         the API reference as pages in docs/
+# make docs         the site in site/, warnings as errors
 # make lock         resolve requirements.lock again (needs uv)
 
 SHELL := /bin/bash
@@ -28,8 +28,9 @@ lint: .venv/installed
 	$(BIN)/ruff format --check .
 
 docs: .venv/installed
-	$(BIN)/pip install -q --disable-pip-version-check "pdoc>=15"
-	$(BIN)/python -m gril_jax.experiments.docs.api_reference docs
+	$(BIN)/pip install -q --disable-pip-version-check --no-build-isolation -e '.[docs]'
+	$(BIN)/python docs/stage.py build/docs
+	$(BIN)/zensical build --clean --strict
 
 lock:
 	uv pip compile -q --universal --python-version 3.11 --extra test --no-annotate --no-header \

@@ -1,10 +1,10 @@
-"""How a learned reward could be cheated, found before a policy finds it.
+"""Searches for states that a learned reward overestimates, before a policy finds them.
 
 gril audit RUN                      a run's reward, under a minute on two CPU cores
 gril audit reward.npz --out found   a reward file
 
-A sound reward has an order accuracy of at least 0.97, a positive hack gap, pays at most 5 % of its
-range for touching and at most 70 % of it for targets pushed to any wrong place.
+A sound reward has an order accuracy of at least 0.97 and a positive hack gap, and rises by at most
+5 % of its range for touching, and by at most 70 % of it for targets pushed to any wrong place.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ from gril_jax.config import EnvConfig
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.interop.reward_file import load_reward
-from gril_jax.report.audit_report import Findings, write_report
+from gril_jax.report.audit.page import Findings, write_report
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
 
@@ -39,7 +39,7 @@ __all__ = ["main"]
 
 
 class _Subject(NamedTuple):
-    """What is audited."""
+    """A reward under audit, and the episodes that it is audited from."""
 
     learned: LearnedReward
     env: envs.Env
@@ -65,10 +65,10 @@ def main(
       task: the task's name; a run's own if left out.
       out: folder for the results, made if need be; `audit` in the run's folder, or beside the file
         under its name with "-audit", if left out.
-      variant: what is drawn at the start; the run's or the task's own if left out.
+      variant: of the starts; the run's or the task's own if left out.
       ascents: of the adversary, shared by the starts.
       starts: episodes whose first frames everything begins from.
-      seed: of everything that is drawn.
+      seed: of all random choices.
 
     Returns:
       What `audit.json` holds.

@@ -10,15 +10,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import filming, policy_rewards, policy_setup, setup
+from gril_jax.experiments.pipeline import filming, policy_setup, saved, setup
 
 from gril_jax.config import RunConfig
 from gril_jax.demos.vision import video
-from gril_jax.errors import RunError
 from gril_jax.rl.evaluate import Evaluation, evaluate
 from gril_jax.rl.policy import Policy
 from gril_jax.runs import run_dir
-from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
 
 __all__ = ["main", "play"]
@@ -40,8 +38,7 @@ def main(
     config = run_dir.read_config(folder)
     env = setup.make_env(config.env, training=False, variant=variant)
     algorithm = policy_setup.make_algorithm(config, env)
-    blank = policy_rewards.blank(config, env)
-    reward_params = checkpoint.restore(_latest(folder, "policy_reward"), blank)
+    reward_params = saved.policy_reward(folder, config, env)
     found = evaluate(
         algorithm,
         policy_setup.restore_policy(folder, config, algorithm),
@@ -87,7 +84,7 @@ def play(
 
     trained = jax.block_until_ready(run(policy, keys[0], True))
     phase.update(episodes)
-    # From one fixed start the mean actions succeed always or never; samples tell more.
+    # From one fixed start deterministic actions succeed always or never; sampled ones tell more.
     sampled = run(policy, keys[0], False)
     # Through the host it loses its weak types, or the program would be compiled once more.
     random = run(
@@ -112,10 +109,3 @@ def play(
         "success_random": float(random.success.mean()),
         "eval_episodes": episodes,
     }
-
-
-def _latest(folder: Path, part: str) -> Path:
-    found = checkpoint.latest(folder / part)
-    if found is None:
-        raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
-    return found

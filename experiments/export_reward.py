@@ -1,25 +1,23 @@
 """A run's learned reward as one file, for other people's JAX code.
 
-    python -m gril_jax.experiments.export_reward RUN reward.npz        a few seconds
+    gril export-reward RUN --out reward.npz        a few seconds
 
 `gril_jax.interop.reward_file.load_reward` reads it; the run's folder is only read.
 """
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import jax
 import numpy as np
-from gril_jax.experiments.pipeline import setup
+from gril_jax.experiments.pipeline import saved, setup
 
 from gril_jax import envs
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
-from gril_jax.errors import RunError
 from gril_jax.interop.reward_file import save_reward
+from gril_jax.report.data import read_finished
 from gril_jax.runs import run_dir
-from gril_jax.runs.checkpoints import checkpoint
 
 __all__ = ["main"]
 
@@ -32,11 +30,8 @@ def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> Non
       RewardFileError: `out` exists or cannot be written, or the reward is not finite.
     """
     config = run_dir.read_config(folder)
-    found = checkpoint.latest(folder / "reward")
-    if found is None:
-        raise RunError(f"{folder} has no reward, so its run has not got that far yet")
     env = setup.make_env(config.env, training=False)
-    params = checkpoint.restore(found, setup.blank_reward(config, len(env.classes)))
+    params = saved.learned_reward(folder, config, env)
     objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
     names = [env.classes[i] for i in np.asarray(objects.label)]
     robots = {name for name, flag in zip(names, np.asarray(objects.is_robot), strict=True) if flag}
@@ -74,11 +69,5 @@ def _provenance(folder: Path, config: RunConfig) -> dict:
     known = {"run": folder.resolve().name, "seed": config.run.seed}
     if demos.is_file():  # its entries hold the digests of the demonstrations
         known["demos_sha256"] = schema.digest(demos)
-    results = folder / "results.json"
-    if results.is_file() and "tau" in (found := run_dir.read_results(folder)):
-        known["kendall_tau"] = found["tau"]
-    return known
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    found = read_finished(folder) or {}
+    return known | ({"kendall_tau": found["tau"]} if "tau" in found else {})

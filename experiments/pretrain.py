@@ -1,13 +1,12 @@
 """Learn a reward from demonstration videos.
 
-    gril pretrain quickstart           about a minute on two CPU cores
-    gril pretrain --resume RUN         go on with a run that was cut off
-    gril pretrain quickstart --hard-negatives RUN    learn from what RUN's policy was overpaid for
+gril pretrain quickstart           about a minute on two CPU cores
+gril pretrain --resume RUN         go on with a run that was cut off
+gril pretrain quickstart --hard-negatives RUN    learn from states that RUN's reward overestimates
 
 Writes a run folder with the demonstrations, the reward, and its profile along each of them.
 """
 
-import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -16,7 +15,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import cheats, demonstrations, learners, setup
+from gril_jax.experiments.pipeline import demonstrations, hard_negatives, learners, setup
+from gril_jax.experiments.pipeline.open_run import Echo, OpenRun, opened
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax import reward
@@ -27,14 +27,11 @@ from gril_jax.config import RunConfig
 from gril_jax.report import run_report
 from gril_jax.report.data import SPLITS
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.runs import loop, run_dir
+from gril_jax.runs import loop
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
-from gril_jax.runs.progress import Progress
 from gril_jax.subtasks import agreement
 
-__all__ = ["check_cheats", "learn", "learned", "main"]
-
-Echo = Callable[[str], None]
+__all__ = ["learn", "main"]
 
 _STAGES = {"prominence": 0.125, "smoothing": 15}  # how ends of stages are found in each trace
 
@@ -46,73 +43,37 @@ def main(
     hard_negatives: Sequence[Path] = (),
     echo: Echo = print,
 ) -> Path:
-    """Run it, or go on with the run in a folder; returns the run's folder.
+    """Runs it, or goes on with the run in the folder `resume`; returns the run's folder.
 
-    Args:
-      config: a resumed run's is its own.
-      resume: its folder.
-      hard_negatives: runs whose policies give them; a resumed run has noted its own.
-      echo: says what happens.
+    Arguments are those of `gril_jax.experiments.pipeline.open_run.opened`.
     """
-    policies = cheats.load(hard_negatives)
-    check_cheats(config, policies)
-    opened = {"device": setup.device_in_words(), "experiment": "pretrain"}
-    begun = cheats.noted(policies)
-    with (
-        run_dir.create_or_resume(config, resume, begun=begun, **opened) as run,
-        Progress() as progress,
-    ):
-        echo(f"writing to {run.path}")
+    with opened(config, "pretrain", resume=resume, policies=hard_negatives, echo=echo) as run:
         env = setup.make_env(config.env, training=False)
-        demos = demonstrations.gather_once(config, env, run, progress)
-        results = learn(config, env, demos, run, progress, policies=policies, echo=echo)
-        run.finish(results)
+        demos = demonstrations.gather_once(config, env, run.dir, run.progress)
+        results = learn(run, demos)
+        run.dir.finish(results)
     page = run_report.write_report(run.path)
     echo(f"Kendall's tau on held-out demonstrations: {results['tau']:.3f}; report: {page}")
     return run.path
 
 
-def learn(
-    config: RunConfig,
-    env,
-    demos: demonstrations.Demonstrations,
-    run: run_dir.RunDir,
-    progress: Progress,
-    *,
-    policies: Sequence[cheats.Cheat] = (),
-    echo: Echo = print,
-) -> dict[str, Any]:
-    """Train the encoder, save the reward and its profiles, once in a run; returns the results.
+def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
+    """Trains the encoder, saves the reward and its profiles, once in a run; returns the results.
 
-    What the `policies` of earlier runs were overpaid for is learned from, too.
+    States that the rewards of earlier policies overestimated are learned from, too.
     """
-    results = run.finished_phase("reward")
+    results = run.dir.finished_phase("reward")
     if results is None:
-        train = demos.batch("train")
-        pool = cheats.gather_once(policies, config, train, run, progress, echo=echo)
-        results = _learn(config, env, demos, pool, run, progress, echo)
-        run.finish_phase("reward", results)
+        pool = hard_negatives.gather_once(
+            run.policies, run.config, demos.batch("train"), run.dir, run.progress, echo=run.echo
+        )
+        results = _learn(run, demos, pool)
+        run.dir.finish_phase("reward", results)
     return results
 
 
-def learned(config: RunConfig, env, run: run_dir.RunDir) -> RewardParams:
-    """The reward that a run has saved."""
-    blank = setup.blank_reward(config, len(env.classes))
-    return checkpoint.restore(_folder(run) / f"{config.pretrain.steps:012d}", blank)
-
-
-def check_cheats(config: RunConfig, policies: Sequence[Any]) -> None:
-    """Refuses policies (`cheats.Cheat`) to learn from where a reward of pictures is involved.
-
-    Raises:
-      ConfigError: the encoder of the run, or of one that they come from, takes pictures.
-    """
-    for each in (config, *(cheat.config for cheat in policies)) if policies else ():
-        setup.require_boxes(each, "--hard-negatives, in the new run and in those that it names")
-
-
 class _Programs(NamedTuple):
-    """What trains an encoder and makes its reward, being compiled; (state, data, hyper) -> ..."""
+    """Programs of an encoder's training, being compiled: (state, data, hyper) -> ..."""
 
     init: Future[Any]  # (key, data) -> state
     step: Future[Any]
@@ -156,8 +117,9 @@ def _compiled(
 
 
 def _learn(
-    config: RunConfig, env, demos, pool: Scene | None, run, progress: Progress, echo: Echo
+    run: OpenRun, demos: demonstrations.Demonstrations, pool: Scene | None
 ) -> dict[str, Any]:
+    config = run.config
     learner, hyper = learners.learner(config, demos, pool), setup.pretrain_hyper(config)
     key = jax.random.fold_in(jax.random.key(config.run.seed), 0)
     owners = [(name, split) for split in SPLITS for name in demos.names[split]]
@@ -166,16 +128,15 @@ def _learn(
     with ahead.compiling() as compilers:
         successes = len(owners) - len(demos.names["failure"])
         programs = _compiled(config, learner, key, films, successes, hyper, compilers)
-        data, updates = learner.data, learner.static.updates
+        data = learner.data
         fresh, step = programs.init.result()(key, data), programs.step.result()
         state = _train_encoder(
-            config, updates, fresh, lambda state: step(state, data, hyper), run, progress, echo
+            run, learner.static.updates, fresh, lambda state: step(state, data, hyper)
         )
         params = programs.reward.result()(state, data, hyper)
         measured = programs.measure.result()(state, data, hyper)
         profiles = programs.profiles.result()(params, films, hyper)
-    shutil.rmtree(_folder(run), ignore_errors=True)  # of a process that was cut off right here
-    checkpoint.save(_folder(run), config.pretrain.steps, params)
+    checkpoint.save_part(run.path, "reward", config.pretrain.steps, params)
     _save_profiles(run.path, owners, films.length, profiles)
     return {name: float(value) for name, value in measured.items()} | {
         "demonstrations": {split: len(names) for split, names in demos.names.items()},
@@ -186,11 +147,10 @@ def _learn(
     }
 
 
-def _train_encoder(
-    config: RunConfig, updates: int, fresh: Any, step, run, progress: Progress, echo: Echo
-) -> Any:
+def _train_encoder(run: OpenRun, updates: int, fresh: Any, step: Callable[[Any], Any]) -> Any:
     """All gradient steps, `updates` of them in a chunk."""
-    phase = progress.phase("learning the reward", total=config.pretrain.steps)
+    steps = run.config.pretrain.steps
+    phase = run.progress.phase("learning the reward", total=steps)
 
     def row(chunk, seconds, metrics):
         means = {name: float(value.mean()) for name, value in metrics._asdict().items()}
@@ -199,18 +159,14 @@ def _train_encoder(
 
     return loop.run_chunks(
         step,
-        loop.restore(run, "pretrain", fresh, tell=echo),
-        run=run,
+        loop.restore(run.dir, "pretrain", fresh, tell=run.echo),
+        run=run.dir,
         name="pretrain",
-        chunks=config.pretrain.steps // updates,
+        chunks=steps // updates,
         row=row,
-        every_s=config.run.checkpoint_every,
-        keep=config.run.keep_checkpoints,
+        every_s=run.config.run.checkpoint_every,
+        keep=run.config.run.keep_checkpoints,
     ).state
-
-
-def _folder(run: run_dir.RunDir) -> Path:
-    return run.path / "reward"
 
 
 def _save_profiles(folder: Path, owners, length, profiles) -> None:

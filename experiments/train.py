@@ -3,13 +3,12 @@
 gril quickstart                    one block, about 4 minutes on two CPU cores
 gril train match_regions           five blocks, sized for a GPU: see README for both results
 gril train --resume RUN            go on with a run that was cut off
-gril train quickstart --hard-negatives RUN    with a reward that knows what RUN's policy did
+gril train quickstart --hard-negatives RUN    learn from states that RUN's reward overestimates
 """
 
 import itertools
-import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,30 +17,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments.pipeline import (
-    cheats,
     demonstrations,
     policy_rewards,
     policy_setup,
+    saved,
     setup,
 )
+from gril_jax.experiments.pipeline.open_run import Echo, OpenRun, opened
 from jaxtyping import Array, Bool, Int
 
+from gril_jax import envs
 from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
 from gril_jax.report import run_report
-from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl import training
 from gril_jax.rl.policy import Policy
-from gril_jax.runs import loop, run_dir
+from gril_jax.runs import loop
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
-from gril_jax.runs.progress import Progress
 
-from . import evaluate
-from . import pretrain as pretraining
+from . import evaluate, pretrain
 
 __all__ = ["Plan", "main"]
-
-Echo = Callable[[str], None]
 
 
 def main(
@@ -51,57 +47,48 @@ def main(
     hard_negatives: Sequence[Path] = (),
     echo: Echo = print,
 ) -> Path:
-    """Run it, or go on with the run in a folder; returns the run's folder.
+    """Runs it, or goes on with the run in the folder `resume`; returns the run's folder.
 
-    Arguments are those of `gril_jax.experiments.pretrain.main`.
+    Arguments are those of `gril_jax.experiments.pipeline.open_run.opened`.
     """
-    policies = cheats.load(hard_negatives)
-    pretraining.check_cheats(config, policies)
     env = setup.make_env(config.env, training=False)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
-    opened = {"device": setup.device_in_words(), "experiment": "train"}
-    begun = cheats.noted(policies)
     with (
-        run_dir.create_or_resume(config, resume, begun=begun, **opened) as run,
-        Progress() as progress,
+        opened(config, "train", resume=resume, policies=hard_negatives, echo=echo) as run,
         ahead.compiling() as pool,
     ):
-        echo(f"writing to {run.path}")
         clock = _Clock()
         program = None
-        if run.finished_phase("policy") is None:
+        if run.dir.finished_phase("policy") is None:
             program = pool.submit(_compiled, config, algorithm, layout)
-        demos = demonstrations.gather_once(config, env, run, progress)
+        demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         clock.lap("demonstrations")
-        results = pretraining.learn(config, env, demos, run, progress, policies=policies, echo=echo)
-        learned = pretraining.learned(config, env, run)
-        reward_params = _policy_reward(config, learned, demos, run, len(env.classes))
+        results = pretrain.learn(run, demos)
+        reward_params = _policy_reward(run, env, demos)
         clock.lap("reward")
-        policy, found = _learn_policy(
-            config, algorithm, program, reward_params, run, progress, echo
-        )
+        policy, found = _learn_policy(run, algorithm, program, reward_params)
         clock.lap("policy")
-        played = evaluate.play(config, env, policy, reward_params, run.path, progress)
+        played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
         clock.lap("evaluation")
         results = results | found | played | {"seconds": clock.seconds}
-        run.finish(results)
-        writing = progress.phase("writing the report", total=1, unit="pages", compiles=False)
+        run.dir.finish(results)
+        writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
     echo(_summary(results, page))
     return run.path
 
 
-def _policy_reward(config: RunConfig, learned: RewardParams, demos, run, num_classes: int) -> Any:
+def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrations) -> Any:
     """The parameters that the policy is trained with, saved once beside the learned reward."""
-    folder = run.path / "policy_reward"
-    params = policy_rewards.parameters(config, learned, demos.batch("train"), num_classes)
-    if run.finished_phase("policy_reward") is None:
-        shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here
-        checkpoint.save(folder, config.pretrain.steps, params)
-        run.finish_phase("policy_reward", {})
-    return checkpoint.restore(folder / f"{config.pretrain.steps:012d}", params)
+    if run.dir.finished_phase("policy_reward") is None:
+        learned = saved.learned_reward(run.path, run.config, env)
+        num_classes = len(env.classes)
+        params = policy_rewards.parameters(run.config, learned, demos.batch("train"), num_classes)
+        checkpoint.save_part(run.path, "policy_reward", run.config.pretrain.steps, params)
+        run.dir.finish_phase("policy_reward", {})
+    return saved.policy_reward(run.path, run.config, env)
 
 
 class _Clock:
@@ -127,28 +114,22 @@ class _Program(NamedTuple):
 
 
 def _learn_policy(
-    config: RunConfig,
+    run: OpenRun,
     algorithm: training.Algorithm,
     program: Future[_Program] | None,
     reward_params: Any,
-    run: run_dir.RunDir,
-    progress: Progress,
-    echo: Echo,
 ) -> tuple[Policy, dict[str, Any]]:
-    """Train the policy and save it; returns it with results, which a run does once.
+    """Trains the policy and saves it; returns it with results, which a run does once.
 
     `program` is None where that has been done before.
     """
-    results = run.finished_phase("policy")
+    results = run.dir.finished_phase("policy")
     if results is None:
         assert program is not None
-        state, results = _train(
-            config, algorithm, program.result(), reward_params, run, progress, echo
-        )
-        shutil.rmtree(run.path / "policy", ignore_errors=True)  # of a process that was cut off here
-        checkpoint.save(run.path / "policy", results["env_steps"], algorithm.policy(state))
-        run.finish_phase("policy", results)
-    return policy_setup.restore_policy(run.path, config, algorithm), results
+        state, results = _train(run, algorithm, program.result(), reward_params)
+        checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
+        run.dir.finish_phase("policy", results)
+    return policy_setup.restore_policy(run.path, run.config, algorithm), results
 
 
 def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:
@@ -167,16 +148,17 @@ def _one(tree: Any) -> Any:
 
 
 def _train(
-    config: RunConfig, algorithm, program: _Program, reward_params, run, progress, echo: Echo
+    run: OpenRun, algorithm: training.Algorithm, program: _Program, reward_params: Any
 ) -> tuple[Any, dict[str, Any]]:
     """All updates, chunk by chunk."""
+    config = run.config
     name, per_chunk = config.run.algorithm, config.run.updates_per_chunk
     per_update = algorithm.num_envs * algorithm.unroll_length
     updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
-    phase = progress.phase("learning the policy", total=updates * per_update, unit="env steps")
+    phase = run.progress.phase("learning the policy", total=updates * per_update, unit="env steps")
     keys, hyper, compiled, layout, compile_s = program
     params = sharding.place(layout, _one(reward_params))
-    begun = loop.restore(run, name, compiled.init(keys, hyper), tell=echo)
+    begun = loop.restore(run.dir, name, compiled.init(keys, hyper), tell=run.echo)
     plan = Plan(updates, per_chunk, config.run.evaluations)
     phase.update(min(begun.chunks * per_chunk, updates) * per_update)
     chunks = itertools.count(begun.chunks)
@@ -196,7 +178,7 @@ def _train(
     trained = loop.run_chunks(
         advance,
         begun,
-        run=run,
+        run=run.dir,
         name=name,
         chunks=-(-updates // per_chunk),
         row=row,
@@ -214,12 +196,12 @@ def _train(
 
 
 def _examines(config: RunConfig, algorithm: training.Algorithm) -> bool:
-    """Half of the environments play mean actions, so there have to be two."""
+    """Half of the environments play deterministic actions, so there have to be two."""
     return config.run.evaluations > 0 and algorithm.num_envs % 2 == 0
 
 
 class Plan(NamedTuple):
-    """How many updates each chunk makes, and whether it evaluates."""
+    """The number of updates in each chunk, and which chunks evaluate."""
 
     updates: int
     per_chunk: int
@@ -234,7 +216,7 @@ class Plan(NamedTuple):
 
 
 def _scores(scores: training.Scores) -> dict[str, float]:
-    """An evaluation in the task itself: mean actions, then samples."""
+    """An evaluation in the task itself: with deterministic actions, then with sampled ones."""
     found = {}
     for name, values in scores._asdict().items():
         found[f"eval/{name}"], found[f"eval/{name}_sampled"] = map(float, values[0])
@@ -258,7 +240,7 @@ def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:
 def _summary(results: dict[str, Any], page: Path) -> str:
     return (
         f"success {results['success']:.1%} over {results['eval_episodes']} episodes "
-        f"(actions drawn as in training {results['success_sampled']:.1%}, "
+        f"(with sampled actions {results['success_sampled']:.1%}, "
         f"random policy {results['success_random']:.1%}), "
         f"tau {results['tau']:.3f}, {results['env_steps_per_s']:,.0f} env steps/s\n"
         f"report: {page}"

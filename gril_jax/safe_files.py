@@ -8,10 +8,11 @@ import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from .errors import RunError
 
-__all__ = ["sync", "write_whole", "writing"]
+__all__ = ["new_file", "sync", "write_whole", "writing"]
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -30,13 +31,41 @@ def writing(folder: Path) -> Iterator[None]:
         raise RunError(f"{folder} cannot be written to ({error.strerror or error})") from None
 
 
-def write_whole(file: Path, text: str) -> None:
-    """The file appears complete or not at all, and is on the disk on return."""
+def write_whole(file: Path, contents: str | bytes, *, durable: bool = True) -> None:
+    """The file appears complete or not at all, and on return, if durable, is on the disk."""
     part = file.with_name(f".{file.name}.part")
-    part.write_text(text, encoding="utf-8")
-    sync(part)
+    part.write_bytes(contents.encode() if isinstance(contents, str) else contents)
+    if durable:
+        sync(part)
     os.replace(part, file)
-    sync(file.parent)
+    if durable:
+        sync(file.parent)
+
+
+@contextlib.contextmanager
+def new_file(path: Path, *, overwrite: bool = False) -> Iterator[BinaryIO]:
+    """A stream into a file that appears under its name, whole, when the block ends well.
+
+    Raises:
+      FileExistsError: there is a file of this name, and it is not to be overwritten.
+      OSError: the folder is missing, full or not writable.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    claimed = False
+    try:
+        with open(part, "wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        if not overwrite:
+            open(path, "xb").close()  # takes the name: whatever came in between is kept
+            claimed = True
+        os.replace(part, path)
+        claimed = False
+    finally:
+        part.unlink(missing_ok=True)
+        if claimed:
+            path.unlink(missing_ok=True)
 
 
 def sync(path: Path) -> None:

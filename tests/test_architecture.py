@@ -18,7 +18,7 @@ FOLDERS = {
 
 # Each room of the house is of one layer; loose modules are rooms of their own.
 ROOMS = {
-    "errors": "ground", "config": "options",
+    "errors": "ground", "lazy": "ground", "config": "options",
     "types": "pure", "graphs": "pure", "encoders": "pure", "losses": "pure",
     "reward": "pure", "metrics": "pure", "subtasks": "pure", "audit": "pure",
     "pretraining": "training", "rl": "training",
@@ -194,8 +194,44 @@ def test_there_are_no_import_cycles():
         visit(module, [])
 
 
+def test_there_are_no_cycles_of_rooms():
+    """A room's `__init__` imports all of it, so that a cycle of rooms is one of modules."""
+    graph: dict[str, set[str]] = {}
+    for module, path in MODULES.items():
+        for name, late in _imports_of(path):
+            if name in MODULES and not late and _room(name) != _room(module):
+                graph.setdefault(_room(module), set()).add(_room(name))
+    order = []
+    while ready := [room for room in graph if graph[room] <= {*order} | ({*ROOMS} - {*graph})]:
+        order += ready
+        for room in ready:
+            del graph[room]
+    assert graph == {}
+
+
+# --- a room for everything
+
+
+def _folders():
+    for name in (*FOLDERS, "tests"):
+        yield from {path.parent for path in (ROOT / name).rglob("*.py")}
+
+
+def test_modules_do_not_lie_loose():
+    assert len(list((ROOT / "gril_jax").glob("*.py"))) <= 6
+    loose = {path.stem for path in (ROOT / "envs").glob("*.py")}
+    assert loose <= {"__init__", "base", "registry", "stages", "checks"}
+
+
+@pytest.mark.parametrize("folder", sorted(_folders()), ids=_relative)
+def test_no_prefix_stands_in_for_a_folder(folder):
+    prefixes = [path.stem.removeprefix("test_").split("_")[0] for path in folder.glob("[!_]*.py")]
+    assert [prefix for prefix in {*prefixes} if prefixes.count(prefix) > 3] == []
+
+
 def test_the_package_itself_imports_nothing():
-    found = {i.module.split(".")[0] for i in _imports_of(ROOT / "gril_jax" / "__init__.py")}
+    assert {i.module for i in _imports_of(ROOT / "gril_jax" / "__init__.py")} == {"gril_jax.lazy"}
+    found = {i.module.split(".")[0] for i in _imports_of(ROOT / "gril_jax" / "lazy.py")}
     assert found <= sys.stdlib_module_names
 
 

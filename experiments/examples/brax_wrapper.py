@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State
 from brax.envs.wrappers import training
 
-from gril_jax.interop.brax import LearnedReward
+from gril_jax.interop.brax import RewardWrapper
 from gril_jax.interop.reward_file import load_reward
 
 from . import pushing
@@ -38,7 +38,7 @@ class Pushing(Env):
 
 def main(path: str, *, episodes: int = 8, echo: Callable[[str], None] = print) -> jax.Array:
     """Drives through two episodes of 23 steps; returns the rewards (46, episodes)."""
-    env = LearnedReward(Pushing(), load_reward(path), lambda s: pushing.boxes(s.pipeline_state))
+    env = RewardWrapper(Pushing(), load_reward(path), lambda s: pushing.boxes(s.pipeline_state))
     env = training.wrap(env, episode_length=23)
     actions = jnp.tile(jnp.array([1.0, 0.0]), (episodes, 1))
 

@@ -10,7 +10,7 @@ import gymnasium
 import jax
 import numpy as np
 
-from gril_jax.interop.gymnasium import LearnedReward
+from gril_jax.interop.gymnasium import RewardWrapper
 from gril_jax.interop.reward_file import load_reward
 
 from . import pushing
@@ -39,7 +39,7 @@ class Pushing(gymnasium.Env):
 
 def main(path: str, *, echo: Callable[[str], None] = print) -> list[float]:
     """Drives through two episodes of 23 steps; returns their rewards."""
-    env = LearnedReward(Pushing(), load_reward(path), lambda env, _: pushing.boxes(env.table))
+    env = RewardWrapper(Pushing(), load_reward(path), lambda env, _: pushing.boxes(env.table))
     env = gymnasium.wrappers.TimeLimit(env, 23)
     rewards = []
     for episode in range(2):

@@ -13,7 +13,7 @@ import rejax
 from gymnax.environments import spaces
 from gymnax.environments.environment import Environment, EnvParams
 
-from gril_jax.interop.gymnax import LearnedReward
+from gril_jax.interop.gymnax import RewardWrapper
 from gril_jax.interop.reward_file import load_reward
 
 from . import pushing
@@ -47,7 +47,7 @@ class Pushing(Environment):
 def main(path: str, *, steps: int = 262_144, echo: Callable[[str], None] = print) -> jax.Array:
     """Trains; returns the mean return before and after it."""
     learned = load_reward(path)
-    env = LearnedReward(Pushing(), learned, lambda s: pushing.boxes(s.table), five_values=True)
+    env = RewardWrapper(Pushing(), learned, lambda s: pushing.boxes(s.table), five_values=True)
     chosen = {"num_envs": 256, "num_steps": 24, "num_minibatches": 4, "learning_rate": 2e-3}
     ppo = rejax.PPO.create(env=env, total_timesteps=steps, eval_freq=steps, **chosen)
     _, (_, returns) = jax.jit(ppo.train)(jax.random.key(0))

@@ -19,7 +19,7 @@ __all__ = ["Demonstrations", "gather", "gather_once"]
 
 
 class Demonstrations(NamedTuple):
-    """What a run learns from and is measured on."""
+    """The demonstrations that a run learns from and is measured on."""
 
     demo_set: DemoSet
     names: dict[str, list[str]]  # "train", "validation" and "failure" to demonstrations
@@ -28,11 +28,6 @@ class Demonstrations(NamedTuple):
     def batch(self, split: str) -> DemoBatch:
         """The demonstrations of one split, which must not be empty."""
         return demo_batch(self.demo_set, self.names[split])
-
-    def trimmed_of(self, split: str) -> list[int]:
-        """Frames cut from the static tail of each demonstration of one split."""
-        entries = {e.name: e for e in self.demo_set.entries}
-        return [entries[name].trimmed for name in self.names[split]]
 
 
 def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress) -> Demonstrations:
@@ -97,6 +92,6 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
 
 
 def _kept_aside(config: RunConfig, successes: int) -> int:
-    """How many successes are not learned from: of somebody's own videos a quarter at the most."""
+    """The number of successes to hold out: of somebody's own videos a quarter at the most."""
     wanted = config.demos.num_validation
     return wanted if config.demos.path is None else min(wanted, math.ceil(successes / 4))

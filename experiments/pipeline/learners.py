@@ -63,7 +63,7 @@ def learner(
     Args:
       config: a valid one.
       demos: of `demonstrations.gather`.
-      pool: scenes that earlier policies were overpaid for; for boxes alone.
+      pool: scenes that earlier rewards overestimated; for boxes alone.
 
     Raises:
       ConfigError: a batch would hold more videos than there are.

@@ -34,20 +34,14 @@ from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 
-from .plot import stages_figure
+from .figure import stages_figure
+from .options import Options
 from .scores import scores
 from .sets import segments, write_sets
 
-__all__ = ["Rule", "Traces", "discover", "main", "traces_of"]
+__all__ = ["Traces", "discover", "main", "traces_of"]
 
-
-class Rule(NamedTuple):
-    """How stages are found; see `gril_jax.subtasks.agreement`."""
-
-    prominence: float = 0.125
-    smoothing: int = 15
-    patience: int | None = None
-    support: float = 0.5
+_FIGURES = 3  # held-out demonstrations that are drawn
 
 
 class Traces(NamedTuple):
@@ -62,11 +56,8 @@ class Traces(NamedTuple):
 def main(
     folder: Path,
     out: Path,
-    rule: Rule,
+    options: Options,
     *,
-    tolerance: int | None = None,
-    figures: int = 3,
-    sets: bool = False,
     echo: Callable[[str], None] = print,
 ) -> None:
     """Write it all into a new folder.
@@ -74,10 +65,7 @@ def main(
     Args:
       folder: of the run.
       out: to create.
-      rule: how stages are found.
-      tolerance: frames by which a found end may miss a true one; None for one second.
-      figures: how many held-out demonstrations are drawn.
-      sets: whether to write the subtasks' demonstration sets.
+      options: how stages are found, and whether to write the subtasks' demonstration sets.
       echo: takes what is said.
 
     Raises:
@@ -89,23 +77,24 @@ def main(
     with Progress() as progress:
         demos = _demos(config, folder, progress)
         traces = traces_of(config, folder, demos)
-        found, patience = discover(traces, rule)
+        found, patience = discover(traces, options)
         agreed = np.asarray(found.frames)[:, : int(np.sum(found.kept))]
-        _require_stages(folder, traces, rule, patience, agreed.shape[1])
-        tolerance = round(demos.demo_set.fps) if tolerance is None else tolerance
-        alone = _alone(traces, rule, patience)
+        _require_stages(folder, traces, options, patience, agreed.shape[1])
+        tolerance = round(demos.demo_set.fps)  # one second, in frames
+        alone = _alone(traces, options, patience)
         measured = _scores(traces, {"agreed": agreed, "each alone": alone}, tolerance)
         with run_dir.writing(out):
             out.mkdir(parents=True)
-            about = {"rule": rule._asdict() | {"patience": patience}, "tolerance": tolerance}
+            rule = {name: getattr(options, name) for name in ("prominence", "smoothing", "support")}
+            about = {"rule": rule | {"patience": patience}, "tolerance": tolerance}
             text = json.dumps(plain(about | _json(traces, found, agreed, measured)), indent=1)
             write_whole(out / "subtasks.json", text + "\n")
-        drawn = [i for i, held in enumerate(traces.held_out) if held][:figures]
+        drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
         phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
         for count, i in enumerate(drawn, 1):
             _draw(out, demos, traces, i, agreed[i])
             phase.update(count)
-        if sets:
+        if options.sets:
             write_sets(out, demos.demo_set, traces.entries, agreed, progress)
     for line in _sentences(agreed.shape[1], found, measured, out):
         echo(line)
@@ -134,15 +123,14 @@ def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrati
     )
 
 
-def discover(traces: Traces, rule: Rule) -> tuple[agreement.AgreedBoundaries, int]:
+def discover(traces: Traces, options: Options) -> tuple[agreement.AgreedBoundaries, int]:
     """Boundaries on which all demonstrations agree, and the patience with which they were found."""
     values, length = jnp.asarray(traces.reward), jnp.asarray(traces.length)
-    options = rule._asdict()
-    patience = options.pop("patience")
-    if patience is None:
-        patience, found = _stages(values, length, **options)
+    rule = {name: getattr(options, name) for name in ("prominence", "smoothing", "support")}
+    if (patience := options.patience) is None:
+        patience, found = _stages(values, length, **rule)
     else:
-        found = _agreed(values, length, **options, patience=patience)
+        found = _agreed(values, length, **rule, patience=patience)
     return jax.device_get(found), int(patience)
 
 
@@ -151,11 +139,10 @@ _agreed = jax.jit(agreement.agreed_boundaries, static_argnames="smoothing")
 _each_alone = jax.jit(agreement.each_alone, static_argnames="smoothing")
 
 
-def _alone(traces: Traces, rule: Rule, patience: int) -> Int[np.ndarray, "B M"]:
-    options = {"prominence": rule.prominence, "smoothing": rule.smoothing, "patience": patience}
-    return np.asarray(
-        _each_alone(jnp.asarray(traces.reward), jnp.asarray(traces.length), **options)
-    )
+def _alone(traces: Traces, options: Options, patience: int) -> Int[np.ndarray, "B M"]:
+    rule = {"prominence": options.prominence, "smoothing": options.smoothing, "patience": patience}
+    values, length = jnp.asarray(traces.reward), jnp.asarray(traces.length)
+    return np.asarray(_each_alone(values, length, **rule))
 
 
 def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstrations.Demonstrations:
@@ -166,17 +153,19 @@ def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstration
     return demonstrations.gather(config, env, folder / "demos", progress)
 
 
-def _require_stages(folder: Path, traces: Traces, rule: Rule, patience: int, count: int) -> None:
-    """Two boundaries or more; else says what the rewards look like and which knob helps."""
+def _require_stages(
+    folder: Path, traces: Traces, options: Options, patience: int, count: int
+) -> None:
+    """Two boundaries or more; else says what the rewards look like and which option helps."""
     if count >= 2:
         return
     climbs, pauses = zip(*map(_shape, traces.reward, traces.length.tolist()), strict=True)
     climb, pause = float(np.median(climbs)), int(np.median(pauses))
     knob = f"a --patience below {pause} frames (it was {patience})"
-    if climb < 2 * rule.prominence:
-        knob = f"a --prominence below half of that (it was {rule.prominence:g})"
+    if climb < 2 * options.prominence:
+        knob = f"a --prominence below half of that (it was {options.prominence:g})"
     elif pause > patience:
-        knob = f"a --support below {rule.support:g}, since few agree on where it pauses"
+        knob = f"a --support below {options.support:g}, since few agree on where it pauses"
     raise RunError(
         f"{folder}: {count} of the stages' ends is agreed on by the demonstrations, but at least 2 "
         f"are needed: their reward climbs by {climb:.2f} with {pause} frames at most between two "

@@ -75,7 +75,7 @@ def segments(ends: Int[np.ndarray, "K"], num_frames: int) -> list[tuple[int, int
 def segment(entry: DemoEntry, tracks: Tracks, frames: np.ndarray, first: int) -> Demo:
     """Some frames of a demonstration, from the frame `first` on, with their boxes and stages."""
     span = slice(first, first + len(frames))
-    cut = Tracks(tracks.center[span], tracks.size[span], tracks.label, tracks.seen[span])
+    cut = tracks.during(span)
     stages = entry.stages and {
         name: frame - first if first <= frame < first + len(frames) else -1
         for name, frame in entry.stages.items()

@@ -1,1 +1,1 @@
-"""Many policies in one program; rows, tables and figures of them."""
+"""Every combination of some options, with several seeds."""

@@ -4,115 +4,79 @@
     gril sweep match_regions --rows "environmental,XIRL" --ppo.learning-rate 3e-4,7e-4
     gril sweep --resume RUN
 
-Seeds and traced values are mapped in one program, static ones make programs of their own. Writes
-`sweep.md` (mean, interquartile mean and its interval), `sweep.csv`, `sweep.png`, the final
+Writes `sweep.md` (mean, interquartile mean and its interval), `sweep.csv`, `sweep.png`, the final
 policies, and one configuration a cell, which `gril train RUN/cells/000.yaml` runs by itself.
 """
 
 import dataclasses
-import functools
-import io
 import json
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
-from gril_jax.experiments.pipeline import demonstrations, setup
+from gril_jax.experiments.tables.curves import LAST, Curve, at_the_end
+from gril_jax.experiments.tables.figure import learning_curves
+from gril_jax.experiments.tables.programs import programs
+from gril_jax.experiments.tables.rewards import learns
+from gril_jax.experiments.tables.table import Found, Table
+from gril_jax.experiments.tables.written import (
+    SEEDS,
+    Column,
+    Section,
+    markdown,
+    mean_interval,
+    median_reached,
+)
 
-from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load, to_yaml
-from gril_jax.config.grid import Cell, with_seed
+from gril_jax.config.grid import Cell
 from gril_jax.errors import RunError
-from gril_jax.report import sweep_table
-from gril_jax.report.sweep_figure import write_figure
-from gril_jax.runs import hosts, run_dir
-from gril_jax.runs.progress import Progress
+from gril_jax.report.figures.style import png
+from gril_jax.runs import run_dir
 
-from . import programs as sweep_programs
-from . import rewards as sweep_rewards
-from .rows import Row
-from .training import learn_policies
+__all__ = ["TABLE", "Sweep", "read_cells"]
 
-__all__ = ["main", "read_cells"]
-
-Echo = Callable[[str], None]
-
-
-def main(
-    config: RunConfig,
-    cells: Sequence[Cell],
-    seeds: int,
-    *,
-    resume: Path | None = None,
-    echo: Echo = print,
-) -> Path:
-    """Run the sweep, or go on with one; returns its folder.
-
-    Of several processes (`gril_jax.runs.hosts`) the first alone keeps what it writes, and speaks.
-
-    Raises:
-      ConfigError: a cell does not fit into memory, or cannot be shared out over the devices.
-      DemoError: the demonstrations do not serve the task.
-    """
-    every = [
-        Row(i, k, with_seed(cell.config, k)) for i, cell in enumerate(cells) for k in range(seeds)
-    ]
-    same: dict[RunConfig, list[Row]] = {}
-    for row in every:
-        same.setdefault(_what_counts(row.config), []).append(row)
-    rows = [twins[0] for twins in same.values()]
-    classes = len(setup.make_env(config.env, training=False).classes)
-    plan = sweep_programs.programs(rows, classes, jax.devices())  # refuses what cannot run
-    opened = {"device": setup.device_in_words(), "experiment": "sweep"}
-    with hosts.scratch() as scratch:
-        shown = None
-        if scratch is not None:
-            own = dataclasses.replace(config.run, out=str(scratch / "run"), sinks=())
-            config, resume = dataclasses.replace(config, run=own), None
-            echo, shown = _say_nothing, io.StringIO()
-        with (
-            run_dir.create_or_resume(config, resume, **opened) as run,
-            Progress(stream=shown) as progress,
-        ):
-            if resume is None:
-                _write_cells(run.path, cells, seeds)
-            echo(f"writing to {run.path}: {len(rows)} policies in {len(plan)} programs")
-            table = _train(rows, plan, cells, same, run, progress, echo)
-            run.finish({"policies": len(rows), "programs": len(plan)})
-    echo(table)
-    echo(f"written to {run.path}")
-    return run.path
+_COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
+_WHOLE = ("env_steps", "steps_80")
+_SECTIONS = (
+    Section(
+        "Mean; interquartile mean with its 95 % bootstrap interval over seeds. Steps are those at "
+        "the first evaluation with a success of at least 80 % (sampled actions), the median over "
+        "seeds, of which those that never got there come last, and how many got there.",
+        (
+            SEEDS,
+            Column("success", "success (deterministic actions)", mean_interval()),
+            Column("success_sampled", "success (sampled actions)", mean_interval()),
+            Column(
+                "steps_80",
+                "M env steps to 80 %",
+                median_reached(unit=1e-6, digits=2),
+                among="env_steps",
+            ),
+        ),
+    ),
+    Section(
+        "The same of other scores, and the mean of the learned rewards' tau:",
+        (
+            Column("success_ever", "success at some moment", mean_interval()),
+            Column("score", "score", mean_interval()),
+            Column("tau", "tau", lambda values, count: f"{values.mean():.3f}"),
+        ),
+    ),
+)
 
 
-def _say_nothing(line: str) -> None:
-    del line
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """All of a sweep that is not in its first cell's configuration."""
+
+    cells: Sequence[Cell]
+    seeds: int
 
 
-def _train(rows, plan, cells, same, run: run_dir.RunDir, progress: Progress, echo: Echo) -> str:
-    """All rewards and programs, in the order in which they are compiled; returns the table."""
-    finished = hosts.largest([run.finished_phase(program.name) is not None for program in plan])
-    left = [program for program, done in zip(plan, finished, strict=True) if not done]
-    rewards: dict[Hashable, sweep_rewards.LearnedReward] = {}
-
-    def train(program, compiled):
-        done = learn_policies(program, compiled, rewards, run, progress, echo)
-        run.finish_phase(program.name, done)
-        if hosts.is_first():
-            _write_tables(run, plan, cells, same)
-
-    with ahead.compiling() as pool:
-        wanted = sweep_rewards.get_ready(rows, _gatherer(run, progress), pool)
-        ready = sweep_programs.get_ready(left, jax.devices(), pool)
-        needs = functools.partial(sweep_rewards.needed, wanted)
-        ahead.carry_out(
-            sweep_rewards.tasks(wanted, rewards, run, progress, echo)
-            + sweep_programs.tasks(left, ready, needs, train)
-        )
-    return _write_tables(run, plan, cells, same) if hosts.is_first() else ""
-
-
-def read_cells(folder: Path) -> tuple[list[Cell], int]:
+def read_cells(folder: Path) -> Sweep:
     """The cells of a sweep and its number of seeds.
 
     Raises:
@@ -124,63 +88,83 @@ def read_cells(folder: Path) -> tuple[list[Cell], int]:
             Cell(tuple(map(tuple, labels)), load(str(folder / "cells" / f"{i:03}.yaml")))
             for i, labels in enumerate(about["cells"])
         ]
-        return cells, int(about["seeds"])
+        return Sweep(cells, int(about["seeds"]))
     except (OSError, ValueError, KeyError, TypeError):
         raise RunError(f"{folder} is not a sweep: its sweep.json is missing or damaged") from None
 
 
-def _write_cells(folder: Path, cells: Sequence[Cell], seeds: int) -> None:
+def _write_cells(folder: Path, name: str, sweep: Sweep) -> None:
     with run_dir.writing(folder):
         (folder / "cells").mkdir()
-        for i, cell in enumerate(cells):
+        for i, cell in enumerate(sweep.cells):
             (folder / "cells" / f"{i:03}.yaml").write_text(to_yaml(cell.config), encoding="utf-8")
-        about = {"seeds": seeds, "cells": [cell.labels for cell in cells]}
+        about = {"seeds": sweep.seeds, "cells": [cell.labels for cell in sweep.cells]}
         (folder / "sweep.json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
 
 
-def _gatherer(run: run_dir.RunDir, progress: Progress):
-    """Demonstrations for a configuration, each set made once."""
-    made: dict[tuple, demonstrations.Demonstrations] = {}
-
-    def gather(config: RunConfig) -> demonstrations.Demonstrations:
-        key = (config.env, config.demos)
-        if key not in made:
-            env = setup.make_env(config.env, training=False)
-            folder = run.path / ("demos" if not made else f"demos-{len(made)}")
-            made[key] = demonstrations.gather(config, env, folder, progress)
-        return made[key]
-
-    return gather
+def _first_of_twins(sweep: Sweep) -> list[int]:
+    """For each cell the first one with the same policies."""
+    counts = [_what_counts(cell.config) for cell in sweep.cells]
+    return [counts.index(one) for one in counts]
 
 
 def _what_counts(config: RunConfig) -> RunConfig:
     """The configuration without what its policy does not depend on: such runs are made once."""
-    if config.run.reward != "environmental":
+    if learns(config):
         return config
     usual = RunConfig()
     unused = {name: getattr(usual, name) for name in ("demos", "encoder", "loss", "pretrain")}
     return dataclasses.replace(config, **unused)
 
 
-def _write_tables(run: run_dir.RunDir, plan, cells: Sequence[Cell], same) -> str:
-    """Tables and figure of what has finished so far; returns the table."""
-    found = []
-    metrics = run_dir.read_metrics(run.path)
-    for program in plan:
-        done = run.finished_phase(program.name)
-        if done is not None:
-            curve = [row for row in metrics if row["phase"] == program.name]
-            found += sweep_table.results(done["rows"], done["taus"], curve)
-    twins = {(rows[0].cell, rows[0].seed): rows for rows in same.values()}
-    found = [
-        dataclasses.replace(result, cell=row.cell)
-        for result in found
-        for row in twins[result.cell, result.seed]
-    ]
-    names = [cell.name for cell in cells]
-    table = sweep_table.markdown(names, found)
-    with run_dir.writing(run.path):
-        (run.path / "sweep.md").write_text(table + "\n", encoding="utf-8")
-        (run.path / "sweep.csv").write_text(sweep_table.csv(names, found), encoding="utf-8")
-        write_figure(run.path / "sweep.png", names, found)
-    return table
+def _plan(rows, num_classes: int, sweep: Sweep):
+    first = _first_of_twins(sweep)
+    return programs(
+        [row for row in rows if first[row.cell] == row.cell], num_classes, jax.devices()
+    )
+
+
+def _policy(curve: Curve) -> dict[str, float | int | None]:
+    numbers = at_the_end(curve)
+    whole = {name: int(numbers[name]) for name in _WHOLE if numbers[name] == numbers[name]}
+    return numbers | whole
+
+
+def _with_twins(found: Found, sweep: Sweep) -> Found:
+    """The results of all cells; those with the same policies have the same ones."""
+    names, first = found.names, _first_of_twins(sweep)
+    lines: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
+    for line in found.lines:
+        lines[line["row"]].append(dict(line))
+    return found._replace(
+        lines=[
+            line | {"row": name, "cell": name}
+            for name, of in zip(names, first, strict=True)
+            for line in lines[names[of]]
+        ],
+        curves=[
+            dataclasses.replace(curve, cell=cell)
+            for cell, of in enumerate(first)
+            for curve in found.curves
+            if curve.cell == of
+        ],
+    )
+
+
+def _pictures(found: Found, last: bool) -> Mapping[str, bytes]:
+    return {"sweep.png": png(learning_curves(found.names, found.curves))} if found.curves else {}
+
+
+TABLE = Table(
+    "sweep",
+    lambda lines: _COLUMNS,
+    lambda found: markdown(found.lines, _SECTIONS),
+    _pictures,
+    configs=lambda config, sweep: [cell.config for cell in sweep.cells],
+    plan=_plan,
+    policy=_policy,
+    save=_write_cells,
+    names=lambda sweep: [cell.name for cell in sweep.cells],
+    complete=_with_twins,
+    one_set=False,
+)

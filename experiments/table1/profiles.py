@@ -1,22 +1,17 @@
-"""How the learned rewards of Table I look before a policy has them: along demonstrations.
-
-    wanted = get_ready(rows, demos, num_classes, run, pool)     # compiles in the background
-    profiles(wanted, rewards, run, progress)
+"""The learned rewards of Table I along demonstrations, before a policy has them.
 
 Graph encoders only. Shapes use S for the encoders of a row.
 """
 
-from collections.abc import Hashable, Mapping, Sequence
-from concurrent.futures import Executor, Future
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments.pipeline import setup
 from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.sweeps.rewards import LearnedReward, reward_key
-from gril_jax.experiments.sweeps.rows import Row
+from gril_jax.experiments.tables.measures import Measure, blank_rewards, stacked
+from gril_jax.experiments.tables.rewards import LearnedReward
 
 from gril_jax import reward
 from gril_jax.compilation import ahead
@@ -24,48 +19,29 @@ from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
 from gril_jax.metrics.cycles import two_way_cycle_consistency
 from gril_jax.pretraining import pretrain
-from gril_jax.runs.progress import Progress
-from gril_jax.runs.run_dir import RunDir
 from gril_jax.types import DemoBatch
 
-__all__ = ["Wanted", "get_ready", "measure", "profiles", "program"]
+__all__ = ["measure", "profiles", "program"]
 
 
-class Wanted(NamedTuple):
-    """The rewards of a cell, and the programs for them, which are being compiled."""
-
-    cell: int
-    rows: list[Row]
-    batches: list[DemoBatch]  # those kept aside, then the failures if there are any
-    ready: Future[list[Any]]  # a program for each
-
-
-def get_ready(
-    rows: Sequence[Row], demos: Demonstrations, num_classes: int, run: RunDir, pool: Executor
-) -> list[Wanted]:
-    """Begin to compile, in a pool, what is not among the run's phases.
-
-    Args:
-      rows: of which those of one cell have encoders of one shape.
-      demos: of which those kept aside, and failures if there are any, are used.
-      num_classes: of objects.
-      run: keeps what is found.
-      pool: to compile in.
-    """
-    cells = dict.fromkeys(row.cell for row in rows)
-    left = [cell for cell in cells if run.finished_phase(f"profiles-{cell}") is None]
+def profiles(demos: Demonstrations) -> Measure:
+    """Cycle consistency and rewards as a measure, on demonstrations kept aside and on failures."""
+    num_classes = len(demos.demo_set.classes)
     splits = ["validation", *(["failure"] if demos.names["failure"] else [])]
-    batches = [demos.batch(split) for split in splits] if left else []
-    begun: dict[Any, Future[list[Any]]] = {}
-    found = []
-    for cell in left:
-        members = [row for row in rows if row.cell == cell]
-        config = members[0].config
-        same = (setup.pretrain_config(config, num_classes), len(members))
-        if same not in begun:
-            begun[same] = pool.submit(_compiled, config, num_classes, len(members), batches)
-        found.append(Wanted(cell, members, batches, begun[same]))
-    return found
+    batches = [demos.batch(split) for split in splits]
+    same = lambda config: setup.pretrain_config(config, num_classes)  # noqa: E731
+
+    def compile_for(config: RunConfig, count: int):
+        with ahead.tracing():
+            params, embed = blank_rewards(config, num_classes, count), program(same(config))
+            hyper = setup.pretrain_hyper(config)
+            lowered = [embed.lower(params, hyper, batch) for batch in batches]
+        return [compiled(one) for one in lowered]
+
+    def found(programs, config, rewards):
+        return measure(programs, rewards, setup.pretrain_hyper(config), batches)
+
+    return Measure("profiles", found, same, compile_for)
 
 
 def program(static: pretrain.Static):
@@ -80,33 +56,6 @@ def program(static: pretrain.Static):
     return embed
 
 
-def _compiled(config: RunConfig, num_classes: int, count: int, batches: Sequence[DemoBatch]):
-    with ahead.tracing():
-        blank = setup.blank_reward(config, num_classes)
-        params = jax.eval_shape(lambda: jax.tree.map(lambda x: jnp.stack([x] * count), blank))
-        embed = program(setup.pretrain_config(config, num_classes))
-        hyper = setup.pretrain_hyper(config)
-        lowered = [embed.lower(params, hyper, batch) for batch in batches]
-    return [compiled(one) for one in lowered]
-
-
-def profiles(
-    wanted: Sequence[Wanted],
-    rewards: Mapping[Hashable, LearnedReward],
-    run: RunDir,
-    progress: Progress,
-) -> None:
-    """`measure` for each cell, as a phase of the run that is named after the cell."""
-    if not wanted:
-        return
-    phase = progress.phase("reward profiles", total=len(wanted), unit="rows")
-    for done, (cell, members, batches, ready) in enumerate(wanted, 1):
-        found = [rewards[reward_key(row.config)] for row in members]
-        hyper = setup.pretrain_hyper(members[0].config)
-        run.finish_phase(f"profiles-{cell}", measure(ready.result(), found, hyper, batches))
-        phase.update(done)
-
-
 def measure(
     programs: Sequence[Any],
     found: Sequence[LearnedReward],
@@ -117,7 +66,7 @@ def measure(
 
     Args:
       programs: one for each batch, from `program`, jitted or compiled.
-      found: a row's S rewards, which differ in their seeds alone.
+      found: a row's S rewards.
       hyper: of the row.
       batches: demonstrations kept aside, then failures if there are any.
 
@@ -125,8 +74,7 @@ def measure(
       `cycle`: two-way cycle consistency on demonstrations kept aside, S shares.
       `success`, `failure`: a list of rewards for each demonstration, with three decimals.
     """
-    params = jax.tree.map(lambda *x: jnp.stack(x), *(one.params for one in found))
-    cycles, traces = [], []
+    params, cycles, traces = stacked(found), [], []
     for embed, batch in zip(programs, batches, strict=True):
         cycle, rewards = embed(params, hyper, batch)
         one = np.asarray(rewards[0], float).round(3)

@@ -1,16 +1,15 @@
-"""The rows of Table I: what each changes in the configuration, and what the paper reports of it.
+"""The rows of Table I: the fields that each changes, and the success that the paper reports.
 
 Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
 """
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gril_jax.experiments.sweeps import named_rows
+from gril_jax.experiments.tables import rows as named_rows
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError
@@ -19,16 +18,13 @@ __all__ = [
     "EVALUATIONS",
     "PAPER",
     "QUICK",
-    "QUICK_EVALUATIONS",
     "QUICK_SEEDS",
     "QUICK_STEPS",
     "ROWS",
     "Settings",
     "check",
-    "chosen_rows",
     "paths",
-    "read_settings",
-    "write_settings",
+    "with_steps",
 ]
 
 # Every learned row says all that any of them changes, so that defaults may move without moving the
@@ -117,50 +113,36 @@ EVALUATIONS = 10  # of each policy while it is trained
 QUICK = "environmental,ours without robot"
 QUICK_SEEDS = 2
 QUICK_STEPS = 1500  # of each encoder
-QUICK_EVALUATIONS = 10
-
-_FILE = "table1.json"
 
 
 @dataclass(frozen=True)
-class Settings:
-    """All that is not in the configuration."""
+class Settings(named_rows.Settings):
+    """All of Table I that is not in the configuration."""
 
     rows: named_rows.Rows = field(default_factory=lambda: ROWS)
-    seeds: int = 5
-    """Policies of each row, and encoders."""
     ascents: int = 1000
     """Gradient ascents of the audit, shared by the starts."""
     starts: int = 4
     """Starts that an audit begins from."""
 
 
-def chosen_rows(names: str | None, *, encoder_steps: int | None = None) -> named_rows.Rows:
-    """Rows by their names with commas between; all where there is no choice.
-
-    Args:
-      names: of the rows.
-      encoder_steps: gradient steps of every encoder; its row's own where None.
-
-    Raises:
-      ConfigError: there is no row of this name, or one is named twice.
-    """
-    rows = named_rows.chosen_rows(names, ROWS)
-    if encoder_steps is None:
+def with_steps(rows: named_rows.Rows, steps: int | None) -> named_rows.Rows:
+    """The rows with so many gradient steps of every encoder; of its row's own where None."""
+    if steps is None:
         return rows
     return {
-        name: change | ({"pretrain.steps": encoder_steps} if "pretrain.steps" in change else {})
+        name: change | ({"pretrain.steps": steps} if "pretrain.steps" in change else {})
         for name, change in rows.items()
     }
 
 
 def paths(rows: named_rows.Rows) -> set[str]:
-    """What the rows set, so that it cannot be chosen for all of them."""
+    """The fields that rows set, which cannot be chosen for all of them."""
     return {path for change in rows.values() for path in change}
 
 
 def check(config: RunConfig) -> None:
-    """What is wrong about the task or the demonstrations, found before work starts.
+    """Finds what is wrong about the task or the demonstrations before work starts.
 
     Raises:
       ConfigError: the task is another one than the table's.
@@ -181,33 +163,10 @@ def check(config: RunConfig) -> None:
             f"{config.demos.path} holds demonstrations of {task!r}, but must hold some of "
             f"{config.env.name!r}"
         )
-    _check_count(config, len(outcomes) - outcomes.count("failure"))
-
-
-def _check_count(config: RunConfig, good: int) -> None:
-    """Counts as `demonstrations.gather` does."""
+    good = len(outcomes) - outcomes.count("failure")  # counted as `demonstrations.gather` does
     held, needed = min(config.demos.num_validation, math.ceil(good / 4)), config.pretrain.num_videos
     if good - held < needed:
         raise DemoError(
             f"{config.demos.path} has {good - held} demonstrations to train on beside {held} kept "
             f"aside, but a batch needs {needed}: add some, or lower pretrain.num_videos"
         )
-
-
-def write_settings(folder: Path, settings: Settings) -> None:
-    """Beside the run's configuration, for `read_settings`."""
-    named_rows.write_settings(folder / _FILE, settings)
-
-
-def read_settings(folder: Path) -> Settings:
-    """What `write_settings` wrote.
-
-    Raises:
-      RunError: the file is missing or damaged.
-    """
-    found = named_rows.read_settings(folder / _FILE, Settings, "run of gril table1")
-    rows: Mapping[str, Any] = {
-        name: {path: tuple(x) if isinstance(x, list) else x for path, x in change.items()}
-        for name, change in found.rows.items()
-    }
-    return Settings(rows, found.seeds, found.ascents, found.starts)

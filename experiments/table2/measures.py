@@ -1,4 +1,4 @@
-"""What Table II says of a learned reward, from its traces along held-out recordings.
+"""The measures of a learned reward in Table II, from its traces along held-out recordings.
 
 Successes that no encoder was trained on, and failures, which train none. Shapes use B for
 recordings and T for frames.
@@ -17,20 +17,14 @@ from gril_jax.metrics.separation import CONVENTIONS, cumulative, ratio, stage_or
 
 __all__ = ["MEASURES", "kind_of", "measure", "stages_done"]
 
-# Name to heading; the separation ratio first in the convention that is compared with the paper's.
-MEASURES = {
-    "rho_held": "rho, held",
-    "rho_resampled": "rho, resampled",
-    "rho_natural": "rho, natural",
-    "auc_final": "AUC, last reward",
-    "auc_held": "AUC, held sum",
-    "auc_resampled": "AUC, resampled sum",
-    "order": "order of stages",
-}
+# The separation ratio first in the convention that is compared with the paper's.
+MEASURES = (
+    "rho_held", "rho_resampled", "rho_natural", "auc_final", "auc_held", "auc_resampled", "order",
+)  # fmt: skip
 
 
 def kind_of(entry: DemoEntry) -> str:
-    """How a recording fails, from a name such as "051_one_shoe"; "success" if it does not."""
+    """The kind of failure in a name such as "051_one_shoe"; "success" if it is none."""
     if entry.outcome != "failure":
         return "success"
     found = re.fullmatch(r"\d+_(.+)", entry.name)

@@ -1,13 +1,16 @@
-"""The rows of Table II: what each changes in the configuration, and what the paper reports of it.
+"""The rows of Table II: the fields that each changes, and the ratio that the paper reports.
 
 Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-from gril_jax.experiments.sweeps import named_rows
+from gril_jax.experiments.tables import rows as named_rows
+
+from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError
 
 __all__ = [
     "PAPER",
@@ -17,8 +20,7 @@ __all__ = [
     "ROWS",
     "USUAL",
     "Settings",
-    "read_settings",
-    "write_settings",
+    "usable",
 ]
 
 # Every row says all that any of them changes, so that defaults may move without moving the table.
@@ -87,27 +89,22 @@ QUICK: dict[str, Any] = {
 }
 QUICK_SEEDS = 2
 
-_FILE = "table2.json"
-
 
 @dataclass(frozen=True)
-class Settings:
-    """All that is not in the configuration."""
+class Settings(named_rows.Settings):
+    """All of Table II that is not in the configuration."""
 
     rows: named_rows.Rows = field(default_factory=lambda: ROWS)
-    seeds: int = 5
-    """Encoders of each row."""
 
 
-def write_settings(folder: Path, settings: Settings) -> None:
-    """Beside the run's configuration, for `read_settings`."""
-    named_rows.write_settings(folder / _FILE, settings)
-
-
-def read_settings(folder: Path) -> Settings:
-    """What `write_settings` wrote.
-
-    Raises:
-      RunError: the file is missing or damaged.
-    """
-    return named_rows.read_settings(folder / _FILE, Settings, "run of gril table2")
+def usable(config: RunConfig, echo: Callable[[str], None] = print) -> named_rows.Rows:
+    """The rows that this configuration can train; says of each other one why it is left out."""
+    rows = {}
+    for name, change in ROWS.items():
+        try:
+            named_rows.changed(config, change)
+        except ConfigError as error:
+            echo(f"without the row {name!r}: {error}")
+        else:
+            rows[name] = change
+    return rows

@@ -1,6 +1,6 @@
 """The verbs of the command line, by what they are about."""
 
-from . import audit, bench, demos, runs, soundness, subtasks, sweep, table1, table2
+from . import audit, bench, demos, runs, subtasks, sweep, tables
 
 __all__ = ["VERBS"]
 
@@ -10,8 +10,6 @@ VERBS = (
     | bench.VERBS
     | audit.VERBS
     | sweep.VERBS
-    | soundness.VERBS
-    | table1.VERBS
-    | table2.VERBS
+    | tables.VERBS
     | subtasks.VERBS
 )

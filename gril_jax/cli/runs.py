@@ -111,21 +111,6 @@ def _plan(experiment: str, name: str | None, args: list[str], prog: str, about: 
     return work
 
 
-def _ablate(args: list[str]) -> Work:
-    name, seeds = positional(args), take(args, "--seeds")
-    about = "Change each choice of encoder training alone, over --seeds N seeds (5 by default)."
-    if seeds is not None and (not seeds.isdecimal() or int(seeds) < 1):
-        raise ConfigError(f"--seeds is {seeds!r}, but must be a whole number of at least 1")
-    config = run_config(name, args, "gril ablate", about)
-
-    def work() -> None:
-        with heavy_imports(config, devices=True):
-            from gril_jax.experiments.sweeps import ablate
-        ablate.main(config, int(seeds or 5), echo=echo)
-
-    return work
-
-
 def _eval(args: list[str]) -> Work:
     given = parse(_Eval, args, prog="gril eval", description="Play a run's policy.")
     if given.episodes < 1:
@@ -156,10 +141,14 @@ def _report(args: list[str]) -> Work:
     def work() -> None:
         with heavy_imports():
             if of_table1:
-                from gril_jax.experiments.table1 import report as chosen
+                from gril_jax.experiments.table1 import table1
+                from gril_jax.experiments.tables import results
             else:
-                from gril_jax.experiments import report as chosen
-        chosen.main(folder, echo=echo)
+                from gril_jax.experiments import report
+        if of_table1:
+            results.redraw(table1.TABLE, folder, echo=echo)
+        else:
+            report.main(folder, echo=echo)
 
     return work
 
@@ -206,7 +195,6 @@ VERBS: dict[str, Callable[[list[str]], Work]] = {
     "quickstart": _quickstart,
     "train": _train,
     "pretrain": _pretrain,
-    "ablate": _ablate,
     "eval": _eval,
     "report": _report,
     "export-policy": _export_policy,

@@ -4,15 +4,22 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.config.grid import Cell, cells, take_axes
-from gril_jax.errors import ConfigError, RunError
+from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.cluster import cluster_of
 
-from .arguments import Work, echo, in_full, positional, require_left_to_options, run_config, take
-from .heavy_imports import heavy_imports
+from .arguments import (
+    Work,
+    in_full,
+    positional,
+    require_left_to_options,
+    run_config,
+    take,
+    whole_number,
+)
+from .tables import made, not_beside
 
 __all__ = ["VERBS"]
 
@@ -21,7 +28,7 @@ _ABOUT = (
     "whose value has commas is an axis: --reward learned,environmental --lambda 0.1,1. --rows A,B "
     "takes rows of gril table1 as one more. "
     "--resume RUN goes on with a sweep that was cut off. --distributed makes one of all processes "
-    "of a SLURM or Kubernetes job: see experiments/clusters.md."
+    "of a SLURM or Kubernetes job: see docs/sweeps_and_clusters.md."
 )
 _PROG = "gril sweep"
 
@@ -33,24 +40,28 @@ def _sweep(args: list[str]) -> Work:
     resume = take(args, "--resume")
     if resume is not None:
         return _resume(Path(resume), args, connect)
-    name, seeds = positional(args), take(args, "--seeds")
-    if seeds is not None and (not seeds.isdecimal() or int(seeds) < 1):
-        raise ConfigError(f"--seeds is {seeds!r}, but must be a whole number of at least 1")
+    name, seeds = positional(args), whole_number(args, "--seeds", 5)
     rows = take(args, "--rows")
     args[:] = in_full(args)
     beside = _cells_of_rows(rows, args) if rows is not None else list
     axes = take_axes(args)
     config = run_config(name, args, _PROG, _ABOUT)
     found = beside(cells(axes, args, lambda options: load(name, options, prog=_PROG)))
-    return _work(config, lambda: (found, int(seeds or 5)), None, connect)
+
+    def settings():
+        from gril_jax.experiments.sweeps.sweep import Sweep
+
+        return Sweep(found, seeds)
+
+    return made("sweep", config, settings, connect=connect)
 
 
 def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[Cell]]:
-    """From cells to as many for each of these rows of Table I."""
-    from gril_jax.experiments.sweeps.named_rows import changed
+    """Makes of cells as many for each of these rows of Table I."""
     from gril_jax.experiments.table1 import rows as table1_rows
+    from gril_jax.experiments.tables.rows import changed, chosen_rows
 
-    rows = table1_rows.chosen_rows(names)
+    rows = chosen_rows(names, table1_rows.ROWS)
     require_left_to_options(args, table1_rows.paths(rows))
 
     def each(found: list[Cell]) -> list[Cell]:
@@ -65,7 +76,7 @@ def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[C
 
 
 def _connection(args: list[str]) -> Connect | None:
-    """What connects the processes of a job, if --distributed is given; takes it off."""
+    """Takes --distributed off; returns what connects the processes of a job, if it was there."""
     if "--distributed" not in args:
         return None
     args.remove("--distributed")
@@ -80,10 +91,7 @@ def _connection(args: list[str]) -> Connect | None:
 
 
 def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
-    if args:
-        raise ConfigError(
-            f"--resume takes its options from {folder}, so {args[0]} must not be given beside it"
-        )
+    not_beside(args, "--resume", f"its options from {folder}")
     if connect is None:
         config = run_dir.require_resumable(folder, "sweep")
     else:  # processes that look at the same time are in each other's way: the first one will
@@ -96,19 +104,7 @@ def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
 
         return read_cells(folder)
 
-    return _work(config, read, folder, connect)
-
-
-def _work(config: RunConfig, read: Callable, resume: Path | None, connect: Connect | None) -> Work:
-    def work() -> None:
-        with heavy_imports(config, devices=connect is None):
-            if connect is not None:  # before anything else touches JAX
-                connect()
-            from gril_jax.experiments.sweeps import sweep
-        found, seeds = read()
-        sweep.main(config, found, seeds, resume=resume, echo=echo)
-
-    return work
+    return made("sweep", config, read, folder, connect=connect)
 
 
 VERBS: dict[str, Callable[[list[str]], Work]] = {"sweep": _sweep}

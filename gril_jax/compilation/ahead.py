@@ -90,7 +90,7 @@ def carry_out(tasks: Iterable[Task]) -> None:
 
 
 def _is_there(wanted: Future[Any] | None) -> bool:
-    """Whether there is nothing to wait for: asking is what makes a `_Task`."""
+    """True if there is nothing to wait for: asking is what makes a `_Task`."""
     return wanted is None or isinstance(wanted, _Task) or wanted.done()
 
 

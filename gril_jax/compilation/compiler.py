@@ -1,4 +1,4 @@
-"""How the project's large programs are compiled.
+"""Compiles the project's large programs, with options that suit the device.
 
     program = compiled(jax.jit(f).lower(x))
 

@@ -1,4 +1,4 @@
-"""How much memory a training program will need, before it is compiled.
+"""Predicts the memory of a training program before it is compiled, and reads how much there is.
 
 The estimate counts what is surely there at once: the state (twice: while it is replaced; a replay
 once, as it is written in place), the data of an unroll (as collected, in brax's order, and
@@ -9,6 +9,7 @@ the reward's own arrays take then, of which those of a picture's encoder are man
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -18,7 +19,7 @@ from jax.extend.core import jaxprs_in_params
 from gril_jax.errors import ConfigError
 from gril_jax.rl.training import Algorithm
 
-__all__ = ["predict_bytes", "split"]
+__all__ = ["available_bytes", "predict_bytes", "split"]
 
 _COPIES = 3  # of the collected data
 # Peak of one control step, as a multiple of the task's physics state. 222 on MatchRegions with five
@@ -57,8 +58,24 @@ def predict_bytes(algorithm: Algorithm, hyper: Any, reward_params: Any) -> int:
     )
 
 
+def available_bytes(device: Any) -> int | None:
+    """Memory of a device that a program may use; None where the platform does not tell.
+
+    Several CPU devices, as `--xla_force_host_platform_device_count` makes them, share that of the
+    machine evenly. The device is one of this process.
+    """
+    if device.platform == "cpu":
+        try:
+            lines = Path("/proc/meminfo").read_text().splitlines()
+        except OSError:
+            return None
+        kilobytes = next(int(x.split()[1]) for x in lines if x.startswith("MemAvailable"))
+        return 1024 * kilobytes // device.client.local_device_count()
+    return (device.memory_stats() or {}).get("bytes_limit")
+
+
 def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -> int:
-    """How many seeds to run at once, such that they fit: a multiple of `devices` if possible.
+    """The number of seeds to run at once, such that they fit: a multiple of `devices` if possible.
 
     Args:
       rows: seeds in all, at least 1.

@@ -57,12 +57,12 @@ def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
 
 
 def by_seed(layout: Mesh) -> NamedSharding:
-    """Where arrays with a leading axis of seeds belong."""
+    """The sharding of arrays with a leading axis of seeds."""
     return NamedSharding(layout, PartitionSpec("seeds"))
 
 
 def shardings(layout: Mesh, state: Any) -> Any:
-    """Where each leaf of a training state with a leading axis of seeds belongs.
+    """The sharding of each leaf of a training state with a leading axis of seeds.
 
     Leaves of `state.envs` have the environments as their second axis; all others are the same for
     all devices that share a seed.

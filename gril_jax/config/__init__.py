@@ -4,8 +4,7 @@ The networks and algorithms take their own defaults from these sections, so that
 once. Names are imported when they are used: a network needs no parser of command lines.
 """
 
-from importlib import import_module
-from typing import Any
+from gril_jax.lazy import offer
 
 _HOMES = {
     "BLOCK_COLOURS": "task",
@@ -27,10 +26,4 @@ _HOMES = {
 }
 
 __all__ = sorted(_HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    """A public name, imported now."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = offer(__name__, _HOMES)

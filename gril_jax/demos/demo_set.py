@@ -34,12 +34,12 @@ __all__ = [
     "load_demo_set",
     "save_demo_set",
     "select_objects",
-    "split_names",
     "trim_static_tail",
 ]
 
 ROBOTS = ("robot", "left finger", "right finger", "hand")  # classes that are parts of a robot
 _NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
+_MARGIN = 5  # frames kept after the first in which all blocks have arrived
 _MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
 
 
@@ -57,10 +57,8 @@ class DemoSet:
     tracks: tuple[Tracks, ...]  # one an entry
 
 
-def trim_static_tail(
-    tracks: Tracks, classes: Sequence[str], *, margin: int = 5, tolerance: float = _MOVING
-) -> int:
-    """How many frames to keep: all in which a block is still on its way, and a few more.
+def trim_static_tail(tracks: Tracks, classes: Sequence[str]) -> int:
+    """The number of frames to keep: all in which a block is still on its way, and a few more.
 
     Many equal frames at the end would carry different times, which temporal cycle-consistency
     can only fit by chance. Robot and goal do not count: a robot may wander off when it is done.
@@ -68,18 +66,16 @@ def trim_static_tail(
     Args:
       tracks: the whole video's.
       classes: class names of the tracks' labels.
-      margin: frames kept after the first in which all blocks have arrived.
-      tolerance: world units from its final place at which a block has arrived.
 
     Returns:
-      A number of frames, from 2 (or all, if there are fewer) to all.
+      A number of frames, from 6 (or all, if there are fewer) to all.
     """
     kinds = [classes[label] for label in tracks.label]
     blocks = [i for i, kind in enumerate(kinds) if kind not in ("goal", *ROBOTS)]
     away = np.linalg.norm(tracks.center[:, blocks] - tracks.center[-1:, blocks], axis=-1)
-    travelling = np.flatnonzero((away > tolerance).any(axis=1))
+    travelling = np.flatnonzero((away > _MOVING).any(axis=1))
     arrived = int(travelling[-1]) + 1 if len(travelling) else 0
-    return min(len(tracks.center), max(2, arrived + 1 + margin))
+    return min(len(tracks.center), arrived + 1 + _MARGIN)
 
 
 def load_demo_set(folder: str | os.PathLike) -> DemoSet:
@@ -157,15 +153,11 @@ def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
                 f"task also has {missing[0]}."
             )
         keep = [i for i, name in enumerate(entry.objects) if name in objects]
-        track = Tracks(
-            track.center[:, keep], track.size[:, keep], track.label[keep], track.seen[:, keep]
-        )
+        track = track.of(keep)
         frames = entry.frames
         if len(keep) < len(entry.objects):
             frames = trim_static_tail(track, demo_set.classes)
-            track = Tracks(
-                track.center[:frames], track.size[:frames], track.label, track.seen[:frames]
-            )
+            track = track.during(slice(frames))
         tracks.append(track)
         entries.append(
             replace(
@@ -224,37 +216,9 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
 
 def _canonical(tracks: Tracks) -> Tracks:
     order = np.lexsort((tracks.center[0, :, 0], tracks.label))
-    return Tracks(
-        tracks.center[:, order],
-        tracks.size[:, order],
-        tracks.label[order],
-        tracks.seen[:, order],
-    )
+    return tracks.of(order)
 
 
 def _padded(arrays: list[np.ndarray]) -> np.ndarray:
     longest = max(map(len, arrays))
     return np.stack([a[np.minimum(np.arange(longest), len(a) - 1)] for a in arrays])
-
-
-def split_names(
-    demo_set: DemoSet, validation_fraction: float = 0.2, *, seed: int = 0
-) -> tuple[list[str], list[str]]:
-    """Names for training and for validation; the same for the same set, fraction and seed.
-
-    Each side gets at least one demonstration if there are two and the fraction is not 0.
-
-    Raises:
-      DemoError: the fraction is outside [0, 1).
-    """
-    if not 0 <= validation_fraction < 1:
-        raise DemoError(
-            f"validation_fraction: must be at least 0 and below 1, not {validation_fraction}."
-        )
-    names = [entry.name for entry in demo_set.entries]
-    count = round(validation_fraction * len(names))
-    if validation_fraction > 0:
-        count = min(max(count, 1), len(names) - 1)
-    chosen = set(np.random.default_rng(seed).permutation(len(names))[:count].tolist())
-    train = [name for i, name in enumerate(names) if i not in chosen]
-    return train, [name for i, name in enumerate(names) if i in chosen]

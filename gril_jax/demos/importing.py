@@ -26,7 +26,7 @@ _VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif")
 
 
 class Imported(NamedTuple):
-    """What became of one demonstration."""
+    """The outcome of importing one demonstration."""
 
     name: str
     frames: int  # kept
@@ -35,7 +35,7 @@ class Imported(NamedTuple):
     seen: float  # share of (frame, object) pairs that were detected and not carried on
 
 
-Progress = Callable[[int, int, Imported], None]
+AfterEach = Callable[[int, int, Imported], None]
 """Called after each demonstration with how many are done, how many there are, and the last."""
 
 
@@ -43,8 +43,7 @@ def import_magical(
     source_dir: str | os.PathLike,
     out_dir: str | os.PathLike,
     *,
-    margin: int = 5,
-    progress: Progress | None = None,
+    progress: AfterEach | None = None,
 ) -> list[Imported]:
     """Turns a folder of MAGICAL's public `*.pkl.gz` files into a demo set.
 
@@ -54,8 +53,7 @@ def import_magical(
     Args:
       source_dir: folder of the pickles.
       out_dir: the demo set; replaced if it is one already.
-      margin: frames kept after the last block has arrived.
-      progress: see `Progress`.
+      progress: see `AfterEach`.
 
     Raises:
       DemoError: no files, a damaged or foreign one, different tasks, or objects not found.
@@ -76,7 +74,7 @@ def import_magical(
             outcome = "success" if demo.score >= 1 else "failure"
             name = path.name.removesuffix(".pkl.gz")
             tracks = detector.detect(demo.frames, name=str(path))
-            yield _trimmed(name, demo.frames, tracks, PALETTE_CLASSES, outcome, margin, report)
+            yield _trimmed(name, demo.frames, tracks, PALETTE_CLASSES, outcome, report)
             _tell(progress, len(paths), report)
 
     save_demo_set(
@@ -101,9 +99,8 @@ def import_videos(
     classes: Sequence[str] = PALETTE_CLASSES,
     objects: Sequence[str] | None = None,
     outcome: str | Mapping[str, str] = "unknown",
-    margin: int = 5,
     source: str | None = None,
-    progress: Progress | None = None,
+    progress: AfterEach | None = None,
 ) -> list[Imported]:
     """Turns a folder of videos into a demo set.
 
@@ -117,9 +114,8 @@ def import_videos(
       classes: the task's class names.
       objects: the objects that every video holds; None takes what is found.
       outcome: "success", "failure" or "unknown": of all the videos, or of each by its stem.
-      margin: frames kept after the last block has arrived.
       source: where the videos came from, in words; None names the folder.
-      progress: see `Progress`.
+      progress: see `AfterEach`.
 
     Raises:
       DemoError: no videos, a damaged one, different frame rates, or objects not found.
@@ -154,7 +150,7 @@ def import_videos(
     def demos() -> Iterator[Demo]:
         for path, (frames, tracks) in zip(paths, parallel_map(look, paths), strict=True):
             ending = outcome if isinstance(outcome, str) else outcome[path.stem]
-            yield _trimmed(path.stem, frames, tracks, classes, ending, margin, report)
+            yield _trimmed(path.stem, frames, tracks, classes, ending, report)
             _tell(progress, len(paths), report)
 
     save_demo_set(
@@ -169,15 +165,15 @@ def import_videos(
     return report
 
 
-def _trimmed(name, frames, tracks, classes, outcome, margin, report: list[Imported]) -> Demo:
-    kept = trim_static_tail(tracks, classes, margin=margin)
-    short = Tracks(tracks.center[:kept], tracks.size[:kept], tracks.label, tracks.seen[:kept])
+def _trimmed(name, frames, tracks, classes, outcome, report: list[Imported]) -> Demo:
+    kept = trim_static_tail(tracks, classes)
+    short = tracks.during(slice(kept))
     cut = len(frames) - kept
     report.append(Imported(name, kept, cut, outcome, float(short.seen.mean())))
     return Demo(name, frames[:kept], short, cut, outcome)
 
 
-def _tell(progress: Progress | None, total: int, report: list[Imported]) -> None:
+def _tell(progress: AfterEach | None, total: int, report: list[Imported]) -> None:
     if progress is not None:
         progress(len(report), total, report[-1])
 

@@ -52,7 +52,7 @@ _MALFORMED = (  # what the pickle machine raises when fed bytes that are no pick
 
 
 class MagicalDemo(NamedTuple):
-    """What is kept of one file."""
+    """The part of one file that is kept."""
 
     frames: UInt8[np.ndarray, "T H W 3"]  # allocentric view, RGB, 8 a second
     env_name: str  # "MatchRegions-Demo-v0"
@@ -108,7 +108,7 @@ def read_actions(path: str | os.PathLike) -> Int[np.ndarray, "T"]:
 
 
 def _content(path: pathlib.Path) -> object:
-    """What the pickle holds, built of stand-ins."""
+    """The contents of the pickle, built of stand-ins."""
     try:
         with gzip.open(path) as file:
             data = file.read(_MAX_BYTES + 1)

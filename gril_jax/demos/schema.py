@@ -1,4 +1,4 @@
-"""What a demo set's header and arrays must hold: schema version 1, and its checks."""
+"""The schema of a demo set's header and arrays, version 1, and its checks."""
 
 import hashlib
 import pathlib
@@ -37,7 +37,7 @@ _FIELDS = {
 
 @dataclass(frozen=True)
 class DemoEntry:
-    """What the header says of one demonstration."""
+    """The header's entry of one demonstration."""
 
     name: str
     video: str  # file name in the folder

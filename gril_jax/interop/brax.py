@@ -1,6 +1,6 @@
 """A learned reward for environments in the style of brax or MuJoCo Playground.
 
-    env = LearnedReward(env, load_reward("reward.npz"), boxes)
+    env = RewardWrapper(env, load_reward("reward.npz"), boxes)
     env = brax.envs.wrappers.training.wrap(env, episode_length=100)
 
 Neither library is imported: an environment is whatever has `reset(rng)` and `step(state, action)`
@@ -20,14 +20,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.errors import ConfigError
-from gril_jax.reward import learned_reward
+from gril_jax.reward.learned_reward import LearnedReward
 
-__all__ = ["LearnedReward"]
+__all__ = ["RewardWrapper"]
 
 _KEY = "learned_reward"
 
 
-class LearnedReward:
+class RewardWrapper:
     """The environment with the learned reward in place of its own, which is a metric from then on.
 
     Everything else is the environment's. Wrap before it is batched, limited in time or reset.
@@ -36,7 +36,7 @@ class LearnedReward:
     def __init__(
         self,
         env: Any,
-        learned: learned_reward.LearnedReward,
+        learned: LearnedReward,
         boxes: Callable[[Any], tuple[Float[Array, "N 2"], Float[Array, "N 2"]]],
         *,
         action_repeat: int = 1,

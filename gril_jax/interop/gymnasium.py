@@ -1,6 +1,6 @@
 """A learned reward for Gymnasium environments; needs the package `gymnasium`.
 
-    env = LearnedReward(gymnasium.make(...), load_reward("reward.npz"), boxes)
+    env = RewardWrapper(gymnasium.make(...), load_reward("reward.npz"), boxes)
 
 For one environment at a time. The reward's memory begins anew with every `reset`.
 """
@@ -12,18 +12,18 @@ import gymnasium
 import jax
 import numpy as np
 
-from gril_jax.reward import learned_reward
+from gril_jax.reward.learned_reward import LearnedReward
 
-__all__ = ["LearnedReward"]
+__all__ = ["RewardWrapper"]
 
 
-class LearnedReward(gymnasium.Wrapper):
+class RewardWrapper(gymnasium.Wrapper):
     """The environment with the learned reward; its own is `info["task_reward"]` from then on."""
 
     def __init__(
         self,
         env: gymnasium.Env,
-        learned: learned_reward.LearnedReward,
+        learned: LearnedReward,
         boxes: Callable[[gymnasium.Env, Any], tuple[Any, Any]],
     ):
         """

@@ -1,7 +1,7 @@
 """A learned reward for gymnax environments; needs the package `gymnax`, 1.0 or later.
 
-    env = LearnedReward(env, load_reward("reward.npz"), boxes)
-    algorithm = rejax.PPO.create(env=LearnedReward(..., five_values=True), ...)
+    env = RewardWrapper(env, load_reward("reward.npz"), boxes)
+    algorithm = rejax.PPO.create(env=RewardWrapper(..., five_values=True), ...)
 
 The reward's memory is part of the state, so gymnax's automatic reset begins it anew.
 """
@@ -15,25 +15,25 @@ import jax.numpy as jnp
 from gymnax.environments.environment import Environment
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from gril_jax.reward import learned_reward
+from gril_jax.reward.learned_reward import LearnedReward, Memory
 
-__all__ = ["LearnedReward", "State"]
+__all__ = ["RewardState", "RewardWrapper"]
 
 
-class State(NamedTuple):
+class RewardState(NamedTuple):
     """An environment's state, and what the reward remembers of the episode."""
 
     env: Any
-    memory: learned_reward.Memory
+    memory: Memory
 
 
-class LearnedReward(Environment):
+class RewardWrapper(Environment):
     """The environment with the learned reward; its own is `info["task_reward"]` from then on."""
 
     def __init__(
         self,
         env: Environment,
-        learned: learned_reward.LearnedReward,
+        learned: LearnedReward,
         boxes: Callable[[Any], tuple[Float[Array, "N 2"], Float[Array, "N 2"]]],
         *,
         five_values: bool = False,
@@ -56,31 +56,31 @@ class LearnedReward(Environment):
         return self._env.default_params
 
     @partial(jax.jit, static_argnames=("self",))
-    def step(self, key: PRNGKeyArray, state: State, action: Any, params: Any = None) -> tuple:
+    def step(self, key: PRNGKeyArray, state: RewardState, action: Any, params: Any = None) -> tuple:
         """One step, with the automatic reset."""
         *moved, reward, terminated, truncated, info = super().step(key, state, action, params)
         ended = (terminated | truncated,) if self._five_values else (terminated, truncated)
         return *moved, reward, *ended, info
 
-    def reset_env(self, key: PRNGKeyArray, params: Any) -> tuple[Any, State]:
+    def reset_env(self, key: PRNGKeyArray, params: Any) -> tuple[Any, RewardState]:
         """Begins an episode."""
         observation, state = self._env.reset_env(key, params)
-        return observation, State(state, self._learned.init(*self._boxes(state)))
+        return observation, RewardState(state, self._learned.init(*self._boxes(state)))
 
-    def step_env(self, key: PRNGKeyArray, state: State, action: Any, params: Any) -> tuple:
+    def step_env(self, key: PRNGKeyArray, state: RewardState, action: Any, params: Any) -> tuple:
         """One step, without the automatic reset."""
         observation, env, task_reward, terminated, info = self._env.step_env(
             key, state.env, action, params
         )
         memory, reward = self._learned.step(state.memory, *self._boxes(env))
         info = {**info, "task_reward": jnp.asarray(task_reward)}
-        return observation, State(env, memory), reward, terminated, info
+        return observation, RewardState(env, memory), reward, terminated, info
 
-    def is_truncated(self, state: State, params: Any) -> Any:
+    def is_truncated(self, state: RewardState, params: Any) -> Any:
         """The environment's time limit."""
         return self._env.is_truncated(state.env, params)
 
-    def is_terminated(self, state: State, params: Any) -> Any:
+    def is_terminated(self, state: RewardState, params: Any) -> Any:
         """The environment's own ends."""
         return self._env.is_terminated(state.env, params)
 

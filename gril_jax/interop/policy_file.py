@@ -1,7 +1,7 @@
 """A run's policy as plain arrays, for programs that have neither JAX nor this package.
 
-`gril export-policy RUN --out policy.npz` writes the policy that `gril eval` plays: the mean action,
-without noise. To act, for one observation (O,) or for many (..., O), it takes NumPy alone:
+`gril export-policy RUN --out policy.npz` writes the policy that `gril eval` plays, with its
+deterministic (mean) action. To act on one observation (O,) or many (..., O), NumPy is enough:
 
     import json
     import numpy as np
@@ -40,7 +40,6 @@ their difference loses digits.
 import dataclasses
 import itertools
 import json
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -55,6 +54,7 @@ from gril_jax.rl import training
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.safe_files import new_file, writing
 
 __all__ = [
     "FORMAT",
@@ -108,9 +108,7 @@ def main(
     Raises:
       RunError: the run has no policy or a broken one, or `out` exists or cannot be written.
     """
-    found = checkpoint.latest(folder / "policy")
-    if found is None:
-        raise RunError(f"{folder} has no policy, so its run has not got that far yet")
+    found = checkpoint.newest(folder, "policy")
     fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
     arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
     for name, array in arrays.items():
@@ -144,7 +142,7 @@ def describe(
     arrays: dict[str, Float[np.ndarray, "..."]],
     objects: Sequence[str],
 ) -> dict[str, Any]:
-    """What the arrays mean, as JSON has it. Index ranges are [start, stop).
+    """The meaning of the arrays, as JSON has it. Index ranges are [start, stop).
 
     Args:
       config: the run's.
@@ -156,7 +154,7 @@ def describe(
       format, version, gril_jax: what wrote the file.
       layers: `in`, `out` and `activation` (swish, relu, tanh or none) of each.
       output: the ranges of the last layer that hold the action's mean and its spread before
-        `squash`, which is applied to the mean. The mean action does not need the spread.
+        `squash`, which is applied to the mean. The deterministic action does not need the spread.
       observation: name and range of each input, in order, activity bits included.
       activity: None, or the range of the activity bits, their objects, and the rule: a bit is 0
         when an episode begins and becomes 1 for good when the centre of the object's box lies more
@@ -234,17 +232,12 @@ def write(
       RunError: the file exists, or its folder is missing, full or not writable.
     """
     text = np.array(json.dumps(description, allow_nan=False))
-    part = out.with_name(f".{out.name}.{os.getpid()}.part")
-    with run_dir.writing(out.parent):
+    with writing(out.parent):
         try:
-            with open(part, "wb") as file:
+            with new_file(out) as file:
                 np.savez(file, **arrays, description=text)
-            with open(out, "xb"):  # takes the name: whatever came in between is not overwritten
-                os.replace(part, out)
         except FileExistsError:
             raise RunError(f"{out} exists already, but --out must be a new file") from None
-        finally:
-            part.unlink(missing_ok=True)
 
 
 def _names(names: Sequence[str] | None, size: int, default: str, env: Any) -> Sequence[str]:

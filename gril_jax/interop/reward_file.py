@@ -39,6 +39,7 @@ from gril_jax.graphs import activity_rule
 from gril_jax.graphs.activity_rule import PAPER, ActivityRule
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
+from gril_jax.safe_files import new_file
 from gril_jax.types import DemoBatch
 
 from . import reward_format
@@ -133,18 +134,9 @@ def _digest(demos):
 
 
 def _write(path, arrays, overwrite):
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    claimed = False
     try:
-        with open(part, "wb") as file:  # np.savez would add a suffix to a name without one
-            np.savez(file, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        if not overwrite:
-            open(path, "xb").close()  # takes the name: whatever came in between is kept
-            claimed = True
-        os.replace(part, path)
-        claimed = False
+        with new_file(path, overwrite=overwrite) as file:
+            np.savez(file, **arrays)  # a name would get a suffix, if it has none
     except FileExistsError:
         raise RewardFileError(
             f"{path} exists already; give another name, or overwrite=True to replace it."
@@ -154,10 +146,6 @@ def _write(path, arrays, overwrite):
             f"{path} cannot be written ({error.strerror or error}); its folder must exist and have "
             "room."
         ) from None
-    finally:
-        part.unlink(missing_ok=True)
-        if claimed:
-            path.unlink(missing_ok=True)
 
 
 def _read(path):

@@ -1,4 +1,4 @@
-"""What a reward file holds: the names of its arrays, its description, and the checks of both.
+"""The format of a reward file: the names of its arrays, its description, and the checks of both.
 
 `gril_jax.interop.reward_file` says what the fields of the description mean.
 """

@@ -1,4 +1,4 @@
-"""What a run's folder holds for its report, read and checked: parts that are missing are None.
+"""Reads and checks a run's folder for its report: parts that are missing are None.
 
     profiles.npz   the learned reward along each demonstration (B, T), where its stages end
     rollouts.npz   the reward in each evaluation episode (E, T), and which one was filmed
@@ -146,7 +146,7 @@ def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
         values = {k: number(row, k, where) for k in row if k not in ("phase", "seed")}
         if values.get(_STEP[phase]) is None:
             raise RunError(f"{where}: the field {_STEP[phase]!r} is missing")
-        rows[phase].append(values | {k: str(row[k]) for k in ("seed",) if k in row})
+        rows[phase].append(values)
     return rows
 
 

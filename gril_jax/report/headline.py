@@ -1,4 +1,4 @@
-"""The numbers at the top of a report, in words, and how sure they are."""
+"""The verdict and the numbers at the top of a report, in words, and how sure they are."""
 
 import math
 from collections.abc import Mapping
@@ -8,10 +8,11 @@ from gril_jax.errors import RunError
 
 from .data import number
 
-__all__ = ["Tile", "headline", "in_words", "stage_times", "wilson"]
+__all__ = ["Tile", "Verdict", "headline", "in_words", "stage_times", "verdict", "wilson"]
 
 _Z = 1.959963984540054  # 97.5% of a standard normal distribution lie below it
 _WHERE = "results.json"
+_SOLVED = 0.9  # success rate from which a run is said to have worked
 
 
 class Tile(NamedTuple):
@@ -20,6 +21,13 @@ class Tile(NamedTuple):
     value: str
     label: str
     note: str = ""
+
+
+class Verdict(NamedTuple):
+    """One sentence on how it went."""
+
+    grade: str  # "good", "fair", "bad", or "open" where there is nothing to judge yet
+    text: str
 
 
 def wilson(rate: float, count: int) -> tuple[float, float]:
@@ -41,6 +49,33 @@ def wilson(rate: float, count: int) -> tuple[float, float]:
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
+def verdict(results: Mapping[str, Any]) -> Verdict:
+    """A sentence on whether the run worked, judged by the success of its policy.
+
+    Raises:
+      RunError: see `headline`.
+    """
+    if not results:
+        return Verdict("open", "The run has not finished, so it has no results yet.")
+    rate, random, tau, episodes = (
+        number(results, field, _WHERE)
+        for field in ("success", "success_random", "tau", "eval_episodes")
+    )
+    if rate is None:
+        known = "" if tau is None else f": Kendall's tau on held-out demonstrations is {tau:.3f}"
+        return Verdict("open", f"A reward was learned{known}.")
+    count = int(episodes or 0)
+    share = f"{round(rate * count)} of {count}" if count else f"{100 * rate:.1f}% of the"
+    found = f"{share} evaluation episodes succeed"
+    against = "" if random is None else f"; a random policy: {100 * random:.0f}%"
+    if rate >= _SOLVED:
+        return Verdict("good", f"It worked: {found}{against}.")
+    chance = wilson(random or 0.0, count)[1] if count else random or 0.0
+    if (wilson(rate, count)[0] if count else rate) > chance:
+        return Verdict("fair", f"It works in part: {found}{against}.")
+    return Verdict("bad", f"It did not work: {found}{against}.")
+
+
 def headline(results: Mapping[str, Any]) -> list[Tile]:
     """Tiles of what `results.json` holds; a number that is missing has none.
 
@@ -48,34 +83,33 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
       RunError: a field is no number, or a rate is not from 0 to 1.
     """
     get = {field: number(results, field, _WHERE) for field in _FIELDS}
-    episodes = int(get["eval_episodes"] or 0)
-    tiles = []
-    for field, label in (
+    episodes, total = int(get["eval_episodes"] or 0), sum(s for _, s in stage_times(results))
+    rates = (
         ("success", "success of the trained policy"),
-        ("success_sampled", "success with actions drawn as in training"),
+        ("success_sampled", "success with sampled actions"),
         ("success_random", "success of a random policy"),
-    ):
-        if get[field] is not None:
-            tiles.append(_rate_tile(field, get[field], episodes, label))
-    if get["tau"] is not None:
-        note = "on demonstrations kept aside; 1 is perfect, 0 is chance"
-        tiles.append(Tile(f"{get['tau']:.3f}", "Kendall's tau of the alignment", note))
-    if get["reward_time_tau"] is not None:
-        note = "1 if the reward never falls along a demonstration"
-        tiles.append(
-            Tile(f"{get['reward_time_tau']:.3f}", "Kendall's tau of reward and time", note)
-        )
-    if get["env_steps_per_s"] is not None:
-        steps = get["env_steps"]
-        note = "" if steps is None else f"{_count(steps)} in all"
-        tiles.append(Tile(_count(get["env_steps_per_s"]), "environment steps a second", note))
-    total = sum(seconds for _, seconds in stage_times(results))
-    if total:
-        tiles.append(Tile(in_words(total), "for the whole run", "by stages below"))
-    if get["trimmed_frames"] is not None:
-        note = "cut from ends of videos in which nothing moves"
-        tiles.append(Tile(_count(get["trimmed_frames"]), "frames trimmed", note))
-    return tiles
+    )
+    tiles = [
+        _rate_tile(field, get[field], episodes, label)
+        for field, label in rates
+        if get[field] is not None
+    ]
+    others = (
+        (get["tau"], ".3f", "Kendall's tau of the alignment",
+         "on demonstrations kept aside; 1 is perfect, 0 is chance"),
+        (get["reward_time_tau"], ".3f", "Kendall's tau of reward and time",
+         "1 if the reward never falls along a demonstration"),
+        (get["env_steps_per_s"], ",.0f", "environment steps a second",
+         "" if get["env_steps"] is None else f"{get['env_steps']:,.0f} in all"),
+        (in_words(total) if total else None, "", "for the whole run", "by stages below"),
+        (get["trimmed_frames"], ",.0f", "frames trimmed",
+         "cut from ends of videos in which nothing moves"),
+    )  # fmt: skip
+    return tiles + [
+        Tile(format(value, shape), label, note)
+        for value, shape, label, note in others
+        if value is not None
+    ]
 
 
 _FIELDS = (
@@ -122,7 +156,3 @@ def in_words(seconds: int | float) -> str:
     if whole < 3600:
         return f"{whole // 60} min {whole % 60} s"
     return f"{whole // 3600} h {whole % 3600 // 60} min"
-
-
-def _count(value: float) -> str:
-    return f"{value:,.0f}"

@@ -7,11 +7,14 @@ forbids scripts and any address but its own data.
 import base64
 from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import NamedTuple
 
-from .headline import Tile
+from gril_jax.safe_files import write_whole, writing
 
-__all__ = ["Cell", "Part", "Section", "Table", "render"]
+from .headline import Tile, Verdict
+
+__all__ = ["Cell", "Part", "Section", "Table", "render", "save"]
 
 
 class Part(NamedTuple):
@@ -21,11 +24,11 @@ class Part(NamedTuple):
     contents: bytes | None = None
     alt: str = ""  # what is to be seen, for those who cannot
     mime: str = "image/png"  # or "video/mp4"
-    small: bool = False  # narrower than the page
+    wide: bool = False  # as wide as the page, where others stand side by side
 
 
 class Cell(NamedTuple):
-    """What stands in a table, and in small letters below it what belongs to it, such as a range."""
+    """An entry of a table, and in small letters below it what belongs to it, such as a range."""
 
     value: str
     note: str = ""
@@ -46,6 +49,17 @@ class Section(NamedTuple):
     parts: Sequence[Part | Table]
 
 
+def save(file: Path, contents: bytes) -> bytes:
+    """Writes a page or what belongs to it, whole or not at all; returns its contents.
+
+    Raises:
+      RunError: the folder is missing, full or not writable.
+    """
+    with writing(file.parent):
+        write_whole(file, contents, durable=False)
+    return contents
+
+
 def render(
     title: str,
     summary: str,
@@ -54,6 +68,11 @@ def render(
     facts: Mapping[str, str],
     tables: Mapping[str, Mapping[str, str]],
     listings: Mapping[str, str],
+    *,
+    verdict: Verdict | None = None,
+    film: Part | None = None,
+    beside: Sequence[Part] = (),
+    more: Sequence[Tile] = (),
 ) -> str:
     """The page.
 
@@ -65,13 +84,25 @@ def render(
       facts: short lines of what was run.
       tables: of names and values, each folded under its title.
       listings: longer texts such as the configuration, each folded under its title.
+      verdict: a sentence on the whole.
+      film: on the first screen, on a phone's, too.
+      beside: on the first screen of a desk: what belongs below the film, and what to its right.
+      more: numbers that can wait until what was run is told.
     """
     body = [
-        f"<h1>{escape(title)}</h1>",
-        f"<p>{escape(summary)}</p>",
+        '<header class="top">',
+        f"<div><h1>{escape(title)}</h1>",
+        f"<p>{escape(summary)}</p></div>",
+        f'<p class="verdict {verdict.grade}">{escape(verdict.text)}</p>' if verdict else "",
+        "</header>",
+        '<div class="first">' if film else "",
+        f'<div class="film">{_part(film)}</div>' if film else "",
         _tiles(tiles),
+        *(f"<div>{_part(part)}</div>" for part in beside),
+        "</div>" if film else "",
         *map(_section, sections),
         "<section><h2>What was run</h2>",
+        _tiles(more),
         _table(facts, "facts"),
         *(_folded(name, _table(rows, "values")) for name, rows in tables.items()),
         *(_folded(name, f"<pre>{escape(text)}</pre>") for name, text in listings.items()),
@@ -96,7 +127,9 @@ def _section(section: Section) -> str:
     parts = "\n".join(
         _wide_table(part) if isinstance(part, Table) else _part(part) for part in section.parts
     )
-    return f"<section><h2>{escape(section.title)}</h2>\n{parts}\n</section>"
+    return (
+        f'<section><h2>{escape(section.title)}</h2>\n<div class="parts">\n{parts}\n</div></section>'
+    )
 
 
 def _part(part: Part) -> str:
@@ -110,7 +143,7 @@ def _part(part: Part) -> str:
         if part.mime.startswith("video/")
         else f'<img src="{source}" alt="{alt}">'
     )
-    size = ' class="small"' if part.small else ""
+    size = ' class="whole"' if part.wide else ""
     return f"<figure{size}>{media}<figcaption>{escape(part.caption)}</figcaption></figure>"
 
 
@@ -125,7 +158,8 @@ def _wide_table(table: Table) -> str:
     )
     caption = escape(table.caption)
     return (
-        f'<figure><div class="wide" tabindex="0" role="region" aria-label="{caption}">'
+        '<figure class="whole">'
+        f'<div class="wide" tabindex="0" role="region" aria-label="{caption}">'
         f"<table>\n<thead><tr><td></td>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody></table></div>"
         f"<figcaption>{caption}</figcaption></figure>"
     )
@@ -150,30 +184,58 @@ def _folded(title: str, content: str) -> str:
 _POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'"
 
 _STYLE = """
-:root { color-scheme: light dark; --page: #ffffff; --ink: #222222; --soft: #5c5c5c;
-        --line: #dcdcdc; --tile: #f5f6f7; }
+:root { color-scheme: light dark; --page: #ffffff; --ink: #1f2328; --soft: #59636e;
+        --line: #d8dee4; --tile: #f6f8fa;
+        --good: #1a7f37; --fair: #9a6700; --bad: #c22732; --open: #59636e; }
 @media (prefers-color-scheme: dark) {
-  :root { --page: #17191c; --ink: #e6e6e6; --soft: #a8a8a8; --line: #3a3d42; --tile: #22252a; }
+  :root { --page: #14171b; --ink: #e6e9ec; --soft: #a2abb4; --line: #343a41; --tile: #1e2328;
+          --good: #4ac26b; --fair: #d4a72c; --bad: #ff7b72; --open: #a2abb4; }
+  img, video { filter: brightness(.88); }
 }
 * { box-sizing: border-box; }
-body { margin: 2rem auto 4rem; max-width: 60rem; padding: 0 1rem; background: var(--page);
+body { margin: 0 auto 4rem; max-width: 80rem; padding: 1.1rem 1rem 0; background: var(--page);
        color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
-h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .4rem; overflow-wrap: anywhere; }
-h2 { font-size: 1.25rem; margin: 2.5rem 0 .8rem; padding-top: 1rem;
+h1 { font-size: 1.45rem; line-height: 1.25; margin: 0; overflow-wrap: anywhere; }
+h2 { font-size: 1.2rem; margin: 2.2rem 0 .9rem; padding-top: 1.1rem;
      border-top: 1px solid var(--line); }
-.tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(13.5rem, 1fr));
-         gap: .75rem; margin: 1.5rem 0; }
-.tiles div { background: var(--tile); border-radius: .5rem; padding: .8rem 1rem; }
-.tiles b { display: block; font-size: 1.65rem; line-height: 1.2; }
-small { display: block; color: var(--soft); font-size: .82rem; line-height: 1.35;
-        margin-top: .25rem; }
-figure { margin: 1.2rem 0 2rem; }
-figure.small { max-width: 38rem; }
+.top p { margin: .15rem 0 0; color: var(--soft); max-width: 52rem; }
+.top .verdict { margin: .8rem 0; padding: .5rem .9rem; color: var(--ink); font-weight: 600;
+                background: var(--tile); border-radius: .5rem;
+                border-left: .4rem solid var(--open); }
+.top .good { border-color: var(--good); }
+.top .fair { border-color: var(--fair); }
+.top .bad { border-color: var(--bad); }
+.first { display: grid; gap: .9rem 1.4rem; }
+.first > div { min-width: 0; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .6rem;
+         margin: 1rem 0; }
+.first .tiles { margin: 0; }
+.film video { max-height: 19.5rem; object-fit: contain; }
+.tiles div { background: var(--tile); border-radius: .5rem; padding: .6rem .8rem;
+             font-size: .92rem; line-height: 1.35; }
+.tiles b { display: block; font-size: 1.5rem; line-height: 1.2; }
+small { display: block; color: var(--soft); font-size: .8rem; line-height: 1.35;
+        margin-top: .2rem; }
+figure { margin: 0; min-width: 0; }
 img, video { display: block; width: 100%; height: auto; background: #ffffff;
              border: 1px solid var(--line); border-radius: .5rem; }
-img { padding: .5rem; }
-figcaption { color: var(--soft); font-size: .92rem; margin-top: .5rem; max-width: 52rem; }
-.absent { color: var(--soft); font-style: italic; }
+img { padding: .35rem; }
+figcaption { color: var(--soft); font-size: .88rem; line-height: 1.4; margin-top: .35rem;
+             max-width: 52rem; }
+.absent { color: var(--soft); margin: 0; padding: 1rem; border: 1px dashed var(--line);
+          border-radius: .5rem; }
+.parts { display: grid; gap: 1.6rem 1.4rem; align-items: start;
+         grid-template-columns: repeat(auto-fill, minmax(min(100%, 30rem), 1fr)); }
+.parts > .whole { grid-column: 1 / -1; }
+@media (min-width: 64rem) {
+  .top { display: flex; gap: 1.4rem; align-items: center; justify-content: space-between;
+         margin-bottom: .8rem; }
+  .top .verdict { margin: 0; flex: 0 1 36rem; }
+  .first { grid-template-columns: 1fr 1fr; grid-template-rows: auto auto 1fr; }
+  .first .tiles { grid-area: 1 / 1 / 2 / 3; }
+  .first .film { grid-area: 2 / 1; }
+  .first .film ~ div:last-child { grid-area: 2 / 2 / 4 / 3; }
+}
 table { border-collapse: collapse; font-size: .92rem; margin: .5rem 0 1rem; }
 th { font-weight: 500; text-align: left; color: var(--soft); vertical-align: top;
      padding: .15rem 1.5rem .15rem 0; white-space: nowrap; }

@@ -1,6 +1,5 @@
 """Everything that a report is drawn from: a run's folder and its demonstrations, read once."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,10 +15,12 @@ from gril_jax.demos.vision.video import read_video, write_video
 from gril_jax.errors import RunError
 from gril_jax.graphs import activity
 from gril_jax.report.figures.filmstrip import Film
-from gril_jax.runs.run_dir import read_config, writing
+from gril_jax.runs.run_dir import read_config
+from gril_jax.safe_files import writing
 from gril_jax.threads import parallel_map
 
 from .data import Profiles, read_finished, read_profiles, read_rows
+from .html import save
 
 __all__ = ["Inputs", "films_of", "read_inputs"]
 
@@ -28,7 +29,7 @@ _bits = jax.jit(activity.trajectory, static_argnames=("window", "smoothing", "no
 
 
 class Inputs(NamedTuple):
-    """What was read of a run; the report's files go into the same folder."""
+    """All that was read of a run; the report's files go into the same folder."""
 
     folder: Path
     config: RunConfig
@@ -40,11 +41,7 @@ class Inputs(NamedTuple):
 
     def save(self, name: str, contents: bytes) -> bytes:
         """Writes a file of the report, whole or not at all; returns its contents."""
-        part = self.folder / f".{name}.part"
-        with writing(self.folder):
-            part.write_bytes(contents)
-            os.replace(part, self.folder / name)
-        return contents
+        return save(self.folder / name, contents)
 
     def save_video(self, name: str, frames: Iterator[np.ndarray], fps: float) -> bytes:
         """Writes a video of the report; returns the file's contents."""

@@ -1,7 +1,7 @@
-"""Which runs have the page of one reward and one policy, and what the others have instead.
+"""Tells runs with the page of one reward and one policy from those with something else.
 
-    table1                     a page of its own kind, see `gril_jax.experiments.table1.report`
-    table2, soundness, sweep   a table and a figure, and no page
+    table1                             a page of its own, see `gril_jax.experiments.table1.page`
+    table2, soundness, ablate, sweep   a table and a figure, and no page
 
 Neither JAX nor MuJoCo is imported here.
 """
@@ -18,6 +18,7 @@ _INSTEAD = {
     "table1": "its page is report.html, its table table1.md",
     "table2": "it has no page, but the table table2.md and the figure table2.png",
     "soundness": "it has no page, but the table soundness.md and the figure soundness.png",
+    "ablate": "it has no page, but the table ablate.md and the figure ablate.png",
     "sweep": "it has no page, but the table sweep.md and the figure sweep.png",
 }
 

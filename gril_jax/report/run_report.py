@@ -23,12 +23,15 @@ from gril_jax.report.figures.filmstrip import Film, beside_reward, contact_sheet
 from gril_jax.report.figures.style import png
 
 from .data import number, read_rollouts, read_versions
-from .headline import headline, in_words, stage_times
+from .headline import headline, in_words, stage_times, verdict
 from .html import Part, Section, render
 from .inputs import Inputs, films_of, read_inputs
 from .kinds import require_single
 
 __all__ = ["write_report"]
+
+_TOP = 4  # numbers on the first screen
+_NO_POLICY = Part("No policy has been trained in this run.")
 
 
 def write_report(run_folder: str | os.PathLike) -> Path:
@@ -49,15 +52,25 @@ def write_report(run_folder: str | os.PathLike) -> Path:
     try:
         run = read_inputs(folder)
         films = films_of(run)
+        tiles = headline(run.results)
+        demonstrations, tracked = _demonstrations(run, films)
+        loss, profile = _loss(run), _profile(run, films)
+        if run.rows["ppo"] or run.rows["sac"]:
+            film, beside = _rollout(run), [_learning_curve(run), profile]
+            later = [Section("Training the reward", [_both_outcomes(run), loss])]
+            demonstrations.append(tracked)
+        else:
+            film, beside = tracked, [loss, profile]
+            later = [Section("The learned reward", [_both_outcomes(run), _NO_POLICY])]
         page = render(
             title=f"GRIL run {folder.resolve().name}",
             summary=_summary(run),
-            tiles=headline(run.results),
-            sections=[
-                Section("Demonstrations", _demonstrations(run, films)),
-                Section("The learned reward", _learned_reward(run, films)),
-                Section("The policy", _policy(run)),
-            ],
+            verdict=verdict(run.results),
+            tiles=tiles[:_TOP],
+            film=film,
+            beside=beside,
+            sections=[*later, Section("Demonstrations", demonstrations)],
+            more=tiles[_TOP:],
             **_what_was_run(run),
         )
     except DemoError as error:
@@ -66,15 +79,23 @@ def write_report(run_folder: str | os.PathLike) -> Path:
     return folder / "report.html"
 
 
-def _demonstrations(run: Inputs, films: Sequence[Film]) -> list[Part]:
+def _demonstrations(run: Inputs, films: Sequence[Film]) -> tuple[list[Part], Part]:
+    """The contact sheet, and the video of one with its boxes."""
     if run.demos is None:
         gone = "This run's folder holds no demonstrations, so none are shown."
         if run.config.demos.path:
             gone = f"The demonstrations were in {run.config.demos.path}, where they are no more."
-        return [Part(gone)]
+        return [], Part(gone)
     demos = run.demos
     sheet = run.save("demos.png", png(contact_sheet(films, demos.classes, demos.half_extent)))
-    video = with_boxes(films[0], demos.classes, demos.half_extent)
+    boxes = with_boxes(films[0], demos.classes, demos.half_extent)
+    video = Part(
+        f"{films[0].name} as the encoder gets it: boxes, classes, and what has moved (thick, and "
+        "bold in the list). No box should jump or change its number.",
+        run.save_video("demo.mp4", boxes, demos.fps),
+        "A demonstration with boxes around its objects",
+        "video/mp4",
+    )
     return [
         Part(
             f"{len(films)} of {len(demos.entries)} demonstrations ({demos.source}), each from "
@@ -82,39 +103,23 @@ def _demonstrations(run: Inputs, films: Sequence[Film]) -> list[Part]:
             "throughout; a thick box marks what has moved, which counts more in the reward.",
             sheet,
             "Frames of demonstrations with boxes around their objects",
-        ),
-        Part(
-            f"{films[0].name} as the encoder gets it: boxes, classes, and what has moved "
-            "(thick, and bold in the list). No box should jump or change its number.",
-            run.save_video("demo.mp4", video, demos.fps),
-            "A demonstration with boxes around its objects",
-            "video/mp4",
-            small=True,
-        ),
-    ]
-
-
-def _learned_reward(run: Inputs, films: Sequence[Film]) -> list[Part]:
-    parts = []
-    if run.profiles is None:
-        parts.append(Part("The reward has not been learned yet, so it has no profile."))
-    else:
-        parts += [_profile(run, films), _both_outcomes(run)]
-    if run.rows["pretrain"]:
-        parts.append(
-            Part(
-                "The encoder's loss and its parts. They should fall and level off.",
-                run.save("pretrain.png", png(pretrain_curve(run.rows["pretrain"]))),
-                "Encoder loss against gradient steps",
-                small=True,
-            )
         )
-    else:
-        parts.append(Part("There are no metrics of encoder training."))
-    return parts
+    ], video
+
+
+def _loss(run: Inputs) -> Part:
+    if not run.rows["pretrain"]:
+        return Part("There are no metrics of encoder training.")
+    return Part(
+        "The encoder's loss and its parts. They should fall and level off.",
+        run.save("pretrain.png", png(pretrain_curve(run.rows["pretrain"]))),
+        "Encoder loss against gradient steps",
+    )
 
 
 def _profile(run: Inputs, films: Sequence[Film]) -> Part:
+    if run.profiles is None:
+        return Part("The reward has not been learned yet, so it has no profile.")
     index = run.profiles.names.index(run.shown)
     length = int(run.profiles.length[index])
     film = next((film for film in films if film.name == run.shown), None)
@@ -131,18 +136,18 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
         fps=None if film is None else run.demos.fps,
     )
     kept_aside = ", on which it was not trained" * (run.profiles.split[index] == "validation")
-    frames = " The frames above belong to the points that they are tied to." * (film is not None)
+    frames = " A line ties each frame to its point." * (film is not None)
     return Part(
-        f"The reward along {run.shown}{kept_aside}: a staircase that climbs while a block is "
-        "brought to its place and is flat while the empty hand travels. Numbered dots are ends "
-        "of stages found in such curves alone; they should fall where a block has arrived."
-        f"{frames}",
+        f"The reward along {run.shown}{kept_aside}. It should climb while something is brought to "
+        f"its place and stay flat while the empty hand travels. Numbered dots end stages.{frames}",
         run.save("reward_profile.png", png(figure)),
         "Learned reward against frames of one demonstration",
     )
 
 
 def _both_outcomes(run: Inputs) -> Part:
+    if run.profiles is None:
+        return Part("Without a profile, successes and failures cannot be compared.")
     aside = run.profiles.traces("validation")
     success, failure = aside or run.profiles.traces("train"), run.profiles.traces("failure")
     if not success or not failure:
@@ -158,20 +163,15 @@ def _both_outcomes(run: Inputs) -> Part:
     )
 
 
-def _policy(run: Inputs) -> list[Part]:
-    rows = run.rows["ppo"] or run.rows["sac"]
-    if not rows:
-        return [Part("No policy has been trained in this run.")]
+def _learning_curve(run: Inputs) -> Part:
     random = number(run.results, "success_random", "results.json")
-    figure = learning_curve(rows, random_success=random)
-    dashed = " well above the dashed line of a random policy" * (random is not None)
-    curve = Part(
-        f"Training episodes, in which actions are sampled. Success should rise{dashed}, and "
-        "the reward with it; a reward that rises alone has missed what the task is about.",
+    figure = learning_curve(run.rows["ppo"] or run.rows["sac"], random_success=random)
+    return Part(
+        "Training episodes, with sampled actions. A reward that rises without success has missed "
+        "what the task is about.",
         run.save("rl_curve.png", png(figure)),
         "Success rate and mean reward against environment steps",
     )
-    return [curve, _rollout(run)]
 
 
 def _rollout(run: Inputs) -> Part:
@@ -186,10 +186,9 @@ def _rollout(run: Inputs) -> Part:
         )
     learned = run.config.run.reward == "learned"
     video = beside_reward(frames, reward, title="Learned reward" if learned else "Task's reward")
-    outcome = "succeeded" if rollouts.success[rollouts.shown] else "failed"
+    outcome = "succeeds" if rollouts.success[rollouts.shown] else "fails"
     return Part(
-        f"An evaluation episode of the trained policy, which {outcome}, beside its reward. "
-        "Each block that is brought to its place should lift the curve by a step.",
+        f"The trained policy in an evaluation episode that {outcome}, beside its reward.",
         run.save_video("policy.mp4", video, read_fps(path)),
         "The trained policy beside the curve of its reward",
         "video/mp4",
@@ -198,12 +197,11 @@ def _rollout(run: Inputs) -> Part:
 
 def _summary(run: Inputs) -> str:
     chosen = run.config
-    text = (
-        f"Task {chosen.env.name} with {len(chosen.env.targets)} blocks to bring in and "
-        f"{len(chosen.env.distractors)} to keep out, {chosen.run.reward} reward, "
-        f"seed {chosen.run.seed}."
+    learner = f", {chosen.run.algorithm.upper()}" * bool(run.rows["ppo"] or run.rows["sac"])
+    return (
+        f"Task {chosen.env.name}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
+        f"{learner}, seed {chosen.run.seed}"
     )
-    return text if run.results else f"{text} The run has not finished, so it has no results yet."
 
 
 def _what_was_run(run: Inputs) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""How a process finds the others of its job, read from the environment before JAX is imported.
+"""Finds the other processes of a job, from the environment, before JAX is imported.
 
     COORDINATOR_ADDRESS=job-0.job:1234 NUM_PROCESSES=4 PROCESS_ID=2 gril sweep ... --distributed
 

@@ -62,7 +62,7 @@ def initialize(cluster: Cluster | None, *, timeout_s: int = 300) -> None:
 
 
 def is_first() -> bool:
-    """Whether this process writes the run's folder, prints and draws."""
+    """True in the process that writes the run's folder, prints and draws."""
     return jax.process_index() == 0
 
 

@@ -33,14 +33,9 @@ class Interrupted(GrilError):
 
 
 class Notice:
-    """Which signal has come, if any."""
+    """The signal that has come, if any."""
 
     number: int | None = None
-
-    @property
-    def name(self) -> str:
-        """Such as "SIGTERM"."""
-        return "" if self.number is None else signal.Signals(self.number).name
 
 
 @contextlib.contextmanager

@@ -29,7 +29,7 @@ __all__ = ["Begun", "Trained", "restore", "run_chunks"]
 
 
 class Begun(NamedTuple):
-    """Where a phase starts, or goes on."""
+    """The point at which a phase starts, or goes on."""
 
     state: Any
     chunks: int  # that have been done
@@ -37,7 +37,7 @@ class Begun(NamedTuple):
 
 
 class Trained(NamedTuple):
-    """What a phase came to."""
+    """The results of a phase."""
 
     state: Any
     seconds: float  # of all chunks, those before an interruption included

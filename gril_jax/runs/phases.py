@@ -29,7 +29,7 @@ _FILE = "phases.json"
 
 @dataclass(frozen=True)
 class Phases:
-    """What phases.json says."""
+    """The contents of phases.json."""
 
     experiment: str | None  # the experiment that can go on with the run, None if it cannot
     config: str  # YAML, as the run began
@@ -45,7 +45,7 @@ def write_phases(folder: Path, phases: Phases) -> None:
 
 
 def read_phases(folder: Path) -> Phases:
-    """What `write_phases` wrote.
+    """The phases that `write_phases` wrote.
 
     Raises:
       RunError: the file is missing or has changed.

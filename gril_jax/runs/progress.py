@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-__all__ = ["Phase", "Progress", "describe", "duration"]
+__all__ = ["Phase", "Progress", "duration"]
 
 
 class Progress:
@@ -143,39 +143,17 @@ class Phase:
         return None if self.rate is None else max(self.total - self._now[1], 0) / self.rate
 
     def line(self) -> str:
-        """The phase in one line."""
+        """Such as `name: 400/2,000 steps (20%), 80 steps/s, 0:20 left, loss 0.31`."""
         if self._first is None:
             return f"{self.name}: compiling ... {duration(self._clock() - self._begin_s)}"
-        return describe(
-            self.name,
-            self._now[1],
-            self.total,
-            self.unit,
-            self.rate,
-            self.left_s,
-            self._metrics,
-        )
-
-
-def describe(
-    name: str,
-    done: int,
-    total: int,
-    unit: str,
-    rate: float | None,
-    left_s: float | None,
-    metrics: Mapping[str, Any],
-) -> str:
-    """`name: 400/2,000 steps (20%), 80 steps/s, 0:20 left, loss 0.31`."""
-    count = f"{done:,}/{total:,} {unit} ({100 * done // total}%)" if total else f"{done:,} {unit}"
-    parts = [f"{name}: {count}"]
-    if rate is not None and left_s is not None:
-        speed = f"{rate:,.0f}" if rate >= 10 else f"{rate:.2g}"
-        parts.append(f"{speed} {unit}/s")
-        if done < total:
-            parts.append(f"{duration(left_s)} left")
-    parts += [f"{key} {float(value):.4g}" for key, value in metrics.items()]
-    return ", ".join(parts)
+        done, total, unit, rate = self._now[1], self.total, self.unit, self.rate
+        share = f"/{total:,} {unit} ({100 * done // total}%)" if total else f" {unit}"
+        parts = [f"{self.name}: {done:,}{share}"]
+        if rate is not None:
+            parts.append(f"{f'{rate:,.0f}' if rate >= 10 else f'{rate:.2g}'} {unit}/s")
+            if done < total:
+                parts.append(f"{duration(self.left_s)} left")
+        return ", ".join([*parts, *(f"{k} {float(v):.4g}" for k, v in self._metrics.items())])
 
 
 def duration(seconds: int | float) -> str:

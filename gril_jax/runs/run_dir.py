@@ -75,7 +75,7 @@ class RunDir:
 
     @property
     def checkpoints(self) -> Path:
-        """Where checkpoints go."""
+        """The folder for checkpoints."""
         return self.path / "checkpoints"
 
     @property
@@ -116,7 +116,7 @@ class RunDir:
         return rows
 
     def finished_phase(self, name: str) -> dict[str, Any] | None:
-        """What a phase came to, or None while it has not finished."""
+        """The results of a phase, or None while it has not finished."""
         return self._phases.finished.get(name)
 
     def finish_phase(self, name: str, results: Mapping[str, Any]) -> None:
@@ -314,7 +314,7 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
 
 
 def read_results(path: Path) -> dict[str, Any]:
-    """What a finished run came to.
+    """The results of a finished run.
 
     Raises:
       RunError: it is not a run's folder, the run has not finished, or the file is damaged.

@@ -1,4 +1,4 @@
-"""Where metrics go beside metrics.jsonl: TensorBoard and Weights & Biases, both optional.
+"""Copies of metrics.jsonl for TensorBoard and Weights & Biases, both optional.
 
 The file is the record, a sink a copy of it: one that cannot be rewound is filled again from the
 file. A row's finite numbers are sent under PHASE/NAME, at its step. The packages are imported
@@ -24,7 +24,7 @@ _STEPS = ("env_steps", "step")  # the names that a row's step may have
 
 @runtime_checkable
 class Sink(Protocol):
-    """What `open_sink` returns."""
+    """A place that metrics are copied to, of `open_sink`."""
 
     def begin(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """These rows are all that there is; called first, and whenever rows have been cut."""

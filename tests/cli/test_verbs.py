@@ -184,12 +184,16 @@ def test_report_hands_on_the_run(experiment, run):
     assert calls == [((run,), {"echo": arguments.echo})]
 
 
-def test_report_draws_the_page_of_a_table_1_anew(experiment, tmp_path):
+def test_report_draws_the_page_of_a_table_1_anew(experiment, tmp_path, monkeypatch):
+    from gril_jax.experiments.table1.table1 import TABLE
+    from gril_jax.experiments.tables import results
+
     path = tmp_path / "table"
     run_dir.create(path, RunConfig(), device="cpu", experiment="table1").close()
-    calls = experiment("table1_report")
+    calls = []
+    monkeypatch.setattr(results, "redraw", lambda *args, echo: calls.append(args))
     assert main.main(["report", str(path)]) == 0
-    assert calls == [((path,), {"echo": arguments.echo})]
+    assert calls == [(TABLE, path)]
 
 
 def test_report_refuses_the_runs_of_other_tables_before_work_starts(experiment, tmp_path, capsys):
@@ -227,11 +231,19 @@ def test_export_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):
     assert calls == [((run, out), {"echo": arguments.echo})]
 
 
-def test_ablate_takes_a_number_of_seeds(experiment, capsys):
-    calls = experiment("ablate")
-    assert main.main(["ablate", "match_regions", "--seeds", "3"]) == 0
+def test_ablate_takes_a_number_of_seeds_and_rows(experiment, monkeypatch, capsys):
+    from gril_jax.experiments.ablate.rows import ROWS
+    from gril_jax.experiments.tables import frame
+
+    calls = []
+    monkeypatch.setattr(frame, "make", lambda _, *args, **kwargs: calls.append(args))
+    assert main.main(["ablate", "match_regions", "--seeds", "3", "--rows", "alpha 20"]) == 0
     assert main.main(["ablate"]) == 0
-    assert [c[0] for c in calls] == [(load("match_regions"), 3), (RunConfig(), 5)]
+    assert [config for config, _ in calls] == [load("match_regions"), RunConfig()]
+    assert [(settings.seeds, [*settings.rows]) for _, settings in calls] == [
+        (3, ["alpha 20"]),
+        (5, [*ROWS]),
+    ]
     assert main.main(["ablate", "--seeds", "none"]) == 2
     assert "--seeds is 'none', but must be a whole number of at least 1" in capsys.readouterr().err
 

@@ -8,7 +8,7 @@ import pytest
 from gril_jax.experiments.pipeline import policy_setup, setup
 from support.probes import Probe
 
-from gril_jax.compilation import device_memory, memory
+from gril_jax.compilation import memory
 from gril_jax.config import EncoderOptions, RunConfig
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError
@@ -116,7 +116,7 @@ def test_a_seed_that_cannot_fit_is_refused_and_the_two_knobs_that_help_are_named
 
 
 def test_the_memory_of_this_machine_is_known_or_said_to_be_unknown():
-    found = device_memory.available_bytes(jax.devices()[0])
+    found = memory.available_bytes(jax.devices()[0])
     assert found is None or found > 2**20
 
 
@@ -127,4 +127,4 @@ def test_a_device_that_tells_nothing_is_of_unknown_memory():
         def memory_stats(self):
             return None
 
-    assert device_memory.available_bytes(Silent()) is None
+    assert memory.available_bytes(Silent()) is None

@@ -12,7 +12,6 @@ from gril_jax.demos.demo_set import (
     demo_batch,
     load_demo_set,
     save_demo_set,
-    split_names,
     trim_static_tail,
 )
 from gril_jax.demos.vision.detect import Tracks
@@ -279,18 +278,11 @@ def still(frames, moving_until, kind=2):
 
 
 @pytest.mark.parametrize(
-    ("frames", "moving_until", "margin", "kept"),
-    [
-        (50, 20, 5, 26),
-        (50, 20, 0, 21),
-        (50, 48, 5, 50),
-        (50, 0, 5, 6),
-        (50, 0, 0, 2),
-        (1, 0, 5, 1),
-    ],
+    ("frames", "moving_until", "kept"),
+    [(50, 20, 26), (50, 48, 50), (50, 0, 6), (1, 0, 1)],
 )
-def test_tail_is_cut_a_margin_after_the_last_block_has_arrived(frames, moving_until, margin, kept):
-    assert trim_static_tail(still(frames, moving_until), CLASSES, margin=margin) == kept
+def test_tail_is_cut_a_margin_after_the_last_block_has_arrived(frames, moving_until, kept):
+    assert trim_static_tail(still(frames, moving_until), CLASSES) == kept
 
 
 @pytest.mark.parametrize("kind", [0, 1])
@@ -350,19 +342,3 @@ def test_batch_refuses_unknown_names_and_different_objects(tmp_path):
         demo_batch(loaded, ["z"])
     with pytest.raises(DemoError, match="at least 1 demonstration"):
         demo_batch(loaded, [])
-
-
-def test_split_is_a_partition_that_depends_on_seed_and_nothing_else(tmp_path):
-    save_demo_set(tmp_path / "set", [demo(f"d{i}", 2) for i in range(10)], **OPTIONS)
-    loaded = load_demo_set(tmp_path / "set")
-    train, validation = split_names(loaded, 0.3, seed=1)
-    assert (len(train), len(validation)) == (7, 3)
-    assert sorted(train + validation) == [f"d{i}" for i in range(10)]
-    assert split_names(loaded, 0.3, seed=1) == (train, validation)
-    assert any(split_names(loaded, 0.3, seed=s)[1] != validation for s in range(5))
-    assert [len(side) for side in split_names(loaded, 0.0)] == [10, 0]
-    assert [len(side) for side in split_names(loaded, 0.01)] == [9, 1]
-    assert [len(side) for side in split_names(loaded, 0.99)] == [1, 9]
-    for fraction in (-0.1, 1.0):
-        with pytest.raises(DemoError, match="validation_fraction"):
-            split_names(loaded, fraction)

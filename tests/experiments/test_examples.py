@@ -113,7 +113,7 @@ class _Drive:
 
 
 def _wrapped(file, **options):
-    return brax.LearnedReward(
+    return brax.RewardWrapper(
         _Drive(), load_reward(file), lambda s: pushing.boxes(s.pipeline_state), **options
     )
 
@@ -180,9 +180,9 @@ def test_what_is_not_the_rewards_is_the_environments(file):
 
 def _gymnax(file, **options):
     _needs("gymnax", "rejax")
-    from gril_jax.experiments.examples.rejax_ppo import LearnedReward, Pushing
+    from gril_jax.experiments.examples.rejax_ppo import Pushing, RewardWrapper
 
-    return LearnedReward(Pushing(), load_reward(file), lambda s: pushing.boxes(s.table), **options)
+    return RewardWrapper(Pushing(), load_reward(file), lambda s: pushing.boxes(s.table), **options)
 
 
 def test_gymnaxs_reset_begins_the_memory_anew(file):

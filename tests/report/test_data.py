@@ -17,7 +17,7 @@ from gril_jax.report.data import (
     read_rows,
     read_versions,
 )
-from gril_jax.report.headline import headline, in_words, stage_times, wilson
+from gril_jax.report.headline import headline, in_words, stage_times, verdict, wilson
 from gril_jax.runs import run_dir
 
 # --- arrays
@@ -105,14 +105,14 @@ def test_files_that_are_not_there_are_none_or_empty(tmp_path):
 # --- metrics and numbers
 
 
-def test_rows_are_sorted_by_phase_and_keep_their_seed(tmp_path):
+def test_rows_are_sorted_by_phase(tmp_path):
     with run_dir.create(tmp_path / "run", RunConfig(), device="cpu", command=["x"]) as run:
         run.log(phase="ppo", env_steps=10, success=float("nan"), seed=3)
         run.log(phase="pretrain", step=1, loss=2)
         run.log(phase="other", word="ignored")
         run.log(step=4)
     rows = read_rows(tmp_path / "run")
-    assert rows["ppo"] == [{"env_steps": 10.0, "success": None, "seed": "3"}]
+    assert rows["ppo"] == [{"env_steps": 10.0, "success": None}]
     assert rows["pretrain"] == [{"step": 1.0, "loss": 2.0}]
 
 
@@ -156,10 +156,39 @@ def test_wilsons_interval_mirrors_and_narrows():
 def test_the_headline_compares_the_trained_policy_with_a_random_one():
     values = {tile.label: (tile.value, tile.note) for tile in headline(RESULTS)}
     assert values["success of the trained policy"][0] == "90.0%"
-    assert values["success with actions drawn as in training"][0] == "80.0%"
+    assert values["success with sampled actions"][0] == "80.0%"
     assert values["success of a random policy"][1].startswith("1 of 20 episodes")
     assert values["for the whole run"][0] == "1 min 13 s"
     assert headline({}) == []
+
+
+@pytest.mark.parametrize(
+    ("results", "grade", "text"),
+    [
+        ({}, "open", "has not finished"),
+        (
+            {"tau": 0.5},
+            "open",
+            "A reward was learned: Kendall's tau on held-out demonstrations is 0.5",
+        ),
+        ({"success": 0.95, "eval_episodes": 20}, "good", "It worked: 19 of 20 evaluation"),
+        (
+            {"success": 0.5, "success_random": 0.0, "eval_episodes": 20},
+            "fair",
+            "a random policy: 0%",
+        ),
+        (
+            {"success": 0.1, "success_random": 0.05, "eval_episodes": 20},
+            "bad",
+            "It did not work: 2 ",
+        ),
+        ({"success": 0.0}, "bad", "0.0% of the evaluation episodes"),
+    ],
+)
+def test_the_verdict_is_by_success_and_by_what_chance_allows(results, grade, text):
+    found = verdict(results)
+    assert found.grade == grade
+    assert text in found.text
 
 
 def test_a_rate_without_a_number_of_episodes_has_no_interval():

@@ -78,7 +78,7 @@ def run(copied, monkeypatch):
 @pytest.mark.parametrize("name", sorted(PICTURES))
 def test_every_picture_is_a_png_that_is_not_blank(finished, name):
     image = cv2.imread(str(finished[0] / f"{name}.png"))
-    assert image.shape[1] == (864 if name == "pretrain" else 1440)
+    assert image.shape[1] == 1088
     assert image.shape[0] > 300
     assert (image != 255).any(-1).mean() > 0.01
 
@@ -154,6 +154,16 @@ def test_nothing_is_left_behind_beside_the_reports_files(run):
     before = {path.name for path in run.iterdir()}
     write_report(run)
     assert {path.name for path in run.iterdir()} == before
+
+
+def test_verdict_film_numbers_curve_and_profile_come_first_and_in_this_order(finished):
+    text = (finished[0] / "report.html").read_text(encoding="utf-8")
+    marks = [
+        'class="verdict good"', "<video", 'class="tiles"', "Success rate and mean reward",
+        "Learned reward against frames", "<section>",
+    ]  # fmt: skip
+    places = [text.index(mark) for mark in marks]
+    assert places == sorted(places)
 
 
 # --- what comes from files is text, never markup

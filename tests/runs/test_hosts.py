@@ -42,16 +42,16 @@ def test_processes_that_cannot_be_connected_are_an_error_in_one_sentence(monkeyp
 # on from the checkpoint. Only the first one's file is kept.
 _CHILD = """
 import os, signal, sys
-from gril_jax import hosts
-from gril_jax.cluster import cluster_of
+from gril_jax.runs import hosts
+from gril_jax.runs.cluster import cluster_of
 hosts.initialize(cluster_of(os.environ))
 import jax, numpy as np
 import jax.numpy as jnp
 from support import sharded_training as t
-from gril_jax import run_dir, training_loop
+from gril_jax.runs import loop, run_dir
 from gril_jax.config import RunConfig
-from gril_jax.interrupt import Interrupted
-from gril_jax.state_leaves import host_copy
+from gril_jax.runs.interrupt import Interrupted
+from gril_jax.runs.checkpoints.state_leaves import host_copy
 
 me, out = jax.process_index(), sys.argv[1]
 assert hosts.is_first() == (me == 0)
@@ -73,8 +73,8 @@ def chunks(folder, path, state):
             open(out + ".told", "w").close()
             signal.raise_signal(signal.SIGTERM)
         return run(state, *inputs)
-    begun = training_loop.restore(folder, "sac", state, tell=print)
-    return begun.chunks, training_loop.run_chunks(
+    begun = loop.restore(folder, "sac", state, tell=print)
+    return begun.chunks, loop.run_chunks(
         advance, begun, run=folder, name="sac", chunks=2, row=row, every_s=1e9, keep=3)
 
 with hosts.scratch() as scratch:

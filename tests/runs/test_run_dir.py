@@ -182,7 +182,7 @@ def test_a_run_without_metrics_is_told(path):
 
 _HOLD = """
 import pathlib, sys
-from gril_jax import run_dir
+from gril_jax.runs import run_dir
 run = run_dir.resume(pathlib.Path(sys.argv[1]))
 print("held", flush=True)
 sys.stdin.read()
@@ -225,7 +225,7 @@ def test_closing_twice_is_harmless(path):
 
 _FILL = """
 import pathlib, resource, sys
-from gril_jax import run_dir
+from gril_jax.runs import run_dir
 from gril_jax.errors import RunError
 path = pathlib.Path(sys.argv[1])
 run = run_dir.resume(path)

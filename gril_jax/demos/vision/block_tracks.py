@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from scipy.optimize import linear_sum_assignment
 
+from .landmarks import Sighting
 from .palette import BLOCK_SHAPES
 from .shape_fit import (
     Pose,
@@ -24,19 +25,12 @@ from .shape_fit import (
     true_roundness,
 )
 
-__all__ = ["BlockTracker", "Sighting", "count_shapes"]
+__all__ = ["BlockTracker", "count_shapes"]
 
 _AREA_SLACK = 0.2  # a mask this much off a shape's area is another shape, a part, or two blocks
 _ROUNDNESS_SLACK = 0.06
 _SEEN = 0.55  # least match of a fitted outline that counts as a sighting
 _FAR = 10.0  # cost of an impossible pairing, in world units
-
-
-class Sighting(NamedTuple):
-    """Where a block is in one frame."""
-
-    center: Float[np.ndarray, "2"]  # pixels
-    size: Float[np.ndarray, "2"]  # pixels, axis-aligned box
 
 
 class _Component(NamedTuple):
@@ -82,7 +76,7 @@ def _mismatch(component: _Component, shape: str, scale: float) -> float:
 
 
 def count_shapes(masks: Sequence[UInt8[np.ndarray, "H W"]], scale: float) -> dict[str, int]:
-    """How many blocks of each shape there are, from masks of one colour in several frames.
+    """The number of blocks of each shape, from masks of one colour in several frames.
 
     A shape counts as often as it stands alone in at least a quarter of the frames.
     """

@@ -32,6 +32,15 @@ class Tracks(NamedTuple):
     label: Int32[np.ndarray, "N"]  # index into the class names
     seen: Bool[np.ndarray, "T N"]  # False where the last (or first) sighting stands in
 
+    def during(self, frames: slice) -> "Tracks":
+        """The same objects in some of the frames."""
+        return Tracks(self.center[frames], self.size[frames], self.label, self.seen[frames])
+
+    def of(self, objects: Sequence[int] | np.ndarray) -> "Tracks":
+        """Only these objects, in this order."""
+        center, size, seen = (x[:, objects] for x in (self.center, self.size, self.seen))
+        return Tracks(center, size, self.label[objects], seen)
+
 
 @runtime_checkable
 class Detector(Protocol):

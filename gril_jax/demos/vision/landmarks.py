@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from .palette import BLOCK_COLOURS, GREY, block_code, goal_code
 
-__all__ = ["Goal", "Robot", "find_goal", "find_robot", "without_dashes"]
+__all__ = ["Goal", "Sighting", "find_goal", "find_robot", "without_dashes"]
 
 _MIN_GOAL_AREA = 0.05  # square world units; the smallest goal of any variant has 0.25
 _MIN_GOAL_PART = 0.005
@@ -30,16 +30,15 @@ class Goal(NamedTuple):
     colour: str
     center: Float[np.ndarray, "2"]  # pixels
     size: Float[np.ndarray, "2"]  # pixels, to the middle of the dashed border
-    dashes: Bool[
-        np.ndarray, "H W"
-    ]  # pixels that are dash, or block over a dash, in nearly all frames
+    # pixels that are dash, or block over a dash, in nearly all frames
+    dashes: Bool[np.ndarray, "H W"]
 
 
-class Robot(NamedTuple):
-    """A robot's body in one frame."""
+class Sighting(NamedTuple):
+    """The place of a robot's body, or of a block, in one frame."""
 
     center: Float[np.ndarray, "2"]  # pixels
-    size: Float[np.ndarray, "2"]  # pixels
+    size: Float[np.ndarray, "2"]  # pixels, axis-aligned box
 
 
 def find_goal(codes: UInt8[np.ndarray, "S H W"], scale: float) -> Goal | None:
@@ -107,7 +106,7 @@ def without_dashes(
     return np.where(goal.dashes, votes > 0.5 * voters, mask).astype(np.uint8)
 
 
-def find_robot(codes: UInt8[np.ndarray, "H W"], scale: float) -> Robot | None:
+def find_robot(codes: UInt8[np.ndarray, "H W"], scale: float) -> Sighting | None:
     """The robot's body: the grey disc without its fingers, or else the grey bar of a stick."""
     grey = cv2.compare(codes, np.full_like(codes, GREY), cv2.CMP_EQ) & 1
     side = max(1, int(_THIN * scale))
@@ -126,10 +125,10 @@ def find_robot(codes: UInt8[np.ndarray, "H W"], scale: float) -> Robot | None:
     moments = cv2.moments(body if disc is None else disc, binaryImage=True)
     center = [left + moments["m10"] / moments["m00"], top + moments["m01"] / moments["m00"]]
     if disc is not None:
-        return Robot(np.array(center), np.full(2, 2 * _DISC_RADIUS * scale))
+        return Sighting(np.array(center), np.full(2, 2 * _DISC_RADIUS * scale))
     reach = 2 * math.ceil(0.42 * _THIN * scale) + 1  # opening has rounded the stick's corners
     square = cv2.dilate(body, np.ones((reach, reach), np.uint8)) & grey
-    return Robot(np.array(center), np.array(cv2.boundingRect(square)[2:], float))
+    return Sighting(np.array(center), np.array(cv2.boundingRect(square)[2:], float))
 
 
 def _opened(mask: UInt8[np.ndarray, "H W"], radius: float) -> UInt8[np.ndarray, "H W"]:

@@ -1,4 +1,4 @@
-"""Where known shapes lie in a mask: outlines of the blocks, shape recognition and pose fitting.
+"""Finds known shapes in a mask: outlines of the blocks, shape recognition and pose fitting.
 
 A single block's centre is its mask's centroid. Blocks of one colour that touch are one blob;
 there, each block's outline is moved and turned until the outlines together cover the blob.
@@ -83,7 +83,7 @@ def roundness_of(mask: UInt8[np.ndarray, "H W"]) -> float:
 
 
 def angle_of(mask: UInt8[np.ndarray, "H W"], shape: str) -> float:
-    """How far a whole shape is turned, in radians, from the phase of its n-th moment.
+    """The angle of a whole shape, in radians, from the phase of its n-th moment.
 
     For a shape with n-fold symmetry, the sum of (z - centre)^n over its pixels z = x + iy turns
     n times as fast as the shape does.
@@ -223,7 +223,7 @@ class _Field:
     def _coverage(
         self, shape: str, x: float, y: float, angle: float, side: int
     ) -> Float32[np.ndarray, "S S"]:
-        """How much of each pixel a shape covers, 0 to 1; smooth in the pose."""
+        """The share of each pixel that a shape covers, 0 to 1; smooth in the pose."""
         field, middle = _distance_field(shape, self.scale)
         cos, sin = math.cos(angle), math.sin(angle)
         # Output pixel (u, v) reads the field at R^T (u - x, v - y) + middle.

@@ -17,13 +17,15 @@ from matplotlib.patches import ConnectionPatch
 
 from gril_jax.errors import ShapeError
 
-from .style import COLOURS, GREY, INK, WIDTH, shortened, styled
+from .style import COLOURS, GREY, HALF, INK, shortened, styled
 
 __all__ = ["learning_curve", "pretrain_curve", "reward_profile", "success_failure"]
 
 _BLUE, _RED, _GREEN = COLOURS[:3]
+_EXAMINED = {"linestyle": "none", "marker": "s", "color": INK, "markersize": 5}
+_BY_MEANS, _BY_SAMPLES = "evaluation, deterministic actions", "evaluation, sampled actions"
 _MOST = 7  # pictures on a strip: more would be too small to see a block in
-_LARGEST = 2.2  # inches: a picture on a strip of few
+_LARGEST = 1.7  # inches: a picture on a strip of few
 _BELOW, _CURVE, _TIES, _ABOVE = 0.55, 2.9, 0.3, 0.5  # inches: parts of a profile's height
 
 
@@ -55,10 +57,10 @@ def reward_profile(
         )
     ends = np.flatnonzero(boundary)
     shown = _to_show(ends, len(reward))
-    side = 0.0 if frames is None else min(_LARGEST, WIDTH / len(shown))
+    side = 0.0 if frames is None else min(_LARGEST, HALF / len(shown))
     height = _BELOW + _CURVE + _ABOVE + (side + _TIES if side else 0)
-    figure = Figure(figsize=(WIDTH, height))
-    axes = figure.add_axes((0.085, _BELOW / height, 0.9, _CURVE / height))
+    figure = Figure(figsize=(HALF, height))
+    axes = figure.add_axes((0.1, _BELOW / height, 0.885, _CURVE / height))
     _stages(axes, reward, ends)
     axes.set_xlabel(f"frame ({fps:g} a second)" if fps else "frame")
     axes.set_ylabel("learned reward")
@@ -134,7 +136,7 @@ def success_failure(
       success: one reward trace a demonstration, of any lengths; at least 1.
       failure: the same of the failed ones; the mean holds a trace's last value once it ended.
     """
-    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    figure = Figure(figsize=(HALF, 2.8), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, traces, word, colour in (
         (panels[0], success, "success", _BLUE),
@@ -151,7 +153,7 @@ def success_failure(
         plural = "es" if word == "success" else "s"
         axes.set_title(f"{len(traces)} {word}{plural if len(traces) > 1 else ''}")
         axes.set_xlabel("frame")
-        axes.legend(loc="upper left")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     panels[0].set_ylabel("learned reward")
     panels[0].margins(x=0.02, y=0.08)
     return figure
@@ -164,74 +166,47 @@ def learning_curve(
     """Success rate and mean reward against environment steps.
 
     Args:
-      rows: of one run or several; each has "env_steps" and some of "success" (from 0 to 1),
-        "reward", "episodes", "eval/success" and "eval/success_sampled". Where rows have a "seed",
-        the mean over seeds is drawn, in a band from the lowest to the highest. A value of None is
-        left out, and so is the success of a row in which no episode ended.
+      rows: each has "env_steps" and some of "success" (from 0 to 1), "reward", "episodes",
+        "eval/success" and "eval/success_sampled". A value of None is left out, and so is the
+        success of a row in which no episode ended.
       random_success: success rate of the random policy, a dashed line.
     """
-    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    figure = Figure(figsize=(HALF, 3.1), layout="constrained")
     left, right = figure.subplots(1, 2)
     most = max((row["env_steps"] for row in rows), default=0)
     unit, word = next(
         ((u, w) for u, w in ((1e6, "million "), (1e3, "thousand ")) if most >= 2 * u), (1.0, "")
     )
-    for axes, field, colour, factor in (
-        (left, "success", _BLUE, 100.0),
-        (right, "reward", _GREEN, 1.0),
-    ):
-        curves = _by_seed(rows, field)
-        if curves:
-            _mean_and_band(axes, curves, unit, factor, colour)
+    for axes, field, factor, look in (
+        (left, "success", 100, {"color": _BLUE, "markersize": 3.5, "label": "trained policy"}),
+        (right, "reward", 1, {"color": _GREEN, "markersize": 3.5, "label": "trained policy"}),
+        (left, "eval/success", 100, _EXAMINED | {"marker": "D", "label": _BY_MEANS}),
+        (left, "eval/success_sampled", 100, _EXAMINED | {"markerfacecolor": "white",
+                                                         "label": _BY_SAMPLES}),
+    ):  # fmt: skip
+        steps, values = _points(rows, field)
+        few = "o" if len(steps) <= 40 else None
+        if len(steps):
+            axes.plot(steps / unit, factor * values, **{"marker": few} | look)
         axes.set_xlabel(f"{word}environment steps")
-    for field, marker, label in (
-        ("eval/success", "D", "evaluation, mean actions"),
-        ("eval/success_sampled", "s", "evaluation, actions drawn"),
-    ):
-        for steps, values in _by_seed(rows, field):
-            left.plot(steps / unit, 100 * values, marker, color=INK, markersize=5, label=label,
-                      markerfacecolor=INK if marker == "D" else "white")  # fmt: skip
-            label = None
     if random_success is not None:
         left.axhline(
             100 * random_success, color=GREY, linestyle="--", label="random policy", zorder=1
         )
     left.set(title="Success rate", ylabel="episodes that succeed (%)", ylim=(-3, 103))
     right.set(title="Mean reward", ylabel="mean reward a step")
-    for axes in (left, right):
-        if axes.get_legend_handles_labels()[1]:
-            axes.legend(loc="best")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
-def _by_seed(rows, field: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Steps and values of each seed, in order of steps; of two equal steps the later row."""
-    seeds: dict[Any, dict[float, float]] = {}
+def _points(rows, field: str) -> tuple[np.ndarray, np.ndarray]:
+    """Steps and values in order of steps; of two equal steps the later row."""
+    points: dict[float, float] = {}
     for row in rows:
         nothing_ended = field == "success" and row.get("episodes") == 0
         if row.get(field) is not None and not nothing_ended:
-            seeds.setdefault(row.get("seed"), {})[row["env_steps"]] = row[field]
-    points = [sorted(curve.items()) for curve in seeds.values()]
-    return [tuple(np.array(curve, float).T) for curve in points]
-
-
-def _mean_and_band(axes: Axes, curves, unit: float, factor: float, colour: str) -> None:
-    steps, values = curves[0]
-    label = "trained policy"
-    if len(curves) > 1:
-        low, high = max(s[0] for s, _ in curves), min(s[-1] for s, _ in curves)
-        steps = np.unique(np.concatenate([s for s, _ in curves]))
-        steps = steps[(steps >= low) & (steps <= high)]
-        each = np.stack([np.interp(steps, s, v) for s, v in curves])
-        values, label = each.mean(0), f"mean of {len(curves)} seeds"
-        axes.fill_between(
-            steps / unit, factor * each.min(0), factor * each.max(0), color=colour, alpha=0.2,
-            linewidth=0, label="lowest to highest",
-        )  # fmt: skip
-    marker = "o" if len(steps) <= 40 else None
-    axes.plot(
-        steps / unit, factor * values, color=colour, marker=marker, markersize=3.5, label=label
-    )
+            points[row["env_steps"]] = row[field]
+    return tuple(np.array(sorted(points.items()), float).reshape(-1, 2).T)
 
 
 @styled
@@ -241,7 +216,7 @@ def pretrain_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
     Args:
       rows: each has "step" and some of "loss", "consistency", "reconstruction"; None is left out.
     """
-    figure = Figure(figsize=(0.6 * WIDTH, 3.0), layout="constrained")
+    figure = Figure(figsize=(HALF, 2.8), layout="constrained")
     axes = figure.subplots()
     lowest = []
     for field, label, colour, dash in (

@@ -17,13 +17,14 @@ from matplotlib.patches import Patch
 from gril_jax.demos.vision.detect import Tracks
 from gril_jax.errors import ShapeError
 
-from .style import COLOURS, GREY, WIDTH, pixels, shortened, styled
+from .style import COLOURS, GREY, HALF, pixels, shortened, styled
 
 __all__ = ["Film", "beside_reward", "contact_sheet", "with_boxes"]
 
 _CLASS_COLOURS = {"goal": "#333333", "robot": "#8C3FA8"}
 _SHIFT = 4  # cv2 takes fixed-point coordinates: this many bits behind the point
 _COLUMNS = 4  # frames of each demonstration on a contact sheet
+_LEGEND = 3  # names in a row
 _ROW = 0.58  # inches: a demonstration's name and its frames' numbers
 
 
@@ -48,11 +49,11 @@ def contact_sheet(films: Sequence[Film], classes: Sequence[str], half_extent: fl
       classes: class names; a label is an index into them.
       half_extent: see above.
     """
-    cell = WIDTH / _COLUMNS
+    cell = HALF / _COLUMNS
     shown = _classes_shown(films)
-    rows = -(-len(shown) // 4)
+    rows = -(-len(shown) // _LEGEND)
     height = len(films) * (cell + _ROW) + 0.3 + 0.24 * rows
-    figure = Figure(figsize=(WIDTH, height))
+    figure = Figure(figsize=(HALF, height))
     for row, film in enumerate(films):
         picks = np.linspace(0, len(film.frames) - 1, _COLUMNS).round().astype(int).tolist()
         bottom = height - (row + 1) * (cell + _ROW)
@@ -66,7 +67,7 @@ def contact_sheet(films: Sequence[Film], classes: Sequence[str], half_extent: fl
             axes.set_title(f"frame {t}", fontsize=9, pad=3)
     patches = [Patch(color=_colour(i, classes, shown)) for i in shown]
     labels = [f"{n}  {shortened(classes[i], 28)}" for n, i in enumerate(shown)]
-    figure.legend(patches, labels, loc="lower center", ncols=min(4, len(shown)))
+    figure.legend(patches, labels, loc="lower center", ncols=min(_LEGEND, len(shown)))
     return figure
 
 

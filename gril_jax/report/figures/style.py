@@ -17,13 +17,14 @@ from jaxtyping import UInt8
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "GREY", "INK", "WIDTH", "pixels", "png", "shortened", "styled"]
+__all__ = ["COLOURS", "GREY", "HALF", "INK", "WIDTH", "pixels", "png", "shortened", "styled"]
 
 # Okabe and Ito's colours, which the common kinds of colour blindness can tell apart.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7")
 GREY, INK = "#6E6E6E", "#222222"
-WIDTH = 9.0  # inches: a figure as wide as the page, on which 10 points are well readable
-_DPI = 160  # a figure of full width has 1440 pixels
+WIDTH = 9.0  # inches: a figure by itself
+HALF = 6.8  # inches: a figure beside another on a page, on which 10 points are still readable
+_DPI = 160
 
 _STYLE = {
     "axes.axisbelow": True,

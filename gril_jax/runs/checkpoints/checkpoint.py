@@ -32,7 +32,10 @@ from gril_jax.safe_files import sync, writing
 
 from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
 
-__all__ = ["DamagedError", "discard", "latest", "manifest", "restore", "save", "steps", "write"]
+__all__ = [
+    "DamagedError", "discard", "latest", "manifest", "newest", "restore", "save",
+    "save_part", "steps", "write",
+]  # fmt: skip
 
 _FORMAT = 1
 # How leaves of a training state began in older versions, and begin now; the longer ones first.
@@ -133,6 +136,24 @@ def latest(folder: Path) -> Path | None:
     return folder / f"{found[-1]:012d}" if found else None
 
 
+def save_part(run: Path, part: str, step: int, state: Any) -> None:
+    """Saves a part of a run, such as "reward", in place of what a process that was cut off left."""
+    shutil.rmtree(run / part, ignore_errors=True)
+    save(run / part, step, state)
+
+
+def newest(run: Path, part: str) -> Path:
+    """The newest checkpoint of a part of a run, such as "reward" or "policy".
+
+    Raises:
+      RunError: there is none.
+    """
+    found = latest(run / part)
+    if found is None:
+        raise RunError(f"{run} has no {part}, so its run has not got that far yet")
+    return found
+
+
 def discard(path: Path) -> Path:
     """Sets a damaged checkpoint aside, so that it is no longer listed; returns where it is."""
     aside = path.with_name(f"{path.name}.damaged")
@@ -167,7 +188,7 @@ def manifest(path: Path) -> dict[str, Any]:
 
 
 def _entry(index: int, leaf: Leaf) -> dict[str, Any]:
-    """What the manifest says of a leaf; `file` is the name of its folder."""
+    """The manifest's entry of a leaf; `file` is the name of its folder."""
     return {
         "path": leaf.path,
         "file": f"{index:05d}",

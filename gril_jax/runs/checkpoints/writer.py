@@ -35,7 +35,7 @@ class CheckpointWriter:
 
     @property
     def busy(self) -> bool:
-        """Whether a checkpoint is being written."""
+        """True while a checkpoint is being written."""
         if self._last is not None and self._last.done():
             self.wait()
         return self._last is not None

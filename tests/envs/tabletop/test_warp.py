@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.experiments.pipeline import setup
-from gril_jax.experiments.sweeps import programs as sweep_programs
-from gril_jax.experiments.sweeps.rows import Row
+from gril_jax.experiments.tables import programs as sweep_programs
+from gril_jax.experiments.tables.rows import Row
 from support import tabletop_scenes as scenes
 
 from gril_jax import envs

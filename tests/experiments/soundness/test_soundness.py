@@ -2,17 +2,17 @@
 
 import csv
 import dataclasses
-import types
 
 import jax
 import jax.numpy as jnp
 import pytest
 from gril_jax.experiments.pipeline import demonstrations, setup
-from gril_jax.experiments.soundness import audit as soundness_audit
-from gril_jax.experiments.soundness import soundness
-from gril_jax.experiments.soundness import table as soundness_table
-from gril_jax.experiments.soundness.settings import Settings, read_settings, write_settings
-from gril_jax.experiments.sweeps import table_csv
+from gril_jax.experiments.soundness.columns import COLUMNS
+from gril_jax.experiments.soundness.rows import Settings
+from gril_jax.experiments.soundness.soundness import TABLE
+from gril_jax.experiments.tables import audits, frame, results
+from gril_jax.experiments.tables.rows import read_settings, write_settings
+from gril_jax.experiments.tables.written import csv as written
 from support.kinematic_demos import kinematic_demos
 
 from gril_jax import threads
@@ -38,14 +38,14 @@ def _fault(capsys, *args):
 def _run(folder, rows, **changes):
     """A run's folder with a table, as far as joining looks at it."""
     run_dir.create(folder, dataclasses.replace(SMALL, **changes), device="cpu").close()
-    write_settings(folder, Settings({row: {"loss.touch": 0.0} for row in rows}))
+    write_settings(folder, "soundness", Settings({row: {"loss.touch": 0.0} for row in rows}))
     both = {"success": 1.0, "success_sampled": 0.5}
     lines = [
         {"row": row, "seed": k, "tau": 0.5} | {name: k * x for name, x in both.items()}
         for row in rows
         for k in (0, 1)
     ]
-    (folder / "soundness.csv").write_text(table_csv.written(lines, soundness_table.COLUMNS))
+    (folder / "soundness.csv").write_text(written(lines, COLUMNS))
     return folder
 
 
@@ -67,7 +67,7 @@ def test_a_mistake_on_the_command_line_has_exit_code_2(tmp_path, capsys):
 
 def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     calls = []
-    monkeypatch.setattr(soundness, "main", lambda *args, **kwargs: calls.append((args, kwargs)))
+    monkeypatch.setattr(frame, "make", lambda _, *args, **kwargs: calls.append((args, kwargs)))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
     args = ["--rows", "paper,copies", "--seeds", "3", "--steps-per-policy", "0", "--ascents", "7"]
     assert main.main(["soundness", "match_regions", *args]) == 0
@@ -78,21 +78,6 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     assert first[0].demos.num == 128
     assert second[0].ppo.num_timesteps == 4000
     assert second[1] == Settings()
-
-
-def test_a_program_has_at_most_so_many_policies(monkeypatch):
-    algorithm = types.SimpleNamespace(num_envs=4)
-    whole = [
-        soundness.Program(name, [*range(n)], algorithm, None, 1) for name, n in (("a", 7), ("b", 2))
-    ]
-    monkeypatch.setattr(soundness.sweep_programs, "programs", lambda *args: whole)
-    plan = soundness._programs([], 7, 3)
-    assert [(program.name, program.rows) for program in plan] == [
-        ("policy-0", [0, 1, 2]),
-        ("policy-1", [3, 4, 5]),
-        ("policy-2", [6]),
-        ("policy-3", [0, 1]),
-    ]
 
 
 def test_tables_of_runs_with_different_rows_become_one(tmp_path, capsys):
@@ -110,16 +95,16 @@ def test_tables_of_runs_with_different_rows_become_one(tmp_path, capsys):
 def test_runs_that_do_not_belong_together_are_not_joined(tmp_path):
     first, out = _run(tmp_path / "a", ["x"]), tmp_path / "out"
     with pytest.raises(ConfigError, match="row 'x' with seed 0 is in two of the runs"):
-        soundness.join([first, _run(tmp_path / "b", ["x"])], out)
+        results.join(TABLE, [first, _run(tmp_path / "b", ["x"])], out)
     other = _run(tmp_path / "c", ["y"], ppo=PPOConfig())
-    with pytest.raises(ConfigError, match=r"cannot be joined with .*: ppo\.num_timesteps"):
-        soundness.join([first, other], out)
+    with pytest.raises(ConfigError, match=r"cannot be joined with .* ppo\.num_timesteps"):
+        results.join(TABLE, [first, other], out)
     offset = dataclasses.replace(SMALL.run, reward_offset=0.5)
     with pytest.raises(ConfigError, match=r"run\.reward_offset \(0\.5, not 0\.0\)"):
-        soundness.join([first, _run(tmp_path / "e", ["y"], run=offset)], out)
+        results.join(TABLE, [first, _run(tmp_path / "e", ["y"], run=offset)], out)
     (other / "soundness.csv").unlink()
     with pytest.raises(RunError, match="has no table yet"):
-        soundness.join([_run(tmp_path / "d", ["y"], ppo=PPOConfig()), other], out)
+        results.join(TABLE, [_run(tmp_path / "d", ["y"], ppo=PPOConfig()), other], out)
     assert not out.exists()
 
 
@@ -134,7 +119,7 @@ def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
 
     classes = setup.make_env(SMALL.env, training=False).classes
     demos = Same(DemoSet(tmp_path, "match_regions", tuple(classes), 1.0, 20.0, "", (), ()), {}, 0)
-    monkeypatch.setattr(soundness.demonstrations, "gather_once", lambda *args: demos)
+    monkeypatch.setattr(frame.demonstrations, "gather_once", lambda *args: demos)
     out = tmp_path / "run"
     options = [
         "--rows", "paper,touched", "--seeds", "2", "--steps-per-policy", "40", "--ascents", "4",
@@ -145,14 +130,14 @@ def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
     ]  # fmt: skip
     with monkeypatch.context() as cut:
         stop = lambda *args: (_ for _ in ()).throw(KeyboardInterrupt)  # noqa: E731
-        cut.setattr(soundness, "learn_policies", stop)
+        cut.setattr(frame, "learn_policies", stop)
         assert main.main(["soundness", "quickstart", *options]) == 130
     audited = list(csv.DictReader((out / "soundness.csv").open()))
     assert [x["success"] for x in audited] == [""] * 4
-    assert list(read_settings(out).rows) == ["paper", "touched"]
+    assert list(read_settings(out, "soundness", Settings).rows) == ["paper", "touched"]
     assert not (out / "soundness.png").exists()
 
-    monkeypatch.setattr(soundness_audit, "measure", None)  # not done again
+    monkeypatch.setattr(audits, "measure", None)  # not done again
     assert main.main(["soundness", "--resume", str(out)]) == 0
     lines = list(csv.DictReader((out / "soundness.csv").open()))
     assert [(x["row"], x["seed"]) for x in lines] == [
@@ -163,5 +148,5 @@ def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
         assert after["env_steps"] == "40"
         for name in ("tau", "order_demo", "hack_gap_layout"):
             assert before[name] == after[name] != ""
-    assert run_dir.read_results(out) == {"encoders": 4, "policies": 4}
+    assert run_dir.read_results(out) == {"encoders": 4, "policies": 4, "programs": 1}
     assert (out / "soundness.png").stat().st_size > 10_000

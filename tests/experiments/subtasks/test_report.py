@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from gril_jax.experiments.subtasks import plot as subtask_plot
+from gril_jax.experiments.subtasks import figure as subtask_figure
 from gril_jax.experiments.subtasks import report as subtask_report
 from gril_jax.experiments.subtasks import scores, sets
+from gril_jax.experiments.subtasks.options import Options
 
 from gril_jax.cli import main
 from gril_jax.demos.demo_set import Demo, load_demo_set, save_demo_set
@@ -84,16 +85,18 @@ def test_fewer_than_two_stages_is_a_sentence_that_names_the_knob(tmp_path, climb
     ramp = np.linspace(-climb, 0, 60, dtype=np.float32)
     traces = _traces(np.tile(ramp, (4, 1)))
     with pytest.raises(RunError, match=words) as fault:
-        subtask_report._require_stages(tmp_path, traces, subtask_report.Rule(), 9, 1)
+        subtask_report._require_stages(tmp_path, traces, Options("run"), 9, 1)
     assert f"climbs by {climb:.2f}" in str(fault.value)
-    subtask_report._require_stages(tmp_path, traces, subtask_report.Rule(), 9, 2)
+    subtask_report._require_stages(tmp_path, traces, Options("run"), 9, 2)
 
 
 def test_a_figure_marks_found_ends_and_true_ends():
     reward = np.linspace(-1, 0, 40).astype(np.float32)
     frames = np.zeros((40, 16, 16, 3), np.uint8)
     stages = {"lid": 8, "A": 30, "never": -1}
-    figure = subtask_plot.stages_figure(reward, np.array([10, 32]), frames, stages=stages, name="x")
+    figure = subtask_figure.stages_figure(
+        reward, np.array([10, 32]), frames, stages=stages, name="x"
+    )
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert {"lid", "A", "1", "2"} <= set(texts)
     assert "never" not in texts
@@ -135,7 +138,7 @@ def test_a_report_has_scores_segments_and_figures(tmp_path, monkeypatch):
     monkeypatch.setattr(subtask_report, "traces_of", lambda *args: traces)
     said = []
     subtask_report.main(
-        tmp_path, tmp_path / "out", subtask_report.Rule(smoothing=1, patience=4), echo=said.append
+        tmp_path, tmp_path / "out", Options("run", smoothing=1, patience=4), echo=said.append
     )
     report = json.loads((tmp_path / "out" / "subtasks.json").read_text())
     assert report["demonstrations"]["d2"]["ends"] == [10, 85]

@@ -5,7 +5,8 @@ import itertools
 import json
 
 import pytest
-from gril_jax.experiments.sweeps.named_rows import changed
+from gril_jax.experiments.tables import frame
+from gril_jax.experiments.tables.rows import changed
 
 from gril_jax.cli import main
 from gril_jax.errors import RunError
@@ -35,16 +36,16 @@ def test_an_odd_number_of_environments_is_refused_before_work_starts(tmp_path, c
 
 
 def test_rows_of_table_1_are_one_more_axis(monkeypatch):
-    from gril_jax.experiments.sweeps import sweep
     from gril_jax.experiments.table1 import rows as table1_rows
 
     calls = []
-    monkeypatch.setattr(sweep, "main", lambda *args, **kwargs: calls.append(args))
+    monkeypatch.setattr(frame, "make", lambda table, *args, **kwargs: calls.append(args))
     rows = ["environmental", "ours with robot"]
     axis = ["--ppo.learning-rate", "1e-3,2e-3"]
     assert main.main(["sweep", "match_regions", "--rows", ",".join(rows), *axis]) == 0
-    ((config, found, seeds),) = calls
-    assert seeds == 5
+    ((config, made),) = calls
+    found = made.cells
+    assert made.seeds == 5
     rates = (1e-3, 2e-3)
     assert [(cell.name, cell.config.ppo.learning_rate) for cell in found] == [
         (f"row {row}, learning-rate {rate}", float(rate))

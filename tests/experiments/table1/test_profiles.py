@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from gril_jax.experiments.pipeline import setup
 from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.sweeps.named_rows import changed
-from gril_jax.experiments.sweeps.rewards import LearnedReward, reward_key
-from gril_jax.experiments.sweeps.rows import with_seeds
-from gril_jax.experiments.table1.profiles import get_ready, measure, profiles, program
+from gril_jax.experiments.table1.profiles import measure, profiles, program
+from gril_jax.experiments.tables import measures
+from gril_jax.experiments.tables.rewards import LearnedReward, reward_key
+from gril_jax.experiments.tables.rows import changed, with_seeds
 from support.kinematic_demos import kinematic_demos
 
 from gril_jax.compilation import ahead
@@ -69,24 +69,44 @@ def test_a_table_measures_each_row_once_and_rows_alike_share_a_program(tmp_path,
         def batch(self, split):
             return batch
 
-    demos = Made(None, {"failure": ["a", "b", "c"]}, 0)
-    changes = {"one": {}, "other": {"pool.alpha": 2.0}}
-    rows = with_seeds(CONFIG, changes, 2)
+    demo_set = type("Set", (), {"classes": ("a", "b", "c", "d")})
+    one = profiles(Made(demo_set, {"failure": ["a", "b", "c"]}, 0))
+    configs = [changed(CONFIG, change) for change in ({}, {"pool.alpha": 2.0})]
+    rows = with_seeds(configs, 2)
     rewards = {reward_key(row.config): learned[row.seed] for row in rows}
-    static = setup.pretrain_config(CONFIG, 4)
+    written = []
     with run_dir.create(tmp_path / "run", CONFIG, device="cpu") as run, Progress() as progress:
         with ahead.compiling() as pool:
-            wanted = get_ready(rows, demos, 4, run, pool)
-            assert [one.cell for one in wanted] == [0, 1]
-            assert wanted[0].ready is wanted[1].ready
-            profiles(wanted, rewards, run, progress)
-            assert get_ready(rows, demos, 4, run, pool) == []
-        for cell, change in enumerate(changes.values()):
-            plain = measure(
-                [program(static)] * 2,
-                learned,
-                setup.pretrain_hyper(changed(CONFIG, change)),
-                [batch] * 2,
-            )
+            needs = lambda rows: frozenset({f"reward-{rows[0].cell}"})  # noqa: E731
+            given = ([one], rows, rewards, needs, run, pool, progress, lambda: written.append(1))
+            found = measures.tasks(*given)
+            assert [task.name for task in found] == ["profiles-0", "profiles-1"]
+            assert [task.needs for task in found] == [{"reward-0"}, {"reward-1"}]
+            assert found[0].wanted is found[1].wanted
+            for task in found:
+                task.do()
+            assert measures.tasks(*given) == []
+        assert len(written) == 2
+        for cell, config in enumerate(configs):
+            hyper = setup.pretrain_hyper(config)
+            static = setup.pretrain_config(CONFIG, 4)
+            plain = measure([program(static)] * 2, learned, hyper, [batch] * 2)
             assert run.finished_phase(f"profiles-{cell}") == plain
             assert len(plain["failure"]) == 3
+
+
+def test_rows_without_a_learned_reward_or_of_pictures_are_not_measured(tmp_path):
+    configs = [
+        changed(CONFIG, {"run.reward": "environmental"}),
+        changed(CONFIG, {"encoder.kind": "pixels"}),
+    ]
+    compiled = measures.Measure("a", lambda *_: {}, lambda config: 0, lambda config, count: 0)
+    with (
+        ahead.compiling() as pool,
+        Progress() as progress,
+        run_dir.create(tmp_path / "run", CONFIG, device="cpu") as run,
+    ):
+        rows, none = with_seeds(configs, 1), lambda *_: frozenset()
+        given = (rows, {}, none, run, pool, progress, none)
+        assert measures.tasks([compiled], *given) == []
+        assert [task.name for task in measures.tasks([measures.TAU], *given)] == ["tau-1"]

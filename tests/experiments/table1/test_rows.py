@@ -4,22 +4,19 @@ import dataclasses
 import json
 
 import pytest
-from gril_jax.experiments.sweeps.named_rows import changed
 from gril_jax.experiments.table1.rows import (
     PAPER,
     QUICK,
     ROWS,
-    Settings,
     check,
-    chosen_rows,
     paths,
-    read_settings,
-    write_settings,
+    with_steps,
 )
+from gril_jax.experiments.tables.rows import changed, chosen_rows
 
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.files import load
-from gril_jax.errors import ConfigError, DemoError, RunError
+from gril_jax.errors import ConfigError, DemoError
 
 BASE = load("match_regions")
 ENCODER = ("encoder", "pool", "loss", "pretrain")
@@ -58,28 +55,19 @@ def test_every_learned_row_sets_what_any_of_them_changes():
     assert len({frozenset(x) - extra for x in learned}) == 1
 
 
-def test_every_row_is_a_run_of_its_own_and_can_be_named_on_the_command_line():
+def test_every_row_is_a_run_of_its_own():
     assert len({json.dumps(change, sort_keys=True) for change in ROWS.values()}) == len(ROWS)
-    assert not any("," in name for name in ROWS)
     assert {*PAPER} < {*ROWS}
-    assert list(chosen_rows(QUICK)) == ["environmental", "ours without robot"]
+    assert list(chosen_rows(QUICK, ROWS)) == ["environmental", "ours without robot"]
 
 
 def test_encoders_can_all_be_trained_for_as_many_steps():
-    rows = chosen_rows(None, encoder_steps=7)
+    assert with_steps(ROWS, None) is ROWS
+    rows = with_steps(ROWS, 7)
     for name, change in rows.items():
         wanted = 7 if "pretrain.steps" in ROWS[name] else None
         assert change.get("pretrain.steps") == wanted
     assert ROWS["ours audited"]["pretrain.steps"] == 8000  # as it was
-
-
-def test_settings_are_read_as_they_were_written(tmp_path):
-    settings = Settings(rows=chosen_rows("ours with potential shaping"), seeds=3)
-    write_settings(tmp_path, settings)
-    assert read_settings(tmp_path) == settings
-    (tmp_path / "table1.json").write_text("[]")
-    with pytest.raises(RunError, match="is no run of gril table1"):
-        read_settings(tmp_path)
 
 
 def test_another_task_is_refused():

@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gril_jax.experiments.pipeline import setup
-from gril_jax.experiments.sweeps.named_rows import changed
-from gril_jax.experiments.table2 import measures, table2
+from gril_jax.experiments.table2 import columns, measures, table2
 from gril_jax.experiments.table2 import rows as table2_rows
-from gril_jax.experiments.table2 import table as table2_table
+from gril_jax.experiments.tables import frame
+from gril_jax.experiments.tables.rows import changed
+from gril_jax.experiments.tables.table import Found
+from gril_jax.experiments.tables.written import csv
 
 from gril_jax.cli import main
 from gril_jax.config import EnvConfig, RunConfig
@@ -69,31 +71,23 @@ def test_the_table_has_the_papers_ratio_beside_ours_and_each_kind_of_failure():
         for row, rho in (("XIRL", 0.9), ("ours without robot", 0.5))
         for seed in (0, 1)
     ]
-    text = table2_table.markdown(lines)
+    text = columns.text(Found([], lines, [], {}, {}))
     row = next(x for x in text.splitlines() if x.startswith("| ours without robot"))
     assert "| 0.684 | 0.500 (0.500 to 0.500) |" in row
     assert "lid only" in text
-    table = table2_table.csv(lines).splitlines()
+    table = csv(lines, columns.columns(lines)).splitlines()
     assert len(table) == 5
     assert table[0].startswith("row,seed,rho_held,")
-    assert table2_table.spread([0.25]) == "0.250"
-    assert table2_table.spread([None]) == ""
 
 
 def test_every_row_sets_the_same_fields_and_builds_a_configuration():
     base = next(iter(table2_rows.ROWS.values()))
     assert all(set(row) == set(base) for row in table2_rows.ROWS.values())
-    rows = table2.usable(CONFIG, echo=lambda line: None)
+    rows = table2_rows.usable(CONFIG, echo=lambda line: None)
     assert {"GraphIRL with robot", "ours without robot", "ours with soft-DTW"} <= set(rows)
     for row in rows.values():
         if row["encoder.kind"] != "pixels":
             setup.pretrain_config(changed(CONFIG, row), 7)
-
-
-def test_settings_are_read_as_they_were_written(tmp_path):
-    settings = table2_rows.Settings({"XIRL": table2_rows.ROWS["XIRL"]}, 3)
-    table2_rows.write_settings(tmp_path, settings)
-    assert table2_rows.read_settings(tmp_path) == settings
 
 
 @pytest.mark.parametrize(("split", "word"), [("failure", "failures"), ("validation", "kept aside")])
@@ -105,7 +99,7 @@ def test_too_few_recordings_of_an_outcome_are_one_sentence(split, word):
 
 def test_what_the_command_line_says_reaches_the_experiment(monkeypatch, capsys, tmp_path):
     calls = []
-    monkeypatch.setattr(table2, "main", lambda *args, **kwargs: calls.append((args, kwargs)))
+    monkeypatch.setattr(frame, "make", lambda _, *args, **kwargs: calls.append((args, kwargs)))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
     assert main.main(["table2", "--rows", "ours without robot", "--seeds", "3"]) == 0
     assert main.main(["table2", "--quick", "--demos.num", "30"]) == 0

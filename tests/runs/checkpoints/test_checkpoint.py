@@ -309,7 +309,7 @@ def test_keys_of_another_generator_are_refused(tmp_path):
 _FILL = """
 import pathlib, resource, sys
 import jax.numpy as jnp, numpy as np
-from gril_jax.checkpoint import latest, restore, save
+from gril_jax.runs.checkpoints.checkpoint import latest, restore, save
 from gril_jax.errors import RunError
 folder = pathlib.Path(sys.argv[1])
 noise = jnp.asarray(np.random.default_rng(0).normal(size=(200, 200)))

@@ -1,0 +1,1 @@
+"""Encoders trained in 26 ways, each choice changed alone."""

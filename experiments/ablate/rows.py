@@ -1,0 +1,49 @@
+"""The rows of an ablation of encoder training: each changes one choice alone.
+
+Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from gril_jax.experiments.tables import rows as named_rows
+
+__all__ = ["ROWS", "Settings"]
+
+_GRAPH = {"loss.decoder": "graph"}
+
+ROWS: dict[str, dict[str, Any]] = {
+    "as configured": {},
+    "no reconstruction": {"loss.lambda_": 0.0},
+    "lambda 0.1": {"loss.lambda_": 0.1},
+    "lambda 10": {"loss.lambda_": 10.0},
+    "temperature 0.1": {"loss.temperature": 0.1},
+    "temperature 10": {"loss.temperature": 10.0},
+    "alpha 1 (activity bits off)": {"pool.alpha": 1.0},
+    "alpha 20": {"pool.alpha": 20.0},
+    "no time agreement at first": {"loss.warmup": 0},
+    "reconstruction from the latent": _GRAPH,
+    "soft-DTW in place of TCC": {"loss.consistency": "soft_dtw"},
+    "soft-DTW in place of TCC, from the latent": {"loss.consistency": "soft_dtw"} | _GRAPH,
+    "soft-DTW beside TCC": {"loss.consistency": "both"},
+    "TCC with variance": {"loss.form": "regression_mse_var"},
+    "TCC with Huber's error": {"loss.form": "regression_huber"},
+    "TCC as classification": {"loss.form": "classification"},
+    "TCC with stochastic matching": {"loss.matching": "stochastic"},
+    "TCC with cosine similarity": {"loss.similarity": "cosine", "loss.temperature": 0.1},
+    "no message passing": {"encoder.rounds": 0},
+    "1 round of messages": {"encoder.rounds": 1},
+    "4 rounds of messages": {"encoder.rounds": 4},
+    "robot pooled": {"encoder.pool_robot": True, "encoder.robot_messages": True},
+    "GraphIRL's interaction network": {"encoder.kind": "interaction"},
+    "GraphIRL's MLP": {"encoder.kind": "mlp"} | _GRAPH,
+    "scenes not turned": {"pretrain.turn_scenes": False},
+    "no untouched object counts as moved": {"pretrain.touched": 0.0},
+}
+
+
+@dataclass(frozen=True)
+class Settings(named_rows.Settings):
+    """All of an ablation that is not in the configuration."""
+
+    rows: named_rows.Rows = field(default_factory=lambda: ROWS)

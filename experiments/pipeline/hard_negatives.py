@@ -1,0 +1,203 @@
+"""Collects states that a learned reward overestimates, as hard negatives for the next one.
+
+gril pretrain quickstart --hard-negatives RUN          one round
+gril train quickstart --hard-negatives RUN,RUN         the runs of two rounds together
+
+The policies of finished runs play in their own task, with deterministic and with sampled actions.
+The boxes of what they did, their own learned reward and the demonstrations' last frames alone
+decide what is chosen: no reward of the task and no success. The scenes teach with the weight
+`loss.contrast`, beside the displaced copies (`pretrain.copies`) or without any. A run's folder
+keeps them in `hard_negatives.npz`, and needs the runs that they came from no more.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gril_jax import reward
+from gril_jax.audit.scene_reward import Scene
+from gril_jax.config import RunConfig
+from gril_jax.demos import schema
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.pretraining import pretrain
+from gril_jax.pretraining.final_places import final_places
+from gril_jax.pretraining.hard_negatives import choose, due_rewards
+from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.rl.evaluate import evaluate
+from gril_jax.rl.policy import Policy
+from gril_jax.rl.training import Algorithm
+from gril_jax.runs import run_dir
+from gril_jax.runs.progress import Progress
+from gril_jax.safe_files import sync, writing
+from gril_jax.types import DemoBatch
+
+from . import policy_setup, saved, setup
+
+__all__ = ["EarlierPolicy", "gather_once", "load", "noted", "require_boxes"]
+
+_FILE = "hard_negatives.npz"
+_EACH = 256  # scenes of each run; a batch of eight videos draws 64
+
+Echo = Callable[[str], None]
+
+
+class EarlierPolicy(NamedTuple):
+    """The policy of a run, and what it was trained on."""
+
+    folder: Path
+    config: RunConfig
+    algorithm: Algorithm  # of the task's own starts
+    policy: Policy
+    policy_reward: Any
+    learned: RewardParams
+
+
+def load(folders: Sequence[Path]) -> list[EarlierPolicy]:
+    """The policies of some runs, whose folders are only read.
+
+    Raises:
+      ConfigError: a run has no policy, or it cannot be read.
+    """
+    return [_load(folder) for folder in folders]
+
+
+def require_boxes(config: RunConfig, policies: Sequence[EarlierPolicy]) -> None:
+    """Raises ConfigError if a reward of pictures would teach or be taught by earlier policies."""
+    for each in (config, *(earlier.config for earlier in policies)) if policies else ():
+        setup.require_boxes(each, "--hard-negatives, in the new run and in those that it names")
+
+
+def noted(policies: Sequence[EarlierPolicy]) -> dict[str, dict[str, Any]]:
+    """The note of a new run: whose scenes it learns from, should it be cut off."""
+    if not policies:
+        return {}
+    return {"hard_negatives_of": {"runs": [str(earlier.folder.resolve()) for earlier in policies]}}
+
+
+def gather_once(
+    policies: Sequence[EarlierPolicy],
+    config: RunConfig,
+    demos: DemoBatch,
+    run: run_dir.RunDir,
+    progress: Progress,
+    *,
+    echo: Echo = print,
+) -> Scene | None:
+    """The scenes, played and chosen once, from then on out of the run's folder.
+
+    Args:
+      policies: of `load`; a run that goes on loads those that it noted if it has to.
+      config: the run's own.
+      demos: those that the run trains on, whose last frames say what belongs where.
+      run: open for writing; it has what `noted` gave.
+      progress: shows the playing.
+      echo: says how many there are.
+
+    Returns:
+      Leaves (P, N, ...); None where no run was noted, and where nothing is overestimated.
+
+    Raises:
+      ConfigError: see `load`.
+      RunError: the file has changed.
+    """
+    known = run.finished_phase("hard_negatives_of")
+    if known is None:
+        return None
+    if run.finished_phase("hard_negatives") is None:
+        policies = policies or load([Path(name) for name in known["runs"]])
+        found = [_overestimated(earlier, config, demos, progress) for earlier in policies]
+        pool = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
+        digest = _save(run.path / _FILE, pool)
+        counts = [len(scenes.label) for scenes in found]
+        run.finish_phase("hard_negatives", {"sha256": digest, "scenes": counts})
+        for earlier, count in zip(policies, counts, strict=True):
+            echo(f"{count} scenes of {earlier.folder} are overestimated and will be learned from")
+    return _read(run.path / _FILE, run.finished_phase("hard_negatives"))
+
+
+def _load(folder: Path) -> EarlierPolicy:
+    try:
+        config = run_dir.read_config(folder)
+        env = setup.make_env(config.env, training=False)
+        algorithm = policy_setup.make_algorithm(config, env)
+        return EarlierPolicy(
+            folder,
+            config,
+            algorithm,
+            policy_setup.restore_policy(folder, config, algorithm),
+            saved.policy_reward(folder, config, env),
+            saved.learned_reward(folder, config, env),
+        )
+    except RunError as error:
+        raise ConfigError(f"--hard-negatives: {error}") from None
+
+
+def _overestimated(
+    earlier: EarlierPolicy, config: RunConfig, demos: DemoBatch, progress: Progress
+) -> Scene:
+    """The chosen scenes of one run on the host, leaves (K, N, ...)."""
+    num_classes = len(earlier.algorithm.episodes.env.classes)
+    played = _play(earlier, progress)
+    own = setup.pretrain_hyper(earlier.config), setup.pretrain_config(earlier.config, num_classes)
+    hyper, static = setup.pretrain_hyper(config), setup.pretrain_config(config, num_classes)
+    latents = pretrain.embed(earlier.learned.encoder, played, *own)
+    paid = reward.latent_reward(earlier.learned, latents)
+    places = jax.jit(final_places, static_argnums=1, static_argnames="turned")(
+        demos, num_classes, turned=static.turn_scenes
+    )
+    still = played.label[:, None], played.is_robot[:, None]
+    label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)
+    bits = pretrain.activity_bits(played, hyper, static)
+    scenes = Scene(played.center, played.size, label, is_robot, bits)
+    due = due_rewards(places, scenes, near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch)
+    chosen = choose(scenes, paid, due, num=_EACH)
+    known = np.asarray(chosen.known)
+    return jax.tree.map(lambda x: np.asarray(x)[known], chosen.scenes)
+
+
+def _play(earlier: EarlierPolicy, progress: Progress) -> DemoBatch:
+    """Episodes as if they were videos: half with deterministic actions, half with sampled ones."""
+    episodes = earlier.config.run.eval_episodes
+    phase = progress.phase("playing an earlier policy", total=2 * episodes, unit="episodes")
+    key = jax.random.fold_in(jax.random.key(earlier.config.run.seed), 3)
+    parts = []
+    for sampled in (False, True):
+        found = evaluate(
+            earlier.algorithm,
+            earlier.policy,
+            earlier.policy_reward,
+            jax.random.fold_in(key, sampled),
+            tau=earlier.config.pool.tau,
+            episodes=episodes,
+            deterministic=jnp.asarray(not sampled),
+        )
+        parts.append(jax.block_until_ready(found.states.objects))
+        phase.update(episodes * len(parts))
+    seen = jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
+    label, is_robot = seen.label[:, 0], seen.is_robot[:, 0]
+    length = jnp.full(len(label), seen.center.shape[1], jnp.int32)
+    return DemoBatch(seen.center, seen.size, label, is_robot, jnp.ones_like(is_robot), length)
+
+
+def _save(file: Path, pool: Scene) -> str:
+    """Writes the file, whole; returns its digest."""
+    part = file.with_name(f".{file.name}")  # np.savez adds no ending to one that is there
+    with writing(file.parent):
+        np.savez(part, **pool._asdict())
+        sync(part)
+        os.replace(part, file)
+        sync(file.parent)
+    return schema.digest(file)
+
+
+def _read(file: Path, saved: dict[str, Any]) -> Scene | None:
+    if not file.is_file() or schema.digest(file) != saved["sha256"]:
+        raise RunError(f"{file} has been changed or lost, so the run cannot go on with it")
+    with np.load(file) as arrays:
+        pool = Scene(*(jnp.asarray(arrays[name]) for name in Scene._fields))
+    return pool if len(pool.label) else None

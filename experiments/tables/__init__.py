@@ -1,0 +1,1 @@
+"""The frame of every table: rows, training and measuring, resuming, joining, writing."""

@@ -1,0 +1,154 @@
+"""The frame of every table: it trains, measures, goes on where it stood, and writes.
+
+    frame.make(TABLE, config, settings)              gril table1
+
+For each row and seed an encoder is trained where the row learns a reward, then measured, and a
+policy is trained with the reward where the table has policies. Seeds share a program, and rows do
+that compile alike. All that is written is read from the run's files; it is written again after each
+program, so that a run that is cut off leaves what it has.
+"""
+
+import dataclasses
+import io
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any
+
+import jax
+from gril_jax.experiments.pipeline import demonstrations, setup
+from gril_jax.experiments.pipeline.demonstrations import Demonstrations
+
+from gril_jax.compilation import ahead
+from gril_jax.config import RunConfig
+from gril_jax.runs import hosts, run_dir
+from gril_jax.runs.progress import Progress
+
+from . import measures as table_measures
+from . import programs as table_programs
+from . import results
+from . import rewards as table_rewards
+from .rewards import LearnedReward, learns, reward_key
+from .rows import with_seeds
+from .table import Found, Table
+from .training import learn_policies
+
+__all__ = ["make"]
+
+Echo = Callable[[str], None]
+
+
+def make(
+    table: Table,
+    config: RunConfig,
+    settings: Any,
+    *,
+    resume: Path | None = None,
+    echo: Echo = print,
+) -> Path:
+    """Makes a table, or goes on with the run in a folder; returns the run's folder.
+
+    Of several processes (`gril_jax.runs.hosts`) the first alone keeps what it writes, and speaks.
+
+    Args:
+      table: its family.
+      config: what all rows have in common; each changes fields of it.
+      settings: of the table's own kind: the rows, and how many seeds.
+      resume: folder of a run with this configuration and these settings.
+      echo: takes what is said on the way.
+
+    Raises:
+      ConfigError: a row's value is out of range, or a policy does not fit into memory.
+      DemoError: the demonstrations do not serve the task.
+      RunError: the run cannot be made, or cannot go on.
+    """
+    rows = with_seeds(table.configs(config, settings), settings.seeds)
+    num_classes = len(setup.make_env(config.env, training=False).classes)
+    plan = table.plan(rows, num_classes, settings)
+    encoders = len({reward_key(row.config) for row in rows if learns(row.config)})
+    counts = {
+        "encoders": encoders,
+        "policies": sum(len(program.rows) for program in plan),
+        "programs": len(plan),
+    }
+    opened = {"device": setup.device_in_words(), "experiment": table.name}
+    with hosts.scratch() as scratch:
+        shown = None
+        if scratch is not None:
+            own = dataclasses.replace(config.run, out=str(scratch / "run"), sinks=())
+            config, resume = dataclasses.replace(config, run=own), None
+            echo, shown = (lambda line: None), io.StringIO()
+        with (
+            run_dir.create_or_resume(config, resume, **opened) as run,
+            Progress(stream=shown) as progress,
+        ):
+            if resume is None:
+                table.save(run.path, table.name, settings)
+            said = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+            echo(f"writing to {run.path}: {said}")
+            found = _train(table, config, settings, rows, plan, run, progress, echo)
+            text = ""
+            if hosts.is_first():
+                text = results.write(table, run.path, found)
+                counts |= table.summary(found)
+            run.finish(counts)
+    echo(text)
+    echo(f"written to {run.path}")
+    return run.path
+
+
+def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo) -> Found | None:
+    """Rewards, measures and policies, in the order in which programs are compiled."""
+    finished = hosts.largest([run.finished_phase(program.name) is not None for program in plan])
+    left = [program for program, done in zip(plan, finished, strict=True) if not done]
+    free = [one for one in left if not any(learns(row.config) for row in one.rows)]
+    others = [one for one in left if one not in free]
+    learned: dict[Hashable, LearnedReward] = {}
+    gather = _gatherer(run, progress)
+    demos = gather(config) if table.one_set else None
+
+    def written() -> None:
+        if hosts.is_first():
+            results.write(table, run.path, results.read(table, run.path, settings), last=False)
+
+    def train(program, compiled) -> None:
+        done = learn_policies(program, compiled, learned, run, progress, echo)
+        run.finish_phase(program.name, done)
+        written()
+
+    with ahead.compiling() as pool:
+        # First what needs no reward: it keeps the device at work while all else is compiled.
+        ready = table_programs.get_ready(free, jax.devices(), pool)
+        wanted = table_rewards.get_ready(rows, gather, pool)
+        ready |= table_programs.get_ready(others, jax.devices(), pool)
+        measures = [] if demos is None else table.measures(config, settings, demos)
+        needs = lambda rows: table_rewards.needed(wanted, rows)  # noqa: E731
+        ahead.carry_out(
+            table_rewards.tasks(wanted, learned, run, progress, echo)
+            + table_measures.tasks(
+                measures, rows, learned, needs, run, pool, progress, then=written
+            )
+            + table_programs.tasks(left, ready, needs, train)
+        )
+    if not hosts.is_first():
+        return None
+    found = results.read(table, run.path, settings)
+    lines = [*found.lines, *([] if demos is None else table.reference(demos))]
+    return found._replace(lines=lines)
+
+
+def _gatherer(run: run_dir.RunDir, progress: Progress) -> Callable[[RunConfig], Demonstrations]:
+    """Demonstrations for a configuration, each set made once; the run notes the first one."""
+    made: dict[Hashable, Demonstrations] = {}
+
+    def gather(config: RunConfig) -> Demonstrations:
+        key = (table_rewards.task_key(config), config.demos)
+        if key not in made:
+            env = setup.make_env(config.env, training=False)
+            if made:
+                folder = run.path / f"demos-{len(made)}"
+                made[key] = demonstrations.gather(config, env, folder, progress)
+            else:
+                made[key] = demonstrations.gather_once(config, env, run, progress)
+        return made[key]
+
+    return gather

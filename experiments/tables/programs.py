@@ -1,0 +1,201 @@
+"""The programs of a table's policies: which rows share one, and compiling them while others run.
+
+Rows that compile to the same program are trained side by side by `jax.vmap`; what differs between
+them are arrays.
+"""
+
+import itertools
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from typing import Any, NamedTuple
+
+import jax
+from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup
+from jax.sharding import Mesh
+
+from gril_jax.compilation import ahead, memory, sharding
+from gril_jax.errors import ConfigError
+from gril_jax.rl import training
+from gril_jax.runs import hosts
+
+from .rewards import keys, stack
+from .rows import Row
+
+__all__ = [
+    "Program",
+    "Ready",
+    "arguments",
+    "get_ready",
+    "programs",
+    "tasks",
+    "tasks_of_parts",
+    "updates_of_chunks",
+]
+
+
+class Program(NamedTuple):
+    """Rows that are trained together."""
+
+    name: str
+    rows: list[Row]
+    algorithm: training.Algorithm
+    tasks: Mapping[str, Any]  # to evaluate in, by where they start; the first is the main one
+    updates: int
+
+
+def programs(
+    rows: Sequence[Row],
+    num_classes: int,
+    devices: Sequence[Any],
+    *,
+    starts: Sequence[str] = (),
+    at_once: int | None = None,
+) -> list[Program]:
+    """The rows by what they compile, in parts that fit into the devices' memory.
+
+    Args:
+      rows: the policies.
+      num_classes: of the task's objects.
+      devices: to train on.
+      starts: variants of the task to evaluate in; its own alone where there is none.
+      at_once: most policies in one program; as many as fit where None.
+
+    Raises:
+      ConfigError: one seed does not fit, the devices cannot share a part evenly, or the
+        environments cannot be shared out between the evaluations.
+    """
+    groups: dict[Hashable, list[Row]] = {}
+    made: dict[Hashable, training.Algorithm] = {}
+    for row in rows:
+        chosen = policy_setup.policy_config(row.config)
+        algorithm = policy_setup.make_algorithm(
+            row.config, setup.make_env(row.config.env, training=True)
+        )
+        encoder = setup.encoder_config(row.config, num_classes)
+        run = row.config.run
+        kind = (run.reward, run.reward_offset, run.evaluations, chosen.num_timesteps)
+        key = (row.config.env, algorithm.static, encoder, kind)
+        if not _num_parts(len(starts) or 1, algorithm.num_envs):
+            raise ConfigError(
+                f"{run.algorithm}.num_envs is {algorithm.num_envs}, but must be "
+                + (f"a multiple of {2 * len(starts)}" if len(starts) > 1 else "even")
+                + ": half of the environments play deterministic actions in evaluations"
+            )
+        made.setdefault(key, algorithm)
+        groups.setdefault(key, []).append(row)
+    found: list[Program] = []
+    for key, members in groups.items():
+        algorithm, config = made[key], members[0].config
+        params = policy_rewards.blank(config, algorithm.episodes.env)
+        needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
+        each = memory.split(len(members), needed, _available_bytes(), len(devices))
+        if config.env.impl == "warp":  # it has room for the contacts of so many environments
+            each = min(each, config.env.worlds // algorithm.num_envs)
+        per_update = algorithm.num_envs * algorithm.unroll_length
+        updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
+        tasks = {
+            variant: setup.make_env(config.env, training=False, variant=variant)
+            for variant in starts or (config.env.variant,)
+        }
+        for start in range(0, len(members), each):
+            for part in _evenly(members[start : start + each], at_once):
+                sharding.mesh(devices, seeds=len(part), num_envs=algorithm.num_envs)
+                found.append(Program(f"policy-{len(found)}", part, algorithm, tasks, updates))
+    return found
+
+
+def _evenly(rows: list[Row], most: int | None) -> list[list[Row]]:
+    """The rows in as few parts as can be, each with at most so many."""
+    parts = -(-len(rows) // most) if most else 1
+    each = -(-len(rows) // parts)
+    return [rows[start : start + each] for start in range(0, len(rows), each)]
+
+
+def _num_parts(starts: int, num_envs: int) -> int:
+    """Number of parts of the environments in an evaluation, at least one for each kind of start.
+
+    Each is halved, for deterministic and sampled actions; 0 if nothing below twice the starts fits.
+    """
+    fitting = (n for n in range(starts, 2 * starts) if num_envs % (2 * n) == 0)
+    return next(fitting, 0)
+
+
+def _available_bytes() -> int | None:
+    """Memory of the device that has least, in whichever process."""
+    found = [memory.available_bytes(device) for device in jax.local_devices()]
+    known = [x >> 20 for x in found if x is not None]  # MiB, so that they are small numbers
+    if len(known) < len(found):
+        return None
+    (least,) = hosts.largest([-min(known)])
+    return -least << 20
+
+
+class Ready(NamedTuple):
+    """A program that has been compiled."""
+
+    layout: Mesh
+    init: Any  # as `gril_jax.compilation.sharding.Compiled` has them
+    advance: Any
+
+
+def get_ready(
+    left: Sequence[Program], devices: Sequence[Any], pool: Executor
+) -> dict[str, Future[Ready]]:
+    """Begin to compile programs in a pool, in their order; by their names."""
+    return {program.name: pool.submit(_compiled, program, devices) for program in left}
+
+
+def tasks(
+    left: Sequence[Program],
+    ready: dict[str, Future[Ready]],
+    needs: Callable[[Sequence[Row]], frozenset[str]],
+    train: Callable[[Program, Ready], None],
+) -> list[ahead.Task]:
+    """A task for each program.
+
+    Args:
+      left: the programs.
+      ready: from `get_ready`; a program's compiled form is not kept any longer than it trains.
+      needs: of a program's rows, the names of the tasks that learn their rewards.
+      train: a program's policies.
+    """
+
+    def task(program: Program) -> ahead.Task:
+        do = lambda: train(program, ready.pop(program.name).result())  # noqa: E731
+        return ahead.Task(program.name, ready[program.name], needs(program.rows), do)
+
+    return [task(program) for program in left]
+
+
+def _compiled(program: Program, devices: Sequence[Any]) -> Ready:
+    algorithm, configs = program.algorithm, [row.config for row in program.rows]
+    layout = sharding.mesh(devices, seeds=len(configs), num_envs=algorithm.num_envs)
+    tasks = tuple(program.tasks[name] for name in tasks_of_parts(program))
+    most = max(updates_of_chunks(program))
+    with ahead.tracing():
+        hyper, keys = arguments(program, layout)
+        blank = [policy_rewards.blank(configs[0], algorithm.episodes.env)] * len(configs)
+        params = jax.eval_shape(lambda: stack(blank))
+        found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks)
+    return Ready(layout, *found.compile())
+
+
+def arguments(program: Program, layout: Mesh) -> tuple[Any, Any]:
+    """Hyper-parameters and keys of the policies, where they belong."""
+    configs = [row.config for row in program.rows]
+    hyper = stack([policy_setup.algorithm_hyper(config) for config in configs])
+    found = keys([config.run.seed for config in configs], 1)
+    return sharding.place(layout, hyper), found
+
+
+def updates_of_chunks(program: Program) -> list[int]:
+    """Of each chunk: an evaluation and the updates before it, about as many in each."""
+    chunks = max(1, min(program.rows[0].config.run.evaluations, program.updates))
+    done_by = [program.updates * k // chunks for k in range(chunks + 1)]
+    return [after - before for before, after in itertools.pairwise(done_by)]
+
+
+def tasks_of_parts(program: Program) -> list[str]:
+    """The task of each part of the environments in an evaluation."""
+    parts = _num_parts(len(program.tasks), program.algorithm.num_envs)
+    return [*program.tasks, *[[*program.tasks][-1]] * (parts - len(program.tasks))]

@@ -1,0 +1,163 @@
+"""The results of a table's runs: read from their files, joined, and written.
+
+results.write(TABLE, folder, results.read(TABLE, folder, settings))
+results.join(TABLE, folders, out)                gril table1 --join A,B --out OUT
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.report.data import read_versions
+from gril_jax.runs import run_dir
+from gril_jax.runs.phases import read_phases
+
+from .curves import curves
+from .rows import Settings, differing, read_settings
+from .table import Found, Table
+from .written import csv, read_csv
+
+__all__ = ["join", "read", "redraw", "write"]
+
+Echo = Callable[[str], None]
+
+
+def read(table: Table, folder: Path, settings: Any) -> Found:
+    """The results that the files of a run hold.
+
+    Raises:
+      RunError: the folder is no such run, or a file is missing or damaged.
+    """
+    config, phases = run_dir.read_config(folder), read_phases(folder).finished
+    names = [*table.names(settings)]
+    trained = any(name.startswith("policy-") for name in phases)
+    found = curves(phases, run_dir.read_metrics(folder) if trained else [])
+    lines: dict[tuple[int, int], dict[str, Any]] = {}
+    for curve in found:
+        tau = {} if curve.tau is None else {"tau": curve.tau}
+        lines[curve.cell, curve.seed] = dict(table.policy(curve)) | tau
+    for kind, wanted in table.measured.items():
+        for cell in range(len(names)):
+            for seed, values in enumerate(_by_seed(phases.get(f"{kind}-{cell}", {}), wanted)):
+                lines.setdefault((cell, seed), {}).update(values)
+    about = read_versions(folder) | {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
+    first, numbers = config.run.seed, sorted(lines.items())
+    each = [{"row": names[cell], "seed": first + k} | of for (cell, k), of in numbers]
+    profiles = {
+        name: phases[f"profiles-{cell}"]
+        for cell, name in enumerate(names)
+        if f"profiles-{cell}" in phases
+    }
+    return table.complete(Found(names, each, found, profiles, about), settings)
+
+
+def _by_seed(done: Mapping[str, Any], wanted: Sequence[str]) -> list[dict[str, float]]:
+    """The numbers of each seed; what was not finite is null in a run's files, and is left out."""
+    lists = {name: done[name] for name in wanted if name in done}
+    each = done.get("seeds") or [
+        dict(zip(lists, values, strict=True)) for values in zip(*lists.values(), strict=True)
+    ]
+    return [{name: x for name, x in one.items() if x is not None} for one in each]
+
+
+def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
+    """The results that a run's CSV holds, with six digits each.
+
+    Raises:
+      RunError: it is missing or damaged.
+    """
+    file = folder / f"{table.name}.csv"
+    try:
+        lines = read_csv(file.read_text(encoding="utf-8"), table.columns([]))
+    except (OSError, ValueError, KeyError, TypeError):
+        raise RunError(
+            f"{folder} has no table yet: its {file.name} is missing or damaged"
+        ) from None
+    return Found([*settings.rows], lines, [], {}, {})
+
+
+def write(table: Table, folder: Path, found: Found, *, last: bool = True) -> str:
+    """Table, lines and pictures of what is known; returns the table."""
+    text = table.text(found)
+    files = {
+        f"{table.name}.md": f"{text}\n".encode(),
+        f"{table.name}.csv": csv(found.lines, table.columns(found.lines)).encode(),
+    }
+    with run_dir.writing(folder):
+        for name, contents in (files | dict(table.pictures(found, last))).items():
+            (folder / name).write_bytes(contents)
+    return text
+
+
+def redraw(table: Table, folder: Path, echo: Echo = print) -> None:
+    """Writes all of a run's table again, from the run's files alone.
+
+    Raises:
+      RunError: nothing has finished yet, a file of the run is missing or damaged, or the folder
+        cannot be written to.
+    """
+    found = read(table, folder, read_settings(folder, table.name, table.settings))
+    if not found.curves:
+        raise RunError(f"{folder} has no policy that has finished, so its table is still empty")
+    write(table, folder, found)
+    echo(f"report: {folder / 'report.html'}")
+
+
+def join(table: Table, folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:
+    """Writes the table of several runs, such as of runs with different rows, as one.
+
+    Args:
+      table: their family.
+      folders: of the runs, finished or not.
+      out: folder to create.
+      echo: takes the table.
+
+    Raises:
+      ConfigError: the runs differ in configuration or demonstrations, or have a row in common.
+      RunError: a folder is no such run, or has nothing yet.
+    """
+    settings = [read_settings(folder, table.name, table.settings) for folder in folders]
+    found_in = _read_csv if table.joins_csv else read
+    each = [found_in(table, *pair) for pair in zip(folders, settings, strict=True)]
+    first, rows = run_dir.read_config(folders[0]), dict[str, Any]()
+    for own in settings:
+        rows |= own.rows
+    for folder, one in zip(folders, each, strict=True):
+        other = differing(first, run_dir.read_config(folder), rows)
+        if one.about.get("demos_sha256") != each[0].about.get("demos_sha256"):
+            other.append("the demonstrations")
+        if other:
+            what = ", ".join(other)
+            raise ConfigError(f"{folder} cannot be joined with {folders[0]}: they differ in {what}")
+        if not one.lines:
+            raise RunError(f"{folder} has nothing that has finished, so there is nothing to join")
+    known = [(line["row"], line["seed"]) for one in each for line in one.lines]
+    twice = next((one for one in known if known.count(one) > 1), None)
+    if twice is not None:
+        raise ConfigError(f"row {twice[0]!r} with seed {twice[1]} is in two of the runs to join")
+    run_dir.require_new(out)
+    with run_dir.writing(out):
+        out.mkdir(parents=True)
+    echo(write(table, out, _as_one(each, [*table.order, *rows])))
+    echo(f"written to {out}")
+
+
+def _as_one(each: Sequence[Found], order: Sequence[str]) -> Found:
+    """Results of several runs, row by row in this order."""
+    given = {name for one in each for name in one.names}
+    names = [name for name in dict.fromkeys(order) if name in given]
+    curves = [
+        dataclasses.replace(curve, cell=names.index(one.names[curve.cell]))
+        for one in each
+        for curve in one.curves
+    ]
+    commands = " and ".join(str(one.about.get("command", "")) for one in each)
+    return Found(
+        names,
+        sorted((x for one in each for x in one.lines), key=lambda x: names.index(x["row"])),
+        sorted(curves, key=lambda curve: (curve.cell, curve.seed)),
+        {row: found for one in each for row, found in one.profiles.items()},
+        each[0].about | {"command": commands},
+    )

@@ -1,0 +1,238 @@
+"""The rewards of a table's rows, many encoders in one program.
+
+Rows whose encoders compile to the same program are trained side by side by `jax.vmap`; what differs
+between them are arrays.
+"""
+
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from concurrent.futures import Executor, Future
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from gril_jax.experiments.pipeline import demonstrations, learners, setup
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from gril_jax import reward
+from gril_jax.compilation import ahead, sharding
+from gril_jax.compilation.compiler import compiled
+from gril_jax.config import RunConfig
+from gril_jax.runs import loop
+from gril_jax.runs.progress import Progress
+from gril_jax.runs.run_dir import RunDir
+from gril_jax.types import DemoBatch
+
+from .rows import Row
+
+__all__ = [
+    "LearnedReward",
+    "Wanted",
+    "get_ready",
+    "keys",
+    "learns",
+    "needed",
+    "reward_key",
+    "stack",
+    "task_key",
+    "tasks",
+]
+
+
+class LearnedReward(NamedTuple):
+    """A reward with what it was learned from."""
+
+    params: reward.RewardParams
+    tau: float
+    demos: DemoBatch
+    num_classes: int
+
+
+def learns(config: RunConfig) -> bool:
+    """True if a reward is learned for the policy."""
+    return config.run.reward != "environmental"
+
+
+def reward_key(config: RunConfig) -> Hashable:
+    """The part of the configuration that a learned reward depends on."""
+    parts = (config.demos, config.encoder, config.pool, config.loss, config.pretrain)
+    return task_key(config), parts, config.run.seed
+
+
+def task_key(config: RunConfig) -> Hashable:
+    """The task without its own reward, on which neither demonstrations nor encoders depend."""
+    return tuple(value for name, value in vars(config.env).items() if name != "reward")
+
+
+def keys(seeds: Sequence[int], stream: int):
+    """The keys that a run of each seed by itself uses."""
+    return jax.vmap(lambda s: jax.random.fold_in(jax.random.key(s), stream))(jnp.array(seeds))
+
+
+def stack(trees: Sequence[Any]) -> Any:
+    """Trees of one structure with a leading axis."""
+    return jax.tree.map(lambda *x: jnp.stack(x), *trees)
+
+
+class _Ready(NamedTuple):
+    """Encoders that share a program, which has been compiled."""
+
+    seeds: int
+    updates: int  # of a chunk
+    arguments: tuple[Any, Any, Any]  # keys, data, hyper
+    init: Callable[[Any, Any], Any]  # (keys, data) -> state
+    step: Callable[[Any, Any, Any], tuple[Any, Any]]  # (state, data, hyper) -> (state, metrics)
+    finish: Callable[[Any, Any, Any], tuple[Any, Any]]  # the same -> (reward parameters, tau)
+
+
+class Wanted(NamedTuple):
+    """Rewards that share a program, which is being compiled."""
+
+    keys: list[Hashable]
+    config: RunConfig  # of one of them
+    demos: demonstrations.Demonstrations
+    ready: Future[_Ready]
+
+
+def get_ready(
+    rows: Sequence[Row],
+    gather: Callable[[RunConfig], demonstrations.Demonstrations],
+    pool: Executor,
+) -> list[Wanted]:
+    """Begin to compile, in a pool, what trains the reward of every row that needs one."""
+    needed = {reward_key(row.config): row.config for row in rows if learns(row.config)}
+    groups: dict[Hashable, list[Hashable]] = {}
+    for key, config in needed.items():
+        static = learners.static_config(config, len(gather(config).demo_set.classes))
+        same = (task_key(config), config.demos, static, config.pretrain.steps)
+        groups.setdefault(same, []).append(key)
+    found = []
+    for members in groups.values():
+        configs = [needed[key] for key in members]
+        demos = gather(configs[0])
+        found.append(Wanted(members, configs[0], demos, pool.submit(_compiled, configs, demos)))
+    return found
+
+
+def tasks(
+    wanted: Sequence[Wanted],
+    found: dict[Hashable, LearnedReward],
+    run: RunDir,
+    progress: Progress,
+    echo: Callable[[str], None],
+) -> list[ahead.Task]:
+    """A task for each program, which adds its rewards to those that have been found."""
+
+    def task(number: int, one: Wanted) -> ahead.Task:
+        name = _name(number)
+        learn = lambda: found.update(_learned(name, one, run, progress, echo))  # noqa: E731
+        return ahead.Task(name, one.ready, frozenset(), learn)
+
+    return [task(number, one) for number, one in enumerate(wanted)]
+
+
+def needed(wanted: Sequence[Wanted], rows: Iterable[Row]) -> frozenset[str]:
+    """Names of the tasks that learn these rows' rewards."""
+    asked = {reward_key(row.config) for row in rows if learns(row.config)}
+    return frozenset(_name(i) for i, one in enumerate(wanted) if not asked.isdisjoint(one.keys))
+
+
+def _name(number: int) -> str:
+    return f"reward-{number}"
+
+
+def _learned(name: str, one: Wanted, run, progress, echo) -> dict[Hashable, LearnedReward]:
+    params, tau = _encoders(name, one.config, one.ready.result(), run, progress, echo)
+    train, num_classes = one.demos.batch("train"), len(one.demos.demo_set.classes)
+    return {
+        key: LearnedReward(
+            jax.tree.map(lambda x, i=i: x[i], params), float(tau[i]), train, num_classes
+        )
+        for i, key in enumerate(one.keys)
+    }
+
+
+def _compiled(configs: Sequence[RunConfig], demos) -> _Ready:
+    learner = learners.learner(configs[0], demos)
+    # Several processes train the same encoders, each on devices of its own.
+    devices = jax.local_devices()
+    layout = sharding.mesh(devices, seeds=len(configs), num_envs=len(devices))
+    hyper = stack([_arrays(setup.pretrain_hyper(config)) for config in configs])
+    hyper = sharding.place(layout, hyper)
+    begin = sharding.place(layout, keys([config.run.seed for config in configs], 0))
+    data = jax.device_put(learner.data, NamedSharding(layout, PartitionSpec()))
+    each = _one_by_one(layout) if configs[0].encoder.kind == "pixels" else _side_by_side
+
+    def measured(state, data, hyper):
+        params = learner.reward(state, data, hyper)
+        return params, learner.measure(state, data, hyper)["tau"]
+
+    by_seed = sharding.by_seed(layout)
+    init = jax.jit(each(learner.init), out_shardings=by_seed)
+    step = jax.jit(each(learner.step), out_shardings=by_seed, donate_argnums=0)
+    with ahead.tracing():
+        state = jax.tree.map(
+            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=by_seed),
+            jax.eval_shape(init, begin, data),
+        )
+        lowered = (
+            init.lower(begin, data),
+            step.lower(state, data, hyper),
+            jax.jit(each(measured)).lower(state, data, hyper),
+        )
+    programs = map(compiled, lowered)
+    return _Ready(len(configs), learner.static.updates, (begin, data, hyper), *programs)
+
+
+def _encoders(name, config: RunConfig, ready: _Ready, run: RunDir, progress: Progress, echo):
+    """Stacked reward parameters and taus of encoders that share a program."""
+    keys, data, hyper = ready.arguments
+    steps, updates = config.pretrain.steps, ready.updates
+    phase = progress.phase(f"learning {ready.seeds} rewards", total=steps)
+
+    def row(chunk, seconds, metrics):
+        phase.update(chunk * updates, loss=float(metrics.loss.mean()))
+        return {"step": chunk * updates, "loss": metrics.loss.mean(axis=-1)}
+
+    state = loop.run_chunks(
+        lambda state: ready.step(state, data, hyper),
+        loop.restore(run, name, ready.init(keys, data), tell=echo),
+        run=run,
+        name=name,
+        chunks=steps // updates,
+        row=row,
+        every_s=config.run.checkpoint_every,
+        keep=config.run.keep_checkpoints,
+    ).state
+    return jax.device_get(ready.finish(state, data, hyper))
+
+
+def _side_by_side(one: Callable) -> Callable:
+    """A function of a seed's argument, of the data, and of more of the seed's, for many seeds."""
+    return lambda first, data, *more: jax.vmap(lambda x, *y: one(x, data, *y))(first, *more)
+
+
+def _one_by_one(layout: Mesh) -> Callable[[Callable], Callable]:
+    """The same for networks with convolutions, each device with its seeds one after the other.
+
+    Side by side they would be grouped convolutions, which are slower than those of one network, and
+    would hold the activations of all seeds at once.
+    """
+
+    def each(one: Callable) -> Callable:
+        def mine(first, data, *more):
+            return jax.lax.map(lambda seed: one(seed[0], data, *seed[1:]), (first, *more))
+
+        def spread(first, data, *more):
+            seeds, all_of_it = PartitionSpec("seeds"), PartitionSpec()
+            specs = (seeds, all_of_it, *[seeds] * len(more))
+            return jax.shard_map(
+                mine, mesh=layout, in_specs=specs, out_specs=seeds, check_vma=False
+            )(first, data, *more)
+
+        return spread
+
+    return each
+
+
+def _arrays(tree: Any) -> Any:
+    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree)

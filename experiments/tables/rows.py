@@ -1,0 +1,141 @@
+"""The rows of a table: chosen by their names, and kept beside the run that makes them.
+
+Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from gril_jax.config import RunConfig
+from gril_jax.config.command_line import nearest
+from gril_jax.config.grid import with_seed
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.runs.phases import changed_fields
+from gril_jax.safe_files import write_whole, writing
+
+__all__ = [
+    "Row",
+    "Rows",
+    "Settings",
+    "changed",
+    "chosen_rows",
+    "differing",
+    "read_settings",
+    "require_learned",
+    "with_seeds",
+    "write_settings",
+]
+
+# Name to what it changes: dotted paths of the configuration, and their values.
+Rows = Mapping[str, Mapping[str, Any]]
+
+
+class Row(NamedTuple):
+    """One row of a table with one of its seeds."""
+
+    cell: int  # place of the row among all
+    seed: int  # place of the seed among the row's
+    config: RunConfig
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """All of a table that is not in its configuration; a whole number is an option of its verb."""
+
+    rows: Rows
+    seeds: int = 5
+    """Encoders and policies of each row."""
+
+
+AnySettings = TypeVar("AnySettings", bound=Settings)
+
+
+def chosen_rows(names: str | None, known: Rows) -> Rows:
+    """Rows by their names with commas between; all where there is no choice.
+
+    Raises:
+      ConfigError: there is no row of this name, or one is named twice.
+    """
+    if names is None:
+        return known
+    wanted = [name.strip() for name in names.split(",")]
+    for name in wanted:
+        if name not in known:
+            hint = nearest(name, [*known])
+            raise ConfigError(f"--rows names {name!r}{hint}, but the rows are: {', '.join(known)}")
+        if wanted.count(name) > 1:
+            raise ConfigError(f"--rows names {name!r} twice, but a row is made once")
+    return {name: known[name] for name in wanted}
+
+
+def changed(config: RunConfig, change: Mapping[str, Any]) -> RunConfig:
+    """The configuration with some fields, named by dotted paths, set to other values.
+
+    Raises:
+      ConfigError: a value is out of its field's range.
+    """
+    parts: dict[str, Any] = {}
+    for path, value in change.items():
+        section, field = path.split(".")
+        part = parts.get(section, getattr(config, section))
+        parts[section] = dataclasses.replace(part, **{field: value})
+    return dataclasses.replace(config, **parts)
+
+
+def require_learned(config: RunConfig) -> None:
+    """Raises ConfigError if policies would not learn from the rewards that a table compares."""
+    if config.run.reward != "learned":
+        raise ConfigError(
+            f"run.reward is {config.run.reward!r}, but must be 'learned' to compare learned rewards"
+        )
+
+
+def with_seeds(configs: Sequence[RunConfig], seeds: int) -> list[Row]:
+    """Each row's configuration with this many seeds."""
+    return [
+        Row(cell, seed, with_seed(config, seed))
+        for cell, config in enumerate(configs)
+        for seed in range(seeds)
+    ]
+
+
+def differing(first: RunConfig, second: RunConfig, rows: Rows) -> list[str]:
+    """Fields for which the rows of two runs cannot stand in one table, as `changed_fields` tells.
+
+    Args:
+      first: configuration of one run.
+      second: of another; where it writes to does not count.
+      rows: of both. What every one of them sets does not count either.
+    """
+    everywhere = set.intersection(*(set(change) for change in rows.values())) if rows else set()
+    found = changed_fields(first, second)
+    return [said for said in found if said.split(" ")[0] not in {"run.out", *everywhere}]
+
+
+def write_settings(folder: Path, name: str, settings: Settings) -> None:
+    """Beside the run's configuration as `NAME.json`, for `read_settings`."""
+    with writing(folder):
+        text = json.dumps(dataclasses.asdict(settings), indent=1)
+        write_whole(folder / f"{name}.json", text + "\n")
+
+
+def read_settings(folder: Path, name: str, kind: type[AnySettings]) -> AnySettings:
+    """The settings that `write_settings` wrote, of the table that `gril NAME` makes.
+
+    Raises:
+      RunError: the file is missing or damaged.
+    """
+    try:
+        found = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+        rows = {
+            row: {path: tuple(x) if isinstance(x, list) else x for path, x in change.items()}
+            for row, change in found["rows"].items()
+        }
+        return kind(**found | {"rows": rows})
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        raise RunError(
+            f"{folder} is no run of gril {name}: its {name}.json is missing or damaged"
+        ) from None

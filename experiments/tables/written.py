@@ -1,0 +1,205 @@
+"""Lines of a table as CSV and as Markdown, both from lists of columns.
+
+A line maps columns to values: `row` and `seed` say whose it is, the others are numbers; what is
+not known is missing, None or NaN. Shapes use K for the known values of a row's lines.
+"""
+
+import csv as csv_format
+import io
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gril_jax.metrics.interquartile import interquartile_interval, interquartile_mean
+
+__all__ = [
+    "SEEDS",
+    "Column",
+    "Line",
+    "Section",
+    "by_row",
+    "cells",
+    "column",
+    "csv",
+    "markdown",
+    "mean_interval",
+    "mean_range",
+    "median_reached",
+    "read_csv",
+    "same",
+    "with_paper",
+]
+
+Line = Mapping[str, Any]
+
+_MOST = 4  # columns beside the rows' names
+
+
+def same(values: Sequence[Any], count: int) -> str:
+    """The value that all lines of a row have, such as the paper's."""
+    return str(values[0])
+
+
+def mean_range(values: Float[np.ndarray, "K"], count: int) -> str:
+    """`0.50 (0.40 to 0.60)`: the mean, the lowest and the highest of what is defined."""
+    lacking = f"; {count - len(values)} undefined" if len(values) < count else ""
+    return f"{values.mean():.3f} ({values.min():.3f} to {values.max():.3f}{lacking})"
+
+
+def mean_interval(*, digits: int = 3, unit: float = 1.0, middle: bool = True) -> Callable:
+    """Writes mean, interquartile mean and its 95 % bootstrap interval: `84.4; 85.0 (71.9 to 96.9)`.
+
+    Args:
+      digits: after the point.
+      unit: what a value of 1 is written as.
+      middle: whether the interquartile mean stands before its interval.
+    """
+
+    def written(values: Float[np.ndarray, "K"], count: int) -> str:
+        mean = f"{unit * values.mean():.{digits}f}"
+        if len(values) == 1 and not middle:
+            return mean
+        found = _interquartile(jnp.asarray(unit * values, jnp.float32))
+        between, low, high = (f"{float(x):.{digits}f}" for x in found)
+        return f"{mean}; {between} ({low} to {high})" if middle else f"{mean} ({low} to {high})"
+
+    return written
+
+
+@jax.jit
+def _interquartile(values):
+    low, high = interquartile_interval(jax.random.key(0), values)
+    return interquartile_mean(values), low, high
+
+
+def median_reached(*, unit: float, digits: int) -> Callable:
+    """Writes the median of steps or seconds, and how many of the seeds got there: `4.8 (4 of 5)`.
+
+    Seeds that never got there come last; of an even number the later of the middle two counts.
+    """
+
+    def written(values: Float[np.ndarray, "K"], count: int) -> str:
+        late = count // 2
+        shown = f"{unit * np.sort(values)[late]:.{digits}f}" if late < len(values) else "never"
+        return f"{shown} ({len(values)} of {count})"
+
+    return written
+
+
+class Column(NamedTuple):
+    """One column of a section."""
+
+    name: str  # in the lines
+    heading: str
+    write: Callable[[Any, int], str] = (
+        mean_range  # the known values of a row, how many lines it has
+    )
+    among: str = ""  # written for the lines that have a number of this name, known or not
+
+
+class Section(NamedTuple):
+    """Columns that stand together below a caption."""
+
+    caption: str
+    columns: Sequence[Column]
+
+
+SEEDS = Column("seed", "seeds", lambda values, count: str(count))
+
+
+def column(lines: Sequence[Line], name: str) -> Float[np.ndarray, "n"]:
+    """One number of each line; NaN where it is not known."""
+    values = (line.get(name) for line in lines)
+    return np.array([np.nan if x is None else x for x in values], np.float64)
+
+
+def by_row(lines: Sequence[Line], name: str) -> dict[str, Float[np.ndarray, "n"]]:
+    """Row to one number of each of its lines."""
+    return {row: column(members, name) for row, members in _rows(lines).items()}
+
+
+def with_paper(lines: Sequence[Line], paper: Mapping[str, float], digits: int) -> list[Line]:
+    """The lines with the paper's number as `paper`, where it has one of the row."""
+    known = {row: {"paper": f"{number:.{digits}f}"} for row, number in paper.items()}
+    return [dict(line) | known.get(line["row"], {}) for line in lines]
+
+
+def cells(lines: Sequence[Line], columns: Sequence[Column]) -> dict[str, list[str]]:
+    """Row to what stands in each column; empty where nothing is known."""
+    rows = _rows(lines).items()
+    return {row: [_cell(members, one) for one in columns] for row, members in rows}
+
+
+def _rows(lines: Sequence[Line]) -> dict[str, list[Line]]:
+    of: dict[str, list[Line]] = {}
+    for line in lines:
+        of.setdefault(line["row"], []).append(line)
+    return of
+
+
+def _cell(lines: Sequence[Line], one: Column) -> str:
+    if one.write is same:
+        known: Any = [line[one.name] for line in lines if one.name in line]
+    else:
+        lines = [line for line in lines if not one.among or line.get(one.among) is not None]
+        values = column(lines, one.name)
+        known = values[np.isfinite(values)]
+    return one.write(known, len(lines)) if len(known) or (one.among and lines) else ""
+
+
+def markdown(lines: Sequence[Line], sections: Sequence[Section]) -> str:
+    """Sections as tables of at most five columns; a column or row without numbers is left out."""
+    parts = []
+    for caption, columns in sections:
+        known = [one for one in columns if _is_known(lines, one)]
+        if not known:
+            continue
+        parts.append(caption)
+        for start in range(0, len(known), _MOST):
+            part = known[start : start + _MOST]
+            table = ["| | " + " | ".join(one.heading for one in part) + " |"]
+            table.append("|---" * (len(part) + 1) + "|")
+            table += [
+                f"| {row} | " + " | ".join(texts) + " |"
+                for row, texts in cells(lines, part).items()
+                if any(texts)
+            ]
+            parts.append("\n".join(table))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _is_known(lines: Sequence[Line], one: Column) -> bool:
+    return any(line.get(one.among or one.name) is not None for line in lines)
+
+
+def csv(lines: Sequence[Line], columns: Sequence[str]) -> str:
+    """One line for each, in these columns; what is not known or not finite is empty."""
+    file = io.StringIO()
+    writer = csv_format.writer(file, lineterminator="\n")
+    writer.writerow(columns)
+    for line in lines:
+        writer.writerow([_in_csv(line.get(name)) for name in columns])
+    return file.getvalue()
+
+
+def _in_csv(value: Any) -> Any:
+    if isinstance(value, str | int):
+        return value
+    return f"{value:.6g}" if value is not None and np.isfinite(value) else ""
+
+
+def read_csv(text: str, columns: Sequence[str]) -> list[dict[str, Any]]:
+    """The lines of `csv`, of which the first two columns are the row and the seed.
+
+    Raises:
+      KeyError, TypeError, ValueError: a column is missing or holds no number.
+    """
+    return [
+        {"row": line["row"], "seed": int(line["seed"])}
+        | {name: float(line[name]) for name in columns[2:] if line[name]}
+        for line in csv_format.DictReader(io.StringIO(text))
+    ]

@@ -1,0 +1,127 @@
+"""Pictures of an audit: the reward of each place of each object, and single states.
+
+Shapes use N for objects, M for those that are swept, W for situations and G for a side of a grid.
+Each function returns a figure; `png` of `gril_jax.report.figures.style` turns it into a file.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from gril_jax.report.figures.style import COLOURS, GREY, HALF, shortened, styled
+
+__all__ = ["Situation", "View", "reward_maps", "state_pictures"]
+
+_MOST = 6  # maps in a row
+
+
+class View(NamedTuple):
+    """One state to be drawn."""
+
+    title: str
+    center: Float[np.ndarray, "N 2"]
+    size: Float[np.ndarray, "N 2"]
+    active: Bool[np.ndarray, "N"]
+
+
+class Situation(NamedTuple):
+    """Maps of one situation: where the others are while one object is swept."""
+
+    view: View
+    reward: Float[np.ndarray, "M G G"]  # rows go up in y
+
+
+@styled
+def reward_maps(
+    situations: Sequence[Situation],
+    names: Sequence[str],
+    swept: Sequence[int],
+    *,
+    half_extent: float,
+) -> Figure:
+    """A heat map for each swept object and situation, in one scale of colours.
+
+    Args:
+      situations: rows of maps.
+      names: of all N objects.
+      swept: which objects, in the order of the maps.
+      half_extent: of the plane.
+    """
+    columns = min(len(swept), _MOST)
+    rows_each = -(-len(swept) // columns)
+    rows = rows_each * len(situations)
+    height = 0.3 + rows * (0.2 + 0.92 * HALF / max(columns, 3))
+    figure = Figure(figsize=(HALF, height), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False)
+    values = np.concatenate([s.reward.ravel() for s in situations])
+    low, high = np.nanmin(values), np.nanmax(values)
+    for axes in panels.ravel():
+        axes.set_visible(False)
+    for row, situation in enumerate(situations):
+        for column, index in enumerate(swept):
+            axes = panels[row * rows_each + column // columns, column % columns]
+            axes.set_visible(True)
+            image = _map(axes, situation, column, index, low, high, half_extent)
+            axes.set_title(shortened(names[index], 20), fontsize=9)
+            if column % columns == 0:
+                axes.set_ylabel(situation.view.title, fontsize=9)
+    bar = figure.colorbar(image, ax=panels, shrink=0.8, aspect=25)
+    bar.set_label("learned reward")
+    bar.outline.set_visible(False)
+    return figure
+
+
+def _map(axes: Axes, situation: Situation, row: int, index: int, low, high, half_extent):
+    """One object's map: its centre reaches as far as its box fits into the plane."""
+    view = situation.view
+    x, y = np.maximum(half_extent - view.size[index] / 2, 0)
+    image = axes.imshow(
+        situation.reward[row], origin="lower", extent=(-x, x, -y, y), cmap="viridis",
+        vmin=low, vmax=high, interpolation="nearest",
+    )  # fmt: skip
+    for other in range(len(view.center)):
+        if other != index:
+            _box(axes, view, other, color="white", linewidth=1.0)
+    axes.plot(*view.center[index], "o", color=COLOURS[1], markersize=5, markeredgecolor="white")
+    _plane(axes, half_extent)
+    return image
+
+
+@styled
+def state_pictures(views: Sequence[View], names: Sequence[str], *, half_extent: float) -> Figure:
+    """States side by side as boxes; thick ones have their activity bit set."""
+    figure = Figure(figsize=(HALF, 0.43 * HALF), layout="constrained")
+    for axes, view in zip(figure.subplots(1, len(views), squeeze=False)[0], views, strict=True):
+        for i in range(len(names)):
+            _box(axes, view, i, linewidth=2.6 if view.active[i] else 0.9, **_look(i))
+        axes.set_title(view.title, fontsize=9)
+        _plane(axes, half_extent)
+    known = [
+        Rectangle((0, 0), 1, 1, fill=False, linewidth=1.6, **_look(i)) for i in range(len(names))
+    ]
+    figure.legend(known, map(shortened, names), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _look(index: int) -> dict[str, str]:
+    """Colour and line of an object's box, distinct for twice as many as there are colours."""
+    line = "--" if index // len(COLOURS) % 2 else "-"
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": line}
+
+
+def _box(axes: Axes, view: View, index: int, **look) -> None:
+    corner = view.center[index] - view.size[index] / 2
+    axes.add_patch(Rectangle(corner, *view.size[index], fill=False, **look))
+
+
+def _plane(axes: Axes, half_extent: float) -> None:
+    axes.set(xlim=(-half_extent, half_extent), ylim=(-half_extent, half_extent), aspect="equal")
+    axes.set(xticks=[], yticks=[])
+    axes.grid(False)
+    for spine in axes.spines.values():
+        spine.set(visible=True, color=GREY)

@@ -1,0 +1,155 @@
+"""The documentation is true: Python runs, commands are understood, links lead somewhere."""
+
+import json
+import os
+import re
+import shlex
+
+import jax.numpy as jnp
+import pytest
+from support import saved_rewards
+from support.paths import REPOSITORY
+
+from gril_jax.cli import VERBS, main
+from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError
+from gril_jax.interop.reward_file import save_reward
+from gril_jax.runs import run_dir
+
+PAGES = sorted(
+    path
+    for pattern in ("*.md", "docs/**/*.md", "envs/*.md", "experiments/results/**/*.md")
+    for path in REPOSITORY.glob(pattern)
+)
+RESULTS = REPOSITORY / "experiments" / "results"
+
+
+def _name(path):
+    return path.relative_to(REPOSITORY).as_posix()
+
+
+def _blocks(path, language):
+    return re.findall(rf"^```{language}\n(.*?)^```", path.read_text(), re.DOTALL | re.MULTILINE)
+
+
+# --- Python
+
+
+@pytest.mark.parametrize("path", [p for p in PAGES if _blocks(p, "python")], ids=_name)
+def test_the_python_of_a_page_runs_from_top_to_bottom(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    config = saved_rewards.CONFIGS["paper"]
+    save_reward(
+        "reward.npz", saved_rewards.made(config), config, classes=saved_rewards.CLASSES,
+        robots=("robot",), objects=saved_rewards.OBJECTS[:3],
+    )  # fmt: skip
+    names = {"center": jnp.zeros((3, 2)), "size": jnp.ones((3, 2))}
+    for block in _blocks(path, "python"):
+        exec(compile(block, _name(path), "exec"), names)
+
+
+# --- commands
+
+
+def _commands(path):
+    """The command lines of `gril` in blocks of bash, and those that a result says it is made by."""
+    text = path.read_text()
+    lines = [line for block in _blocks(path, "bash") for line in block.splitlines()]
+    if RESULTS in path.parents:
+        made = re.findall(r"^- \*\*Commands?\*\*(.*(?:\n  .*)*)|^Made by (.*)$", text, re.MULTILINE)
+        code = [c for said in made for c in re.findall(r"`([^`]*)`", " ".join(said))]
+        lines += [part for c in code for part in " ".join(c.split()).split(" and gril ")]
+        lines = [f"gril {line}" if line.startswith("table1 ") else line for line in lines]
+    return [line for line in lines if line.startswith("gril ")]
+
+
+@pytest.fixture
+def surroundings(tmp_path, monkeypatch):
+    """What the words in capitals of a command line stand for."""
+    monkeypatch.chdir(tmp_path)
+    for folder in ("films", "mine"):
+        (tmp_path / folder).mkdir()
+    demos = {"task": "match_regions", "demos": 40 * [{"outcome": "success"}]}
+    (tmp_path / "mine" / "demos.json").write_text(json.dumps(demos))
+    monkeypatch.setattr("gril_jax.cli.arguments.require_installed", lambda sinks: None)
+
+    def of(resumed):
+        run = tmp_path / f"run-{resumed}"
+        if not run.exists():
+            run_dir.create(run, RunConfig(), device="cpu", experiment=resumed).close()
+            for name in ("policy/0", "reward/0"):
+                (run / name).mkdir(parents=True)
+                (run / name / "manifest.json").write_text("{}")
+            (run / "sweep.json").write_text("{}")
+        demos = dict.fromkeys(("DEMOS", "HUMAN"), "mine")
+        return {"RUN": str(run), "FOLDER": "films", **demos}
+
+    return of
+
+
+@pytest.mark.parametrize("path", [p for p in PAGES if _commands(p)], ids=_name)
+def test_the_commands_of_a_page_are_understood(path, surroundings):
+    for line in _commands(path):
+        _understood(line, surroundings)
+
+
+def _understood(line, surroundings):
+    """Plans a command line, as far as the work that is left."""
+    args = shlex.split(line, comments=True)[1:]
+    stand_for = surroundings(args[0] if "--resume" in args else None)
+    work = main._plan([stand_for.get(arg, arg) for arg in args])
+    assert callable(work), line
+
+
+@pytest.mark.parametrize("path", PAGES, ids=_name)
+def test_every_verb_that_is_named_exists(path):
+    words = {verb for name in VERBS for verb in (name, name.split()[0])}
+    for code in re.findall(r"(?<!`)`gril ([^`]*)`", path.read_text()):
+        verb = code.split()[0] if code else ""
+        if not verb.startswith("-") and not verb.isupper():
+            assert verb in words, f"gril {code}"
+
+
+def test_a_stale_option_would_be_found(surroundings):
+    with pytest.raises(ConfigError, match="--no-such-option"):
+        _understood("gril train match_regions --no-such-option 1", surroundings)
+
+
+# --- links
+
+
+def _anchors(path):
+    """The anchors of a page's headings, as GitHub and the site make them."""
+    text = re.sub(r"^```.*?^```", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-") for h in headings}
+
+
+@pytest.mark.parametrize("path", PAGES, ids=_name)
+def test_the_links_and_pictures_of_a_page_exist(path):
+    for target in re.findall(r"\]\(([^)\s]+)\)", path.read_text()):
+        if not target.startswith(("http://", "https://")):
+            name, _, anchor = target.partition("#")
+            aim = (path.parent / name).resolve() if name else path
+            assert aim.exists(), f"{target} leads nowhere"
+            assert not anchor or anchor in _anchors(aim), f"{target} has no such heading"
+
+
+def test_every_result_is_in_the_index_and_on_the_site():
+    index = (RESULTS / "README.md").read_text()
+    site = (REPOSITORY / "mkdocs.yml").read_text()
+    for page in RESULTS.glob("*/README.md"):
+        assert f"({page.parent.name}/README.md)" in index
+        assert f"results/{page.parent.name}/README.md" in site
+
+
+@pytest.mark.parametrize("path", PAGES, ids=_name)
+def test_tables_have_at_most_five_columns(path):
+    for line in path.read_text().splitlines():
+        if line.startswith("|"):
+            assert len(re.findall(r"(?<!\\)\|", line)) <= 6, line
+
+
+def test_the_front_pages_are_short():
+    for path, most in ((REPOSITORY / "README.md", 120), (RESULTS / "README.md", 60)):
+        assert len(path.read_text().splitlines()) <= most, os.fspath(path)

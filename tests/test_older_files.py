@@ -1,0 +1,87 @@
+"""Files of the version before the tree had rooms: each still loads, and means what it meant.
+
+`tests/data/before_the_move` holds a run of `gril train quickstart` made as small as can be, with
+its demonstrations, the two files exported from it, and numbers that the old version gave for them.
+"""
+
+import json
+import shutil
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.experiments.pipeline import policy_setup, saved, setup
+from support.paths import TESTS
+
+from gril_jax.cli import main
+from gril_jax.demos.demo_set import demo_batch, load_demo_set
+from gril_jax.interop.reward_file import load_reward
+from gril_jax.runs import run_dir
+from gril_jax.runs.checkpoints import state_leaves
+
+DATA = TESTS / "data" / "before_the_move"
+RECORDED = json.loads((DATA / "recorded.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("older")
+    shutil.unpack_archive(DATA / "run.zip", folder)
+    return folder / "run"
+
+
+@pytest.fixture(scope="module")
+def task(run):
+    """The run's configuration and its environment."""
+    config = run_dir.read_config(run)
+    return config, setup.make_env(config.env, training=False)
+
+
+def test_a_reward_file_gives_the_same_value():
+    learned = load_reward(DATA / "reward.npz")
+    assert learned.objects == ("goal", "robot", "green square", "yellow circle")
+    center = jnp.stack([jnp.linspace(-0.5, 0.5, 4), jnp.linspace(0.4, -0.3, 4)], axis=1)
+    value = learned(center, jnp.full((4, 2), 0.2), jnp.arange(4) % 2 == 1)
+    assert float(value) == pytest.approx(RECORDED["reward"], rel=1e-5)
+
+
+def test_a_policy_file_acts_as_it_did_and_as_a_new_one_does(run, tmp_path):
+    assert main.main(["export-policy", str(run), "--out", str(tmp_path / "new.npz")]) == 0
+    for file in (DATA / "policy.npz", tmp_path / "new.npz"):
+        with np.load(file) as arrays:
+            policy = dict(arrays)
+        mean, limit = policy["observation_mean"], policy["observation_limit"]
+        x = np.clip(np.linspace(-1, 1, len(mean), dtype=np.float32) - mean, -limit, limit)
+        x = x @ policy["kernel_0"] + policy["bias_0"]
+        x = (x * (1 + np.tanh(x / 2)) / 2) @ policy["kernel_1"] + policy["bias_1"]
+        start, stop = json.loads(str(policy["description"]))["output"]["mean"]
+        np.testing.assert_allclose(np.tanh(x[start:stop]), RECORDED["action"], rtol=1e-5)
+
+
+def test_a_demonstration_set_still_passes_its_checks(run):
+    demos = load_demo_set(run / "demos")
+    assert len(demos.entries) == 6
+    assert [entry.outcome for entry in demos.entries] == ["success"] * 5 + ["failure"]
+    assert demo_batch(demos).center.shape[0] == 6
+
+
+def test_checkpoints_of_reward_and_policy_are_restored_bit_for_bit(run, task):
+    config, env = task
+    learned = saved.learned_reward(run, config, env)
+    assert state_leaves.digest(learned) == RECORDED["reward_sha256"]
+    assert state_leaves.digest(learned) == run_dir.read_results(run)["reward_sha256"]
+    algorithm = policy_setup.make_algorithm(config, env)
+    policy = policy_setup.restore_policy(run, config, algorithm)
+    assert state_leaves.digest(policy) == RECORDED["policy_sha256"]
+
+
+def test_a_run_is_evaluated_to_the_same_reward(run, capsys):
+    assert main.main(["eval", str(run), "--episodes", "4"]) == 0
+    words = capsys.readouterr().out.split()
+    found = dict(zip(words[::2], map(float, words[1::2]), strict=True))
+    assert found["reward"] == pytest.approx(RECORDED["mean_reward"], abs=2e-4)
+
+
+def test_a_run_s_report_is_drawn_again(run):
+    assert main.main(["report", str(run)]) == 0
+    assert "gril train quickstart" in (run / "report.html").read_text(encoding="utf-8")
