@@ -1,6 +1,15 @@
 """What a user can cause: every such error is one sentence with what would be right."""
 
-__all__ = ["ConfigError", "DemoError", "GrilError", "RunError", "ShapeError"]
+from typing import Any
+
+__all__ = [
+    "ConfigError",
+    "DemoError",
+    "GrilError",
+    "RunError",
+    "ShapeError",
+    "require_at_least",
+]
 
 
 class GrilError(Exception):
@@ -21,3 +30,11 @@ class RunError(GrilError):
 
 class ShapeError(GrilError, ValueError):
     """Arrays whose shapes do not fit together; the text names both."""
+
+
+def require_at_least(options: Any, section: str, **lowest: int) -> None:
+    """Raises ConfigError for the first of these fields that is below its lowest value."""
+    for field, least in lowest.items():
+        value = getattr(options, field)
+        if value < least:
+            raise ConfigError(f"{section}.{field} is {value}; it must be at least {least}.")

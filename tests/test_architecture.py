@@ -18,11 +18,11 @@ FOLDERS = {
 
 # Each room of the house is of one layer; loose modules are rooms of their own.
 ROOMS = {
-    "lazy": "pure", "types": "pure", "errors": "pure",
-    "graphs": "pure", "encoders": "pure", "losses": "pure",
+    "errors": "ground", "lazy": "ground", "config": "options",
+    "types": "pure", "graphs": "pure", "encoders": "pure", "losses": "pure",
     "reward": "pure", "metrics": "pure", "subtasks": "pure", "audit": "pure",
     "pretraining": "training", "rl": "training",
-    "safe_files": "host", "threads": "host", "config": "host", "demos": "host", "runs": "host",
+    "safe_files": "host", "threads": "host", "demos": "host", "runs": "host",
     "compilation": "host", "report": "host", "interop": "host",
     "cli": "runs", "experiments": "runs", "envs": "tasks", "configs": "data",
 }  # fmt: skip
@@ -34,15 +34,20 @@ ALGORITHMS = NETWORKS | {"optax", "flax.struct", "brax.training"}
 LAYERS = {
     "data": (set(), set()),
     "tasks": ({"tasks"}, ARRAYS | {"numpy", "mujoco", "flax.struct"}),
-    "pure": ({"pure"}, NETWORKS),
-    "training": ({"pure", "training"}, ALGORITHMS),
+    "ground": (set(), set()),
+    "options": ({"ground", "options"}, {"tyro", "yaml"}),
+    "pure": ({"ground", "options", "pure"}, NETWORKS),
+    "training": ({"ground", "options", "pure", "training"}, ALGORITHMS),
     "host": (
-        {"pure", "training", "host"},
+        {"ground", "options", "pure", "training", "host"},
         ALGORITHMS
         | {"numpy", "scipy", "tyro", "yaml", "rich", "orbax", "absl"}
         | {"mujoco", "matplotlib", "av", "cv2"},
     ),
-    "runs": ({"pure", "training", "host", "tasks", "runs"}, None),  # None: any package
+    "runs": (
+        {"ground", "options", "pure", "training", "host", "tasks", "runs"},
+        None,
+    ),  # None: any package
 }
 
 # Files and clocks are for the host.

@@ -25,8 +25,8 @@ from gril_jax.demos.frames import frame_batch
 from gril_jax.encoders.encoder import Params
 from gril_jax.encoders.ensemble import member, num_members
 from gril_jax.pretraining import pixel_pretrain, pretrain
-from gril_jax.pretraining.pixel_pretrain import PixelPretrainConfig
-from gril_jax.pretraining.pretrain import Hyper, PretrainConfig
+from gril_jax.pretraining.pixel_pretrain import PixelStatic
+from gril_jax.pretraining.pretrain import Hyper, Static
 from gril_jax.reward import pixels as pixel_reward
 from gril_jax.reward.latent_goal import RewardParams
 
@@ -38,7 +38,7 @@ __all__ = ["Learner", "learner", "static_config"]
 class Learner(NamedTuple):
     """Functions of a state, of the data and of the traced choices: pure but for `films`."""
 
-    static: PretrainConfig | PixelPretrainConfig
+    static: Static | PixelStatic
     data: Any  # of the training and of the held-out demonstrations, and scenes to learn from, too
     init: Callable[[PRNGKeyArray, Any], Any]
     step: Callable[[Any, Any, Hyper], tuple[Any, Any]]
@@ -48,7 +48,7 @@ class Learner(NamedTuple):
     films: Callable[[Sequence[str]], Any]  # arrays of demonstrations by name; may read files
 
 
-def static_config(config: RunConfig, num_classes: int) -> PretrainConfig | PixelPretrainConfig:
+def static_config(config: RunConfig, num_classes: int) -> Static | PixelStatic:
     """The static half of the training that the configuration asks for."""
     if config.encoder.kind == "pixels":
         return setup.pixel_pretrain_config(config)
@@ -97,7 +97,7 @@ def _of_boxes(config, demos, pool) -> Learner:
     )
 
 
-def _of_members(static: PretrainConfig):
+def _of_members(static: Static):
     """`init` and `step`; an ensemble's are those of its members, each with a key of its own.
 
     Networks begin apart and draw other batches. The metrics are their means.

@@ -1,6 +1,5 @@
 """From a configuration to the algorithm that trains a policy, and its traced values."""
 
-import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from gril_jax.rl import ppo, sac, training
 from gril_jax.rl.policy import Policy
 from gril_jax.runs.checkpoints import checkpoint
 
-from . import policy_rewards
+from . import policy_rewards, setup
 
 __all__ = [
     "algorithm_hyper",
@@ -49,10 +48,9 @@ def make_sac(config: RunConfig, env: envs.Env) -> sac.SAC:
 
 def _static(kind: Any, config: RunConfig, chosen: PPOConfig | SACConfig) -> Any:
     """The fields of an algorithm's static half, from its section or from that of the activity."""
-    known = vars(config.pool) | vars(chosen)
-    if chosen.observe_activity is None:
-        known["observe_activity"] = config.env.observation != "xmagical"
-    return kind(**{field.name: known[field.name] for field in dataclasses.fields(kind)})
+    seen = chosen.observe_activity
+    seen = config.env.observation != "xmagical" if seen is None else seen
+    return setup.by_name(kind, config.pool, chosen, observe_activity=seen)
 
 
 def make_algorithm(config: RunConfig, env: envs.Env) -> training.Algorithm:
@@ -82,8 +80,8 @@ def sac_hyper(config: RunConfig) -> sac.Hyper:
 
 def _hyper(kind: Any, config: RunConfig, chosen: PPOConfig | SACConfig) -> Any:
     updates = math.ceil(chosen.num_timesteps / (chosen.num_envs * chosen.unroll_length))
-    known = vars(config.pool) | vars(chosen) | {"decay_updates": updates}
-    return kind(**{name: jnp.asarray(known[name], jnp.float32) for name in kind._fields})
+    found = setup.by_name(kind, config.pool, chosen, decay_updates=updates)
+    return kind(*(jnp.asarray(value, jnp.float32) for value in found))
 
 
 def restore_policy(folder: Path, config: RunConfig, algorithm: training.Algorithm) -> Policy:

@@ -4,9 +4,10 @@ import contextlib
 import dataclasses
 import importlib
 import importlib.util
+import inspect
 import io
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -21,6 +22,7 @@ from gril_jax.reward.latent_goal import RewardParams
 __all__ = [
     "blank_reward",
     "build",
+    "by_name",
     "device_in_words",
     "encoder_config",
     "few_updates",
@@ -33,6 +35,9 @@ __all__ = [
     "require_boxes",
     "task_options",
 ]
+
+
+Kind = TypeVar("Kind")
 
 _FEW_UPDATES = 5000  # it pays after 4,300 with displaced copies, 7,800 without (H200, JAX 0.11)
 
@@ -104,48 +109,31 @@ def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
     return encoder.EncoderConfig(num_classes, relations=chosen.relations, **sizes, **robot)
 
 
-def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.PretrainConfig:
+def by_name(kind: type[Kind], *sections: Any, **more: Any) -> Kind:
+    """A library's option type with every field from the section that has it, or from `more`."""
+    known = {name: value for section in sections for name, value in vars(section).items()} | more
+    return kind(**{name: known[name] for name in inspect.signature(kind).parameters})
+
+
+def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.Static:
     """The static half of encoder training; `updates` is one call's share of all steps.
 
     Raises:
       ConfigError: the encoder takes pictures.
     """
     require_boxes(config, "training on boxes")
-    chosen = config.pretrain
-    return pretrain.PretrainConfig(
-        encoder=encoder_config(config, num_classes),
-        consistency=config.loss.consistency,
-        form=config.loss.form,
-        matching=config.loss.matching,
-        similarity=config.loss.similarity,
-        decoder=config.loss.decoder,
-        updates=_updates(config),
-        num_videos=chosen.num_videos,
-        num_frames=chosen.num_frames,
-        window=config.pool.window,
-        smoothing=config.pool.smoothing,
-        noise=config.pool.noise,
-        turn_scenes=chosen.turn_scenes,
-        touched=chosen.touched,
-        copies=chosen.copies,
-        anchors=chosen.anchors,
-        ascents=chosen.ascents,
-    )
+    return by_name(
+        pretrain.Static, config.loss, config.pool, config.pretrain,
+        encoder=encoder_config(config, num_classes), updates=_updates(config),
+    )  # fmt: skip
 
 
-def pixel_pretrain_config(config: RunConfig) -> pixel_pretrain.PixelPretrainConfig:
+def pixel_pretrain_config(config: RunConfig) -> pixel_pretrain.PixelStatic:
     """The same for an encoder of pictures."""
-    chosen = config.pretrain
-    return pixel_pretrain.PixelPretrainConfig(
-        encoder=_pixel_config(config),
-        form=config.loss.form,
-        matching=config.loss.matching,
-        similarity=config.loss.similarity,
-        updates=_updates(config),
-        num_videos=chosen.num_videos,
-        num_frames=chosen.num_frames,
-        turn_scenes=chosen.turn_scenes,
-    )
+    return by_name(
+        pixel_pretrain.PixelStatic, config.loss, config.pretrain,
+        encoder=_pixel_config(config), updates=_updates(config),
+    )  # fmt: skip
 
 
 def _pixel_config(config: RunConfig) -> encoder.PixelConfig:
@@ -179,24 +167,11 @@ def require_boxes(config: RunConfig, purpose: str) -> None:
 
 def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
     """The traced half of encoder training."""
-    return pretrain.Hyper(
-        learning_rate=config.pretrain.learning_rate,
-        lambda_=config.loss.lambda_,
-        temperature=config.loss.temperature,
-        soft_dtw_weight=config.loss.soft_dtw_weight,
-        gamma=config.loss.gamma,
-        warmup=float(config.loss.warmup),
-        contrast=config.loss.contrast,
-        near=config.loss.near,
-        idle_cost=config.loss.idle_cost,
-        touch=config.loss.touch,
-        tail=config.loss.tail,
-        span=config.loss.span,
-        decay_updates=float(config.pretrain.steps),
-        learning_rate_left=config.pretrain.learning_rate_left,
-        alpha=config.pool.alpha,
-        tau=config.pool.tau,
-    )
+    found = by_name(
+        pretrain.Hyper, config.loss, config.pool, config.pretrain,
+        decay_updates=config.pretrain.steps,
+    )  # fmt: skip
+    return pretrain.Hyper(*map(float, found))
 
 
 def few_updates(config: RunConfig) -> bool:

@@ -44,7 +44,7 @@ def profiles(demos: Demonstrations) -> Measure:
     return Measure("profiles", found, same, compile_for)
 
 
-def program(static: pretrain.PretrainConfig):
+def program(static: pretrain.Static):
     """Jitted: (S rewards, hyper, demonstrations) -> two-way cycle consistency of each, rewards."""
 
     @jax.jit

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from .scene_reward import Scene, SceneReward
+from .task import StagedTask
 
 __all__ = ["Found", "ascend", "search"]
 
@@ -35,7 +36,7 @@ def search(
     reward: SceneReward,
     params: Any,
     key: PRNGKeyArray,
-    task: Any,
+    task: StagedTask,
     start: Scene,
     *,
     ascents: int = 1000,
@@ -61,7 +62,13 @@ def search(
 
 
 def ascend(
-    reward: SceneReward, params: Any, key: PRNGKeyArray, task: Any, start: Scene, *, steps: int
+    reward: SceneReward,
+    params: Any,
+    key: PRNGKeyArray,
+    task: StagedTask,
+    start: Scene,
+    *,
+    steps: int,
 ) -> Found:
     """One ascent; arguments are those of `search`.
 

@@ -21,6 +21,7 @@ from .ascent import Found, search
 from .scene_reward import Scene, SceneReward
 from .states import FACTORS, Battery, battery
 from .sweeps import alone, pushed
+from .task import StagedTask
 
 __all__ = [
     "Audit",
@@ -84,7 +85,7 @@ class Audit(NamedTuple):
     found: Found  # leading axes B, A
 
 
-def make_states(key: PRNGKeyArray, start: Scene, *, task: Any, side: int = _SIDE) -> States:
+def make_states(key: PRNGKeyArray, start: Scene, *, task: StagedTask, side: int = _SIDE) -> States:
     """All states around one start, which has made no progress; batch with `jax.vmap`.
 
     Args:
@@ -111,7 +112,7 @@ def audit(
     reward: SceneReward,
     params: Any,
     key: PRNGKeyArray,
-    task: Any,
+    task: StagedTask,
     states: States,
     *,
     ascents: int = 1000,

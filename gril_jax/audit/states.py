@@ -18,13 +18,14 @@ robot has its own once anything has moved. Boxes have the sizes that the task sa
 objects, S for states, G for those of a group, L for those of a chain and P for pairs of states.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .scene_reward import Scene, activity_bits
+from .task import StagedTask
 
 __all__ = ["FACTORS", "Battery", "battery", "orders"]
 
@@ -58,7 +59,7 @@ class _Group(NamedTuple):
     touched: Bool[Array, "N"] | None = None  # bits that are set besides those of what has moved
 
 
-def battery(key: PRNGKeyArray, task: Any, start: Scene) -> Battery:
+def battery(key: PRNGKeyArray, task: StagedTask, start: Scene) -> Battery:
     """All states around one start; batch with `jax.vmap` over keys and starts.
 
     Args:
@@ -82,7 +83,7 @@ def battery(key: PRNGKeyArray, task: Any, start: Scene) -> Battery:
     return _compared(task, start, groups, fixed)
 
 
-def orders(task: Any) -> list[tuple[int, ...]]:
+def orders(task: StagedTask) -> list[tuple[int, ...]]:
     """The declared order of the stages, and the one as far from it as their requirements allow."""
     names = [stage.name for stage in task.stages]
     last: list[int] = []

@@ -4,13 +4,12 @@ Shapes use N for objects, M for those that can move, the robot's last, and G for
 Rows of a grid go up in y, columns to the right in x.
 """
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .scene_reward import Scene, activity_bits
+from .task import StagedTask
 
 __all__ = ["alone", "grid", "pushed"]
 
@@ -21,7 +20,7 @@ def grid(half_extent: float, side: int) -> Float[Array, "G G 2"]:
     return jnp.stack(jnp.meshgrid(line, line, indexing="xy"), axis=-1)
 
 
-def alone(task: Any, start: Scene, center: Float[Array, "N 2"], *, side: int) -> Scene:
+def alone(task: StagedTask, start: Scene, center: Float[Array, "N 2"], *, side: int) -> Scene:
     """Each object alone swept over the plane, the others where `center` has them.
 
     Args:
@@ -43,7 +42,7 @@ def alone(task: Any, start: Scene, center: Float[Array, "N 2"], *, side: int) ->
     return jax.vmap(over_plane, (0, None))(indices, grid(1.0, side))
 
 
-def pushed(task: Any, start: Scene, *, side: int) -> tuple[Scene, Bool[Array, "G G"]]:
+def pushed(task: StagedTask, start: Scene, *, side: int) -> tuple[Scene, Bool[Array, "G G"]]:
     """The objects of all stages pushed to one place, side by side, with nothing achieved.
 
     Args:

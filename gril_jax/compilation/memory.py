@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax.extend.core import jaxprs_in_params
 
 from gril_jax.errors import ConfigError
+from gril_jax.rl.training import Algorithm
 
 __all__ = ["available_bytes", "predict_bytes", "split"]
 
@@ -30,15 +31,14 @@ _STEP_COPIES = 180
 _REWARD_ARRAYS = 3
 
 
-def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
+def predict_bytes(algorithm: Algorithm, hyper: Any, reward_params: Any) -> int:
     """Bytes that one seed needs while it trains, from shapes alone."""
     key = jax.random.key(0)
     state = jax.eval_shape(algorithm.init, key, hyper)
     exploring = jax.ShapeDtypeStruct((algorithm.num_envs,), jnp.bool_)
 
     def collect(state, hyper, reward_params, exploring):
-        keys = jax.random.split(state.key, algorithm.keys_to_collect)
-        return algorithm.collect(state, keys, hyper, reward_params, deterministic=exploring)[1]
+        return algorithm.collect(state, state.key, hyper, reward_params, deterministic=exploring)[1]
 
     steps = jax.eval_shape(collect, state, hyper, reward_params, exploring)
     static = algorithm.static
@@ -46,7 +46,7 @@ def predict_bytes(algorithm: Any, hyper: Any, reward_params: Any) -> int:
         static.num_envs * static.unroll_length // static.num_minibatches
     )
     layers = 2 * 3 * sum(static.hidden)  # two networks; values, gradients and activations
-    physics = _bytes(state.fleet.lanes.state.data)
+    physics = _bytes(state.envs.running.state.data)
     seen = _REWARD_ARRAYS * algorithm.num_envs * _largest(algorithm, state, reward_params)
     return (
         2 * _bytes(state)
@@ -102,13 +102,13 @@ def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -
     return rounded if rounded <= fit else each
 
 
-def _largest(algorithm: Any, state: Any, reward_params: Any) -> int:
+def _largest(algorithm: Algorithm, state: Any, reward_params: Any) -> int:
     """Bytes of the largest array that the reward makes, for each environment.
 
     What does not grow with their number, such as weights in another precision, is there once.
     """
-    lanes = state.fleet.lanes
-    seen = lanes.reward_memory, lanes.state, lanes.memory.active
+    running = state.envs.running
+    seen = running.reward_memory, running.state, running.memory.active
     pay = jax.vmap(algorithm.episodes.reward.step, (None, 0, 0, 0))
 
     def sizes(count):

@@ -64,13 +64,13 @@ def by_seed(layout: Mesh) -> NamedSharding:
 def shardings(layout: Mesh, state: Any) -> Any:
     """The sharding of each leaf of a training state with a leading axis of seeds.
 
-    Leaves of `state.fleet` have the environments as their second axis; all others are the same for
+    Leaves of `state.envs` have the environments as their second axis; all others are the same for
     all devices that share a seed.
     """
     by_both = NamedSharding(layout, PartitionSpec("seeds", "envs"))
     placed = jax.tree.map(lambda _: by_seed(layout), state)
-    lanes = jax.tree.map(lambda x: by_both if x.ndim > 1 else by_seed(layout), state.fleet)
-    return placed._replace(fleet=lanes)
+    running = jax.tree.map(lambda x: by_both if x.ndim > 1 else by_seed(layout), state.envs)
+    return placed._replace(envs=running)
 
 
 def place(layout: Mesh, tree: Any) -> Any:

@@ -1,7 +1,7 @@
-"""The sections `encoder`, `pool`, `loss` and `pretrain` of a run's configuration.
+"""The sections `loss` and `pretrain`: how the encoder of a learned reward is trained.
 
-What a learned reward is made of, and how it is trained. The string under a field is its help text
-on the command line.
+The string under a field is its help text on the command line. The training's own types take their
+defaults from here.
 """
 
 from dataclasses import dataclass, field
@@ -9,65 +9,9 @@ from typing import Annotated, Literal
 
 import tyro
 
-from .rules import above, at_least, between, rule
+from .rules import above, at_least, between
 
-__all__ = ["EncoderConfig", "LossConfig", "PoolConfig", "PretrainConfig"]
-
-
-@dataclass(frozen=True)
-class EncoderConfig:
-    """The encoder."""
-
-    kind: Literal["paper", "interaction", "mlp", "pixels"] = "paper"
-    """The paper's message passing with weighted pooling, GraphIRL's interaction network or MLP with
-    plain mean pooling, or XIRL's ResNet-18 on the frames themselves. Rounds and members belong to
-    the first alone, latent to the first and the last. Pixels know no boxes: they learn by temporal
-    cycle-consistency alone, and of width, relations, pool_robot, robot_messages, the section pool,
-    reconstruction, copies, ascents and touched they use nothing."""
-    width: int = field(default=64, metadata=at_least(2))
-    """Width of the hidden layers and of a node's embedding; also of the latent of GraphIRL's."""
-    rounds: int = field(default=2, metadata=between(0, 16))
-    """Rounds of message passing."""
-    latent: int = field(default=32, metadata=at_least(1))
-    """Width of the latent."""
-    pixels: int = field(default=64, metadata=between(16, 1024))
-    """Width and height of the frames that pixels see."""
-    precision: Literal["float32", "bfloat16"] = "float32"
-    """What pixels convolve in: bfloat16 is meant for GPUs. Parameters, statistics and latents are
-    float32 in both."""
-    relations: bool = False
-    """Whether edges also say how far a box sticks out of the other, and is apart from it."""
-    distances: bool = True
-    """Interaction alone: each class has weights of its own, and nodes know how far the nearest
-    object of each class is, as in GraphIRL's robot tasks; if False, nodes are boxes, as in its
-    X-MAGICAL tasks, whose objects are all of one class."""
-    pool_robot: bool = False
-    """Whether the robot's node counts in the pooled latent."""
-    robot_messages: bool = False
-    """Whether the robot's node sends and receives messages."""
-    members: int = field(default=1, metadata=between(1, 100))
-    """Networks, each trained by itself; the reward is that of the most pessimistic one."""
-
-
-@dataclass(frozen=True)
-class PoolConfig:
-    """Weighted pooling: objects that have moved count more."""
-
-    alpha: float = field(default=5.0, metadata=above(0))
-    """Weight of an object that has moved; one that has not weighs 1."""
-    tau: float = field(default=0.005, metadata=at_least(0))
-    """Displacement within the window that counts as a move, in diagonals of the object's box."""
-    window: int = field(default=40, metadata=at_least(1))
-    """Frames over which displacement is measured."""
-    smoothing: int = field(
-        default=1, metadata=rule(lambda x: x >= 1 and x % 2 == 1, "odd and at least 1")
-    )
-    """Frames of the running median of positions, against single bad detections; 1 for none."""
-    noise: float | None = field(
-        default=None, metadata=rule(lambda x: x is None or 0 <= x < float("inf"), "at least 0")
-    )
-    """Standard deviation of a detected position along one axis, world units: what it explains is no
-    move. None for exact positions."""
+__all__ = ["LossConfig", "PretrainConfig"]
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from typing import Any, Literal
 
 from gril_jax.errors import ConfigError
 
+from .encoder import EncoderOptions, PoolConfig
 from .policy import PPOConfig, SACConfig
-from .reward import EncoderConfig, LossConfig, PoolConfig, PretrainConfig
+from .reward import LossConfig, PretrainConfig
 from .rules import at_least, between, require, rule
 from .task import BLOCK_COLOURS, BLOCK_SHAPES, DemosConfig, EnvConfig, TaskName, Variant
 
@@ -23,7 +24,7 @@ __all__ = [
     "BLOCK_COLOURS",
     "BLOCK_SHAPES",
     "DemosConfig",
-    "EncoderConfig",
+    "EncoderOptions",
     "EnvConfig",
     "LossConfig",
     "MakeDemosConfig",
@@ -96,7 +97,7 @@ class RunConfig:
 
     env: EnvConfig = field(default=EnvConfig())
     demos: DemosConfig = field(default=DemosConfig())
-    encoder: EncoderConfig = field(default=EncoderConfig())
+    encoder: EncoderOptions = field(default=EncoderOptions())
     pool: PoolConfig = field(default=PoolConfig())
     loss: LossConfig = field(default=LossConfig())
     pretrain: PretrainConfig = field(default=PretrainConfig())

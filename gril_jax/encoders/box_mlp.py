@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.errors import ConfigError, ShapeError, require_at_least
 from gril_jax.types import Nodes, SceneGraph
 
 from .box_features import history_features, last_frame
@@ -48,11 +48,7 @@ class MLPConfig:
 
     def __post_init__(self):
         flat = {} if self.flat_nodes is None else {"flat_nodes": 1}
-        for field, least in ({"num_classes": 1, "width": 2, "history": 1} | flat).items():
-            if getattr(self, field) < least:
-                raise ConfigError(
-                    f"encoder.{field} is {getattr(self, field)}; it must be at least {least}."
-                )
+        require_at_least(self, "encoder", num_classes=1, width=2, history=1, **flat)
         if self.width % 2:
             raise ConfigError(f"encoder.width is {self.width}; it must be even.")
         if not self.length_unit > 0:

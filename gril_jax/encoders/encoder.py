@@ -16,6 +16,7 @@ for the latent.
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from gril_jax.config.encoder import PoolConfig
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.types import SceneGraph
 
@@ -78,7 +79,7 @@ def apply(
     graph: SceneGraph | Float[Array, "... height width 3"],
     config: AnyConfig,
     *,
-    alpha: Float[Array, ""] | float = 5.0,
+    alpha: Float[Array, ""] | float = PoolConfig.alpha,
     form: Form = "dense",
 ) -> Float[Array, "... D"]:
     """The latent of one scene graph, or of frames.
@@ -133,7 +134,7 @@ def readout(
     graph: SceneGraph,
     config: NodeConfig,
     *,
-    alpha: Float[Array, ""] | float = 5.0,
+    alpha: Float[Array, ""] | float = PoolConfig.alpha,
 ) -> Float[Array, "D"]:
     """The second half of `apply`: pools `node_embeddings`, then the head if there is one.
 

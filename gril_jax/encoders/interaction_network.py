@@ -27,7 +27,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from gril_jax.errors import ConfigError
+from gril_jax.errors import ConfigError, require_at_least
 from gril_jax.types import Nodes, SceneGraph
 
 from .box_features import history_features, last_frame
@@ -65,11 +65,7 @@ class InteractionConfig:
     """World units that make one unit of the network's inputs; about half the scene's width."""
 
     def __post_init__(self):
-        for field in ("num_classes", "width", "history"):
-            if getattr(self, field) < 1:
-                raise ConfigError(
-                    f"encoder.{field} is {getattr(self, field)}; it must be at least 1."
-                )
+        require_at_least(self, "encoder", num_classes=1, width=1, history=1)
         if self.self_blocks not in ("robot", "class"):
             raise ConfigError(
                 f"encoder.self_blocks is {self.self_blocks!r}; it must be 'robot' or 'class'."

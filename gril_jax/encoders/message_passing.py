@@ -14,7 +14,8 @@ import jraph
 from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
-from gril_jax.errors import ConfigError
+from gril_jax.config.encoder import EncoderOptions, PoolConfig
+from gril_jax.errors import ConfigError, require_at_least
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.types import SceneGraph
 
@@ -43,32 +44,27 @@ class EncoderConfig:
 
     num_classes: int
     """How many object classes the task has."""
-    width: int = 64
+    width: int = EncoderOptions.width
     """Size of a node embedding and of every hidden layer."""
-    rounds: int = 2
+    rounds: int = EncoderOptions.rounds
     """Rounds of message passing; with 0 each object is embedded on its own."""
-    latent: int = 32
+    latent: int = EncoderOptions.latent
     """Size of the latent, of each member."""
     absolute: bool = True
     """Nodes know their absolute centre; if not, position enters by the edges' offsets alone."""
-    relations: bool = False
+    relations: bool = EncoderOptions.relations
     """Edges also say how far the receiver's box sticks out of the sender's, or lies apart."""
-    pool_robot: bool = False
+    pool_robot: bool = EncoderOptions.pool_robot
     """The robot counts in the pooling (the paper's "with robot" ablation)."""
-    robot_messages: bool = False
+    robot_messages: bool = EncoderOptions.robot_messages
     """The robot sends messages to the objects."""
     length_unit: float = 1.0
     """World units that make one unit of the network's inputs; about half the scene's width."""
-    members: int = 1
+    members: int = EncoderOptions.members
     """Networks in an ensemble (`gril_jax.encoders.ensemble`); the functions here are of one."""
 
     def __post_init__(self):
-        lowest = {"num_classes": 1, "width": 1, "rounds": 0, "latent": 1, "members": 1}
-        for field, least in lowest.items():
-            if getattr(self, field) < least:
-                raise ConfigError(
-                    f"encoder.{field} is {getattr(self, field)}; it must be at least {least}."
-                )
+        require_at_least(self, "encoder", num_classes=1, width=1, rounds=0, latent=1, members=1)
         if not self.length_unit > 0:
             raise ConfigError(f"encoder.length_unit is {self.length_unit}; it must be positive.")
 
@@ -105,7 +101,7 @@ def readout(
     graph: SceneGraph,
     config: EncoderConfig,
     *,
-    alpha: Float[Array, ""] | float = 5.0,
+    alpha: Float[Array, ""] | float = PoolConfig.alpha,
 ) -> Float[Array, "D"]:
     """Pools `node_embeddings` (Eqs. 2, 3), then the head."""
     nodes = graph.nodes

@@ -7,6 +7,8 @@ batch with `jax.vmap`.
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from gril_jax.config.encoder import PoolConfig
+
 __all__ = ["node_weights", "weighted_pool"]
 
 
@@ -15,7 +17,7 @@ def node_weights(
     is_robot: Bool[Array, "N"],
     present: Bool[Array, "N"] | None = None,
     *,
-    alpha: Float[Array, ""] | float = 5.0,
+    alpha: Float[Array, ""] | float = PoolConfig.alpha,
     pool_robot: bool = False,
 ) -> Float[Array, "N"]:
     """How much each node counts in the pooled latent (Eq. 3).

@@ -21,7 +21,8 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray, UInt8
 
-from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.config.encoder import EncoderOptions
+from gril_jax.errors import ConfigError, ShapeError, require_at_least
 
 from .message_passing import Params
 
@@ -36,16 +37,15 @@ STAGES = ((64, 1), (128, 2), (256, 2), (512, 2))
 class PixelConfig:
     """Static choices: another value is another compiled program. A pytree without leaves."""
 
-    latent: int = 32
+    latent: int = EncoderOptions.latent
     """Size of the latent."""
     pixels: int | None = None
     """Width and height of the frames that it is trained and used with; None takes any."""
-    precision: Literal["float32", "bfloat16"] = "float32"
+    precision: Literal["float32", "bfloat16"] = EncoderOptions.precision
     """Of the trunk's activations and convolutions; the parameters are the same for both."""
 
     def __post_init__(self):
-        if self.latent < 1:
-            raise ConfigError(f"encoder.latent is {self.latent}; it must be at least 1.")
+        require_at_least(self, "encoder", latent=1)
         if self.pixels is not None and self.pixels < 1:
             raise ConfigError(f"encoder.pixels is {self.pixels}; it must be at least 1, or None.")
 

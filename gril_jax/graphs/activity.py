@@ -29,6 +29,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from gril_jax.config.encoder import PoolConfig
 from gril_jax.errors import ConfigError, ShapeError
 
 __all__ = ["Memory", "Start", "init", "step", "trajectory"]
@@ -57,7 +58,11 @@ class Memory(NamedTuple):
 
 
 def init(
-    center: Float[Array, "N 2"], *, window: int = 40, smoothing: int = 1, clamp: bool = True
+    center: Float[Array, "N 2"],
+    *,
+    window: int = PoolConfig.window,
+    smoothing: int = PoolConfig.smoothing,
+    clamp: bool = True,
 ) -> Memory:
     """Memory after an episode's first frame: nothing has moved.
 
@@ -91,7 +96,7 @@ def step(
     center: Float[Array, "N 2"],
     size: Float[Array, "N 2"],
     *,
-    tau: Float[Array, ""] | float = 0.005,
+    tau: Float[Array, ""] | float = PoolConfig.tau,
     noise: Float[Array, ""] | float | None = None,
     latched: bool = True,
 ) -> tuple[Memory, Bool[Array, "N"]]:
@@ -143,9 +148,9 @@ def trajectory(
     center: Float[Array, "T N 2"],
     size: Float[Array, "T N 2"],
     *,
-    tau: Float[Array, ""] | float = 0.005,
-    window: int = 40,
-    smoothing: int = 1,
+    tau: Float[Array, ""] | float = PoolConfig.tau,
+    window: int = PoolConfig.window,
+    smoothing: int = PoolConfig.smoothing,
     noise: Float[Array, ""] | float | None = None,
     latched: bool = True,
     clamp: bool = True,

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from gril_jax.config.encoder import PoolConfig
 from gril_jax.errors import ConfigError
 
 from . import activity
@@ -23,13 +24,13 @@ __all__ = ["PAPER", "ActivityRule", "from_json"]
 class ActivityRule(NamedTuple):
     """Options of `activity.init` and `activity.step`, which say what each does. Static."""
 
-    tau: float = 0.005
+    tau: float = PoolConfig.tau
     """Displacement that counts as motion, in diagonals of the object's box."""
-    window: int = 40
+    window: int = PoolConfig.window
     """How many frames back a centre is compared with."""
-    smoothing: int = 1
+    smoothing: int = PoolConfig.smoothing
     """Frames of the median that smooths centres first; odd."""
-    noise: float | None = None
+    noise: float | None = PoolConfig.noise
     """Standard deviation of a centre's jitter along one axis, world units."""
     latched: bool = True
     """An object that has moved stays active."""

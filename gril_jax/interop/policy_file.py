@@ -117,7 +117,7 @@ def main(
     episodes = algorithm.episodes
     objects: Sequence[str] = ()
     if episodes.observe_activity:
-        labels = fresh.fleet.lanes.state.objects.label[0]
+        labels = fresh.envs.running.state.objects.label[0]
         objects = [episodes.env.classes[i] for i in np.asarray(labels)]
     write(out, arrays, describe(config, episodes.env, arrays, objects))
     echo(f"wrote {out}")

@@ -1,14 +1,14 @@
 """From demonstrations to an encoder (Eq. 6)."""
 
-from .options import Hyper, PretrainConfig
-from .pretrain import Metrics, State, TrainParams, activity_bits, embed, evaluate, init, step
+from .options import Hyper, Static
+from .pretrain import Metrics, TrainParams, TrainState, activity_bits, embed, evaluate, init, step
 
 __all__ = [
     "Hyper",
     "Metrics",
-    "PretrainConfig",
-    "State",
+    "Static",
     "TrainParams",
+    "TrainState",
     "activity_bits",
     "embed",
     "evaluate",

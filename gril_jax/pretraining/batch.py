@@ -9,13 +9,13 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax.types import DemoBatch
 
-from .options import PretrainConfig
+from .options import PixelStatic
 
 __all__ = ["draw", "touch", "turn"]
 
 
 def draw(
-    key: PRNGKeyArray, length: Int[Array, "B"], num_frames: int, config: PretrainConfig
+    key: PRNGKeyArray, length: Int[Array, "B"], num_frames: int, config: PixelStatic
 ) -> tuple[Int[Array, "V F"], Bool[Array, "V F"], Int[Array, "V"]]:
     """Distinct random videos, and distinct random frames of each in order of time.
 

@@ -29,7 +29,7 @@ from gril_jax.types import DemoBatch
 
 from . import batch
 from .final_places import FinalPlaces, misplacement
-from .options import Hyper, PretrainConfig
+from .options import Hyper, Static
 
 __all__ = ["Copy", "contrast", "displaced"]
 
@@ -97,7 +97,7 @@ def contrast(
     active: Bool[Array, "V T N"],
     places: FinalPlaces,
     hyper: Hyper,
-    config: PretrainConfig,
+    config: Static,
     pool: Scene | None = None,
 ) -> Float[Array, ""]:
     """Mean squared error of the rewards of made-up scenes, of frames, and of last frames (0).
@@ -145,7 +145,7 @@ class _Judge(NamedTuple):
     places: FinalPlaces
     extent: Float[Array, ""]  # places lie within |x|, |y| <= this
     hyper: Hyper
-    config: PretrainConfig
+    config: Static
 
 
 def _of_video(
@@ -202,7 +202,7 @@ def _ascended(
 
 
 def _latent(
-    params: Params, scene: Scene, present: Bool[Array, "N"], hyper: Hyper, config: PretrainConfig
+    params: Params, scene: Scene, present: Bool[Array, "N"], hyper: Hyper, config: Static
 ) -> Float[Array, "D"]:
     graph = scene_graph(*scene, present)
     return encoder.apply(params, graph, config.encoder, alpha=hyper.alpha, form="square")

@@ -19,6 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from gril_jax.config.reward import LossConfig
 from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import DemoBatch
 
@@ -128,9 +129,9 @@ def misplacement(
     counted: Bool[Array, "N"],
     active: Bool[Array, "N"],
     *,
-    near: Float[Array, ""] | float = 0.5,
-    idle_cost: Float[Array, ""] | float = 0.5,
-    touch: Float[Array, ""] | float = 0.0,
+    near: Float[Array, ""] | float = LossConfig.near,
+    idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
+    touch: Float[Array, ""] | float = LossConfig.touch,
 ) -> Float[Array, ""]:
     """What a scene lacks of the demonstrations' ends: 0 at such an end, about 1 at their beginning.
 

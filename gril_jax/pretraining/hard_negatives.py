@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gril_jax.audit.scene_reward import Scene
+from gril_jax.config.reward import LossConfig
 from gril_jax.graphs.scene import safe_norm
 
 from .final_places import FinalPlaces, misplacement
@@ -37,9 +38,9 @@ def due_rewards(
     places: FinalPlaces,
     scenes: Scene,
     *,
-    near: Float[Array, ""] | float = 0.5,
-    idle_cost: Float[Array, ""] | float = 0.5,
-    touch: Float[Array, ""] | float = 0.0,
+    near: Float[Array, ""] | float = LossConfig.near,
+    idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
+    touch: Float[Array, ""] | float = LossConfig.touch,
 ) -> Float[Array, "*S"]:
     """Minus the misplacement of each scene: at most 0; options as in `misplacement`."""
 

@@ -26,7 +26,7 @@ from gril_jax.losses.reconstruction import init as init_node_decoder
 from gril_jax.losses.reconstruction import init_graph as init_graph_decoder
 from gril_jax.types import DemoBatch, Nodes
 
-from .options import Hyper, PretrainConfig
+from .options import Hyper, Static
 
 __all__ = ["Terms", "init_decoder", "latents", "terms"]
 
@@ -39,7 +39,7 @@ class Terms(NamedTuple):
     reconstruction: Float[Array, ""]
 
 
-def init_decoder(key: PRNGKeyArray, config: PretrainConfig, num_nodes: int) -> Params:
+def init_decoder(key: PRNGKeyArray, config: Static, num_nodes: int) -> Params:
     """Fresh parameters of the decoder that the config asks for. The key is consumed."""
     if config.decoder == "graph":
         return init_graph_decoder(key, config.encoder, num_nodes=num_nodes)
@@ -52,7 +52,7 @@ def latents(
     active: Bool[Array, "T N"],
     frames: Int[Array, "F"],
     hyper: Hyper,
-    config: PretrainConfig,
+    config: Static,
 ) -> tuple[Float[Array, "F D"], Float[Array, "F N H"] | None, Nodes]:
     """Latents, node embeddings and nodes of some frames of one demonstration.
 
@@ -87,7 +87,7 @@ def terms(
     frames: Int[Array, "V F"],
     valid: Bool[Array, "V F"],
     hyper: Hyper,
-    config: PretrainConfig,
+    config: Static,
 ) -> Terms:
     """The loss of a batch of videos, term by term.
 

@@ -1,4 +1,7 @@
-"""What encoder training can vary: static choices in `PretrainConfig`, traced values in `Hyper`."""
+"""What encoder training can vary: static choices in `Static`, traced values in `Hyper`.
+
+Defaults come from the sections of a run's configuration that have the same fields.
+"""
 
 import dataclasses
 from typing import Literal, NamedTuple
@@ -6,49 +9,64 @@ from typing import Literal, NamedTuple
 import jax
 from jaxtyping import Array, Float
 
-from gril_jax.encoders.encoder import GraphConfig, NodeConfig
-from gril_jax.errors import ConfigError
+from gril_jax.config.encoder import PoolConfig
+from gril_jax.config.reward import LossConfig, PretrainConfig
+from gril_jax.encoders.encoder import GraphConfig, NodeConfig, PixelConfig
+from gril_jax.errors import ConfigError, require_at_least
 
-__all__ = ["Hyper", "PretrainConfig"]
+__all__ = ["Hyper", "PixelStatic", "Static"]
+
+Number = Float[Array, ""] | float
 
 
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
-class PretrainConfig:
-    """Static choices: another value is another compiled program. A pytree without leaves."""
+class PixelStatic:
+    """Static choices of training on pictures. A pytree without leaves."""
 
-    encoder: GraphConfig
+    encoder: PixelConfig
     """The network."""
-    consistency: Literal["tcc", "soft_dtw", "both"] = "tcc"
-    """What aligns videos in time: cycle-consistency, soft-DTW, or their sum."""
     form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
-        "regression_mse"
+        LossConfig.form
     )
     """Of cycle-consistency."""
-    matching: Literal["deterministic", "stochastic"] = "deterministic"
+    matching: Literal["deterministic", "stochastic"] = LossConfig.matching
     """Cycles of every frame through every other video, or as many drawn at random."""
-    similarity: Literal["l2", "cosine"] = "l2"
+    similarity: Literal["l2", "cosine"] = LossConfig.similarity
     """Of two latents, in cycle-consistency."""
-    decoder: Literal["node", "graph"] = "node"
-    """What is decoded for the reconstruction: each node's embedding, or the latent (Eq. 5)."""
     updates: int = 100
     """Gradient updates in one call of `step`."""
-    num_videos: int = 8
+    num_videos: int = PretrainConfig.num_videos
     """Videos in a batch; all ordered pairs of them are compared."""
-    num_frames: int = 32
+    num_frames: int = PretrainConfig.num_frames
     """Frames drawn from each video of a batch."""
-    window: int = 40
-    """Activity window in frames (Eq. 4)."""
-    smoothing: int = 1
-    """Frames of the median of centres before that, see `gril_jax.graphs.activity`."""
-    noise: float | None = None
-    """Jitter of centres that is no motion, world units, see `gril_jax.graphs.activity`."""
     turn_scenes: bool = False
     """Turn and mirror each video of a batch at random, as one of the square's eight symmetries.
 
     For scenes seen from above whose origin is the middle of a square arena.
     """
 
+    def __post_init__(self):
+        require_at_least(self, "pretrain", updates=1, num_videos=2, num_frames=2)
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Static(PixelStatic):
+    """Static choices: another value is another compiled program. A pytree without leaves."""
+
+    encoder: GraphConfig
+    """The network."""
+    consistency: Literal["tcc", "soft_dtw", "both"] = LossConfig.consistency
+    """What aligns videos in time: cycle-consistency, soft-DTW, or their sum."""
+    decoder: Literal["node", "graph"] = LossConfig.decoder
+    """What is decoded for the reconstruction: each node's embedding, or the latent (Eq. 5)."""
+    window: int = PoolConfig.window
+    """Activity window in frames (Eq. 4)."""
+    smoothing: int = PoolConfig.smoothing
+    """Frames of the median of centres before that, see `gril_jax.graphs.activity`."""
+    noise: float | None = PoolConfig.noise
+    """Jitter of centres that is no motion, world units, see `gril_jax.graphs.activity`."""
     touched: float = 0.0
     """Probability that an object of a video counts as moved throughout, whatever it does.
 
@@ -56,29 +74,17 @@ class PretrainConfig:
     can earn by setting it: by a mere touch.
     """
 
-    copies: int = 0
+    copies: int = PretrainConfig.copies
     """Copies with displaced objects of each copied frame, see `gril_jax.pretraining.contrast`;
     0 makes none."""
-    anchors: int = 8
+    anchors: int = PretrainConfig.anchors
     """Frames of each video of a batch that are copied."""
-    ascents: int = 0
+    ascents: int = PretrainConfig.ascents
     """Steps of each copy towards where it is overrated most."""
 
     def __post_init__(self):
-        least = {
-            "copies": 0,
-            "anchors": 1,
-            "ascents": 0,
-            "updates": 1,
-            "num_videos": 2,
-            "num_frames": 2,
-            "window": 1,
-        }
-        for field, minimum in least.items():
-            if getattr(self, field) < minimum:
-                raise ConfigError(
-                    f"pretrain.{field} is {getattr(self, field)}; it must be at least {minimum}."
-                )
+        super().__post_init__()
+        require_at_least(self, "pretrain", copies=0, anchors=1, ascents=0, window=1)
         if self.decoder == "node" and not isinstance(self.encoder, NodeConfig):
             raise ConfigError(
                 f"pretrain.decoder is 'node', but a {type(self.encoder).__name__} encoder has no "
@@ -89,19 +95,19 @@ class PretrainConfig:
 class Hyper(NamedTuple):
     """Traced values: a sweep over them is a vmap and compiles once."""
 
-    learning_rate: Float[Array, ""] | float = 1e-3
-    lambda_: Float[Array, ""] | float = 1.0  # weight of the reconstruction (Eq. 6)
-    temperature: Float[Array, ""] | float = 1.0  # of the cycle's soft nearest neighbours
-    alpha: Float[Array, ""] | float = 5.0  # weight of an active node in the pooling (Eq. 3)
-    tau: Float[Array, ""] | float = 0.005  # activity threshold in box diagonals (Eq. 4)
-    soft_dtw_weight: Float[Array, ""] | float = 1.0  # beside or in place of cycle-consistency
-    gamma: Float[Array, ""] | float = 0.1  # of soft-DTW, squared latent distance
-    contrast: Float[Array, ""] | float = 10.0  # weight of copies with displaced objects
-    near: Float[Array, ""] | float = 0.5  # share of an object's cost that is due at once
-    idle_cost: Float[Array, ""] | float = 0.5  # of what is where it must not be
-    touch: Float[Array, ""] | float = 0.0  # share of that which is for moving it at all
-    tail: Float[Array, ""] | float = 1.0  # weight of the fourth power of errors of copies
-    span: Float[Array, ""] | float = 10.0  # latent distance from first to last frames, with copies
-    decay_updates: Float[Array, ""] | float = 1.0  # over which the learning rate falls linearly
-    learning_rate_left: Float[Array, ""] | float = 1.0  # share of it at the end
-    warmup: Float[Array, ""] | float = 1500.0  # updates over which the time agreement fades out
+    learning_rate: Number = PretrainConfig.learning_rate
+    lambda_: Number = LossConfig.lambda_  # weight of the reconstruction (Eq. 6)
+    temperature: Number = LossConfig.temperature  # of the cycle's soft nearest neighbours
+    alpha: Number = PoolConfig.alpha  # weight of an active node in the pooling (Eq. 3)
+    tau: Number = PoolConfig.tau  # activity threshold in box diagonals (Eq. 4)
+    soft_dtw_weight: Number = LossConfig.soft_dtw_weight  # beside or in place of the cycle
+    gamma: Number = LossConfig.gamma  # of soft-DTW, squared latent distance
+    contrast: Number = LossConfig.contrast  # weight of copies with displaced objects
+    near: Number = LossConfig.near  # share of an object's cost that is due at once
+    idle_cost: Number = LossConfig.idle_cost  # of what is where it must not be
+    touch: Number = LossConfig.touch  # share of that which is for moving it at all
+    tail: Number = LossConfig.tail  # weight of the fourth power of errors of copies
+    span: Number = LossConfig.span  # latent distance from first to last frames, with copies
+    decay_updates: Number = 1.0  # over which the learning rate falls linearly
+    learning_rate_left: Number = PretrainConfig.learning_rate_left  # share of it at the end
+    warmup: Number = float(LossConfig.warmup)  # updates over which the time agreement fades out

@@ -1,6 +1,6 @@
 """Training the pixel encoder on videos, as XIRL does: temporal cycle-consistency alone.
 
-    config = PixelPretrainConfig(encoder=PixelConfig(pixels=64))
+    config = PixelStatic(encoder=PixelConfig(pixels=64))
     state = init(key, videos, config)
     for _ in range(20):
         state, metrics = step(state, videos, Hyper(), config)
@@ -11,8 +11,7 @@ takes `learning_rate`, `learning_rate_left`, `decay_updates`, `temperature` and 
 XIRL's). Every function is pure and can be jitted, and vmapped over seeds and over `Hyper`.
 """
 
-import dataclasses
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,53 +20,19 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from gril_jax import metrics, reward
 from gril_jax.encoders import pixel_videos, resnet
-from gril_jax.encoders.box_mlp import MLPConfig
 from gril_jax.encoders.message_passing import Params
 from gril_jax.encoders.pixel_videos import VideoBatch
-from gril_jax.encoders.resnet import PixelConfig
 from gril_jax.errors import ConfigError
 from gril_jax.losses import mean_consistency, stochastic_consistency
 from gril_jax.reward import pixels as pixel_reward
 
 from . import batch
-from .options import Hyper, PretrainConfig
+from .options import Hyper, PixelStatic
 
-__all__ = ["Metrics", "PixelPretrainConfig", "State", "evaluate", "init", "step"]
-
-
-@jax.tree_util.register_static
-@dataclasses.dataclass(frozen=True)
-class PixelPretrainConfig:
-    """Static choices: another value is another compiled program. A pytree without leaves."""
-
-    encoder: PixelConfig
-    """The network."""
-    form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
-        "regression_mse"
-    )
-    """Of cycle-consistency."""
-    matching: Literal["deterministic", "stochastic"] = "deterministic"
-    """Cycles of every frame through every other video, or as many drawn at random."""
-    similarity: Literal["l2", "cosine"] = "l2"
-    """Of two latents."""
-    updates: int = 100
-    """Gradient updates in one call of `step`."""
-    num_videos: int = 8
-    """Videos in a batch; all ordered pairs of them are compared."""
-    num_frames: int = 32
-    """Frames drawn from each video of a batch."""
-    turn_scenes: bool = False
-    """Turn and mirror each video of a batch at random, as one of the square's eight symmetries."""
-
-    def __post_init__(self):
-        for field, minimum in {"updates": 1, "num_videos": 2, "num_frames": 2}.items():
-            if getattr(self, field) < minimum:
-                raise ConfigError(
-                    f"pretrain.{field} is {getattr(self, field)}; it must be at least {minimum}."
-                )
+__all__ = ["Metrics", "TrainState", "evaluate", "init", "step"]
 
 
-class State(NamedTuple):
+class TrainState(NamedTuple):
     """Everything the next update depends on; saving it is enough to resume bit for bit."""
 
     params: Params
@@ -85,7 +50,7 @@ class Metrics(NamedTuple):
 
 
 @jax.jit
-def init(key: PRNGKeyArray, videos: VideoBatch, config: PixelPretrainConfig) -> State:
+def init(key: PRNGKeyArray, videos: VideoBatch, config: PixelStatic) -> TrainState:
     """Fresh parameters and optimiser state. The key is consumed.
 
     Raises:
@@ -98,13 +63,13 @@ def init(key: PRNGKeyArray, videos: VideoBatch, config: PixelPretrainConfig) -> 
         )
     encoder_key, key = jax.random.split(key)
     params = resnet.init(encoder_key, config.encoder)
-    return State(params, _optimizer().init(params), key, jnp.zeros((), jnp.int32))
+    return TrainState(params, _optimizer().init(params), key, jnp.zeros((), jnp.int32))
 
 
 @jax.jit
 def step(
-    state: State, videos: VideoBatch, hyper: Hyper, config: PixelPretrainConfig
-) -> tuple[State, Metrics]:
+    state: TrainState, videos: VideoBatch, hyper: Hyper, config: PixelStatic
+) -> tuple[TrainState, Metrics]:
     """`config.updates` gradient updates in one compiled call, without talking to the host.
 
     Args:
@@ -116,7 +81,7 @@ def step(
 
     def update(state, _):
         key, batch_key, turn_key = jax.random.split(state.key, 3)
-        frames, valid, chosen = _draw(batch_key, videos, config)
+        frames, valid, chosen = batch.draw(batch_key, videos.length, videos.frames.shape[1], config)
         pictures = videos.frames[chosen[:, None], frames]
         if config.turn_scenes:
             pictures = pixel_videos.turn(turn_key, pictures)
@@ -139,14 +104,14 @@ def step(
         params = optax.apply_updates(state.params, jax.tree.map(lambda d: -rate * d, direction))
         params = {**params, "statistics": statistics}
         values = Metrics(total, cycle, optax.global_norm(gradient))
-        return State(params, optimizer, key, state.num_updates + 1), values
+        return TrainState(params, optimizer, key, state.num_updates + 1), values
 
     return jax.lax.scan(update, state, length=config.updates)
 
 
 @jax.jit
 def evaluate(
-    params: Params, videos: VideoBatch, train: VideoBatch, config: PixelPretrainConfig
+    params: Params, videos: VideoBatch, train: VideoBatch, config: PixelStatic
 ) -> dict[str, Float[Array, ""]]:
     """How well the encoder orders videos, best ones it has not been trained on.
 
@@ -169,14 +134,6 @@ def evaluate(
         "reward_first": jnp.mean(rewards[:, 0]),
         "reward_last": jnp.mean(last),
     }
-
-
-def _draw(key, videos, config):
-    """Frames, their validity and videos, as for boxes: of those options the draw reads two."""
-    sizes = PretrainConfig(
-        MLPConfig(1), decoder="graph", num_videos=config.num_videos, num_frames=config.num_frames
-    )
-    return batch.draw(key, videos.length, videos.frames.shape[1], sizes)
 
 
 def _alignment(key, latents, times, valid, hyper, config):

@@ -1,6 +1,6 @@
 """Training the encoder on demonstrations: cycle-consistency plus reconstruction (Eq. 6).
 
-    config = PretrainConfig(encoder=EncoderConfig(num_classes=7))
+    config = Static(encoder=EncoderConfig(num_classes=7))
     state = init(key, demos, config)
     for _ in range(20):
         state, metrics = step(state, demos, Hyper(), config)
@@ -32,14 +32,14 @@ from . import batch as pretrain_batch
 from . import contrast as pretrain_contrast
 from . import loss as pretrain_loss
 from .final_places import final_places
-from .options import Hyper, PretrainConfig
+from .options import Hyper, Static
 
 __all__ = [
     "Hyper",
     "Metrics",
-    "PretrainConfig",
-    "State",
+    "Static",
     "TrainParams",
+    "TrainState",
     "activity_bits",
     "embed",
     "evaluate",
@@ -55,7 +55,7 @@ class TrainParams(NamedTuple):
     decoder: Params
 
 
-class State(NamedTuple):
+class TrainState(NamedTuple):
     """Everything the next update depends on; saving it is enough to resume bit for bit."""
 
     params: TrainParams
@@ -75,7 +75,7 @@ class Metrics(NamedTuple):
 
 
 @jax.jit
-def init(key: PRNGKeyArray, demos: DemoBatch, config: PretrainConfig) -> State:
+def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
     """Fresh parameters and optimiser state. The key is consumed.
 
     Raises:
@@ -98,17 +98,17 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: PretrainConfig) -> State:
         encoder.init(encoder_key, config.encoder),
         pretrain_loss.init_decoder(decoder_key, config, demos.center.shape[2]),
     )
-    return State(params, _optimizer().init(params), key, jnp.zeros((), jnp.int32))
+    return TrainState(params, _optimizer().init(params), key, jnp.zeros((), jnp.int32))
 
 
 @jax.jit
 def step(
-    state: State,
+    state: TrainState,
     demos: DemoBatch,
     hyper: Hyper,
-    config: PretrainConfig,
+    config: Static,
     pool: Scene | None = None,
-) -> tuple[State, Metrics]:
+) -> tuple[TrainState, Metrics]:
     """`config.updates` gradient updates in one compiled call, without talking to the host.
 
     Args:
@@ -165,15 +165,13 @@ def step(
         direction = jax.tree.map(lambda d: -rate * d, direction)
         params = optax.apply_updates(state.params, direction)
         values = Metrics(total, *parts, optax.global_norm(gradient))
-        return State(params, optimizer, key, state.num_updates + 1), values
+        return TrainState(params, optimizer, key, state.num_updates + 1), values
 
     return jax.lax.scan(update, state, length=config.updates)
 
 
 @jax.jit
-def embed(
-    params: Params, demos: DemoBatch, hyper: Hyper, config: PretrainConfig
-) -> Float[Array, "B T D"]:
+def embed(params: Params, demos: DemoBatch, hyper: Hyper, config: Static) -> Float[Array, "B T D"]:
     """The latent of every frame of every demonstration, padding included.
 
     Args:
@@ -193,7 +191,7 @@ def embed(
 
 @jax.jit
 def evaluate(
-    params: Params, demos: DemoBatch, train: DemoBatch, hyper: Hyper, config: PretrainConfig
+    params: Params, demos: DemoBatch, train: DemoBatch, hyper: Hyper, config: Static
 ) -> dict[str, Float[Array, ""]]:
     """How well the encoder orders demonstrations, best ones it has not been trained on.
 
@@ -224,7 +222,7 @@ def evaluate(
     }
 
 
-def activity_bits(demos: DemoBatch, hyper: Hyper, config: PretrainConfig) -> Bool[Array, "B T N"]:
+def activity_bits(demos: DemoBatch, hyper: Hyper, config: Static) -> Bool[Array, "B T N"]:
     """The activity bits (Eq. 4) that training uses, for every frame of the recordings.
 
     They come from the full recordings: a bit that latched between two drawn frames is set.

@@ -27,6 +27,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from gril_jax.config.encoder import PoolConfig
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import AnyConfig, GraphConfig, Params
 from gril_jax.encoders.ensemble import num_members, split, worst_distance
@@ -138,7 +139,7 @@ def from_latents(
     first: Float[Array, "B D"],
     last: Float[Array, "B D"],
     *,
-    alpha: Float[Array, ""] | float = 5.0,
+    alpha: Float[Array, ""] | float = PoolConfig.alpha,
     goal: Goal = "mean",
     members: int = 1,
 ) -> RewardParams:
@@ -195,9 +196,9 @@ def from_demos(
     demos: DemoBatch,
     config: GraphConfig,
     *,
-    alpha: Float[Array, ""] | float = 5.0,
-    tau: Float[Array, ""] | float = 0.005,
-    window: int = 40,
+    alpha: Float[Array, ""] | float = PoolConfig.alpha,
+    tau: Float[Array, ""] | float = PoolConfig.tau,
+    window: int = PoolConfig.window,
     active: Bool[Array, "B T N"] | None = None,
     goal: Goal = "mean",
 ) -> RewardParams:
@@ -257,7 +258,7 @@ def _from_demos(encoder_params, demos, config, goal, *, word=None, alpha, active
 
 
 @functools.partial(jax.jit, static_argnames="window")
-def _demo_latents(encoder_params, demos, config, *, alpha=5.0, active=None, **rule):
+def _demo_latents(encoder_params, demos, config, *, alpha=PoolConfig.alpha, active=None, **rule):
     def one(inputs):
         latent = _embedding(encoder_params, inputs[0], config, alpha, inputs[1], **rule)
         return jax.vmap(latent)(jnp.arange(demos.center.shape[1]))

@@ -1,7 +1,8 @@
 """One environment's episodes: activity memory, time limit, guard against NaN, automatic reset.
 
-A `Lane` holds everything that must be forgotten when an episode ends, so that a reset is the choice
-between two lanes. All functions take one lane; batch with `jax.vmap`, or see `gril_jax.rl.rollout`.
+An `EpisodeState` holds everything that must be forgotten when an episode ends, so that a reset is
+the choice between two of them. All functions take one; batch with `jax.vmap`, or see
+`gril_jax.rl.rollout`.
 """
 
 import dataclasses
@@ -11,14 +12,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from gril_jax.config.encoder import PoolConfig
 from gril_jax.graphs import activity
 
+from .environment import Environment
 from .rewards import AnyReward, Reward, as_reward
 
-__all__ = ["Episodes", "Lane", "Moment", "reset_where"]
+__all__ = ["EpisodeState", "Episodes", "StepResult", "reset_where"]
 
 
-class Lane(NamedTuple):
+class EpisodeState(NamedTuple):
     """One environment in the middle of an episode."""
 
     state: Any  # the environment's own state
@@ -27,44 +30,44 @@ class Lane(NamedTuple):
     time: Int[Array, ""]  # control steps since the episode began
 
 
-class Moment(NamedTuple):
+class StepResult(NamedTuple):
     """What one control step brought."""
 
     reward: Float[Array, ""]
     terminated: Float[Array, ""]  # the task ended: nothing more to gain
     truncated: Float[Array, ""]  # time limit or failure ended the episode: its value goes on
     nonfinite: Float[Array, ""]  # the simulator failed, and the step was taken back
-    metrics: dict[str, Float[Array, ""]]  # the task's, at this moment
+    metrics: dict[str, Float[Array, ""]]  # the task's, after the step
 
 
 @dataclasses.dataclass(frozen=True)
 class Episodes:
     """The episodes of one task under one reward: `begin`, `advance` and `observe`, all pure."""
 
-    env: Any
+    env: Environment
     reward: Reward
     observe_activity: bool = True
     """Whether the policy sees the activity bits, as the reward does."""
-    window: int = 40
+    window: int = PoolConfig.window
     """Of the activity memory, frames."""
-    smoothing: int = 1
+    smoothing: int = PoolConfig.smoothing
     """Frames of the running median of centres before that."""
-    noise: float | None = None
+    noise: float | None = PoolConfig.noise
     """Standard deviation of a centre along one axis, world units."""
 
     @classmethod
-    def of(cls, env: Any, reward: AnyReward, **options: Any) -> "Episodes":
+    def of(cls, env: Environment, reward: AnyReward, **options: Any) -> "Episodes":
         """The same from a plain reward or one with a memory."""
         return cls(env, as_reward(reward), **options)
 
     @property
     def observation_size(self) -> int:
         """Numbers that the policy sees."""
-        lane = jax.eval_shape(lambda: self.begin(jax.random.key(0)))
-        return jax.eval_shape(self.observe, lane).shape[0]
+        episode = jax.eval_shape(lambda: self.begin(jax.random.key(0)))
+        return jax.eval_shape(self.observe, episode).shape[0]
 
-    def begin(self, key: PRNGKeyArray) -> Lane:
-        """A lane at the start of an episode; active is only what a varied start has moved.
+    def begin(self, key: PRNGKeyArray) -> EpisodeState:
+        """The start of an episode; active is only what a varied start has moved.
 
         The key is consumed.
         """
@@ -72,17 +75,17 @@ class Episodes:
         center = state.objects.center
         memory = activity.init(center, window=self.window, smoothing=self.smoothing)
         memory = memory._replace(active=state.moved)
-        return Lane(state, memory, self.reward.init(), jnp.zeros((), jnp.int32))
+        return EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32))
 
     def advance(
         self,
         reward_params: Any,
-        lane: Lane,
+        episode: EpisodeState,
         action: Float[Array, "A"],
         *,
         tau: Float[Array, ""] | float,
-    ) -> tuple[Lane, Moment]:
-        """One control step; the lane it returns is the last of its episode if a flag says so.
+    ) -> tuple[EpisodeState, StepResult]:
+        """One control step; the state it returns is the last of its episode if a flag says so.
 
         A step that yields anything not finite is taken back and cuts the episode off, so that one
         broken simulation does not reach the weights of all. It is no end of the task: a policy
@@ -91,41 +94,41 @@ class Episodes:
 
         Args:
           reward_params: of the reward.
-          lane: from `begin` or the previous step.
+          episode: from `begin` or the previous step.
           action: in [-1, 1].
           tau: activity threshold, in box diagonals.
         """
-        state = self.env.step(lane.state, action)
+        state = self.env.step(episode.state, action)
         boxes = state.objects.center, state.objects.size
-        memory, active = activity.step(lane.memory, *boxes, tau=tau, noise=self.noise)
-        remembered, reward = self.reward.step(reward_params, lane.reward_memory, state, active)
-        moved = Lane(state, memory, remembered, lane.time + 1)
+        memory, active = activity.step(episode.memory, *boxes, tau=tau, noise=self.noise)
+        remembered, reward = self.reward.step(reward_params, episode.reward_memory, state, active)
+        moved = EpisodeState(state, memory, remembered, episode.time + 1)
         finite = _all_finite((state, remembered, reward))
-        moved = jax.tree.map(lambda new, old: jnp.where(finite, new, old), moved, lane)
+        moved = jax.tree.map(lambda new, old: jnp.where(finite, new, old), moved, episode)
         terminated = jnp.where(finite, state.done, 0.0)
-        limit = (lane.time + 1 >= self.env.episode_length).astype(jnp.float32)
+        limit = (episode.time + 1 >= self.env.episode_length).astype(jnp.float32)
         over = jnp.where(finite, limit, 1.0)
-        moment = Moment(
+        result = StepResult(
             reward=jnp.where(finite, reward, 0.0),
             terminated=terminated,
             truncated=over * (1 - terminated),
             nonfinite=1.0 - finite.astype(jnp.float32),
             metrics=moved.state.metrics,
         )
-        return moved, moment
+        return moved, result
 
-    def observe(self, lane: Lane) -> Float[Array, "O"]:
+    def observe(self, episode: EpisodeState) -> Float[Array, "O"]:
         """The policy's input: the task's observation, then what else the reward depends on."""
-        remembered = self.reward.observe(lane.reward_memory)
+        remembered = self.reward.observe(episode.reward_memory)
         if not self.observe_activity:
-            return jnp.concatenate([lane.state.obs, remembered])
-        bits = lane.memory.active.astype(jnp.float32)
-        return jnp.concatenate([lane.state.obs, bits, remembered])
+            return jnp.concatenate([episode.state.obs, remembered])
+        bits = episode.memory.active.astype(jnp.float32)
+        return jnp.concatenate([episode.state.obs, bits, remembered])
 
 
-def reset_where(ended: Bool[Array, ""], fresh: Lane, lane: Lane) -> Lane:
-    """The fresh lane if the episode has ended, else the lane itself: memory and all."""
-    return jax.tree.map(lambda new, old: jnp.where(ended, new, old), fresh, lane)
+def reset_where(ended: Bool[Array, ""], fresh: EpisodeState, episode: EpisodeState) -> EpisodeState:
+    """The fresh episode if this one has ended, else this one: memory and all."""
+    return jax.tree.map(lambda new, old: jnp.where(ended, new, old), fresh, episode)
 
 
 def _all_finite(tree: Any) -> Bool[Array, ""]:

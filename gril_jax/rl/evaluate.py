@@ -42,26 +42,26 @@ def evaluate(
     """
     key_begin, key_act = jax.random.split(key)
     of = algorithm.episodes
-    lanes = jax.vmap(of.begin)(jax.random.split(key_begin, episodes))
+    running = jax.vmap(of.begin)(jax.random.split(key_begin, episodes))
 
-    def one(lane, key):
-        mean = algorithm.act(policy, lane, key, deterministic=True)
-        sample = algorithm.act(policy, lane, key, deterministic=False)
+    def one(episode, key):
+        mean = algorithm.act(policy, episode, key, deterministic=True)
+        sample = algorithm.act(policy, episode, key, deterministic=False)
         action = jnp.where(deterministic, mean, sample)
-        return of.advance(reward_params, lane, action, tau=tau)
+        return of.advance(reward_params, episode, action, tau=tau)
 
-    def move(lanes, key):
-        lanes, moment = jax.vmap(one)(lanes, jax.random.split(key, episodes))
-        return lanes, (lanes.state, moment)
+    def move(running, key):
+        running, result = jax.vmap(one)(running, jax.random.split(key, episodes))
+        return running, (running.state, result)
 
     steps = jax.random.split(key_act, of.env.episode_length)
-    _, (states, moments) = jax.lax.scan(move, lanes, steps)
-    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), lanes.state, states)
-    success = moments.metrics["success"]
+    _, (states, results) = jax.lax.scan(move, running, steps)
+    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), running.state, states)
+    success = results.metrics["success"]
     return Evaluation(
         states=jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), states),
-        reward=moments.reward.T,
+        reward=results.reward.T,
         success=success[-1],
         success_ever=success.max(axis=0),
-        score=moments.metrics["score"][-1],
+        score=results.metrics["score"][-1],
     )

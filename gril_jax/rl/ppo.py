@@ -16,45 +16,53 @@ import jax.numpy as jnp
 import optax
 from brax.training.acme import running_statistics
 from brax.training.agents.ppo import losses, networks
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import blocks, ppo_loss, rollout, training
-from .episodes import Episodes, Lane
+from gril_jax.config.encoder import PoolConfig
+from gril_jax.config.policy import PPOConfig
+
+from . import blocks, ppo_loss, rollout
+from .agent import Agent
+from .environment import Environment
 from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
 from .rewards import AnyReward
 
 __all__ = ["PPO", "Hyper", "Static", "TrainState"]
+
+Number = Float[Array, ""] | float
 
 
 @dataclasses.dataclass(frozen=True)
 class Static:
     """What shapes the compiled program."""
 
-    num_envs: int = 64
-    unroll_length: int = 30
-    num_minibatches: int = 4
-    num_epochs: int = 4
-    hidden: tuple[int, ...] = (64, 64)
+    num_envs: int = PPOConfig.num_envs
+    unroll_length: int = PPOConfig.unroll_length
+    num_minibatches: int = PPOConfig.num_minibatches
+    num_epochs: int = PPOConfig.num_epochs
+    hidden: tuple[int, ...] = PPOConfig.hidden
     observe_activity: bool = True
-    window: int = 40  # of the activity memory, frames
-    smoothing: int = 1  # of centres, frames, before that
-    noise: float | None = None  # of centres, world units
+    window: int = PoolConfig.window  # of the activity memory, frames
+    smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
+    noise: float | None = PoolConfig.noise  # of centres, world units
 
 
 class Hyper(NamedTuple):
     """What may vary within one program: a sweep over it is a vmap."""
 
-    learning_rate: Float[Array, ""] | float = 3e-4
-    discounting: Float[Array, ""] | float = 0.99
-    gae_lambda: Float[Array, ""] | float = 0.95
-    entropy_cost: Float[Array, ""] | float = 1e-2
-    clipping_epsilon: Float[Array, ""] | float = 0.2
-    reward_scaling: Float[Array, ""] | float = 1.0
-    max_grad_norm: Float[Array, ""] | float = 1.0
-    tau: Float[Array, ""] | float = 0.005  # activity threshold, in box diagonals
-    decay_updates: Float[Array, ""] | float = 1.0  # over which the two below are reached
-    learning_rate_left: Float[Array, ""] | float = 1.0  # share of the learning rate, at the end
-    entropy_left: Float[Array, ""] | float = 1.0  # share of the entropy cost, at the end
+    learning_rate: Number = PPOConfig.learning_rate
+    discounting: Number = PPOConfig.discounting
+    gae_lambda: Number = PPOConfig.gae_lambda
+    entropy_cost: Number = PPOConfig.entropy_cost
+    clipping_epsilon: Number = PPOConfig.clipping_epsilon
+    reward_scaling: Number = PPOConfig.reward_scaling
+    max_grad_norm: Number = PPOConfig.max_grad_norm
+    tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
+    decay_updates: Number = 1.0  # over which the two below are reached
+    learning_rate_left: Number = (
+        PPOConfig.learning_rate_left
+    )  # share of the learning rate, at the end
+    entropy_left: Number = PPOConfig.entropy_left  # share of the entropy cost, at the end
 
 
 class TrainState(NamedTuple):
@@ -63,13 +71,13 @@ class TrainState(NamedTuple):
     params: losses.PPONetworkParams
     optimiser: Any
     normalizer: running_statistics.RunningStatisticsState
-    fleet: rollout.Fleet  # (B, ...)
+    envs: rollout.VectorState  # (B, ...)
     key: PRNGKeyArray
     updates: Int[Array, ""]
     replay: tuple[()] = ()  # learning is from the last unroll alone
 
 
-class PPO:
+class PPO(Agent):
     """The algorithm for one environment and one reward; its functions are pure.
 
     Args:
@@ -78,14 +86,9 @@ class PPO:
       static: sizes; `num_minibatches` divides `num_envs`.
     """
 
-    def __init__(self, env: Any, reward: AnyReward, static: Static):
-        self.env, self.static = env, static
-        self.num_envs, self.unroll_length = static.num_envs, static.unroll_length
-        self.episodes = Episodes.of(
-            env, reward, observe_activity=static.observe_activity, window=static.window,
-            smoothing=static.smoothing, noise=static.noise,
-        )  # fmt: skip
-        self.observation_size = self.episodes.observation_size
+    def __init__(self, env: Environment, reward: AnyReward, static: Static):
+        self.static = static
+        super().__init__(env, reward, static, static.num_epochs * (static.num_minibatches + 1))
         self.networks = networks.make_ppo_networks(
             self.observation_size,
             env.action_size,
@@ -94,60 +97,35 @@ class PPO:
             value_hidden_layer_sizes=static.hidden,
         )
         self._make_policy = networks.make_inference_fn(self.networks)
-        self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)
-        self.keys_to_collect = self._renewals + static.unroll_length
-        self.keys_to_learn = static.num_epochs * (static.num_minibatches + 1)
-
-    # ---------------------------------------------------------------- what a caller uses
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
         """Fresh weights, and environments at random times of their first episode."""
-        keys = jax.random.split(key, 3 + 2 * self.num_envs)
-        key, key_weights, key_time = keys[0], keys[1], keys[2]
+        key, key_weights, envs = self._begin(key)
         both = self.networks.policy_network, self.networks.value_network
         params = losses.PPONetworkParams(*fresh_weights(key_weights, *both))
-        begun = rollout.init(self.episodes, keys[3:])
         return TrainState(
             params=params,
             optimiser=_optimiser(hyper, 0.0).init(params),
             normalizer=fresh_normalizer(self.observation_size),
-            fleet=rollout.scatter(begun, key_time, self.env.episode_length),
+            envs=envs,
             key=key,
             updates=jnp.zeros((), jnp.int32),
         )
-
-    def step(
-        self, state: TrainState, hyper: Hyper, reward_params: Any
-    ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
-        """One unroll of every environment, then `num_epochs` passes over its data."""
-        return training.step(self, state, hyper, reward_params)
 
     def policy(self, state: TrainState) -> Policy:
         """What of the state is needed to act."""
         return Policy(state.normalizer, state.params.policy)
 
-    def act(
-        self, policy: Policy, lane: Lane, key: PRNGKeyArray, *, deterministic: bool = False
-    ) -> Float[Array, "A"]:
-        """The policy's action in [-1, 1] for one lane."""
-        act = self._make_policy(tuple(policy), deterministic=deterministic)
-        return act(self.episodes.observe(lane), key)[0]
-
-    # ---------------------------------------------------------------- the two halves of a step
-
     def collect(
         self,
         state: TrainState,
-        keys: Key[Array, "K"],
+        key: PRNGKeyArray,
         hyper: Hyper,
         reward_params: Any,
         *,
         deterministic: Bool[Array, "B"],
-    ) -> tuple[TrainState, rollout.Steps]:
-        """T control steps of every environment; `deterministic` ones play mean actions.
-
-        `keys` are as many as `keys_to_collect`: first those of new starts, then one a step.
-        """
+    ) -> tuple[TrainState, rollout.Rollout]:
+        """T control steps of every environment; `deterministic` ones play mean actions."""
         actions = self.networks.parametric_action_distribution
         network = functools.partial(self.networks.policy_network.apply, *self.policy(state))
 
@@ -158,14 +136,10 @@ class PPO:
             extras = {"raw_action": raw, "log_prob": actions.log_prob(logits, raw)}
             return jnp.where(deterministic[:, None], mean, drawn), extras
 
-        renewed = rollout.renew(self.episodes, state.fleet, keys[: self._renewals])
-        moved, steps = rollout.unroll(
-            self.episodes, reward_params, renewed, act, keys[self._renewals :], tau=hyper.tau
-        )
-        return state._replace(fleet=moved), steps
+        return self._unroll(state, key, act, hyper, reward_params)
 
     def store(
-        self, state: TrainState, steps: rollout.Steps, *, wanted: Bool[Array, ""] | bool = True
+        self, state: TrainState, steps: rollout.Rollout, *, wanted: Bool[Array, ""] | bool = True
     ) -> TrainState:
         """The state itself: nothing is kept for later."""
         del steps, wanted
@@ -174,8 +148,8 @@ class PPO:
     def learn(
         self,
         state: TrainState,
-        steps: rollout.Steps,
-        keys: Key[Array, "K"],
+        steps: rollout.Rollout,
+        key: PRNGKeyArray,
         hyper: Hyper,
         reward_params: Any,
     ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
@@ -208,7 +182,7 @@ class PPO:
             batches = blocks.minibatches(data, keys[-1], minibatches)
             return jax.lax.scan(minibatch, carry, (batches, keys[:-1]))
 
-        keys = keys.reshape(self.static.num_epochs, minibatches + 1)
+        keys = self._split(key)[-1].reshape(self.static.num_epochs, minibatches + 1)
         (params, moments), parts = jax.lax.scan(epoch, (state.params, state.optimiser), keys)
         metrics = {name: jnp.mean(value) for name, value in parts.items()}
         state = state._replace(
@@ -216,16 +190,16 @@ class PPO:
         )
         return state, rollout.summary(steps) | metrics
 
-    def _batch(self, steps: rollout.Steps, params, normalizer, hyper: Hyper) -> ppo_loss.Batch:
+    def _batch(self, steps: rollout.Rollout, params, normalizer, hyper: Hyper) -> ppo_loss.Batch:
         """All that was collected, with a time limit's value in its reward.
 
         The value of the last observation before a reset at the time limit is added to that step's
-        reward, and the step counts as an end. Steps that a failure took back are dropped.
+        reward, and the step counts as an end. Rollout that a failure took back are dropped.
         """
-        moment = steps.moment
-        timeouts = moment.truncated * (1 - moment.nonfinite)
+        result = steps.result
+        timeouts = result.truncated * (1 - result.nonfinite)
         value = functools.partial(self.networks.value_network.apply, normalizer, params.value)
-        if self.unroll_length <= self.env.episode_length:  # at most one time limit a lane
+        if self.unroll_length <= self.env.episode_length:  # at most one time limit in each
             when = jnp.argmax(timeouts, axis=0)
             beyond = value(jax.vmap(lambda last, t: last[t], in_axes=(1, 0))(steps.last, when))
         else:
@@ -234,9 +208,9 @@ class PPO:
             observation=jnp.concatenate([steps.observation, steps.last[-1:]]),
             raw_action=steps.extras["raw_action"],
             log_prob=steps.extras["log_prob"],
-            reward=moment.reward + timeouts * hyper.discounting * beyond / hyper.reward_scaling,
-            ended=(moment.terminated + timeouts) * (1 - moment.nonfinite),
-            dropped=moment.nonfinite,
+            reward=result.reward + timeouts * hyper.discounting * beyond / hyper.reward_scaling,
+            ended=(result.terminated + timeouts) * (1 - result.nonfinite),
+            dropped=result.nonfinite,
         )
         return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), data)
 

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, UInt8
 
+from gril_jax.config.encoder import PoolConfig
 from gril_jax.encoders import encoder, resnet
 from gril_jax.encoders.encoder import GraphConfig, PixelConfig
 from gril_jax.graphs.scene import SceneGraph, scene_graph
@@ -146,7 +147,7 @@ def subtasks(
     *,
     robots: Sequence[int] = (),
     mode: subtask_chain.Mode = "continuous",
-    alpha: Float[Array, ""] | float = 5.0,
+    alpha: Float[Array, ""] | float = PoolConfig.alpha,
 ) -> Reward:
     """The chain of latent goals (`gril_jax.reward.chain`), one for each stage of the task.
 

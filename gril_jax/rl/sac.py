@@ -19,12 +19,16 @@ from brax.training.acme import running_statistics
 from brax.training.agents.sac import networks
 from brax.training.types import Transition
 from flax import linen
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from gril_jax.config.encoder import PoolConfig
+from gril_jax.config.policy import SACConfig
 from gril_jax.errors import ConfigError
 
-from . import replay, rollout, sac_loss, training
-from .episodes import Episodes, Lane
+from . import replay, rollout, sac_loss
+from .agent import Agent
+from .environment import Environment
+from .episodes import Episodes, EpisodeState
 from .policy import Policy, fresh_normalizer, normalize, observed
 from .rewards import AnyReward
 from .sac_loss import Hyper, Learned
@@ -36,18 +40,20 @@ __all__ = ["SAC", "Hyper", "Row", "Seen", "Static", "TrainState"]
 class Static:
     """What shapes the compiled program."""
 
-    num_envs: int = 64
-    unroll_length: int = 4
-    updates_per_step: int = 8  # gradient steps after each unroll
-    batch_size: int = 256
-    replay_size: int = 2**17  # transitions, a multiple of those of one unroll
-    min_replay: int = 2**13  # transitions before learning begins; until then actions are random
-    relabel: bool = False  # whether rewards are computed when a batch is drawn
-    hidden: tuple[int, ...] = (128, 128)
+    num_envs: int = SACConfig.num_envs
+    unroll_length: int = SACConfig.unroll_length
+    updates_per_step: int = SACConfig.updates_per_step  # gradient steps after each unroll
+    batch_size: int = SACConfig.batch_size
+    replay_size: int = SACConfig.replay_size  # transitions, a multiple of those of one unroll
+    min_replay: int = (
+        SACConfig.min_replay
+    )  # transitions before learning begins; until then actions are random
+    relabel: bool = SACConfig.relabel  # whether rewards are computed when a batch is drawn
+    hidden: tuple[int, ...] = SACConfig.hidden
     observe_activity: bool = True
-    window: int = 40  # of the activity memory, frames
-    smoothing: int = 1  # of centres, frames, before that
-    noise: float | None = None  # of centres, world units
+    window: int = PoolConfig.window  # of the activity memory, frames
+    smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
+    noise: float | None = PoolConfig.noise  # of centres, world units
 
 
 class TrainState(NamedTuple):
@@ -56,7 +62,7 @@ class TrainState(NamedTuple):
     learned: Learned
     normalizer: running_statistics.RunningStatisticsState
     replay: replay.Replay  # of `Row`
-    fleet: rollout.Fleet  # (B, ...)
+    envs: rollout.VectorState  # (B, ...)
     key: PRNGKeyArray
     updates: Int[Array, ""]  # unrolls so far
 
@@ -80,7 +86,7 @@ class Row(NamedTuple):
     reward: Any  # a number, or `Seen` with `relabel`
 
 
-class SAC:
+class SAC(Agent):
     """The algorithm for one environment and one reward; its functions are pure.
 
     Args:
@@ -93,15 +99,10 @@ class SAC:
       ConfigError: sizes do not fit together, or the reward cannot be relabelled.
     """
 
-    def __init__(self, env: Any, reward: AnyReward, static: Static):
-        self.env, self.static = env, static
-        self.num_envs, self.unroll_length = static.num_envs, static.unroll_length
-        self.episodes = Episodes.of(
-            env, reward, observe_activity=static.observe_activity, window=static.window,
-            smoothing=static.smoothing, noise=static.noise,
-        )  # fmt: skip
+    def __init__(self, env: Environment, reward: AnyReward, static: Static):
+        self.static = static
+        super().__init__(env, reward, static, 1 + static.updates_per_step)
         _check(static, self.episodes)
-        self.observation_size = self.episodes.observation_size
         self.networks = networks.make_sac_networks(
             self.observation_size,
             env.action_size,
@@ -110,58 +111,35 @@ class SAC:
             activation=linen.swish,  # as in PPO, so that policies are exported alike
         )
         self._make_policy = networks.make_inference_fn(self.networks)
-        self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)
-        self.keys_to_collect = self._renewals + static.unroll_length
-        self.keys_to_learn = 1 + static.updates_per_step
-
-    # ---------------------------------------------------------------- what a caller uses
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
         """Fresh weights, an empty replay, and environments at random times of an episode."""
-        keys = jax.random.split(key, 3 + 2 * self.num_envs)
-        key, key_weights, key_time = keys[0], keys[1], keys[2]
-        begun = rollout.init(self.episodes, keys[3:])
+        key, key_weights, envs = self._begin(key)
         return TrainState(
             learned=sac_loss.begin(self.networks, key_weights, hyper),
             normalizer=fresh_normalizer(self.observation_size),
-            replay=replay.init(self._row(begun.lanes), self.static.replay_size),
-            fleet=rollout.scatter(begun, key_time, self.env.episode_length),
+            replay=replay.init(self._row(envs.running), self.static.replay_size),
+            envs=envs,
             key=key,
             updates=jnp.zeros((), jnp.int32),
         )
-
-    def step(
-        self, state: TrainState, hyper: Hyper, reward_params: Any
-    ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
-        """One unroll of every environment, then `updates_per_step` gradient steps."""
-        return training.step(self, state, hyper, reward_params)
 
     def policy(self, state: TrainState) -> Policy:
         """What of the state is needed to act."""
         return Policy(state.normalizer, state.learned.params.policy)
 
-    def act(
-        self, policy: Policy, lane: Lane, key: PRNGKeyArray, *, deterministic: bool = False
-    ) -> Float[Array, "A"]:
-        """The policy's action in [-1, 1] for one lane."""
-        act = self._make_policy(tuple(policy), deterministic=deterministic)
-        return act(self.episodes.observe(lane), key)[0]
-
-    # ---------------------------------------------------------------- the parts of a step
-
     def collect(
         self,
         state: TrainState,
-        keys: Key[Array, "K"],
+        key: PRNGKeyArray,
         hyper: Hyper,
         reward_params: Any,
         *,
         deterministic: Bool[Array, "B"],
-    ) -> tuple[TrainState, rollout.Steps]:
+    ) -> tuple[TrainState, rollout.Rollout]:
         """T control steps of every environment; `deterministic` ones play mean actions.
 
-        The others act at random, uniformly, until the replay holds `min_replay` transitions. `keys`
-        are as many as `keys_to_collect`: first those of new starts, then one a step.
+        The others act at random, uniformly, until the replay holds `min_replay` transitions.
         """
         explore = self._make_policy(tuple(self.policy(state)))
         exploit = self._make_policy(tuple(self.policy(state)), deterministic=True)
@@ -174,24 +152,19 @@ class SAC:
             action = jnp.where(self._ready(state), drawn, uniform)
             return jnp.where(deterministic[:, None], mean, action), ()
 
-        renewed = rollout.renew(self.episodes, state.fleet, keys[: self._renewals])
-        moved, steps = rollout.unroll(
-            self.episodes, reward_params, renewed, act, keys[self._renewals :],
-            tau=hyper.tau, keep=self._keep,
-        )  # fmt: skip
-        return state._replace(fleet=moved), steps
+        return self._unroll(state, key, act, hyper, reward_params, keep=self._keep)
 
     def store(
-        self, state: TrainState, steps: rollout.Steps, *, wanted: Bool[Array, ""] | bool = True
+        self, state: TrainState, steps: rollout.Rollout, *, wanted: Bool[Array, ""] | bool = True
     ) -> TrainState:
         """The state with all of these transitions in its replay, if they are wanted."""
         rows = Row(
             observation=steps.observation,
             action=steps.action,
             next_observation=steps.last,
-            discount=1.0 - steps.moment.terminated,
-            dropped=steps.moment.nonfinite,
-            reward=steps.kept if self.static.relabel else steps.moment.reward,
+            discount=1.0 - steps.result.terminated,
+            dropped=steps.result.nonfinite,
+            reward=steps.kept if self.static.relabel else steps.result.reward,
         )
         rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows)
         return state._replace(replay=replay.insert(state.replay, rows, wanted=wanted))
@@ -199,8 +172,8 @@ class SAC:
     def learn(
         self,
         state: TrainState,
-        steps: rollout.Steps,
-        keys: Key[Array, "K"],
+        steps: rollout.Rollout,
+        key: PRNGKeyArray,
         hyper: Hyper,
         reward_params: Any,
     ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
@@ -209,6 +182,7 @@ class SAC:
         Too early they are computed all the same, and thrown away: seeds side by side could not skip
         them either.
         """
+        keys = self._split(key)[-1]
         normalizer = observed(state.normalizer, steps.observation)
         count, size = self.static.updates_per_step, self.static.batch_size
         rows = replay.sample(state.replay, keys[0], count * size)
@@ -232,17 +206,17 @@ class SAC:
     def _ready(self, state: TrainState) -> Bool[Array, ""]:
         return state.replay.size >= self.static.min_replay
 
-    def _keep(self, lane: Lane) -> Any:
+    def _keep(self, episode: EpisodeState) -> Any:
         if not self.static.relabel:
             return ()
-        return Seen(lane.state.objects, lane.memory.active, lane.state.reward)
+        return Seen(episode.state.objects, episode.memory.active, episode.state.reward)
 
-    def _row(self, lanes: Lane) -> Row:
+    def _row(self, running: EpisodeState) -> Row:
         """The shapes of one row."""
         number = jax.ShapeDtypeStruct((), jnp.float32)
         observation = jax.ShapeDtypeStruct((self.observation_size,), jnp.float32)
         action = jax.ShapeDtypeStruct((self.env.action_size,), jnp.float32)
-        seen = jax.eval_shape(self._keep, jax.tree.map(lambda x: x[0], lanes))
+        seen = jax.eval_shape(self._keep, jax.tree.map(lambda x: x[0], running))
         reward = seen if self.static.relabel else number
         return Row(observation, action, observation, number, number, reward)
 

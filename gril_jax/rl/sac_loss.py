@@ -16,23 +16,29 @@ from brax.training.agents.sac import losses, networks
 from brax.training.types import Transition
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from gril_jax.config.encoder import PoolConfig
+from gril_jax.config.policy import SACConfig
+
 from .policy import fresh_weights
 
 __all__ = ["Hyper", "Learned", "Params", "begin", "gradient_step"]
 
 
+Number = Float[Array, ""] | float
+
+
 class Hyper(NamedTuple):
     """What may vary within one program: a sweep over it is a vmap."""
 
-    learning_rate: Float[Array, ""] | float = 3e-4  # of actor and critics
-    alpha_learning_rate: Float[Array, ""] | float = 3e-4  # of the temperature's logarithm
-    initial_alpha: Float[Array, ""] | float = 1.0  # temperature, in units of scaled reward
-    target_entropy: Float[Array, ""] | float = -0.5  # nats for each number of an action
-    discounting: Float[Array, ""] | float = 0.99
-    soft_update: Float[Array, ""] | float = 0.005  # share of the critics in their target, a step
-    reward_scaling: Float[Array, ""] | float = 1.0
-    max_grad_norm: Float[Array, ""] | float = 10.0  # of actor, critics and temperature each
-    tau: Float[Array, ""] | float = 0.005  # activity threshold, in box diagonals
+    learning_rate: Number = SACConfig.learning_rate  # of actor and critics
+    alpha_learning_rate: Number = SACConfig.alpha_learning_rate  # of the temperature's logarithm
+    initial_alpha: Number = SACConfig.initial_alpha  # temperature, in units of scaled reward
+    target_entropy: Number = SACConfig.target_entropy  # nats for each number of an action
+    discounting: Number = SACConfig.discounting
+    soft_update: Number = SACConfig.soft_update  # share of the critics in their target, a step
+    reward_scaling: Number = SACConfig.reward_scaling
+    max_grad_norm: Number = SACConfig.max_grad_norm  # of actor, critics and temperature each
+    tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
 
 
 class Params(NamedTuple):

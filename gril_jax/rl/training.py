@@ -8,9 +8,6 @@ policy's mean actions and half with samples. It goes through the same unroll as 
 simulator, most of what there is to compile, is in the program once. All of it can be vmapped over
 seeds, hyper-parameters and rewards.
 
-A step's keys are split off all at once: each place that derives or draws something is a loop of its
-own to compile, a tenth to a fifth of a second on a CPU.
-
 Shapes use B for environments, T for the control steps of an unroll and V for variants of the task.
 """
 
@@ -23,38 +20,39 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from .episodes import Episodes, Lane
-from .rollout import Steps
+from .environment import Environment
+from .episodes import Episodes, EpisodeState
+from .rollout import Rollout
 
 __all__ = ["Algorithm", "Scores", "chunk", "rounds", "step"]
 
 
 @runtime_checkable
 class Algorithm(Protocol):
-    """What PPO and SAC offer; the state has `fleet`, `key` and `replay`, which may be `()`.
+    """What PPO and SAC offer; the state has `envs`, `key` and `replay`, which may be `()`.
 
-    The two halves of a step take as many keys as they say here.
+    Both halves of a step take the step's key and split `num_keys` from it (`gril_jax.rl.agent`);
+    the first of them is the key of the next step.
     """
 
     episodes: Episodes
     num_envs: int
     unroll_length: int
-    keys_to_collect: int
-    keys_to_learn: int
+    num_keys: int
 
     def init(self, key: PRNGKeyArray, hyper: Any) -> Any: ...
 
     def collect(
-        self, state: Any, keys: Key[Array, "K"], hyper: Any, reward_params: Any, *,
+        self, state: Any, key: PRNGKeyArray, hyper: Any, reward_params: Any, *,
         deterministic: Bool[Array, "B"],
-    ) -> tuple[Any, Steps]: ...  # the state with its fleet moved on  # fmt: skip
+    ) -> tuple[Any, Rollout]: ...  # the state with its envs moved on  # fmt: skip
 
     def store(
-        self, state: Any, steps: Steps, *, wanted: Bool[Array, ""] | bool = True
+        self, state: Any, steps: Rollout, *, wanted: Bool[Array, ""] | bool = True
     ) -> Any: ...  # the state with these steps in its replay, if wanted
 
     def learn(
-        self, state: Any, steps: Steps, keys: Key[Array, "K"], hyper: Any, reward_params: Any
+        self, state: Any, steps: Rollout, key: PRNGKeyArray, hyper: Any, reward_params: Any
     ) -> tuple[Any, dict[str, Float[Array, ""]]]: ...  # leaves the replay as it is
 
 
@@ -71,21 +69,17 @@ def step(
     algorithm: Algorithm, state: Any, hyper: Any, reward_params: Any
 ) -> tuple[Any, dict[str, Float[Array, ""]]]:
     """One unroll of every environment and what is learned from it: (state, metrics)."""
-    key, to_collect, to_learn, _ = _split(algorithm, state.key)
-    exploring = jnp.zeros((algorithm.num_envs,), bool)
+    key, exploring = state.key, jnp.zeros((algorithm.num_envs,), bool)
     state, steps = algorithm.collect(
-        state._replace(key=key), to_collect, hyper, reward_params, deterministic=exploring
-    )
+        state._replace(key=_next(algorithm, key)), key, hyper, reward_params,
+        deterministic=exploring,
+    )  # fmt: skip
     state = algorithm.store(state, steps)
-    return algorithm.learn(state, steps, to_learn, hyper, reward_params)
+    return algorithm.learn(state, steps, key, hyper, reward_params)
 
 
-def _split(algorithm: Algorithm, key: PRNGKeyArray, more: int = 0) -> tuple[Any, ...]:
-    """The key of the next step, those of the two halves of this one, and `more` for other uses."""
-    learning = 1 + algorithm.keys_to_collect
-    used = learning + algorithm.keys_to_learn
-    keys = jax.random.split(key, used + more)  # whose first do not depend on how many there are
-    return keys[0], keys[1:learning], keys[learning:used], keys[used:]
+def _next(algorithm: Algorithm, key: PRNGKeyArray) -> PRNGKeyArray:
+    return jax.random.split(key, algorithm.num_keys)[0]
 
 
 def rounds(algorithm: Algorithm) -> int:
@@ -100,7 +94,7 @@ def chunk(
     reward_params: Any,
     *,
     updates: int,
-    evaluation: tuple[Any, ...] = (),
+    evaluation: tuple[Environment, ...] = (),
     count: Int[Array, ""] | int | None = None,
     examine: Bool[Array, ""] | bool = True,
 ) -> tuple[Any, dict[str, Float[Array, "updates"]], Scores | None]:
@@ -139,38 +133,40 @@ def chunk(
         return *jax.lax.fori_loop(0, count, update, (state, rows)), None
 
     def move(number, carry):
-        state, exams, rows = carry
-        examining = number >= count
-        # The key of training stays where it is while policies are examined.
-        turn = _choose(examining, exams.key, state.key)
-        key, to_collect, to_learn, _ = _split(algorithm, turn)
-        fleet = state.fleet._replace(lanes=_choose(examining, exams.lanes, state.fleet.lanes))
+        state, playing, rows = carry
+        evaluating = number >= count
+        # The key of training stays where it is while policies are evaluated.
+        turn = _choose(evaluating, playing.key, state.key)
+        key = _next(algorithm, turn)
+        running = _choose(evaluating, playing.episodes, state.envs.running)
+        envs = state.envs._replace(running=running)
         after, steps = algorithm.collect(
-            state._replace(fleet=fleet, key=key), to_collect, hyper, reward_params,
-            deterministic=exams.deterministic & examining,
+            state._replace(envs=envs, key=key), turn, hyper, reward_params,
+            deterministic=playing.deterministic & evaluating,
         )  # fmt: skip
 
         # A branch that handed the replay on would copy all of it.
-        after = algorithm.store(after, steps, wanted=~examining)
+        after = algorithm.store(after, steps, wanted=~evaluating)
 
         def train():
-            learned, metrics = algorithm.learn(after, steps, to_learn, hyper, reward_params)
-            return learned._replace(replay=()), exams, _write(rows, number, metrics)
+            learned, metrics = algorithm.learn(after, steps, turn, hyper, reward_params)
+            return learned._replace(replay=()), playing, _write(rows, number, metrics)
 
-        def mark():
-            marked = _mark(exams._replace(lanes=after.fleet.lanes, key=key), steps)
-            return state._replace(replay=()), marked, rows
+        def score():
+            scored = _scored(playing._replace(episodes=after.envs.running, key=key), steps)
+            return state._replace(replay=()), scored, rows
 
         # The same for all seeds, so that under a vmap, too, only one of the branches runs.
-        state, exams, rows = jax.lax.cond(examining, mark, train)
-        return state._replace(replay=after.replay), exams, rows
+        state, playing, rows = jax.lax.cond(evaluating, score, train)
+        return state._replace(replay=after.replay), playing, rows
 
-    *_, keys = _split(algorithm, state.key, algorithm.num_envs + 1)  # none that the next step has
-    exams = _begin(algorithm, evaluation, keys)
+    # None that the next step has; the first of them do not depend on how many there are.
+    keys = jax.random.split(state.key, algorithm.num_keys + algorithm.num_envs + 1)
+    playing = _begin(algorithm, evaluation, keys[algorithm.num_keys :])
     until = count + rounds(algorithm) * jnp.asarray(examine, jnp.int32)
-    state, exams, rows = jax.lax.fori_loop(0, until, move, (state, exams, rows))
+    state, playing, rows = jax.lax.fori_loop(0, until, move, (state, playing, rows))
     shares = (len(evaluation), 2, -1)
-    return state, rows, jax.tree.map(lambda x: jnp.mean(x.reshape(shares), -1), exams.marks)
+    return state, rows, jax.tree.map(lambda x: jnp.mean(x.reshape(shares), -1), playing.scores)
 
 
 def _write(rows: Any, number: Int[Array, ""], values: Any) -> Any:
@@ -184,44 +180,47 @@ def _traced_once(algorithm: Algorithm) -> Algorithm:
     return same
 
 
-class _Exams(NamedTuple):
+class _Evaluation(NamedTuple):
     """Episodes that are being played for an evaluation, one in each environment."""
 
-    lanes: Lane
+    episodes: EpisodeState
     deterministic: Bool[Array, "B"]  # who plays mean actions
     over: Bool[Array, "B"]
-    marks: Scores  # (B,) each
+    scores: Scores  # (B,) each
     key: PRNGKeyArray
 
 
-def _begin(algorithm: Algorithm, tasks: tuple[Any, ...], keys: Key[Array, "K"]) -> _Exams:
+def _begin(
+    algorithm: Algorithm, tasks: tuple[Environment, ...], keys: Key[Array, "K"]
+) -> _Evaluation:
     """Fresh starts, those of the first task first; of each task, mean actions come first."""
     share = algorithm.num_envs // len(tasks)
-    lanes = [
+    parts = [
         jax.vmap(dataclasses.replace(algorithm.episodes, env=task).begin)(
             keys[i * share : (i + 1) * share]
         )
         for i, task in enumerate(tasks)
     ]
-    lanes = jax.tree.map(lambda *parts: jnp.concatenate(parts), *lanes)
+    episodes = jax.tree.map(lambda *parts: jnp.concatenate(parts), *parts)
     nothing = jnp.zeros((algorithm.num_envs,))
     deterministic = jnp.arange(algorithm.num_envs) % share < share // 2
-    return _Exams(lanes, deterministic, nothing > 0, Scores(*[nothing] * 4), keys[-1])
+    return _Evaluation(episodes, deterministic, nothing > 0, Scores(*[nothing] * 4), keys[-1])
 
 
-def _mark(exams: _Exams, steps: Steps) -> _Exams:
-    """The exams after one more unroll; what follows the end of an episode does not count."""
-    ends = jnp.cumsum(steps.ended, axis=0) + exams.over
-    playing = (ends - steps.ended == 0).astype(jnp.float32)  # (T, B)
-    last = playing * steps.ended
-    success, score = (steps.moment.metrics[name] for name in ("success", "score"))
-    marks = Scores(
-        success=exams.marks.success + jnp.sum(last * success, axis=0),
-        success_ever=jnp.maximum(exams.marks.success_ever, jnp.max(playing * success, axis=0)),
-        score=exams.marks.score + jnp.sum(last * score, axis=0),
-        reward=exams.marks.reward + jnp.sum(playing * steps.moment.reward, axis=0),
+def _scored(playing: _Evaluation, steps: Rollout) -> _Evaluation:
+    """The evaluation after one more unroll; what follows the end of an episode does not count."""
+    ends = jnp.cumsum(steps.ended, axis=0) + playing.over
+    counted = (ends - steps.ended == 0).astype(jnp.float32)  # (T, B)
+    last = counted * steps.ended
+    success, score = (steps.result.metrics[name] for name in ("success", "score"))
+    before = playing.scores
+    scores = Scores(
+        success=before.success + jnp.sum(last * success, axis=0),
+        success_ever=jnp.maximum(before.success_ever, jnp.max(counted * success, axis=0)),
+        score=before.score + jnp.sum(last * score, axis=0),
+        reward=before.reward + jnp.sum(counted * steps.result.reward, axis=0),
     )
-    return exams._replace(over=ends[-1] > 0, marks=marks)
+    return playing._replace(over=ends[-1] > 0, scores=scores)
 
 
 def _choose(first: Bool[Array, ""], one: Any, other: Any) -> Any:

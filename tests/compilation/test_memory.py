@@ -9,7 +9,7 @@ from gril_jax.experiments.pipeline import policy_setup, setup
 from support.probes import Probe
 
 from gril_jax.compilation import memory
-from gril_jax.config import EncoderConfig, RunConfig
+from gril_jax.config import EncoderOptions, RunConfig
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError
 from gril_jax.rl import ppo, rewards, sac, training
@@ -69,7 +69,7 @@ def test_environments_and_unrolls_cost_memory_and_a_replay_costs_its_size_once()
 
 
 def test_pictures_cost_memory_with_their_area_and_the_number_of_environments():
-    params = setup.blank_reward(RunConfig(encoder=EncoderConfig(kind="pixels")), 3)
+    params = setup.blank_reward(RunConfig(encoder=EncoderOptions(kind="pixels")), 3)
 
     def predict(pixels, num_envs, precision="float32"):
         def picture(data):

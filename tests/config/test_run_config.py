@@ -11,7 +11,7 @@ import pytest
 
 from gril_jax.config import (
     DemosConfig,
-    EncoderConfig,
+    EncoderOptions,
     EnvConfig,
     MakeDemosConfig,
     PPOConfig,
@@ -133,7 +133,7 @@ def test_a_block_without_a_place_in_the_original_scene_needs_the_layout_variant(
 )
 def test_pixels_refuse_what_needs_boxes(path, value, right):
     section, name = path.split(".")
-    parts = dict(SECTIONS, encoder=EncoderConfig(kind="pixels"))
+    parts = dict(SECTIONS, encoder=EncoderOptions(kind="pixels"))
     parts["run"] = dataclasses.replace(parts["run"], algorithm="sac")
     assert RunConfig(**parts).encoder.pixels == 64
     parts[section] = dataclasses.replace(parts[section], **{name: value})
@@ -144,21 +144,21 @@ def test_pixels_refuse_what_needs_boxes(path, value, right):
 
 
 def test_pixels_learn_a_reward_of_a_task_without_pictures_for_a_policy():
-    config = RunConfig(env=EnvConfig(name="shoes_in_box"), encoder=EncoderConfig(kind="pixels"))
+    config = RunConfig(env=EnvConfig(name="shoes_in_box"), encoder=EncoderOptions(kind="pixels"))
     assert config.encoder.precision == "float32"
 
 
 def test_what_pixels_do_not_use_they_leave_alone():
     box = schema.PretrainConfig(copies=4, ascents=2)
-    config = RunConfig(encoder=EncoderConfig(kind="pixels", relations=True), pretrain=box)
+    config = RunConfig(encoder=EncoderOptions(kind="pixels", relations=True), pretrain=box)
     assert config.pretrain.copies == 4  # so that a sweep over encoder.kind has one base
 
 
 @pytest.mark.parametrize("kind", ["interaction", "mlp", "pixels"])
 def test_an_ensemble_is_of_the_papers_encoders(kind):
-    assert RunConfig(encoder=EncoderConfig(members=4)).encoder.members == 4
+    assert RunConfig(encoder=EncoderOptions(members=4)).encoder.members == 4
     with pytest.raises(ConfigError) as caught:
-        RunConfig(encoder=EncoderConfig(kind=kind, members=4))
+        RunConfig(encoder=EncoderOptions(kind=kind, members=4))
     sentence = f"encoder.members is 4, but must be 1, because encoder.kind is {kind!r}"
     assert str(caught.value) == sentence
 

@@ -11,7 +11,7 @@ from gril_jax.experiments.pipeline.demonstrations import Demonstrations
 from support.run_folders import moving_scene, save_demos
 from support.scenes import HALF_EXTENT
 
-from gril_jax.config import EncoderConfig, EnvConfig, RunConfig
+from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
 from gril_jax.demos.demo_set import Demo, demo_batch, load_demo_set, save_demo_set
 from gril_jax.demos.frames import frame_batch, shrink
 from gril_jax.demos.vision import render
@@ -78,7 +78,7 @@ def test_the_tasks_own_picture_looks_like_a_videos_frame(tmp_path):
     )
     write_video(tmp_path / "a.mp4", [painted], 8.0)
     frame = shrink(read_video(tmp_path / "a.mp4"), 64, zoom=64 / 66)[0].astype(int)
-    config = RunConfig(encoder=EncoderConfig(kind="pixels"))
+    config = RunConfig(encoder=EncoderOptions(kind="pixels"))
     ours = np.asarray(jax.jit(policy_rewards._picture(config, 64))(data))
     assert (ours.shape, ours.dtype) == ((64, 64, 3), np.uint8)
     difference = np.abs(ours - frame)
@@ -96,7 +96,7 @@ def test_videos_are_cut_as_the_tasks_own_pictures_where_it_has_them(monkeypatch,
 
     monkeypatch.setattr(learners, "frame_batch", frames)
     config = RunConfig(
-        env=EnvConfig(name=task, reward=reward), encoder=EncoderConfig(kind="pixels", pixels=32)
+        env=EnvConfig(name=task, reward=reward), encoder=EncoderOptions(kind="pixels", pixels=32)
     )
     learned = learners.learner(config, Demonstrations(None, {"train": "a", "validation": "b"}, 0))
     wanted = make(task).half_extent * 32 / 34 if task == "match_regions" else None
@@ -106,7 +106,7 @@ def test_videos_are_cut_as_the_tasks_own_pictures_where_it_has_them(monkeypatch,
 
 def test_no_policy_is_paid_for_pictures_of_a_task_that_has_none():
     on_table = EnvConfig(name="shoes_in_box", reward="staged")
-    shoes = RunConfig(env=on_table, encoder=EncoderConfig(kind="pixels"))
+    shoes = RunConfig(env=on_table, encoder=EncoderOptions(kind="pixels"))
     with pytest.raises(ConfigError, match=r"a policy for shoes_in_box, which has no pictures"):
         policy_rewards.function(shoes, make("shoes_in_box"))
     own = dataclasses.replace(shoes, run=dataclasses.replace(shoes.run, reward="environmental"))

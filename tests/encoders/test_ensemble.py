@@ -16,7 +16,7 @@ from gril_jax.encoders.encoder import EncoderConfig, MLPConfig
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs.scene import safe_norm, scene_graph
 from gril_jax.pretraining import pretrain
-from gril_jax.pretraining.pretrain import Hyper, PretrainConfig
+from gril_jax.pretraining.pretrain import Hyper, Static
 from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward.latent_goal import RewardParams
 
@@ -173,7 +173,7 @@ def test_a_chain_of_equal_members_is_that_of_one_and_waits_for_the_last_member()
 
 
 def test_what_training_measures_embeds_all_members(params):
-    config = PretrainConfig(encoder=ALL, num_videos=2)
+    config = Static(encoder=ALL, num_videos=2)
     one = dataclasses.replace(config, encoder=ONE)
     demos = jax.tree.map(jnp.asarray, kinematic_demos(0, 2, num_objects=4, max_length=6))
     found = pretrain.embed(params, demos, Hyper(alpha=2.0), config)

@@ -14,7 +14,7 @@ from gril_jax.experiments.pipeline import setup
 from support.run_folders import save_run
 
 from gril_jax.cli import main
-from gril_jax.config import EncoderConfig, EnvConfig, RunConfig
+from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError, RunError, ShapeError
 from gril_jax.interop.reward_file import load_reward, save_reward
@@ -72,7 +72,7 @@ def test_help_lists_the_options(capsys):
 
 
 def test_a_reward_of_pictures_is_refused(tmp_path):
-    pictures = RunConfig(encoder=EncoderConfig(kind="pixels"))
+    pictures = RunConfig(encoder=EncoderOptions(kind="pixels"))
     with pytest.raises(ConfigError, match=r"'pixels', but must be 'paper', .* for an audit"):
         audit.main(save_run(tmp_path / "run", config=pictures))
     with pytest.raises(ConfigError, match="takes pictures, but an audit moves boxes"):

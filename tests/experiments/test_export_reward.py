@@ -11,13 +11,13 @@ from support.run_folders import save_run
 from support.saved_rewards import made
 
 from gril_jax import envs
-from gril_jax.config import EncoderConfig, EnvConfig, RunConfig
+from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
 from gril_jax.errors import RunError
 from gril_jax.interop.reward_file import RewardFileError, load_reward
 from gril_jax.runs.checkpoints import checkpoint
 
 ENV = EnvConfig(targets=("green star",), distractors=("blue pentagon",), variant="layout")
-CONFIG = dataclasses.replace(RunConfig(), env=ENV, encoder=EncoderConfig(width=8, latent=4))
+CONFIG = dataclasses.replace(RunConfig(), env=ENV, encoder=EncoderOptions(width=8, latent=4))
 
 
 @pytest.fixture(scope="module")

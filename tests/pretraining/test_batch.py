@@ -10,9 +10,9 @@ from support.kinematic_demos import kinematic_demos
 
 from gril_jax.encoders.encoder import EncoderConfig
 from gril_jax.pretraining import batch
-from gril_jax.pretraining.pretrain import PretrainConfig
+from gril_jax.pretraining.pretrain import Static
 
-SMALL = PretrainConfig(encoder=EncoderConfig(num_classes=7), num_videos=3, num_frames=6)
+SMALL = Static(encoder=EncoderConfig(num_classes=7), num_videos=3, num_frames=6)
 
 
 @pytest.fixture(scope="module")

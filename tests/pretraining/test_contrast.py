@@ -13,7 +13,7 @@ from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import EncoderConfig
 from gril_jax.pretraining import contrast
 from gril_jax.pretraining.final_places import final_places, misplacement
-from gril_jax.pretraining.options import Hyper, PretrainConfig
+from gril_jax.pretraining.options import Hyper, Static
 from gril_jax.types import DemoBatch
 
 # Region, robot, a block that the video moves, one that it does not, and padding.
@@ -21,7 +21,7 @@ FIRST = np.array([[0.5, 0.5], [-0.9, 0.0], [-0.5, 0.0], [0.0, -0.6], [0.0, 0.0]]
 LAST = np.array([[0.5, 0.5], [0.3, 0.4], [0.5, 0.6], [0.0, -0.6], [0.0, 0.0]], np.float32)
 EXTENT = 1.1
 FRAMES = 6
-CONFIG = PretrainConfig(EncoderConfig(4, width=8, rounds=1, latent=4), copies=3, anchors=4)
+CONFIG = Static(EncoderConfig(4, width=8, rounds=1, latent=4), copies=3, anchors=4)
 
 
 def _demos(num=3):

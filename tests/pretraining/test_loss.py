@@ -12,9 +12,9 @@ from gril_jax import losses as library
 from gril_jax.encoders.encoder import EncoderConfig, InteractionConfig, MLPConfig
 from gril_jax.errors import ConfigError
 from gril_jax.pretraining import loss, pretrain
-from gril_jax.pretraining.pretrain import Hyper, PretrainConfig
+from gril_jax.pretraining.pretrain import Hyper, Static
 
-SMALL = PretrainConfig(
+SMALL = Static(
     encoder=EncoderConfig(num_classes=7, width=8, rounds=1, latent=4), num_videos=3, num_frames=6
 )
 
@@ -111,7 +111,7 @@ def test_every_graph_encoder_can_be_trained(demos, kind):
 
 def test_an_encoder_without_nodes_has_none_to_decode():
     with pytest.raises(ConfigError, match="MLPConfig encoder has no nodes to decode"):
-        PretrainConfig(encoder=MLPConfig(num_classes=7))
+        Static(encoder=MLPConfig(num_classes=7))
 
 
 def test_every_switch_changes_the_loss_and_nothing_is_nan(demos):

@@ -15,13 +15,13 @@ from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.pretraining import batch, pixel_pretrain
 from gril_jax.pretraining.options import Hyper
-from gril_jax.pretraining.pixel_pretrain import PixelPretrainConfig
+from gril_jax.pretraining.pixel_pretrain import PixelStatic
 from gril_jax.reward import pixels as pixel_reward
 from gril_jax.rl import rewards
 
 SIDE, FRAMES = 16, 12
 ENCODER = PixelConfig(3, pixels=SIDE)  # of this size here alone: its programs are not ResNet-18's
-CONFIG = PixelPretrainConfig(ENCODER, updates=40, num_videos=3, num_frames=8)
+CONFIG = PixelStatic(ENCODER, updates=40, num_videos=3, num_frames=8)
 HYPER = Hyper(learning_rate=1e-3, temperature=0.1, warmup=0.0)
 
 
@@ -112,7 +112,7 @@ def test_frames_are_drawn_as_for_boxes():
     assert (frames.shape, valid.shape, chosen.shape) == ((3, 8), (3, 8), (3,))
     assert (np.diff(frames, axis=1) > 0).all()
     assert (np.asarray(frames) < np.asarray(videos.length)[chosen, None]).all()
-    sizes = pixel_pretrain.PretrainConfig(
+    sizes = pixel_pretrain.Static(
         pixel_pretrain.MLPConfig(1), decoder="graph", num_videos=3, num_frames=8
     )
     same = batch.draw(jax.random.key(0), videos.length, FRAMES, sizes)

@@ -16,9 +16,9 @@ from gril_jax.errors import ConfigError
 from gril_jax.graphs import activity
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.pretraining import pretrain
-from gril_jax.pretraining.pretrain import Hyper, PretrainConfig
+from gril_jax.pretraining.pretrain import Hyper, Static
 
-SMALL = PretrainConfig(
+SMALL = Static(
     encoder=EncoderConfig(num_classes=7, width=8, rounds=1, latent=4),
     updates=3,
     num_videos=3,
@@ -46,7 +46,7 @@ def test_held_out_demonstrations_are_ordered_after_a_short_training():
         jax.tree.map(jnp.asarray, kinematic_demos(seed, n, num_objects=4))
         for seed, n in ((0, 60), (1, 10))
     )
-    config = PretrainConfig(encoder=EncoderConfig(num_classes=4), updates=300, num_frames=24)
+    config = Static(encoder=EncoderConfig(num_classes=4), updates=300, num_frames=24)
     state = pretrain.init(jax.random.key(0), train, config)
     before = pretrain.evaluate(state.params.encoder, held_out, train, Hyper(), config)
     state, metrics = pretrain.step(state, train, Hyper(), config)

@@ -239,7 +239,7 @@ def test_hyper_parameters_are_an_argument(init, step):
 
 
 def test_lanes_begin_at_scattered_times(init):
-    time = np.asarray(init(jax.random.key(0), HYPER).fleet.lanes.time)
+    time = np.asarray(init(jax.random.key(0), HYPER).envs.running.time)
     assert time.min() >= 0
     assert time.max() < 8
     assert len(set(time)) > 4
@@ -251,13 +251,13 @@ def test_every_lane_ends_once_in_an_unroll_as_long_as_an_episode(init, step):
     after, metrics = step(before, HYPER, jnp.asarray(DONE))
     assert float(metrics["episodes"]) == STATIC.num_envs
     np.testing.assert_array_equal(
-        after.fleet.lanes.time, before.fleet.lanes.time
+        after.envs.running.time, before.envs.running.time
     )  # 8 more, modulo 8
-    begun = np.asarray(after.fleet.lanes.time) == 0
+    begun = np.asarray(after.envs.running.time) == 0
     assert begun.any()
-    assert not np.asarray(after.fleet.lanes.memory.active)[begun].any()
-    assert np.asarray(after.fleet.lanes.memory.active)[~begun, 2].any()
-    assert not np.asarray(after.fleet.lanes.state.data.where)[begun].any()
+    assert not np.asarray(after.envs.running.memory.active)[begun].any()
+    assert np.asarray(after.envs.running.memory.active)[~begun, 2].any()
+    assert not np.asarray(after.envs.running.state.data.where)[begun].any()
 
 
 def test_metrics_hold_losses_episodes_and_the_tasks_own(init, step):
@@ -270,7 +270,7 @@ def test_metrics_hold_losses_episodes_and_the_tasks_own(init, step):
 
 def _mean_length(init):
     """First episodes begin at scattered times, so they are 8 minus that long."""
-    return float(np.mean(8 - np.asarray(init(jax.random.key(0), HYPER).fleet.lanes.time)))
+    return float(np.mean(8 - np.asarray(init(jax.random.key(0), HYPER).envs.running.time)))
 
 
 def test_policy_sees_activity_bits_unless_told_not_to(ppo, seeing):
@@ -281,7 +281,7 @@ def test_policy_sees_activity_bits_unless_told_not_to(ppo, seeing):
 def test_actions_are_in_the_box_and_random_only_if_asked(seeing, init):
     state = init(jax.random.key(0), HYPER)
     policy = seeing.policy(state)
-    lane = jax.tree.map(lambda x: x[0], state.fleet.lanes)
+    lane = jax.tree.map(lambda x: x[0], state.envs.running)
 
     def act(key, deterministic):
         return seeing.act(policy, lane, key, deterministic=deterministic)

@@ -58,14 +58,14 @@ def test_an_unroll_equals_environments_stepped_by_hand(begun, unrolled):
     """The start for lane i is that at i + drawn; what is kept is from before the reset."""
     after, steps = unrolled
     advance = jax.jit(lambda lane, action: EPISODES.advance(None, lane, action, tau=0.005))
-    lanes, starts = ([_at(tree, i) for i in range(NUM)] for tree in (begun.lanes, begun.starts))
+    lanes, starts = ([_at(tree, i) for i in range(NUM)] for tree in (begun.running, begun.starts))
     for t, key in enumerate(jax.random.split(jax.random.key(1), LENGTH)):
         observation = jnp.stack([EPISODES.observe(lane) for lane in lanes])
         action, extras = _act(observation, key)
         for i in range(NUM):
             lane, moment = advance(lanes[i], action[i])
             over = bool(moment.terminated + moment.truncated > 0)
-            mine = rollout.Steps(
+            mine = rollout.Rollout(
                 observation[i], action[i], _at(extras, i), moment, EPISODES.observe(lane),
                 jnp.asarray(over), lane.time,
             )  # fmt: skip
@@ -73,7 +73,7 @@ def test_an_unroll_equals_environments_stepped_by_hand(begun, unrolled):
             lanes[i] = starts[(i + 3) % NUM] if over else lane
     assert steps.ended.sum() > NUM
     for i in range(NUM):
-        chex.assert_trees_all_close(_plain(_at(after.lanes, i)), _plain(lanes[i]), atol=1e-6)
+        chex.assert_trees_all_close(_plain(_at(after.running, i)), _plain(lanes[i]), atol=1e-6)
     chex.assert_trees_all_equal(_plain(after.starts), _plain(begun.starts))
 
 
@@ -90,15 +90,15 @@ def test_the_pool_is_renewed_in_turn_and_only_with_resets_of_the_task(begun):
         new, old = jnp.array(new), jnp.array(old)
         chex.assert_trees_all_equal(_plain(_at(now.starts, new)), _plain(fresh))
         chex.assert_trees_all_equal(_plain(_at(now.starts, old)), _plain(_at(before.starts, old)))
-        chex.assert_trees_all_equal(_plain(now.lanes), _plain(before.lanes))
+        chex.assert_trees_all_equal(_plain(now.running), _plain(before.running))
 
 
 def test_blocks_of_the_pool_are_fleets_of_their_own(begun, monkeypatch):
     """Two blocks of two: renewing and unrolling gives what each half gives by itself."""
 
-    def run(fleet_, key):
+    def run(envs, key):
         key, key_unroll = jax.random.split(key)
-        renewed = rollout.renew(EPISODES, fleet_, jax.random.split(key, NUM))
+        renewed = rollout.renew(EPISODES, envs, jax.random.split(key, NUM))
         keys = jax.random.split(key_unroll, LENGTH)
         return renewed, rollout.unroll(EPISODES, None, renewed, _same, keys, tau=0.005)
 
@@ -110,13 +110,13 @@ def test_blocks_of_the_pool_are_fleets_of_their_own(begun, monkeypatch):
     monkeypatch.undo()
     assert steps.ended.sum() > NUM
     for i in range(2):
-        alone = renewed._replace(lanes=part(renewed.lanes, i), starts=part(renewed.starts, i))
+        alone = renewed._replace(running=part(renewed.running, i), starts=part(renewed.starts, i))
         _, key_unroll = jax.random.split(jax.random.key(5))
         keys = jax.random.split(key_unroll, LENGTH)
         half, half_steps = rollout.unroll(EPISODES, None, alone, _same, keys, tau=0.005)
-        chex.assert_trees_all_close(_plain(half.lanes), _plain(part(after.lanes, i)), atol=1e-6)
-        rewards_ = steps.moment.reward[:, 2 * i : 2 * i + 2]
-        chex.assert_trees_all_close(half_steps.moment.reward, rewards_, atol=1e-6)
+        chex.assert_trees_all_close(_plain(half.running), _plain(part(after.running, i)), atol=1e-6)
+        rewards_ = steps.result.reward[:, 2 * i : 2 * i + 2]
+        chex.assert_trees_all_close(half_steps.result.reward, rewards_, atol=1e-6)
 
 
 @pytest.mark.parametrize("size", [2, 4])
@@ -145,17 +145,17 @@ def test_renewals_divide_the_environments_and_cover_what_time_limits_use_up(
 
 def test_a_fleet_has_different_starts_and_no_time_beyond_an_episode(begun):
     keys = jax.random.key_data(
-        jnp.concatenate([begun.lanes.state.data.key, begun.starts.state.data.key])
+        jnp.concatenate([begun.running.state.data.key, begun.starts.state.data.key])
     )
     assert len(np.unique(keys, axis=0)) == 2 * NUM
-    assert set(np.asarray(begun.lanes.time)) <= {0, 1, 2}
+    assert set(np.asarray(begun.running.time)) <= {0, 1, 2}
     assert not np.asarray(begun.starts.time).any()
 
 
 def test_a_summary_counts_only_episodes_that_ended_from_the_tasks_own_start():
     ended = jnp.array([[True, True, False], [False, True, False]])
     number = jnp.zeros((2, 3))
-    moment = episodes.Moment(
+    moment = episodes.StepResult(
         reward=jnp.arange(6.0).reshape(2, 3), terminated=number, truncated=number,
         nonfinite=number.at[0, 0].set(1.0),
         metrics={
@@ -163,7 +163,7 @@ def test_a_summary_counts_only_episodes_that_ended_from_the_tasks_own_start():
             "varied": number.at[0, 1].set(1.0),
         },
     )  # fmt: skip
-    steps = rollout.Steps(
+    steps = rollout.Rollout(
         number[..., None], number[..., None], (), moment, number[..., None], ended, ()
     )
     found = rollout.summary(steps)
@@ -173,8 +173,8 @@ def test_a_summary_counts_only_episodes_that_ended_from_the_tasks_own_start():
 
 def test_a_summary_without_an_ended_episode_is_zero_not_nan():
     number = jnp.zeros((1, 2))
-    moment = episodes.Moment(number, number, number, number, {"score": number + 7})
-    steps = rollout.Steps(
+    moment = episodes.StepResult(number, number, number, number, {"score": number + 7})
+    steps = rollout.Rollout(
         number[..., None], number[..., None], (), moment, number[..., None], number > 0, ()
     )
     assert float(rollout.summary(steps)["score"]) == 0

@@ -180,8 +180,7 @@ def gathered(relabelling):
     def gather(key):
         def move(state, key):
             quiet = jnp.arange(16) < 4
-            keys = jax.random.split(key, relabelling.keys_to_collect)
-            state, steps = relabelling.collect(state, keys, HYPER, 2.0, deterministic=quiet)
+            state, steps = relabelling.collect(state, key, HYPER, 2.0, deterministic=quiet)
             return relabelling.store(state, steps), steps
 
         start = relabelling.init(key, HYPER)
@@ -200,9 +199,9 @@ def test_replay_holds_every_transition_in_order_with_what_came_before_a_reset(ga
     np.testing.assert_array_equal(rows.action, steps.action)
     np.testing.assert_array_equal(rows.next_observation, steps.last)
     # A time limit does not end the task; a step that was taken back is to be left out.
-    assert steps.moment.truncated.any()
+    assert steps.result.truncated.any()
     assert np.all(np.asarray(rows.discount) == 1)
-    np.testing.assert_array_equal(rows.dropped, steps.moment.nonfinite)
+    np.testing.assert_array_equal(rows.dropped, steps.result.nonfinite)
     assert np.asarray(rows.dropped).any()
 
 
@@ -212,7 +211,7 @@ def test_a_batch_is_labelled_with_the_present_reward(relabelling, gathered):
     rows = jax.tree.map(lambda x: x[: 2 * 4 * 16], state.replay.rows)
     kept = np.asarray(rows.dropped) == 0
     then = relabelling._transitions(rows, 2.0).reward
-    np.testing.assert_allclose(then[kept], steps.moment.reward.reshape(-1)[kept], rtol=1e-6)
+    np.testing.assert_allclose(then[kept], steps.result.reward.reshape(-1)[kept], rtol=1e-6)
     now = relabelling._transitions(rows, -1.0).reward
     moved = rows.reward.objects.center[:, 2, 0]
     np.testing.assert_allclose(then - now, 3 * moved, atol=1e-5)

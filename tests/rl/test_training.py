@@ -101,7 +101,7 @@ def test_an_evaluation_takes_no_key_no_start_and_no_replay_from_training(algorit
         key = jax.random.split(key, 3)[0]
     state = result[0]
     np.testing.assert_array_equal(jax.random.key_data(state.key), jax.random.key_data(key))
-    assert int(state.updates) == int(state.fleet.drawn) == UPDATES
+    assert int(state.updates) == int(state.envs.drawn) == UPDATES
     if state.replay:
         assert int(state.replay.size) == UPDATES * NUM * algorithm.unroll_length
 
@@ -198,14 +198,12 @@ def test_the_configuration_chooses_the_algorithm(name, kind):
 def test_no_key_of_a_step_is_used_twice_nor_in_the_evaluation_before_it(name):
     """And an evaluation's keys take none away from the step."""
     algorithm, key = _make(name), jax.random.key(3)
-    alone = jax.random.key_data(jnp.concatenate(_flat(training._split(algorithm, key))))
-    *step, exams = training._split(algorithm, key, NUM + 1)
-    together = jax.random.key_data(jnp.concatenate(_flat(step)))
-    np.testing.assert_array_equal(alone, together)
-    every = np.concatenate([together, jax.random.key_data(exams)])
+    step = jax.random.split(key, algorithm.num_keys)
+    every = jax.random.key_data(jax.random.split(key, algorithm.num_keys + NUM + 1))
+    np.testing.assert_array_equal(jax.random.key_data(step), every[: algorithm.num_keys])
     assert len(np.unique(every, axis=0)) == len(every)
-    assert len(every) == 1 + algorithm.keys_to_collect + algorithm.keys_to_learn + NUM + 1
-
-
-def _flat(keys):
-    return [jnp.atleast_1d(x) for x in keys]
+    halves = jax.random.key_data(jnp.concatenate(algorithm._split(key)))
+    np.testing.assert_array_equal(halves, jax.random.key_data(step[1:]))
+    np.testing.assert_array_equal(
+        jax.random.key_data(training._next(algorithm, key)), jax.random.key_data(step[0])
+    )

@@ -81,7 +81,7 @@ def pretrained(devices, rows):
     """
     layout = sharding.mesh(devices, seeds=rows, num_envs=len(devices))
     demos = jax.tree.map(jnp.asarray, kinematic_demos(0, 4, num_objects=4))
-    config = pretrain.PretrainConfig(
+    config = pretrain.Static(
         encoder=EncoderConfig(num_classes=4, width=8, rounds=1, latent=4),
         updates=3, num_videos=2, num_frames=4,
     )  # fmt: skip

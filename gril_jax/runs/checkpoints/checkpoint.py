@@ -38,6 +38,8 @@ __all__ = [
 ]  # fmt: skip
 
 _FORMAT = 1
+# How leaves of a training state began in older versions, and begin now; the longer ones first.
+_RENAMED = {"fleet.lanes.": "envs.running.", "fleet.": "envs."}
 
 
 class DamagedError(RunError):
@@ -197,7 +199,16 @@ def _entry(index: int, leaf: Leaf) -> dict[str, Any]:
     }
 
 
+def _present_name(name: str) -> str:
+    """The name that a leaf of an older version has today."""
+    for old, new in _RENAMED.items():
+        if name.startswith(old):
+            return new + name.removeprefix(old)
+    return name
+
+
 def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> None:
+    entries = [entry | {"path": _present_name(entry["path"])} for entry in entries]
     wanted = [(leaf_name(p), leaf) for p, leaf in jax.tree_util.tree_leaves_with_path(like)]
     names, stored = {name for name, _ in wanted}, {entry["path"] for entry in entries}
     for name, _ in wanted:

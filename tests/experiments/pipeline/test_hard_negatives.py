@@ -17,7 +17,7 @@ from support.probes import Probe
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.cli import arguments
 from gril_jax.cli import main as cli
-from gril_jax.config import EncoderConfig, EnvConfig, PPOConfig, RunConfig, RunSettings
+from gril_jax.config import EncoderOptions, EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl.policy import Policy
@@ -26,7 +26,7 @@ from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
 
 CONFIG = RunConfig(
-    encoder=EncoderConfig(width=4, rounds=0, latent=2),
+    encoder=EncoderOptions(width=4, rounds=0, latent=2),
     ppo=PPOConfig(num_envs=4, hidden=(4,)),
     run=RunSettings(eval_episodes=3),
 )
@@ -36,7 +36,7 @@ PROBE = jnp.array([[0.5, 0.5], [-0.5, 0.0], [0.0, 0.0]])  # where its episodes b
 
 
 def test_a_reward_of_pictures_learns_from_no_policy(tmp_path):
-    pictures = dataclasses.replace(CONFIG, encoder=EncoderConfig(kind="pixels"))
+    pictures = dataclasses.replace(CONFIG, encoder=EncoderOptions(kind="pixels"))
     hard_negatives.require_boxes(pictures, [])
     for new, old in ((pictures, CONFIG), (CONFIG, pictures)):
         earlier = _trained_as(old)

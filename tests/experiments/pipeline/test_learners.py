@@ -11,12 +11,12 @@ from gril_jax.experiments.pipeline import demonstrations, learners, setup
 from support.kinematic_demos import kinematic_demos
 
 from gril_jax import reward
-from gril_jax.config import EncoderConfig, LossConfig, PretrainConfig, RunConfig
+from gril_jax.config import EncoderOptions, LossConfig, PretrainConfig, RunConfig
 from gril_jax.encoders.ensemble import split
 
 SEEDS, MEMBERS = 2, 2
 CONFIG = RunConfig(  # of few parts, since it is the compiling that takes time
-    encoder=EncoderConfig(width=4, rounds=0, latent=2, members=MEMBERS),
+    encoder=EncoderOptions(width=4, rounds=0, latent=2, members=MEMBERS),
     loss=LossConfig(decoder="graph"),
     pretrain=PretrainConfig(steps=1, num_videos=2, num_frames=4, turn_scenes=False, touched=0.0),
 )
@@ -91,6 +91,6 @@ def test_the_reward_has_the_shapes_of_a_blank_one_and_is_zero_at_best(trained):
 
 @pytest.mark.parametrize(("distances", "own"), [(True, "class"), (False, "robot")])
 def test_graphirls_network_knows_classes_and_distances_unless_told_not_to(distances, own):
-    config = RunConfig(encoder=EncoderConfig(kind="interaction", distances=distances))
+    config = RunConfig(encoder=EncoderOptions(kind="interaction", distances=distances))
     found = setup.encoder_config(config, 7)
     assert (found.distances, found.self_blocks, found.num_classes) == (distances, own, 7)

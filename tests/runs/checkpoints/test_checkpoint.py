@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections import namedtuple
 from typing import NamedTuple
 
 import jax
@@ -285,6 +286,16 @@ def _changed(**params):
 def test_a_state_of_another_structure_is_refused_by_leaf(saved, like, fault):
     with pytest.raises(RunError, match=fault):
         restore(saved, like)
+
+
+def test_leaves_under_the_names_of_an_older_version_are_found(tmp_path):
+    old = {"fleet": {"lanes": {"time": jnp.arange(3)}, "drawn": jnp.int32(2)}, "key": jnp.ones(2)}
+    new = {"envs": {"running": old["fleet"]["lanes"], "drawn": old["fleet"]["drawn"]}}
+    # Both in the order of a state's fields, which is that of its leaves.
+    Old, New = namedtuple("Old", ["fleet", "key"]), namedtuple("New", ["envs", "key"])
+    path = save(tmp_path, 1, Old(**old))
+    found = restore(path, New(**new, key=jnp.zeros(2)))
+    _same(found, New(**new, key=old["key"]))
 
 
 def test_keys_of_another_generator_are_refused(tmp_path):

@@ -1,0 +1,96 @@
+"""What PPO and SAC share: environments, the policy's network, and acting in the one with the other.
+
+A step has one key. `collect` and `learn` both take it, and split the same `num_keys` from it: the
+first is the next step's, then come those of new starts, one for each control step, and the
+learner's. All are split off at once, because each place that derives keys is a loop to compile.
+"""
+
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+from jaxtyping import Array, Float, Key, PRNGKeyArray
+
+from . import rollout, training
+from .environment import Environment
+from .episodes import Episodes, EpisodeState
+from .policy import Policy
+from .rewards import AnyReward
+
+__all__ = ["Agent", "Sizes"]
+
+
+@runtime_checkable
+class Sizes(Protocol):
+    """What an algorithm's static options hold in any case."""
+
+    num_envs: int
+    unroll_length: int
+    hidden: tuple[int, ...]
+    observe_activity: bool
+    window: int
+    smoothing: int
+    noise: float | None
+
+
+class Agent:
+    """One environment and one reward, with networks to act in it.
+
+    Args:
+      env: the task.
+      reward: what to maximise; its parameters are an argument of `step`.
+      static: sizes.
+      to_learn: keys that the learner takes in a step.
+    """
+
+    networks: Any  # brax's
+    _make_policy: Callable[..., Any]
+
+    def __init__(self, env: Environment, reward: AnyReward, static: Sizes, to_learn: int):
+        self.env = env
+        self.num_envs, self.unroll_length = static.num_envs, static.unroll_length
+        self.episodes = Episodes.of(
+            env, reward, observe_activity=static.observe_activity, window=static.window,
+            smoothing=static.smoothing, noise=static.noise,
+        )  # fmt: skip
+        self.observation_size = self.episodes.observation_size
+        self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)
+        self.num_keys = 1 + self._renewals + static.unroll_length + to_learn
+
+    def step(
+        self, state: Any, hyper: Any, reward_params: Any
+    ) -> tuple[Any, dict[str, Float[Array, ""]]]:
+        """One unroll of every environment, and what is learned from it."""
+        return training.step(self, state, hyper, reward_params)
+
+    def act(
+        self, policy: Policy, episode: EpisodeState, key: PRNGKeyArray, *,
+        deterministic: bool = False,
+    ) -> Float[Array, "A"]:  # fmt: skip
+        """The policy's action in [-1, 1] in one episode."""
+        act = self._make_policy(tuple(policy), deterministic=deterministic)
+        return act(self.episodes.observe(episode), key)[0]
+
+    def _begin(self, key: PRNGKeyArray) -> tuple[PRNGKeyArray, PRNGKeyArray, rollout.VectorState]:
+        """The key of the first step, one for weights, and environments at random times."""
+        keys = jax.random.split(key, 3 + 2 * self.num_envs)
+        begun = rollout.init(self.episodes, keys[3:])
+        return keys[0], keys[1], rollout.scatter(begun, keys[2], self.env.episode_length)
+
+    def _unroll(
+        self, state: Any, key: PRNGKeyArray, act: rollout.Act, hyper: Any, reward_params: Any,
+        **keep: Callable[[EpisodeState], Any],
+    ) -> tuple[Any, rollout.Rollout]:  # fmt: skip
+        """The state after T control steps of every environment, and what they brought."""
+        new_starts, each_step, _ = self._split(key)
+        renewed = rollout.renew(self.episodes, state.envs, new_starts)
+        moved, steps = rollout.unroll(
+            self.episodes, reward_params, renewed, act, each_step, tau=hyper.tau, **keep
+        )
+        return state._replace(envs=moved), steps
+
+    def _split(self, key: PRNGKeyArray) -> tuple[Key[Array, "R"], Key[Array, "T"], Key[Array, "L"]]:
+        """Of a step's key those of new starts, of the control steps, and of the learner."""
+        keys, acting = jax.random.split(key, self.num_keys), 1 + self._renewals
+        learning = acting + self.unroll_length
+        return keys[1:acting], keys[acting:learning], keys[learning:]

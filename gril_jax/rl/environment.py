@@ -1,0 +1,20 @@
+"""What the algorithms ask of a task."""
+
+from typing import Any, Protocol, runtime_checkable
+
+from jaxtyping import Array, Float, PRNGKeyArray
+
+__all__ = ["Environment"]
+
+
+@runtime_checkable
+class Environment(Protocol):
+    """A task as pure functions of its state, which has at least `obs`, `objects`, `moved`,
+    `reward`, `done` and `metrics` (see `gril_jax.envs.base.State`)."""
+
+    action_size: int
+    episode_length: int  # control steps
+
+    def reset(self, key: PRNGKeyArray) -> Any: ...
+
+    def step(self, state: Any, action: Float[Array, "A"]) -> Any: ...
