@@ -44,9 +44,9 @@ def experiment(
       options: of its `main`.
     """
 
-    def work() -> int | None:
+    def work() -> None:
         with heavy_imports(config, devices=devices):
             module = importlib.import_module(f"gril_jax.experiments.{name}")
-        return module.main(*args, **options, echo=echo)
+        module.main(*args, **options, echo=echo)
 
     return work

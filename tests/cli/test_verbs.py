@@ -138,6 +138,11 @@ def test_quickstart_trains_its_own_configuration(experiment, demo_set):
     assert calls == [((load("quickstart", overrides),), {"echo": arguments.echo})]
 
 
+def test_the_results_of_an_experiment_are_no_exit_code(experiment):
+    experiment("train", main=lambda *_, **__: {"success": 0.9})
+    assert main.main(["train"]) == 0
+
+
 def test_train_takes_a_configuration_by_name(experiment, tmp_path):
     calls = experiment("train")
     out = str(tmp_path / "new")
