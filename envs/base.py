@@ -36,7 +36,7 @@ class Objects(NamedTuple):
 
 
 class State(NamedTuple):
-    """One moment of an episode. `step` returns the same structure that `reset` made."""
+    """State of an episode after one step. `step` returns the same structure that `reset` made."""
 
     data: Any  # the simulator's state: a pytree that only the task reads
     obs: Float[Array, "O"]

@@ -37,14 +37,14 @@ _CANDIDATES = 64
 
 @dataclasses.dataclass(frozen=True)
 class Stage:
-    """One thing to be done; or, among the faults, one that must not be."""
+    """A stage to be done, or, among the faults, one that must not hold."""
 
     name: str
-    """In words: "green star in the region"."""
+    """Description, such as "green star in the region"."""
     moves: tuple[int, ...]
     """Indices of the objects whose motion brings it about."""
     holds: Holds
-    """(centre, size) -> whether it is done."""
+    """(centre, size) -> True if it is done."""
     place: Place
     """(key, centre, size) -> centres at which it holds clearly, only `moves` changed."""
     required_before: tuple[str, ...] = ()
@@ -76,8 +76,8 @@ class Stages:
     robots: tuple[int, ...] = ()
     """Objects that belong to the robot."""
     sizes: Sizes = _unchanged
-    """(centre, size at the start) -> sizes of the boxes there, differentiable; a lid's box, for
-    one, is another when it is open."""
+    """(centre, size at the start) -> sizes of the boxes there, differentiable; a lid, for example,
+    has another box when it is open."""
 
     def __post_init__(self):
         if not self.stages:
@@ -135,7 +135,7 @@ class Stages:
         center: Float[Array, "N 2"],
         size: Float[Array, "N 2"],
     ) -> Float[Array, "N 2"]:
-        """The objects of a stage anywhere on the plane where it does not hold."""
+        """Moves the objects of a stage anywhere on the plane where it does not hold."""
         for index, key_index in zip(
             stage.moves, jax.random.split(key, len(stage.moves)), strict=True
         ):
@@ -152,7 +152,7 @@ class Stages:
         *,
         allowed: Allowed | None = None,
     ) -> Float[Array, "N 2"]:
-        """One object anywhere on the plane, clear of the movable ones if possible."""
+        """Moves one object anywhere on the plane, clear of the movable ones if possible."""
         limit = self.limit(size)[index]
         return free_place(
             key, index, center, size, low=-limit, high=limit, others=self.movable, allowed=allowed
@@ -174,7 +174,7 @@ def free_place(
     others: tuple[int, ...],
     allowed: Allowed | None = None,
 ) -> Float[Array, "N 2"]:
-    """Centres with one object moved to a place drawn uniformly from a box.
+    """Centres with one object moved to a place sampled uniformly from a box.
 
     Of 64 places the first is taken that is `allowed` and where the object, as a disc of its mean
     width, touches no other; if there is none, the allowed one that overlaps least.

@@ -186,7 +186,7 @@ def _check_states(states: States, subject: _Subject) -> None:
 
 
 def _check_finite(states: States, found: Audit, names) -> None:
-    """Names the first state whose reward is not finite."""
+    """Raises RunError for the first state whose reward is not finite."""
     made = states.battery.scenes, states.alone, states.pushed, found.found.scene
     for scenes, paid in zip(made, (*found.rewards, found.found.reward), strict=True):
         bad = np.argwhere(~np.isfinite(paid))

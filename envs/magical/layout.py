@@ -52,7 +52,7 @@ class Layout(NamedTuple):
 
 
 def jitter(key: PRNGKeyArray, layout: Layout, *, arena: float) -> Layout:
-    """MAGICAL's Jitter variant: every number moves a little, and no overlap can arise."""
+    """MAGICAL's Jitter variant: every number changes a little, and no overlap can arise."""
     keys = jax.random.split(key, 3)
     spread = jnp.array([0.025 * arena, 0.025 * arena, 0.157])
     unit = lambda k, like: jax.random.uniform(k, like.shape, minval=-1.0)  # noqa: E731
@@ -76,7 +76,7 @@ def turned(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array
 
 
 def rim(robot: Robot) -> np.ndarray:
-    """Points (V, 2) all around a robot with open fingers, in its frame, 0.03 apart or nearer."""
+    """Points (V, 2) around a robot with open fingers, in its frame, at most 0.03 apart."""
     outlines = [robot.parts[0].outline]
     for part, pivot, side in zip(robot.parts[1:], PIVOTS, (1, -1), strict=False):
         c, s = np.cos(side * np.pi / 8), np.sin(side * np.pi / 8)
@@ -109,8 +109,8 @@ def place_robot(
     arena: float,
     facing: Float[Array, "2"] | None = None,
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-    """A pose for the robot that is clear of walls, blocks and region (None: may stand in it), and
-    whether there was none; anywhere, or a little before a point and about `facing` it."""
+    """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere or a
+    little before a point and about `facing` it. Returns it, and True if there was none."""
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
     if facing is not None:
         poses = _before(poses, facing)
@@ -134,7 +134,7 @@ def _before(unit: Float[Array, "C 3"], point: Float[Array, "2"]) -> Float[Array,
 
 
 def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena: float) -> Layout:
-    """MAGICAL's Layout variant: region, then robot, then blocks, anywhere without overlap."""
+    """MAGICAL's Layout variant: region, robot and blocks, placed in this order without overlap."""
     key_goal, key_robot, *keys = jax.random.split(key, 2 + len(radii))
     unit = jax.random.uniform(key_goal, (4,))
     size = 0.5 + 0.3 * unit[2:]

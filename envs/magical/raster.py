@@ -1,4 +1,4 @@
-"""MatchRegions from above as pixels, painted by one pure function on the device.
+"""MatchRegions rendered from above as pixels, by one pure function on the device.
 
 Geometry and colours are those of `scene`, whose outlines are painted on the host.
 Here each pixel asks every body how far from its outline it is, and bodies are painted one over the
@@ -82,7 +82,7 @@ def render(
     half_extent: float = 1.122,
     antialias: bool = False,
 ) -> UInt8[Array, "size size 3"]:
-    """One picture of a scene; x points right, y up, and row 0 is the top.
+    """Renders one picture of a scene; x points right, y up, and row 0 is the top.
 
     Every keyword is static; poses, shapes and colours are data, so one compiled picture serves
     all scenes of as many blocks. A pose that is not finite hides its body.
@@ -137,7 +137,7 @@ def _check(scene: Scene, robot: str, size: int, half_extent: float, arena: float
 
 
 def _paint(layers: Iterable[_Layer], size: int, antialias: bool) -> UInt8[Array, "size size 3"]:
-    """Painter's order: a line's colour up to its outer side, the fill up to its inner side."""
+    """Paints layers in order: a line's colour up to its outer side, the fill to its inner side."""
     blend = _mix if antialias else _replace
     image = jnp.broadcast_to(jnp.array(look.BACKGROUND, jnp.float32), (size, size, 3))
     for distance, fill, rim, width in layers:
@@ -155,7 +155,7 @@ def _replace(image: _Pixels, depth: Float[Array, "S S 1"], colour, _below) -> _P
 
 
 def _mix(image: _Pixels, depth: Float[Array, "S S 1"], colour, below) -> _Pixels:
-    """An edge one pixel wide; `below` is what the covered share of the pixel has shown so far."""
+    """Blends an edge one pixel wide; `below` is the present colour of the covered share."""
     share = jnp.where(depth > -0.5, jnp.minimum(depth + 0.5, 1.0), 0.0)  # 0 for NaN
     return image + share * (colour - below)
 
@@ -217,7 +217,7 @@ def _disc(x: _Plane, y: _Plane, radius: float) -> _Plane:
 
 
 def _wedge(name: str) -> np.ndarray:
-    """A block in numbers: two mirrors' normals, an edge's normal, curvature and offset.
+    """Parameters of a block: two mirrors' normals, an edge's normal, curvature and offset.
 
     A regular outline is the same in every wedge between a corner and the middle of an edge (or a
     tip and a notch), so a point that is mirrored into one wedge has one edge to look at. A circle
@@ -261,7 +261,7 @@ def _block(wedge: Float[Array, "8"], x: _Plane, y: _Plane, scale: float) -> _Pla
 
 
 def _finger(x: _Plane, y: _Plane, scale: float) -> _Plane:
-    """The right finger: its arm, or beyond the elbow its forearm; each is convex."""
+    """Signed distance to the right finger: arm, or beyond the elbow forearm; each is convex."""
 
     def outside(edges: tuple[np.ndarray, np.ndarray], *numbers: int) -> _Plane:
         rows = [(*map(float, edges[0][i]), float(edges[1][i])) for i in numbers]
@@ -278,7 +278,7 @@ def _region(goal: Float[Array, "4"], canvas: _Canvas) -> _Plane:
 
 
 def _dashes(goal: Float[Array, "4"], canvas: _Canvas) -> _Plane:
-    """The dashes of the region's rim, which begin anew at each corner.
+    """The dashes of the region's rim, which restart at each corner.
 
     Sides run counter-clockwise, so half a turn takes top to bottom and left to right.
     """

@@ -57,7 +57,7 @@ def outlines(
     pose: np.ndarray,
     goal: np.ndarray,
 ) -> list[Outline]:
-    """One moment, from the blocks' (colour, shape), all poses (E, 3) and the region (4,)."""
+    """Outlines from the blocks' (colour, shape), all poses (E, 3) and the region (4,)."""
     floor = _box(np.zeros(2), np.full(2, 2 * arena))
     region, colour = _box(goal[:2], goal[2:]), blocks[0][0]
     painted = [

@@ -90,5 +90,5 @@ def engine(
 
 @functools.cache
 def _impulses(kind: type[Physics], robot: str, num_blocks: int, **options) -> Physics:
-    """One engine for all tasks that move alike: it is the longest thing to trace."""
+    """The physics engine, shared by all tasks with the same motion: it takes longest to trace."""
     return kind(robots.robot(robot), num_blocks, **options)

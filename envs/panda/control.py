@@ -32,7 +32,7 @@ def aim(
     rest: Float[Array, "7"],
     dt: float,
 ) -> Float[Array, "8"]:
-    """The servos' next aims: seven joints (rad) and the opening of a finger (metres).
+    """The servos' next targets: seven joints (rad) and the opening of a finger (metres).
 
     Args:
       target: the last aims.

@@ -1,4 +1,4 @@
-"""Servos at the limit of their force, integrated by MJX as C MuJoCo does.
+"""Servos at their force limit, integrated by MJX as C MuJoCo does.
 
 The integrator "implicitfast" takes the damping of a servo (its force falls by kv for each rad/s) as
 implicit. C MuJoCo leaves it out for a servo that is at the limit of its force, which does not

@@ -44,7 +44,7 @@ def _edges(corners: np.ndarray) -> tuple[Capsule, ...]:
 
 
 def _spokes(corners: np.ndarray) -> tuple[Capsule, ...]:
-    """From a star's centre to its tips."""
+    """Capsules from a star's centre to its tips."""
     tips = corners[::2]
     ends = tips * (1 - _SPOKE_RADIUS / np.linalg.norm(tips[0]))
     return tuple(_capsule(np.zeros(2), end, _SPOKE_RADIUS) for end in ends)

@@ -85,7 +85,7 @@ def with_part(part: Part, at: Frames, shapes: BlockShape, blocks: Frames) -> lis
 def _corners_in_boxes(
     boxes: tuple[Box, ...], at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames
 ):
-    """Each corner of each block against each box, (5, B) each."""
+    """Contacts of each corner of each block with each box, (5, B) each."""
     corners = shapes.corners.out_of(blocks.heading)
     local, middle = (corners + offset).into(at.heading), offset.into(at.heading)
     for box in boxes:
@@ -97,7 +97,7 @@ def _corners_in_boxes(
 def _part_in_blocks(
     part: Part, at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames
 ) -> Contacts:
-    """Each of the part's corners against each block, (C, B)."""
+    """Contacts of each of the part's corners with each block, (C, B)."""
     corners = part.corners.astype(np.float32)
     point = Vec(corners[:, :1], corners[:, 1:]).out_of(at.heading) - offset
     tip = np.float32(part.boxes[-1].center)  # a finger's forearm has all its corners
@@ -108,7 +108,7 @@ def _part_in_blocks(
 
 
 def _box_distance(box: Box, point: Vec, middle: Vec) -> tuple[Array, Vec]:
-    """Signed distance of a block's corners to a rectangle, and the normal out of it.
+    """Signed distance of a block's corners to a rectangle, and its outward normal.
 
     A corner inside leaves through the face that it came in by: the one beyond which most of the
     way from the corner to the block's middle lies. The nearest face may be another one, above all

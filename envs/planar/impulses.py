@@ -1,4 +1,4 @@
-"""Contacts solved by sequential impulses, as the original's engine, Chipmunk, does.
+"""Contacts solved by sequential impulses, as in the original's engine, Chipmunk.
 
 A sweep takes the layers of contacts in turn and gives each contact the impulse that would satisfy
 it, clamped as a sum: contacts only push, friction stays within its cone. The contacts of one layer
@@ -47,7 +47,7 @@ class Impulse(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """A layer of contacts made ready to be solved; a zero mass switches one off."""
+    """A layer of contacts prepared for the solver; a zero mass switches one off."""
 
     normal: Vec  # from the first body to the second
     leverage: Vec  # of (normal, tangent) on the second body
@@ -62,7 +62,7 @@ class Rows(NamedTuple):
 def prepare(
     contacts: Contacts, friction, first: Bodies | None, offset: Vec | None, second: Bodies, *, dt
 ) -> Rows:
-    """Leverages, effective masses and aims of a layer.
+    """Leverages, effective masses and target speeds of a layer.
 
     Args:
       offset: from the first bodies' centres to the second's; None with a wall.

@@ -129,7 +129,7 @@ class MjxPhysics:
     # ---------------------------------------------------------------- drive
 
     def _drive(self, before, place, rate, strengths: Strengths, command: Command):
-        """Forces (5,) on the gripper's joints: servos towards a velocity, each within its strength.
+        """Forces (5,) on the gripper's joints: velocity servos, each limited to its strength.
 
         The force that reaches the aim in one substep takes the whole inertia matrix: servos on each
         joint alone would shake the light fingers.
@@ -175,7 +175,7 @@ class MjxPhysics:
     # ---------------------------------------------------------------- walls
 
     def _ranges(self, place: Float[Array, "Q"], shapes: BlockShape) -> Float[Array, "Q 2"]:
-        """Walls and stops: how far each joint may go at the bodies' present angles."""
+        """Joint ranges for walls and stops at the bodies' present angles."""
         low, high = block_shapes.extents(shapes, place[_JOINTS + 2 :: 3])
         points = self._tips(place)
         disc = self._base.radius
@@ -188,7 +188,7 @@ class MjxPhysics:
         return jnp.concatenate([free[0], stops, free[1:].reshape(-1, 2)])
 
     def _tips(self, place: Float[Array, "Q"]) -> Float[Array, "C 2"]:
-        """Corners of both fingers relative to the base's centre, world axes."""
+        """Positions of both fingers' corners relative to the base's centre, world axes."""
         arm, turned = _arms(place[2]), heading((place[2] + place[3:_JOINTS])[:, None])
         corners = Vec(self._corners[..., 0], self._corners[..., 1]).out_of(turned)
         x, y = arm.x[:, None] + corners.x, arm.y[:, None] + corners.y
@@ -199,7 +199,7 @@ class MjxPhysics:
 
 
 def _arms(yaw: Float[Array, ""]) -> Vec:
-    """From the base's centre to the left and the right pivot, world axes."""
+    """Vectors from the base's centre to the left and the right pivot, world axes."""
     return Vec(*robots.PIVOTS.T.astype(np.float32)).out_of(heading(yaw))
 
 
@@ -231,7 +231,7 @@ def _poses(
 
 
 def _limited(force: Float[Array, "5"], push, turn, grip: Float[Array, "2"]) -> Float[Array, "5"]:
-    """Forces cut to the largest push, which keeps its direction, turn and grip."""
+    """Forces clipped to the largest push (keeping its direction), turn and grip."""
     share = jnp.minimum(1.0, push / jnp.sqrt(jnp.sum(force[:2] ** 2) + 1e-12))
     turned = jnp.clip(force[2:3], -turn, turn)
     return jnp.concatenate([share * force[:2], turned, jnp.clip(force[3:], -grip, grip)])

@@ -57,7 +57,7 @@ def _inertial(mass: float, inertia: float) -> str:
 
 
 def _free_planar(name: str, inertial: str, loss: tuple[float, float], inner: str) -> str:
-    """A body that slides and turns; `loss` is the table's largest force and torque."""
+    """MJCF of a body that slides and turns; `loss` is the table's largest force and torque."""
     slide = f'type="slide" limited="true" range="-1 1" frictionloss="{loss[0]}"'
     return (
         f'<body name="{name}">{inertial}'
@@ -79,7 +79,7 @@ def _finger(name: str, side: int, part: robots.Part, geoms: str, timestep: float
 
 
 def _pairs(surfaces: list[tuple[list[str], float]], robot_parts: int) -> str:
-    """Contact pairs between every two bodies, but not among the robot's own parts."""
+    """Contact pairs between all bodies, except among the robot's own parts."""
     text = []
     for i, (first, mu1) in enumerate(surfaces):
         for second, mu2 in surfaces[max(i + 1, robot_parts) :]:
@@ -93,7 +93,7 @@ def _pairs(surfaces: list[tuple[list[str], float]], robot_parts: int) -> str:
 
 
 def build(blocks: tuple[str, ...], *, timestep: float, iterations: int) -> mujoco.MjModel:
-    """Compile the scene of the gripper and blocks.
+    """Compiles the scene of the gripper and blocks.
 
     Joint positions are the gripper's x, y (arena units), yaw, left and right finger (rad, relative
     to the base), then x, y, yaw of each block. Bodies: robot, left_finger, right_finger, block_0,

@@ -41,7 +41,7 @@ class _Impulses(NamedTuple):
 
 
 class _Layer(NamedTuple):
-    """A layer of contacts and whom it joins."""
+    """A layer of contacts and the bodies that it joins."""
 
     rows: Rows
     kind: str  # "part", "blocks", "part walls" or "block walls"
@@ -100,7 +100,7 @@ class Physics:
         strengths: Strengths,
         command: Command,
     ) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"], Float[Array, "I"]]:
-        """One control step.
+        """Advances one control step.
 
         Args:
           pose: x, y (arena units) and angle (rad) of the robot's parts, then of the blocks.
@@ -181,7 +181,7 @@ class Physics:
         return Bodies(jnp.full_like(inertia, 1 / self.block_mass), inertia)
 
     def _problem(self, before, pose, spin, shapes: BlockShape, command: Command):
-        """Contacts and aims of a substep."""
+        """Contacts and joint targets of a substep."""
         count, dt = len(self.robot.parts), self.dt
         place = Frames(Vec(pose[:, 0], pose[:, 1]), heading(pose[:, 2]))
         place = fence(place)
@@ -208,7 +208,7 @@ class Physics:
         return layers, aim
 
     def _warm(self, layers, aim, motion, impulses: _Impulses, shapes) -> tuple[Motion, Motion]:
-        """Motions after the last substep's impulses."""
+        """Motions after the last substep's impulses (warm start)."""
         parts, blocks = motion
         for layer, j in zip(layers, impulses.contacts, strict=True):
             parts, blocks = _kicked(layer, j, parts, blocks)

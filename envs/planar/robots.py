@@ -102,5 +102,5 @@ ROBOTS = tuple(_ROBOTS)
 
 
 def robot(name: str) -> Robot:
-    """A robot by name, one of `ROBOTS`."""
+    """The robot of the given name, one of `ROBOTS`."""
     return _ROBOTS[name]()

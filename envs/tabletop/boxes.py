@@ -13,7 +13,7 @@ _NEAR = 0.0015  # metres; a contact of MuJoCo's gives way by less
 
 
 class Boxes(NamedTuple):
-    """Boxes around N things, in the world."""
+    """Oriented boxes around N objects, in the world."""
 
     position: Float[Array, "*N 3"]  # centres, metres
     rotation: Float[Array, "*N 3 3"]

@@ -59,7 +59,7 @@ def record(
 
 
 def play(env: Tabletop, expert: Expert, wanted: Wanted, tell: Callable[[int], None]) -> list[Run]:
-    """Successes first, then failures of all kinds in turn; only episodes that are as meant.
+    """Plays successes, then failures of all kinds in turn; keeps episodes that match their label.
 
     Raises:
       ExpertError: the expert fails too often.
@@ -83,7 +83,7 @@ def play(env: Tabletop, expert: Expert, wanted: Wanted, tell: Callable[[int], No
 
 
 def _starts(env: Tabletop, seed: int) -> Iterator[State]:
-    """Starts without end, leaving out those in which things did not find room."""
+    """Endless starts, without those that found no room for the objects."""
     reset = _reset(env)
     key = jax.random.key(seed)
     while True:

@@ -15,7 +15,7 @@ __all__ = ["Sightings", "carried", "detect", "stacked"]
 
 
 class Sightings(NamedTuple):
-    """Boxes of N things, of one frame or of T."""
+    """Detected boxes of N objects, of one frame or of T."""
 
     center: Float32[np.ndarray, "*T N 2"]  # middles
     size: Float32[np.ndarray, "*T N 2"]  # widths and heights; above 0 where seen
@@ -23,7 +23,7 @@ class Sightings(NamedTuple):
 
 
 def detect(thing: Int8[np.ndarray, "P P"], count: int, *, least: int = 4) -> Sightings:
-    """Boxes of the visible pixels.
+    """Detects the boxes of the visible pixels.
 
     Args:
       thing: index of the thing that each pixel shows, row 0 on top; below 0 for none.
@@ -47,12 +47,12 @@ def detect(thing: Int8[np.ndarray, "P P"], count: int, *, least: int = 4) -> Sig
 
 
 def stacked(frames: list[Sightings]) -> Sightings:
-    """Frames of one video, in order."""
+    """Stacks the frames of one video, in order."""
     return Sightings(*(np.stack(parts) for parts in zip(*frames, strict=True)))
 
 
 def carried(seen: Sightings) -> Sightings:
-    """A thing that is not seen keeps its last box; before its first sighting, that one.
+    """Fills unseen frames with the last box; frames before the first sighting get the first box.
 
     Raises:
       ValueError: a thing is seen in no frame.

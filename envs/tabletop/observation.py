@@ -27,7 +27,7 @@ def observe(
     reached: Bool[Array, "K"],
     action: Float[Array, "A"],
 ) -> Float[Array, "O"]:
-    """The numbers.
+    """The observation vector.
 
     Args:
       motion: of all joints, the arm's first.

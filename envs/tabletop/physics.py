@@ -88,7 +88,7 @@ class Physics:
         return constant_where_saturated(self._model, self._driven, motion.qpos, motion.qvel, aim)
 
     def step(self, motion: Motion, aim: Float[Array, "U"], fixtures: Float[Array, "M 7"]) -> Motion:
-        """One control step.
+        """Advances one control step.
 
         Args:
           motion: before it.
@@ -110,7 +110,7 @@ class Physics:
 
 
 def _untold_of_iterations(model: mjx.Model) -> mjx.Model:
-    """Warp's model without a line of print for each solution that the few iterations cut short.
+    """Warp's model without the warning that it prints whenever the iteration limit cuts a solve.
 
     They are so few on purpose, and thousands of environments would say so in each step. What says
     that a contact found no room is left.

@@ -25,7 +25,7 @@ _MOVED = 0.005  # box diagonals by which a thing has moved: the paper's tau
 
 
 class Run(NamedTuple):
-    """One recorded episode: T moments at the control rate, the first of them the reset's."""
+    """One recorded episode: T steps at the control rate, the first of them the reset's."""
 
     kind: str  # what the script tried: "success", or a failure
     qpos: Float[np.ndarray, "T Q"]
@@ -64,7 +64,7 @@ def judge(env: Tabletop, start: State, kind: str, hand: Hand) -> Run:
 
 @functools.lru_cache(maxsize=4)
 def _judge(env: Tabletop) -> Callable:
-    """The task's own judgement, moment by moment, compiled once for an environment."""
+    """The task's verdict, step by step, compiled once for an environment."""
 
     def judge(data, qpos, qvel):
         def look(record, now):

@@ -1,4 +1,4 @@
-"""A Panda at a table: the environment that all tabletop tasks share.
+"""A Panda at a table: the environment shared by all tabletop tasks.
 
 Control runs at 20 Hz over physics of 5 ms. The base of the arm is the origin, x points forward,
 y to its left, z up, and the table is at z = 0; lengths are metres. What a task adds (things,
@@ -58,7 +58,7 @@ class View(NamedTuple):
 
 
 class Task(NamedTuple):
-    """What a task adds to the arm and the table."""
+    """A task's additions to the arm and the table."""
 
     things: tuple[str, ...]  # names, in the order of `boxes`
     stages: tuple[str, ...]  # names
@@ -69,7 +69,7 @@ class Task(NamedTuple):
     progress: Callable[[View, Boxes], Progress]
     episode_length: int
     by_boxes: Callable[..., Stages] | None = None
-    """(classes, half_extent=) -> what the stages are in a picture, for those who judge rewards."""
+    """(classes, half_extent=) -> the stages as seen in a picture, for audits of rewards."""
 
 
 class TabletopData(NamedTuple):
@@ -86,7 +86,7 @@ class TabletopData(NamedTuple):
 
 
 class Tabletop:
-    """A task on the table; see the module's text for actions and observations.
+    """A task on the table; see the module docstring for actions and observations.
 
     Args:
       task: what is on the table.
@@ -159,7 +159,7 @@ class Tabletop:
     # ---------------------------------------------------------------- episode
 
     def reset(self, key: PRNGKeyArray) -> State:
-        """A new episode; the key is consumed."""
+        """Starts a new episode; the key is consumed."""
         if not self._varied_starts:
             return self._observe(*[self._begin(key)] * 2)
         key, key_varied, key_moment = jax.random.split(key, 3)
@@ -171,7 +171,7 @@ class Tabletop:
     def reset_to(
         self, arm: Float[Array, "7"], start: Start, *, opening: Float[Array, ""] | float
     ) -> State:
-        """An episode that begins at rest with given joints, things, and opening of each finger."""
+        """Starts an episode at rest with given joints, objects, and opening of each finger."""
         return self._observe(*[self._at_rest(arm, start, opening)] * 2)
 
     def _begin(self, key: PRNGKeyArray) -> TabletopData:
@@ -202,7 +202,7 @@ class Tabletop:
         return data, moment.moved
 
     def step(self, state: State, action: Float[Array, "A"]) -> State:
-        """One control step: 50 ms under a held aim."""
+        """Advances one control step: 50 ms under a held aim."""
         before = state.data
         action = jnp.clip(action, -1.0, 1.0)
         target = control.aim(
@@ -235,7 +235,7 @@ class Tabletop:
         )  # fmt: skip
 
     def world_boxes(self, data: TabletopData) -> Boxes:
-        """Boxes in space of left finger, right finger, hand, and the task's things."""
+        """Boxes in space of left finger, right finger, hand, and the task's objects."""
         robot = data.motion.qpos[: panda_model.DOFS]
         hand = kinematics.hand(robot[:7])
         own = [
@@ -248,7 +248,7 @@ class Tabletop:
         return Boxes(*(jnp.concatenate(x) for x in zip(own, things, strict=True)))
 
     def _observe(self, before: TabletopData, data: TabletopData) -> State:
-        """The state after a step that began at `before`; the record is brought up to date."""
+        """The state after a step that began at `before`, with its record updated."""
         view = self.view(data)
         things = self.task.boxes(view)
         progress = self.task.progress(view, things)

@@ -70,7 +70,7 @@ def fresh_processes(setting: Setting, repeats: int) -> dict[str, Any]:
 
 
 def long_runs(setting: Setting, seeds: int) -> dict[str, Any]:
-    """Steps a second of the fastest part of each, and the last returns of each seed."""
+    """Steps per second of the fastest part of each side, and the last returns of each seed."""
     init, run = ours.chunks(setting)
     updates, none, yes, no = np.int32(setting.updates), np.int32(0), np.bool_(True), np.bool_(0)
     speeds: dict[str, list[float]] = {side: [] for side in _SIDES}

@@ -30,7 +30,7 @@ __all__ = ["main", "programs", "small_runs", "timed"]
 
 
 class Program(NamedTuple):
-    """Something that a run compiles."""
+    """One program that a run compiles."""
 
     name: str
     function: Any  # jitted
@@ -69,13 +69,13 @@ def main(*, config: str) -> dict[str, Any]:
 
 
 def timed(program: Program) -> dict[str, float]:
-    """Seconds of tracing (into what XLA reads) and of XLA itself."""
+    """Seconds of tracing and lowering, and of XLA's compilation."""
     made = staged(program.function, program.args, brief=program.brief, **program.options)
     return {"trace_s": round(made[1], 2), "compile_s": round(made[2], 2)}
 
 
 def programs(config: RunConfig) -> Iterator[Program]:
-    """Those of a run of each algorithm."""
+    """The programs of a run, for each algorithm."""
     env = setup.make_env(config.env, training=True)
     task = setup.make_env(config.env, training=False)
     yield from _of_pretraining(config, len(env.classes))
@@ -98,7 +98,7 @@ def programs(config: RunConfig) -> Iterator[Program]:
 
 
 def _of_pretraining(config: RunConfig, classes: int) -> Iterator[Program]:
-    """Programs are compiled for shapes, so demonstrations of zeros will do."""
+    """Programs of pretraining; they are compiled from shapes, without demonstrations."""
     static, hyper = setup.pretrain_config(config, classes), setup.pretrain_hyper(config)
     objects = 2 + len(config.env.targets) + len(config.env.distractors)
     num, frames = config.demos.num, config.env.episode_length
@@ -114,7 +114,7 @@ def _of_pretraining(config: RunConfig, classes: int) -> Iterator[Program]:
 
 
 def small_runs(options: list[str]) -> dict[str, Any]:
-    """The same run of the whole pipeline with an empty cache, and with a full one."""
+    """Times a small run of the whole pipeline with a cold cache, and again with a warm one."""
     with tempfile.TemporaryDirectory() as folder:
         return {name: _run(Path(folder), name, options) for name in ("cold", "warm")}
 

@@ -36,7 +36,7 @@ def random_graphs(num_graphs: int, num_nodes: int, num_classes: int, *, seed: in
 
 
 def block_diagonal(graphs):
-    """One graph whose parts are the graphs of a batch."""
+    """One graph that holds the graphs of a batch side by side."""
     num_graphs, num_nodes = graphs.nodes.label.shape
     senders, receivers = edge_indices(num_nodes)
     first = num_nodes * jnp.arange(num_graphs)[:, None]

@@ -58,7 +58,7 @@ def make_env(name: str, **options: Any) -> envs.Env:
 def compile_timed(
     function: Callable[..., Any], *args: Any, plain: bool = False, **options: Any
 ) -> tuple[Any, float]:
-    """A function compiled for these arguments, and the seconds it took with tracing."""
+    """Compiles a function for these arguments; returns it and the seconds, tracing included."""
     program, trace_s, compile_s = staged(jax.jit(function, **options), args, plain=plain)
     return program, trace_s + compile_s
 
@@ -83,7 +83,7 @@ def staged(
 
 
 class InPlace:
-    """A compiled program that each call moves on, in place."""
+    """A compiled program that advances its state at each call, in place."""
 
     def __init__(self, run: Callable[[Any], Any], state: Any):
         self._run, _ = compile_timed(run, state, donate_argnums=0)
@@ -97,7 +97,7 @@ class InPlace:
 def times_in_turn(
     calls: Mapping[Any, Callable[[], Any]], repeats: int, *, pause_s: float = 0.0
 ) -> dict[Any, list[float]]:
-    """Seconds of `repeats` calls of each, which take turns after one call to warm up.
+    """Seconds of `repeats` calls of each, interleaved, after one warm-up call.
 
     They take turns so that a machine that is slow for a while is so for all of them. A pause lets
     the thread pool of the last one stop spinning.
@@ -137,7 +137,7 @@ def rounded(values: Mapping[str, int | float], digits: int = 2) -> dict[str, int
 
 
 class Compilations:
-    """How many programs XLA was given, and how many of them came out of the persistent cache."""
+    """Counts of the programs given to XLA, and of those found in the persistent cache."""
 
     def __init__(self) -> None:
         self.requests = self.hits = 0
@@ -145,7 +145,7 @@ class Compilations:
 
     @property
     def made(self) -> int:
-        """Programs that XLA compiled."""
+        """Number of programs that XLA compiled."""
         return self.requests - self.hits
 
     def _on_duration(self, event: str, seconds: float, **_: Any) -> None:
@@ -158,7 +158,7 @@ class Compilations:
 
 @contextlib.contextmanager
 def counted() -> Iterator[Compilations]:
-    """Counts the compilations of what runs inside."""
+    """Counts the compilations inside a `with` block."""
     count = Compilations()
     jax.monitoring.register_event_duration_secs_listener(count._on_duration)
     jax.monitoring.register_event_listener(count._on_event)
@@ -171,7 +171,7 @@ def counted() -> Iterator[Compilations]:
 
 @contextlib.contextmanager
 def without_cache() -> Iterator[None]:
-    """Nothing is taken from the persistent cache, nor put there."""
+    """Disables the persistent cache inside a `with` block."""
     before = jax.config.jax_enable_compilation_cache
     jax.config.update("jax_enable_compilation_cache", False)
     compilation_cache.reset_cache()

@@ -1,4 +1,4 @@
-"""PPO and SAC where good returns are known, beside brax's own trainers and what is published.
+"""PPO and SAC on tasks with published returns, beside brax's own trainers.
 
     gril bench known                    about 20 minutes on 2 CPU cores
 
@@ -56,7 +56,7 @@ def main(
 def measure(
     task: str, algorithm: str, side: str, seeds: int, setting: Setting | SacSetting | None = None
 ) -> dict[str, Any]:
-    """One side's returns at the last evaluation and at the first, for each seed, and its seconds.
+    """One side's returns at the last and the first evaluation, for each seed, and its seconds.
 
     Args:
       task: of `GROUND`.

@@ -1,4 +1,4 @@
-"""Two small tasks of Gymnasium's MuJoCo suite in MJX, on which good returns are published.
+"""Two small tasks of Gymnasium's MuJoCo suite in MJX, with published returns.
 
 `InvertedPendulum` ends early and `Reacher` never does, so that ends of the task and time limits
 both matter. Masses, gears, rewards and starts are those of InvertedPendulum-v5 and Reacher-v5; they
@@ -73,7 +73,7 @@ class _Simulated(Bare):
         self._blank = mjx.make_data(self._model)
 
     def _moved(self, position, velocity, control):
-        """Both, some substeps later."""
+        """Position and velocity after some substeps."""
 
         def substep(data, _):
             return mjx.step(self._model, data), None
@@ -84,7 +84,7 @@ class _Simulated(Bare):
 
 
 class InvertedPendulum(_Simulated):
-    """A pole on a cart is kept upright; the task ends when it leans by more than 0.2 rad.
+    """A pole on a cart, to be kept upright; the task ends when it leans by more than 0.2 rad.
 
     Observation (4,): the cart's place (m), the pole's lean (rad), and their rates (per second).
     Action (1,): force on the cart, of 300 N. The reward is 1 for each step that ends upright, at 25
@@ -100,12 +100,12 @@ class InvertedPendulum(_Simulated):
         super().__init__(_CART, timestep=0.02, substeps=2)
 
     def reset(self, key: PRNGKeyArray) -> State:
-        """Nearly upright and nearly at rest: every number within 0.01."""
+        """Starts nearly upright and nearly at rest: every number within 0.01."""
         numbers = jax.random.uniform(key, (2, 2), minval=-0.01, maxval=0.01)
         return self._now(numbers[0], numbers[1])
 
     def step(self, state: State, action: Float[Array, "1"]) -> State:
-        """A twenty-fifth of a second."""
+        """Advances a twenty-fifth of a second."""
         return self._now(*self._moved(*state.data, 3.0 * jnp.clip(action, -1.0, 1.0)))
 
     def _now(self, position, velocity) -> State:
@@ -120,7 +120,7 @@ class InvertedPendulum(_Simulated):
 
 
 class Reacher(_Simulated):
-    """An arm of two links brings its fingertip to a target on the table. It never ends by itself.
+    """A two-link arm that brings its fingertip to a target on the table. It never ends by itself.
 
     Observation (10,): cosines and sines of both angles, the target's place (m), both angular
     speeds (rad/s), and the way from target to fingertip (m). Action (2,): torques at the joints, of
@@ -137,7 +137,7 @@ class Reacher(_Simulated):
         super().__init__(_ARM, timestep=0.01, substeps=2)
 
     def reset(self, key: PRNGKeyArray) -> State:
-        """Nearly straight and at rest; the target is anywhere within 0.2 m of the shoulder."""
+        """Starts nearly straight and at rest, with the target within 0.2 m of the shoulder."""
         key_angle, key_speed, key_target = jax.random.split(key, 3)
         position = jax.random.uniform(key_angle, (2,), minval=-0.1, maxval=0.1)
         velocity = jax.random.uniform(key_speed, (2,), minval=-0.005, maxval=0.005)
@@ -147,7 +147,7 @@ class Reacher(_Simulated):
         return self._now(position, velocity, target, effort=0.0)
 
     def step(self, state: State, action: Float[Array, "2"]) -> State:
-        """A fiftieth of a second."""
+        """Advances a fiftieth of a second."""
         position, velocity, target = state.data
         action = jnp.clip(action, -1.0, 1.0)
         return self._now(

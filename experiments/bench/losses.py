@@ -99,7 +99,7 @@ def _squares(query, other):
 
 
 def _tslearn(query, other):
-    """Its parallel numba loops, value and gradient by the cost.
+    """tslearn's parallel numba loops, value and gradient with respect to the cost.
 
     The gradient by the features, which the others' times hold, is left out in its favour.
     """
@@ -116,7 +116,7 @@ def _tslearn(query, other):
 
 
 def _gradient_errors(query, other):
-    """Largest error of the derivative by the cost, of the first pairs, against float64.
+    """Largest error of the derivative by the cost, over the first pairs, against float64.
 
     The same float32 costs go to both. "textbook" is the recursion of Cuturi and Blondel's
     algorithm 2, which takes exponentials of differences of the stored sums.

@@ -1,4 +1,4 @@
-"""Our side of the comparison with brax's PPO and SAC: `train` has the shape of brax's there.
+"""Our side of the comparison with brax's PPO and SAC: `train` has the interface of brax's.
 
 Seeds can be vmapped over: `chunks` hands out pure functions.
 """
@@ -90,7 +90,7 @@ def train(
 def all_returns(
     setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
 ) -> list[list[float]]:
-    """Returns of mean actions, for each seed one at each evaluation; the seeds are one program.
+    """Returns of mean actions, per seed one at each evaluation; all seeds run in one program.
 
     The last one's is the mean over at least so many `episodes`, the others' over those of half the
     environments.

@@ -1,4 +1,4 @@
-"""The task on which trainers are compared with brax's: a pendulum, cheap enough to see them.
+"""The task for comparing trainers with brax's: a pendulum, cheap enough to expose their speed.
 
 One definition of the physics serves both sides: `Pendulum` follows this library's protocol, and
 `stock` puts brax's around it. `Setting` has the hyper-parameters of PPO, the same for both sides,
@@ -38,7 +38,7 @@ class Bare:
 
 
 class Pendulum(Bare):
-    """A rod that hangs and has to be swung up and held, by a motor too weak to lift it.
+    """A hanging rod, to be swung up and held by a motor too weak to lift it.
 
     The dynamics of Gymnasium's Pendulum-v1: 1 m, 1 kg, at most 2 N m, 20 Hz. The reward of a step
     is minus the squares of angle, speed and torque, at best 0 and at worst -16.3; about -150 in all
@@ -51,12 +51,12 @@ class Pendulum(Bare):
     episode_length = 200
 
     def reset(self, key):
-        """Any angle, and up to 1 rad/s."""
+        """Starts at any angle, and at up to 1 rad/s."""
         low, high = jnp.array([-jnp.pi, -1.0]), jnp.array([jnp.pi, 1.0])
         return self._now(jax.random.uniform(key, (2,), minval=low, maxval=high), jnp.zeros(()))
 
     def step(self, state, action):
-        """A twentieth of a second."""
+        """Advances a twentieth of a second."""
         angle, speed = state.data
         torque = 2.0 * jnp.clip(action[0], -1.0, 1.0)
         away = (angle + jnp.pi) % (2 * jnp.pi) - jnp.pi
@@ -78,9 +78,9 @@ class Setting:
     """PPO's hyper-parameters, and how long both sides train."""
 
     num_timesteps: int = 51_200
-    """Of one run; both sides round it up to whole updates in each part between evaluations."""
+    """Steps of one run; both sides round it up to whole updates between two evaluations."""
     num_evals: int = 3
-    """Evaluations, of which the first is that of the fresh policy."""
+    """Evaluations, of which the first is that of the untrained policy."""
     num_envs: int = 128
     unroll_length: int = 20
     num_minibatches: int = 4
@@ -96,12 +96,12 @@ class Setting:
 
     @property
     def updates(self) -> int:
-        """Updates between two evaluations."""
+        """Number of updates between two evaluations."""
         return -(-self.num_timesteps // (self.num_envs * self.unroll_length * self.parts))
 
     @property
     def parts(self) -> int:
-        """Parts of the training, each with an evaluation at its end."""
+        """Number of parts of the training, each with an evaluation at its end."""
         return self.num_evals - 1
 
     @property
@@ -115,9 +115,9 @@ class SacSetting:
     """Soft actor-critic's hyper-parameters, and how long both sides train."""
 
     num_timesteps: int = 20_480
-    """Of one run, those before learning begins included."""
+    """Steps of one run, including those before learning begins."""
     num_evals: int = 3
-    """Evaluations, of which the first is that of the fresh policy."""
+    """Evaluations, of which the first is that of the untrained policy."""
     num_envs: int = 32
     updates_per_step: int = 32
     """Gradient steps for each control step of all environments."""

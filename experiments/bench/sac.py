@@ -48,7 +48,7 @@ def main(*, num_envs: int, target: float | None) -> dict[str, Any]:
 
 
 def speeds(env: Any, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict[str, Any]:
-    """Control steps per second of both, which take turns; the best of some calls."""
+    """Control steps per second of both, interleaved; the best of some calls."""
     static = dataclasses.replace(static, min_replay=0)
     sides = {"ours": Ours(env, static, hyper), "host_loop": HostLoop(env, static, hyper)}
     taken = best(times_in_turn({name: side.advance for name, side in sides.items()}, repeats))
@@ -62,7 +62,7 @@ def speeds(env: Any, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict
 def until_success(
     env: Any, static: sac.Static, hyper: sac.Hyper, target: float, limit_s: float
 ) -> dict[str, Any]:
-    """Seconds, compiling included, until the last 100 training episodes succeed so often."""
+    """Seconds, compilation included, until the last 100 training episodes reach a success rate."""
     found = {}
     for name, side in {"ours": Ours, "host_loop": HostLoop}.items():
         jax.clear_caches()
@@ -94,7 +94,7 @@ class _Learner:
 
 
 class Ours(_Learner):
-    """Our SAC, a chunk of updates a call."""
+    """Our SAC; each call runs a chunk of updates."""
 
     def __init__(self, env: Any, static: sac.Static, hyper: sac.Hyper, updates: int = 10):
         super().__init__(updates * static.num_envs * static.unroll_length)

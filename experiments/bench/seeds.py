@@ -1,4 +1,4 @@
-"""Seeds beside each other against one by one, and one device against all: PPO's throughput.
+"""PPO's throughput: seeds in one program against one by one, and one device against all.
 
 `gril bench train` has these figures among its own.
 """
@@ -21,7 +21,7 @@ __all__ = ["devices", "seeds"]
 
 
 def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:
-    """Seeds side by side in one program, and one by one, each compiled anew.
+    """Times seeds in one program, and one by one, each compiled anew.
 
     Args:
       algorithm: of one seed.
@@ -50,7 +50,7 @@ def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) 
 def _whole(
     mapped: Callable, algorithm: training.Algorithm, key: Any, updates: int
 ) -> dict[str, float]:
-    """Seconds of a whole training by someone who has just started Python."""
+    """Seconds of a whole training in a fresh Python process."""
     jax.clear_caches()
     hyper = ppo.Hyper()
 

@@ -27,7 +27,7 @@ __all__ = ["BraxTask", "all_returns", "stand_in", "train"]
 
 
 class BraxTask(Env):
-    """The same task behind brax's interface; its state is ours."""
+    """One of our tasks behind brax's interface; its state is ours."""
 
     def __init__(self, task: Any) -> None:
         self._task = task
@@ -56,14 +56,14 @@ class BraxTask(Env):
 
 
 def _replicated(tree: Any, devices: Any) -> Any:
-    """The copies on an axis of its own, named as brax's pmap names it, or that compiles twice."""
+    """Copies a tree along a new axis, named as in brax's pmap to avoid compiling twice."""
     placed = NamedSharding(Mesh(np.array(devices), ("i",)), PartitionSpec("i"))
     return jax.tree.map(lambda x: jax.device_put(jnp.stack([x] * len(devices)), placed), tree)
 
 
 @contextlib.contextmanager
 def stand_in() -> Iterator[None]:
-    """`jax.device_put_replicated` is there, if only inside."""
+    """Provides `jax.device_put_replicated` inside a `with` block."""
     missing = object()
     before = vars(jax).get("device_put_replicated", missing)
     jax.device_put_replicated = _replicated  # ty: ignore
@@ -150,7 +150,7 @@ def _sac_options(setting: SacSetting) -> dict[str, Any]:
 def all_returns(
     setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
 ) -> list[list[float]]:
-    """Returns of mean actions, for each seed one at each evaluation; one seed after the other.
+    """Returns of mean actions, per seed one at each evaluation; seeds run one after the other.
 
     Each is the mean over so many `episodes`.
     """

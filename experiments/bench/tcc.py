@@ -26,7 +26,7 @@ _SMALL, _LARGE = (8, 32, 32), (32, 64, 32)
 
 
 def pair_loop(latents: Float[Array, "B T D"], times: Float[Array, "B T"]) -> Float[Array, ""]:
-    """The same loss, one pair of videos after the other, as the published code has it."""
+    """The same loss, looping over pairs of videos, as in the published code."""
     num_videos, num_frames, width = latents.shape
 
     def similarity(a, b):
@@ -47,7 +47,7 @@ def pair_loop(latents: Float[Array, "B T D"], times: Float[Array, "B T"]) -> Flo
 
 
 def measure(compile_repeats: int = 3, repeats: int = 30) -> dict[str, Any]:
-    """Times, memory and ratios at both sizes; a ratio above 1 is in favour of the library."""
+    """Times, memory and ratios at both sizes; a ratio above 1 favours the library."""
     at_once = functools.partial(mean_cycle_consistency, at_once=True)
     small = {"pair_loop": pair_loop, "mapped": mean_cycle_consistency, "at_once": at_once}
     large = {"at_once": at_once, "mapped": mean_cycle_consistency}

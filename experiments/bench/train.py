@@ -73,7 +73,7 @@ def main(
 
 
 def costs(env: Env, sizes: Sizes, repeats: int) -> dict[str, Any]:
-    """PPO with either reward beside random actions, all with the same environments."""
+    """Times PPO with either reward, and random actions, on the same environments."""
     config = encoder.EncoderConfig(len(env.classes), width=sizes.width)
     params = RewardParams(
         jax.jit(lambda key: encoder.init(key, config))(jax.random.key(0)),
@@ -117,7 +117,7 @@ def _ppo(env: Env, reward: rewards.AnyReward, sizes: Sizes, num_envs: int) -> pp
 
 
 def _training(algorithm: ppo.PPO, updates: int, params: RewardParams | None) -> InPlace:
-    """Updates; hyper-parameters and reward are arguments, as in a run, and no constants."""
+    """A program of updates, with hyper-parameters and reward as arguments, as in a run."""
     hyper = ppo.Hyper(*map(jnp.float32, ppo.Hyper()))
 
     def run(carry):
@@ -130,7 +130,7 @@ def _training(algorithm: ppo.PPO, updates: int, params: RewardParams | None) -> 
 
 
 def _random(env: Env, sizes: Sizes) -> InPlace:
-    """The simulator alone; its state, and a key."""
+    """A program of the simulator alone under random actions; its carry is the state and a key."""
 
     def move(carry, _):
         state, key = carry

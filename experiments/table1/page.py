@@ -22,7 +22,7 @@ __all__ = ["page"]
 
 
 def page(found: Found, figure: bytes) -> str:
-    """The page, which needs no other file.
+    """The page, as one self-contained file.
 
     Args:
       found: of the policies that have finished; at least one.

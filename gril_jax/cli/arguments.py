@@ -45,7 +45,7 @@ _SHORTCUTS = {
 
 
 def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunConfig:
-    """The checked configuration of a run, whose paths are what they should be."""
+    """The configuration of a run, with its values and paths checked."""
     from gril_jax.config.files import load
     from gril_jax.runs import run_dir
 
@@ -59,7 +59,7 @@ def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunC
 def resumed_config(
     folder: Path, name: str | None, args: list[str], *, prog: str, experiment: str
 ) -> RunConfig:
-    """The configuration of a run that is to go on; what else the command line says agrees with it.
+    """The configuration of a run to resume; raises if the command line contradicts it.
 
     Args:
       folder: the run's.
@@ -138,13 +138,13 @@ def require_made(folder: Path, part: str) -> None:
 
 
 def in_full(args: list[str], shortcuts: Mapping[str, str] = _SHORTCUTS) -> list[str]:
-    """The arguments with shortcuts written out."""
+    """The arguments with shortcuts expanded."""
     parts = (arg.partition("=") for arg in args)
     return [shortcuts.get(option, option) + equals + value for option, equals, value in parts]
 
 
 def explained(about: str, shortcuts: Mapping[str, str] = _SHORTCUTS) -> str:
-    """What a verb is about, with its shortcuts."""
+    """A verb's description, with its shortcuts."""
     return f"{about} Shortcuts: {', '.join(f'{a} for {b}' for a, b in shortcuts.items())}."
 
 
@@ -160,12 +160,12 @@ def check_surroundings(config: RunConfig) -> None:
 
 
 def positional(args: list[str]) -> str | None:
-    """Takes the leading word off the arguments, unless it is an option."""
+    """Removes and returns the leading argument, unless it is an option."""
     return args.pop(0) if args and not args[0].startswith("-") else None
 
 
 def take(args: list[str], option: str) -> str | None:
-    """Takes an option with its value off the arguments; the last one counts."""
+    """Removes an option and returns its value; the last one counts."""
     value = None
     for index in reversed(range(len(args))):
         name, equals, rest = args[index].partition("=")
@@ -222,7 +222,7 @@ def require_new_file(path: Path) -> None:
 
 
 def demo_set_to_write(name: str) -> Path:
-    """A new or empty folder, or a demonstration set to replace."""
+    """Checks that a path is a new or empty folder, or a demonstration set to replace."""
     from gril_jax.runs import run_dir
 
     path = Path(name)

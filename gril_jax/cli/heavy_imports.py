@@ -1,4 +1,4 @@
-"""Heavy imports, which come late: when a verb has understood its command line."""
+"""Heavy imports, done only after a verb has understood its command line."""
 
 import contextlib
 import gc
@@ -37,7 +37,7 @@ def _steps_in_mjx(config: RunConfig | MakeDemosConfig) -> bool:
 def heavy_imports(
     config: RunConfig | MakeDemosConfig | None = None, *, devices: bool = False
 ) -> Iterator[None]:
-    """Around imports of JAX and MuJoCo: sets XLA's options and threads, and keeps stdout clean.
+    """Context for importing JAX and MuJoCo: sets XLA's options and threads, keeps stdout clean.
 
     MJX reports on stdout, while it is imported, that optional parts are missing.
 
@@ -88,7 +88,7 @@ def _spared_from_collection() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _taken_devices() -> Iterator[None]:
-    """Around imports: a GPU and its compiler need two seconds until the first array is there."""
+    """Initialises the devices during imports: a GPU takes two seconds until its first array."""
     import jax  # in this thread, since two that import the same could see it half done
 
     with ThreadPoolExecutor(1, "devices") as pool:

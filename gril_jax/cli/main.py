@@ -33,7 +33,7 @@ _INDENT, _WIDTH = 30, 100
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs a command line and returns the exit code; `sys.argv` where `argv` is None."""
+    """Runs a command line and returns the exit code; `argv` defaults to `sys.argv`."""
     args = list(sys.argv[1:] if argv is None else argv)
     code = 2
     try:
@@ -78,7 +78,7 @@ def _line(usage: str, summary: str) -> str:
 
 
 def _plan(args: list[str]) -> Work:
-    """Reads the command line; nothing heavy is imported here."""
+    """Parses the command line; nothing heavy is imported here."""
     known = verbs.names()
     families = {name.partition(" ")[0] for name in known if " " in name}
     size = 2 if args and args[0] in families else 1

@@ -1,4 +1,4 @@
-"""Foreign demonstrations to a demo set: detect, trim the static tail, save.
+"""Converts foreign demonstrations to a demo set: detect, trim the static tail, save.
 
 One demonstration is in memory at a time (a MAGICAL file unpacks to about 107 MB).
 """
@@ -37,7 +37,7 @@ class Imported(NamedTuple):
 
 
 AfterEach = Callable[[int, int, Imported], None]
-"""Called after each demonstration with how many are done, how many there are, and the last."""
+"""Called after each demonstration with the number done, the total, and the last result."""
 
 
 def import_magical(
@@ -46,7 +46,7 @@ def import_magical(
     *,
     progress: AfterEach | None = None,
 ) -> list[Imported]:
-    """Turns a folder of MAGICAL's public `*.pkl.gz` files into a demo set.
+    """Converts a folder of MAGICAL's public `*.pkl.gz` files to a demo set.
 
     Frames of the allocentric view are kept, actions are not. A demonstration is a success where
     its score is 1.
@@ -103,7 +103,7 @@ def import_videos(
     source: str | None = None,
     progress: AfterEach | None = None,
 ) -> list[Imported]:
-    """Turns a folder of videos into a demo set.
+    """Converts a folder of videos to a demo set.
 
     Args:
       source_dir: folder of videos of one frame rate; sorted by name.
@@ -180,5 +180,5 @@ def _tell(progress: AfterEach | None, total: int, report: list[Imported]) -> Non
 
 
 def _snake(name: str) -> str:
-    """MatchRegions -> match_regions."""
+    """Converts a name to snake case: MatchRegions -> match_regions."""
     return "".join(f"_{c.lower()}" if c.isupper() else c for c in name).lstrip("_")

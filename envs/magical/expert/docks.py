@@ -29,7 +29,7 @@ def choose_dock(
     *,
     arena: float,
 ) -> Float[Array, "2"]:
-    """The direction along which to drive up to a block: the cheapest of 24, as a unit vector.
+    """The direction from which to approach a block: the cheapest of 24, as a unit vector.
 
     Args:
       robot: where it is.

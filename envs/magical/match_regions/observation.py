@@ -26,7 +26,7 @@ _FAR = 100.0  # more than any squared distance in an arena
 
 
 class Scene(NamedTuple):
-    """One moment; P parts of the robot (3 with fingers, else 1), B blocks, targets first."""
+    """One scene; P parts of the robot (3 with fingers, else 1), B blocks, targets first."""
 
     pose: Float[Array, "E 3"]  # parts, then blocks
     velocity: Float[Array, "E 3"]
@@ -35,7 +35,7 @@ class Scene(NamedTuple):
 
 
 def _rich(scene: Scene, parts: int, due: int = 0) -> Float[Array, "O"]:
-    """`due` targets are put in the order in which they are due; 0 keeps all in place."""
+    """The observation; the first `due` targets are sorted by when they are due (0: none)."""
     x_y, yaw, velocity = scene.pose[0, :2], scene.pose[0, 2], scene.velocity[0]
     robot = [
         x_y,
@@ -66,7 +66,7 @@ def _rich(scene: Scene, parts: int, due: int = 0) -> Float[Array, "O"]:
 
 
 def _order(local: Float[Array, "K 2"], inside: Bool[Array, "K"]) -> Bool[Array, "K K"]:
-    """Row k marks the target that is due as the k-th."""
+    """Permutation matrix: row k marks the target that is due k-th."""
     due = jnp.sum(local**2, axis=-1) + _FAR * inside
     return jnp.argsort(due)[:, None] == jnp.arange(len(due))
 
@@ -84,14 +84,14 @@ def _xmagical(scene: Scene, parts: int, targets: int) -> Float[Array, "O"]:
 
 
 def observe(kind: str, scene: Scene, *, parts: int, targets: int) -> Float[Array, "O"]:
-    """The observation of that kind, one of `OBSERVATIONS`."""
+    """The observation of the given kind, one of `OBSERVATIONS`."""
     if kind == "xmagical":
         return _xmagical(scene, parts, targets)
     return _rich(scene, parts, targets if kind == "sorted" else 0)
 
 
 def names(kind: str, blocks: tuple[str, ...], *, fingers: bool, targets: int) -> tuple[str, ...]:
-    """One name for each number; equal names in a row are one quantity."""
+    """One name for each number of the observation; equal names in a row are one quantity."""
     if kind != "xmagical":
         robot = {
             "robot position": 2,

@@ -19,7 +19,7 @@ DIAGONAL = 2.8284271247461903  # by which V5 and S3 divide distances: of a +-1 a
 
 
 class Progress(NamedTuple):
-    """One moment of an episode; K targets, targets first among the B blocks."""
+    """Scoring inputs at one step; K targets, targets first among the B blocks."""
 
     inside: Bool[Array, "B"]  # block's centre in the region
     distance: Float[Array, "K"]  # of each target to the region's centre
@@ -67,5 +67,5 @@ def _s3(at: Progress) -> Float[Array, ""]:
 
 
 def reward(name: str, at: Progress) -> Float[Array, ""]:
-    """The dense reward of that name, one of `REWARDS`; "sparse" is the score."""
+    """The dense reward of the given name, one of `REWARDS`; "sparse" is the score."""
     return {"S4": _s4, "V5": _v5, "S3": _s3, "sparse": score}[name](at)

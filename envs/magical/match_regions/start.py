@@ -46,7 +46,7 @@ def looks(
     colour: Int[Array, "B"],
     targets: int,
 ) -> tuple[Int[Array, "B"], Int[Array, "B"]]:
-    """Shapes and colours of the blocks: those given, or drawn with two keys.
+    """Shapes and colours of the blocks: the given ones, or sampled with two keys.
 
     The first `targets` blocks are the targets.
     """
@@ -58,7 +58,7 @@ def looks(
 
 
 def strengths(key: PRNGKeyArray, variant: str, preset: Preset) -> Strengths:
-    """The largest forces: the preset's, or drawn from its ranges."""
+    """The largest forces: the preset's, or sampled from its ranges."""
     if variant not in ("dynamics", "all"):
         return Strengths(*(jnp.float32(s) for s in preset.strengths))
     drawn = layouts.dynamics(key)
@@ -160,7 +160,7 @@ def _on_its_way(key, block, blocks, goal, radii, arena):
 
 
 def robot_pose(robot: Robot, base: Float[Array, "3"]) -> Float[Array, "P 3"]:
-    """Poses of the robot's parts with open fingers, from its base's."""
+    """Poses of the robot's parts with open fingers, from the base's pose."""
     if not robot.has_fingers:
         return base[None]
     c, s = jnp.cos(base[2]), jnp.sin(base[2])

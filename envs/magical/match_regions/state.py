@@ -1,4 +1,4 @@
-"""The state of a MatchRegions scene, and what can be read off it."""
+"""The state of a MatchRegions scene, and quantities derived from it."""
 
 from typing import NamedTuple
 

@@ -42,7 +42,7 @@ DISTRACTORS = ("blue pentagon", "yellow circle", "yellow pentagon")
 
 
 class MatchRegions:
-    """The task; see the module's text for actions, observations and rewards.
+    """The MatchRegions task; see the module docstring for actions, observations and rewards.
 
     Args:
       robot: "gripper", or a stick: "short", "medium" or "long".
@@ -123,7 +123,7 @@ class MatchRegions:
     # ---------------------------------------------------------------- episode
 
     def reset(self, key: PRNGKeyArray) -> State:
-        """A new episode of the task's variant."""
+        """Starts a new episode of the task's variant."""
         keys = jax.random.split(key, 6)
         shape, colour = starts.looks(
             keys[:2], self.variant, jnp.asarray(self._shape), jnp.asarray(self._colour),
@@ -187,7 +187,7 @@ class MatchRegions:
         return self._engine.clearance(pose, block_shapes.blocks(jnp.asarray(self._shape)))
 
     def step(self, state: State, action: Float[Array, "A"]) -> State:
-        """One control step: 1/8 s under a held action."""
+        """Advances one control step: 1/8 s under a held action."""
         data = state.data
         # Shapes that never change are constants of the compiled program.
         shape = data.shape if self.variant in ("shape", "all") else jnp.asarray(self._shape)

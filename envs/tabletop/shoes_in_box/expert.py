@@ -1,4 +1,4 @@
-"""A scripted expert for shoes in the box, and the ways in which demonstrations of it fail.
+"""A scripted expert for shoes in the box, and the ways in which its demonstrations fail.
 
 It plays in C MuJoCo (`tabletop.hand`): about 0.15 s an episode on a CPU. Grasps are of friction, so
 each episode is judged by the task itself, from recorded positions, and the script only proposes.
@@ -32,7 +32,7 @@ _AFTER = 10  # moments kept after success
 
 
 def play(env: Tabletop, start: State, seed: int | tuple[int, ...], kind: str = "success") -> Run:
-    """Play one episode.
+    """Plays one episode.
 
     Args:
       env: shoes in the box.
@@ -83,7 +83,7 @@ def as_meant(run: Run) -> bool:
 
 
 def _put(hand: Hand, style: Style, number: int, *, where=None) -> None:
-    """Take the shoe whose turn is `number` and let it go in the box, or elsewhere."""
+    """Takes the shoe that is number `number` in order and releases it in the box, or elsewhere."""
     hand.rest(style.pauses[1 + number])
     moves.take(hand, style, style.order[number])
     moves.carry(hand, style, style.drops[number] if where is None else where)
@@ -136,7 +136,7 @@ def _knocked(hand: Hand, style: Style, rng: np.random.Generator) -> None:
 
 
 def _wander(hand: Hand, style: Style, rng: np.random.Generator) -> None:
-    """Somewhere above the table, and rest there."""
+    """Moves to a random place above the table, and rests there."""
     goal = (rng.uniform(0.4, 0.55), rng.uniform(-0.15, 0.25), rng.uniform(0.3, 0.45))
     hand.move(goal, speed=style.carry_speed)
     hand.rest(int(rng.integers(5, 40)))

@@ -60,7 +60,7 @@ def _pairs() -> tuple[Pair, ...]:
 
 
 def scene() -> Scene:
-    """Joints after the arm's: the hinge (rad), then a free joint for each shoe."""
+    """The scene; joints after the arm's are the hinge (rad), then a free joint for each shoe."""
     walls = "".join(_box(name, *shape) for name, shape in _WALLS.items())
     shoes = "".join(
         f'<body name="{name}" pos="0 0 {SHOE_HALF[2]}"><freejoint name="{name}"/>'

@@ -1,4 +1,4 @@
-"""Put both shoes into the box: open its lid first. A Panda at a table; see `tabletop`.
+"""Put both shoes into the box, after opening its lid. A Panda at a table; see `tabletop`.
 
 Geometry after RLBench's put_shoes_in_box and the box of its open_box, built anew from primitives;
 resets after it too: all things are moved as a group by up to 4 cm and 22.5 degrees, each shoe by up
@@ -135,7 +135,7 @@ def _opening(view: View, things: Boxes) -> Float[Array, ""]:
 
 
 def _carrying(view: View, base: Frame, shoes: Boxes, inside: Bool[Array, "2"]) -> Float[Array, ""]:
-    """Progress of the others, for the shoe outside that is nearer to the box."""
+    """Progress of the later stages, for the shoe outside that is nearer to the box."""
     goal = out_of(base, jnp.array(_DROP))
     distance = jnp.sum((shoes.position - base.position)[:, :2] ** 2, axis=1)
     released = jax.vmap(functools.partial(free, view.pads))(shoes)

@@ -20,19 +20,19 @@ __all__ = ["VERB"]
 @dataclass(frozen=True)
 class _Options:
     reward: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="REWARD_OR_RUN")]
-    """A file of export-reward, or the folder that a run made."""
+    """A file of export-reward, or a run's folder."""
     task: TaskName | None = None
-    """The task; a run's own, or match_regions."""
+    """The task; by default the run's own, or match_regions."""
     out: str | None = None
     """Folder for the results; by default RUN/audit, or NAME-audit beside NAME.npz."""
     variant: Variant | None = None
-    """What is drawn at the start; None keeps the run's own variant."""
+    """Quantities randomised at the start; None keeps the run's own variant."""
     ascents: int = field(default=1000, metadata=count())
     """Gradient ascents of the search for states with a high reward and no progress."""
     starts: int = field(default=4, metadata=count())
     """Starts of episodes, around which all states are made."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
-    """Seed of everything that is drawn."""
+    """Seed of all randomness."""
 
 
 def _plan(args: list[str]) -> Work:

@@ -13,7 +13,7 @@ __all__ = ["VERB"]
 @dataclass(frozen=True)
 class _Options:
     timeout_s: float = 120.0
-    """Seconds that each check may take."""
+    """Time limit of each check, seconds."""
 
 
 def _plan(args: list[str]) -> Work:

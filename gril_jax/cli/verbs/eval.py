@@ -25,7 +25,7 @@ class _Options:
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of the episodes."""
     variant: Variant | None = None
-    """What is drawn at the start; None keeps the run's own variant."""
+    """Quantities randomised at the start; None keeps the run's own variant."""
 
 
 def _plan(args: list[str]) -> Work:

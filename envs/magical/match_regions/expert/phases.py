@@ -46,13 +46,13 @@ class View(NamedTuple):
 
 
 def bearing(away: Float[Array, "2"], yaw: Float[Array, ""]) -> Float[Array, ""]:
-    """Angle by which to turn, counter-clockwise, so as to face along a vector."""
+    """Angle to turn by, counter-clockwise, to face along a vector."""
     angle = jnp.arctan2(-away[0], away[1]) - yaw
     return jnp.arctan2(jnp.sin(angle), jnp.cos(angle))
 
 
 def unit(vector: Float[Array, "2"]) -> Float[Array, "2"]:
-    """A vector's direction; zero for none."""
+    """Unit vector of the same direction; zero for the zero vector."""
     return vector / jnp.maximum(jnp.sqrt(jnp.sum(vector**2) + 1e-12), 1e-6)
 
 
@@ -86,7 +86,7 @@ def aim(
 def drive(
     seen: View, aim: Float[Array, "2"], stand: Float[Array, "2"], roaming: Bool[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    """Forward speed (units/s), turn (rad/s) and opening (rad) wanted of the fingers.
+    """Desired forward speed (units/s), turn (rad/s) and finger opening (rad).
 
     Args:
       aim: where to head, from `aim`.
@@ -112,7 +112,7 @@ def drive(
 
 
 def _carry(seen: View, turn: Float[Array, ""]) -> Float[Array, ""]:
-    """Speed with a block in hand."""
+    """Speed while carrying a block."""
     short = length(seen.job.slot - seen.robot) - seen.distance
     # Turning on the spot is slow with the block in hand, and at a wall it wedges: back off.
     bend = 0.8 * jnp.clip(1.0 - jnp.abs(turn) / 0.7, -0.3, 1.0)
@@ -121,7 +121,7 @@ def _carry(seen: View, turn: Float[Array, ""]) -> Float[Array, ""]:
 
 
 def _back(seen: View) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Speed and turn of backing off from a block."""
+    """Speed and turn while backing off from a block."""
     # A block that comes along when the robot backs off is wedged between the fingers: shake it.
     stuck, beat = (seen.distance < 0.45) & (seen.timer >= 2), seen.timer % 4
     shake = jnp.where(stuck, jnp.where(beat < 2, 1.0, -1.0), seen.ahead)

@@ -57,7 +57,7 @@ def plan(
     failure: Int[Array, ""] | int = 0,
     style: Style = Style(),  # noqa: B008 -- a tuple of numbers
 ) -> Plan:
-    """Draw an order of targets, their places, and the style; `failure` indexes `FAILURES`."""
+    """Samples an order of targets, their places, and the style; `failure` indexes `FAILURES`."""
     keys = jax.random.split(key, 10)
     k, count = env.num_targets, len(env.blocks)
     blocks = state.data.pose[-count:, :2]
@@ -154,7 +154,7 @@ def _apart(points: Float[Array, "C 2"], which: Int[Array, ""], blocks: Float[Arr
 
 
 def _free_slot(slot, which, blocks, goal) -> Float[Array, "2"]:
-    """The place in the region nearest to the planned one that no other block takes."""
+    """The free place in the region nearest to the planned one."""
     axis = jnp.linspace(-1.0, 1.0, 5)
     grid = jnp.stack(jnp.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     spots = jnp.concatenate([slot[None], goal[:2] + grid * (goal[2:] / 2 - 0.1)])
@@ -173,7 +173,7 @@ def _free_slot(slot, which, blocks, goal) -> Float[Array, "2"]:
 
 
 def _outside(which, blocks, goal, arena) -> Float[Array, "2"]:
-    """The nearest place outside the region, clear of it, of walls and of other blocks."""
+    """The nearest place outside the region that is clear of it, of walls and of other blocks."""
     axis = jnp.linspace(-arena + 0.25, arena - 0.25, 15)
     spots = jnp.stack(jnp.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     beyond = (jnp.abs(spots - goal[:2]) - goal[2:] / 2).max(axis=1)

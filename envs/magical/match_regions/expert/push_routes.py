@@ -1,4 +1,4 @@
-"""Routes by which a stick pushes a block, and how it drives along one.
+"""Routes along which a stick pushes a block, and the control that follows them.
 
 A route is three waypoints: one to get around things, one behind a block, and one to push it to.
 `draw` guesses such routes from the geometry of a push; whether one is any good is for the physics
@@ -39,7 +39,7 @@ def length(vector: Float[Array, "*B 2"]) -> Float[Array, "*B"]:
 
 
 def follow(env: MatchRegions, route: Route, state: State) -> tuple[Float[Array, "2"], Route]:
-    """The action along a route, and the route after it. Either long side may lead."""
+    """The action along a route, and the updated route. Either long side may lead."""
     pose = state.data.pose[0]
     away = route.points[jnp.minimum(route.at, 2)] - pose[:2]
     passed = ((length(away) < _REACHED) | (route.timer >= _PATIENCE)) & (route.at < 3)
@@ -61,7 +61,7 @@ def draw(
     block: Float[Array, "2"],
     slot: Float[Array, "2"],
 ) -> Route:
-    """A route that pushes a block roughly towards a place; three in ten push it some other way."""
+    """Samples a route that pushes a block roughly towards a place; 3 in 10 push it elsewhere."""
     keys = jax.random.split(key, 4)
     way = slot - block
     far = length(way)

@@ -46,7 +46,7 @@ class Search(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """A place that draws the robot; without weight it is drawn behind the nearest open block."""
+    """A point that attracts the robot; at weight 0 it is drawn behind the nearest open block."""
 
     point: Float[Array, "2"]
     weight: Float[Array, ""]  # cost of a unit away from it
@@ -94,7 +94,7 @@ def cost(env: MatchRegions, drawn: Plan, state: State, pull: Pull) -> Float[Arra
 
 
 def _draw(env: MatchRegions, drawn: Plan, key: PRNGKeyArray, state: State) -> Route:
-    """A random route for a random block that is not where it should be."""
+    """Samples a random route for a random block that is not where it should be."""
     key_block, key_slot, key_route = jax.random.split(key, 3)
     goal, blocks = state.data.goal, state.data.pose[-len(env.blocks) :, :2]
     todo = _need(env, drawn, state) > 0
@@ -113,7 +113,7 @@ def _draw(env: MatchRegions, drawn: Plan, key: PRNGKeyArray, state: State) -> Ro
 def _drive(
     env: MatchRegions, drawn: Plan, state: State, route: Route
 ) -> tuple[Float[Array, "2"], Route]:
-    """The action along a route, none when all is done, and the route after it."""
+    """The action along the route (zero when all is done), and the updated route."""
     action, route = routes.follow(env, route, state)
     return jnp.where((_need(env, drawn, state) > 0).any(), action, 0.0), route
 
@@ -153,7 +153,7 @@ def search(
     held: Route,
     pull: Pull,
 ) -> Route:
-    """The best route found from here; at least as good as the one in hand, or as standing still."""
+    """The best route found; at least as good as the current one, or as standing still."""
 
     def improve(carry, key):
         best, costs = carry
@@ -179,7 +179,7 @@ def search(
 def _think(
     env: MatchRegions, how: Search, drawn: Plan, key: PRNGKeyArray, state: State, memory: _Memory
 ) -> _Memory:
-    """Look for a route, towards the plan's detour or a random place if need be."""
+    """Searches for a route, towards the plan's detour or a random place if need be."""
     key_whim, key_search = jax.random.split(key)
     now = cost(env, drawn, state, Pull(jnp.zeros(2), jnp.zeros(())))
     whim = (now > memory.cost - _GAIN) & ~memory.whim & (now > 0)
@@ -194,7 +194,7 @@ def _think(
 def _act(
     env: MatchRegions, drawn: Plan, state: State, memory: _Memory
 ) -> tuple[Float[Array, "2"], _Memory]:
-    """The action for this moment, and what is remembered."""
+    """The action for this step, and the updated memory."""
     last, need = len(drawn.blocks) - 1, _need(env, drawn, state)
     todo = need[drawn.blocks] > 0
     stage = jnp.where(todo.any(), jnp.argmax(todo), jnp.where((need > 0).any(), last, last + 1))
@@ -215,7 +215,7 @@ def _act(
 def play(
     env: MatchRegions, key: PRNGKeyArray, state: State, drawn: Plan, how: Search
 ) -> tuple[State, Int[Array, "T"]]:
-    """The rest of an episode: the states of T more moments, and the plan's stage at each."""
+    """Plays the rest of an episode: the states of T more steps, and the plan's stage at each."""
     zero = jnp.zeros((), jnp.int32)
     memory = _Memory(routes.stay(), jnp.float32(_NONE), zero > 0, zero, zero, zero, zero > 0)
 

@@ -1,4 +1,4 @@
-"""A hand-written expert for MatchRegions: the source of demonstrations, and of failed attempts.
+"""A scripted expert for MatchRegions: the source of demonstrations, and of failed attempts.
 
 It sees the simulator's state and is a pure function, so that hundreds of demonstrations run under
 one vmap. For each block of its plan it drives to where it can take hold of it, docks, brings the
@@ -28,7 +28,7 @@ _STILL, _STILL_TURN = 0.004, 0.03  # units and rad a control step: slower is sta
 
 
 class Memory(NamedTuple):
-    """A gripper expert's own state."""
+    """The state of a gripper expert."""
 
     plan: Plan
     job: Job
@@ -42,7 +42,7 @@ class Memory(NamedTuple):
 
 
 def init(drawn: Plan) -> Memory:
-    """An expert about to begin its plan."""
+    """Initial memory of an expert that is about to begin its plan."""
     zero = jnp.zeros((), jnp.int32)
     return Memory(
         plan=drawn, job=plans.first_job(drawn), dock=jnp.zeros(2), phase=zero, timer=zero,
@@ -51,7 +51,7 @@ def init(drawn: Plan) -> Memory:
 
 
 def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "A"], Memory]:
-    """A gripper expert's action for this moment, and what it remembers."""
+    """A gripper expert's action for this step, and its updated memory."""
     drawn, job, phase, timer = memory.plan, memory.job, memory.phase, memory.timer
     seen = _look(env, memory, state)
     last = len(drawn.blocks)
@@ -129,7 +129,7 @@ def rollout(
     style: Style = Style(),  # noqa: B008 -- a tuple of numbers
     search: Search = Search(),  # noqa: B008 -- a tuple of numbers
 ) -> tuple[State, Int[Array, "T1"]]:
-    """One episode: states of T + 1 moments (the first is the reset), and the stage at each.
+    """Plays one episode: states of T + 1 steps (the first is the reset), and the stage at each.
 
     `search` says how much a stick tries out; a gripper needs none of it.
     """
@@ -146,7 +146,7 @@ def rollout(
 
 
 def _play(env: MatchRegions, state: State, drawn: Plan) -> tuple[State, Int[Array, "T"]]:
-    """The rest of a gripper's episode: the states of T more moments, and the stage at each."""
+    """Plays the rest of a gripper's episode: the states of T more steps, and the stage at each."""
 
     def move(carry, _):
         state, memory = carry

@@ -23,7 +23,7 @@ class _Options:
     seeds: int = field(default=3, metadata=count())
     """Runs of each."""
     jobs: int | None = field(default=None, metadata=optional(count()))
-    """Processes at a time; None is one for each two processor cores."""
+    """Processes at a time; None is one for every two processor cores."""
 
 
 VERB = benchmark(

@@ -12,9 +12,9 @@ __all__ = ["VERB"]
 @dataclass(frozen=True)
 class _Options:
     num_envs: int = field(default=64, metadata=count())
-    """Environments of ours that are stepped together."""
+    """Number of our environments that are stepped together."""
     target: float | None = field(default=None, metadata=optional(above(0)))
-    """Success of training episodes to reach; None measures speeds only."""
+    """Success rate of training episodes to reach; None measures speeds only."""
 
 
 VERB = benchmark(

@@ -16,7 +16,7 @@ class _Options:
     num_envs: int | None = field(default=None, metadata=optional(count()))
     """Environments; None is 256 on a CPU and 8,192 elsewhere."""
     variant: Variant = "demo"
-    """What is drawn at the start of an episode."""
+    """Quantities randomised at the start of an episode."""
     parts: tuple[Literal["training", "starts", "seeds", "devices"], ...] = (
         "training",
         "starts",

@@ -28,7 +28,7 @@ class _Options:
     boxes: bool = False
     """Read NAME.csv beside each video instead of detecting objects by colour."""
     outcome: Literal["success", "failure", "unknown"] = "unknown"
-    """How all of the videos end."""
+    """Outcome of all the videos."""
 
 
 def _plan(args: list[str]) -> Work:
