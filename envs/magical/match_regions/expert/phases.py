@@ -14,7 +14,6 @@ from gril_jax.envs.magical.match_regions.task import MatchRegions
 from jaxtyping import Array, Bool, Float, Int
 
 from .plans import Job, Plan
-from .push_routes import length
 
 __all__ = ["BACK", "CARRY", "CLOSE", "DOCK", "GO", "OPEN", "View", "aim", "drive", "leave",
            "stand", "unit"]  # fmt: skip
@@ -95,8 +94,8 @@ def drive(
     """
     turn = bearing(aim - seen.robot, seen.yaw)
     facing = jnp.clip(1.0 - jnp.abs(turn), 0.0, 1.0)
-    go = facing * jnp.clip(6.0 * length(aim - seen.robot), 0.2, 0.8)
-    there = (length(seen.robot - stand) < 0.1) & ~roaming
+    go = facing * jnp.clip(6.0 * _length(aim - seen.robot), 0.2, 0.8)
+    there = (_length(seen.robot - stand) < 0.1) & ~roaming
     go, go_turn = jnp.where(there, 0.0, go), jnp.where(there, seen.ahead, turn)
 
     straight = jnp.clip(1.0 - 2.5 * jnp.abs(seen.ahead), 0.0, 1.0)
@@ -113,7 +112,7 @@ def drive(
 
 def _carry(seen: View, turn: Float[Array, ""]) -> Float[Array, ""]:
     """Speed while carrying a block."""
-    short = length(seen.job.slot - seen.robot) - seen.distance
+    short = _length(seen.job.slot - seen.robot) - seen.distance
     # Turning on the spot is slow with the block in hand, and at a wall it wedges: back off.
     bend = 0.8 * jnp.clip(1.0 - jnp.abs(turn) / 0.7, -0.3, 1.0)
     final = jnp.clip(6.0 * short, -0.4, 0.6) * jnp.clip(1.0 - jnp.abs(turn) / 0.7, 0.2, 1.0)
@@ -141,7 +140,7 @@ def leave(
     """
     timer, width = seen.timer, jnp.abs(seen.aside)
     behind = unit(seen.block - seen.robot) @ dock > 0.8
-    at_stand = (length(seen.robot - stand) < 0.1) | behind & (seen.distance < STAND + 0.1)
+    at_stand = (_length(seen.robot - stand) < 0.1) | behind & (seen.distance < STAND + 0.1)
     lined = at_stand & ~roaming & (jnp.abs(seen.ahead) < 0.3)
     # A block that did not come off when the robot backed away is carried on as it is.
     still = (seen.distance < REACH + 0.04) & (width < WIDTH) & ~roaming & (seen.phase == GO)
@@ -167,6 +166,11 @@ def leave(
 
 def _arrived(seen: View) -> Bool[Array, ""]:
     """True if the block in hand is at its place, or as near as going on brings it."""
-    left = length(seen.job.slot - seen.block)
-    short = length(seen.job.slot - seen.robot) - seen.distance
+    left = _length(seen.job.slot - seen.block)
+    short = _length(seen.job.slot - seen.robot) - seen.distance
     return (left < 0.05) | (left < 0.1) & (jnp.abs(short) < 0.04)
+
+
+def _length(vector: Float[Array, "*B 2"]) -> Float[Array, "*B"]:
+    """Length of a vector, with a gradient at zero."""
+    return jnp.sqrt(jnp.sum(vector**2, axis=-1) + 1e-12)

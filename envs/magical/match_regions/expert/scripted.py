@@ -2,10 +2,9 @@
 
 It sees the simulator's state and is a pure function, so that hundreds of demonstrations run under
 one vmap. For each block of its plan it drives to where it can take hold of it, docks, brings the
-block to its place, lets go and backs off (`phases`). A block that slips away is fetched
-again, and a distractor that got into the region is taken out. All this is a gripper's way, which
-holds a block between the tips of its fingers and carries it anywhere. A stick can only push, and
-finds out by trials in the simulator how (`sampling_planner`), 170 steps of it for each of its own.
+block to its place, lets go and backs off (`phases`). A block that slips away is fetched again, and
+a distractor that got into the region is taken out. It is a gripper's expert: it holds a block
+between the tips of its fingers, which a stick cannot.
 """
 
 from typing import NamedTuple
@@ -18,9 +17,8 @@ from gril_jax.envs.magical.match_regions.task import MatchRegions
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import phases, plans, sampling_planner
+from . import phases, plans
 from .plans import FAILURES, Job, Plan, Style, plan
-from .sampling_planner import Search
 
 __all__ = ["FAILURES", "Memory", "Plan", "Style", "act", "init", "plan", "rollout"]
 
@@ -127,20 +125,11 @@ def rollout(
     key: PRNGKeyArray,
     failure: Int[Array, ""] | int = 0,
     style: Style = Style(),  # noqa: B008 -- a tuple of numbers
-    search: Search = Search(),  # noqa: B008 -- a tuple of numbers
 ) -> tuple[State, Int[Array, "T1"]]:
-    """Plays one episode: states of T + 1 steps (the first is the reset), and the stage at each.
-
-    `search` says how much a stick tries out; a gripper needs none of it.
-    """
+    """Plays one episode: states of T + 1 steps (the first is the reset), and the stage at each."""
     key_reset, key_plan = jax.random.split(key)
     state = env.reset(key_reset)
-    drawn = plan(env, key_plan, state, failure, style)
-    if env.robot.has_fingers:
-        states, stages = _play(env, state, drawn)
-    else:
-        key_search = jax.random.fold_in(key_plan, 1)
-        states, stages = sampling_planner.play(env, key_search, state, drawn, search)
+    states, stages = _play(env, state, plan(env, key_plan, state, failure, style))
     states = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states)
     return states, jnp.concatenate([jnp.zeros(1, stages.dtype), stages])
 
