@@ -20,6 +20,7 @@ from gril_jax.experiments.pipeline import policy_setup, setup
 
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
+from gril_jax.config.tables import ALGORITHMS
 from gril_jax.pretraining import pretrain
 from gril_jax.rl import evaluate, training
 from gril_jax.types import DemoBatch
@@ -81,10 +82,9 @@ def programs(config: RunConfig) -> Iterator[Program]:
     yield from _of_pretraining(config, len(env.classes))
     reward = jax.eval_shape(lambda: setup.blank_reward(config, len(env.classes)))
     key = jax.eval_shape(lambda: jax.random.key(0))
-    made = {"ppo": policy_setup.make_ppo, "sac": policy_setup.make_sac}
-    values = {"ppo": policy_setup.ppo_hyper, "sac": policy_setup.sac_hyper}
-    for name, make in made.items():
-        algorithm, hyper = make(config, env), values[name](config)
+    for name in ALGORITHMS:
+        algorithm = policy_setup.make_algorithm(config, env, name)
+        hyper = policy_setup.algorithm_hyper(config, name)
         state = jax.eval_shape(algorithm.init, key, hyper)
         yield Program(f"{name}: init", jax.jit(algorithm.init), (key, hyper), {})
         advance = functools.partial(training.chunk, algorithm, updates=20, evaluation=(task,))

@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from gril_jax import reward
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.config import RunConfig
+from gril_jax.config.tables import ENCODERS
 from gril_jax.demos.demo_set import demo_batch
 from gril_jax.demos.frames import frame_batch
 from gril_jax.encoders.encoder import Params
@@ -50,7 +51,7 @@ class Learner(NamedTuple):
 
 def static_config(config: RunConfig, num_classes: int) -> Static | PixelStatic:
     """The static half of the training that the configuration asks for."""
-    if config.encoder.kind == "pixels":
+    if not ENCODERS[config.encoder.kind].boxes:
         return setup.pixel_pretrain_config(config)
     return setup.pretrain_config(config, num_classes)
 
@@ -69,7 +70,7 @@ def learner(
       ConfigError: a batch would hold more videos than there are.
       DemoError: a video cannot be read, or is not square.
     """
-    if config.encoder.kind == "pixels":
+    if not ENCODERS[config.encoder.kind].boxes:
         return _of_frames(config, demos)
     return _of_boxes(config, demos, pool)
 

@@ -5,10 +5,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, UInt8
+from jaxtyping import Array, Float, UInt8
 
 from gril_jax import envs, reward
 from gril_jax.config import RunConfig
+from gril_jax.config.tables import REWARDS, find
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.encoders.ensemble import num_members
 from gril_jax.errors import ConfigError
@@ -20,39 +21,54 @@ from gril_jax.subtasks import agreement
 from gril_jax.types import DemoBatch
 
 from . import setup
+from .reward_form import RewardForm
 
-__all__ = ["blank", "function", "parameters", "robots"]
+__all__ = [
+    "ENVIRONMENTAL", "LEARNED", "SHAPED", "SUBTASKS", "SUM",
+    "blank", "function", "parameters", "robots",
+]  # fmt: skip
 
 _MOST = 8  # subtasks of a chain
 
 
 def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
     """The reward as the algorithms take it."""
-    chosen = config.run.reward
-    if chosen == "environmental":
-        return rewards.environmental
-    scene = setup.encoder_config(config, len(env.classes))
-    if isinstance(scene, PixelConfig):
-        several = jax.device_count() > 1
-        learned = rewards.pixels(scene, _picture(config, scene.pixels), side_by_side=several)
-        if chosen == "sum":
-            return rewards.weighted_sum([learned, rewards.environmental])
-        return rewards.offset(learned, config.run.reward_offset)
-    known = robots(env)
-    if chosen == "subtasks":
-        return rewards.subtasks(scene, robots=known, alpha=config.pool.alpha)
-    learned = rewards.learned(scene, robots=known)
-    if chosen == "sum":
-        return rewards.weighted_sum([learned, rewards.environmental])
-    if chosen == "shaped":
-        return rewards.shaped(learned)
-    return rewards.offset(learned, config.run.reward_offset)
+    return _form(config).function(config, env)
+
+
+def parameters(
+    config: RunConfig, learned: RewardParams, demos: DemoBatch | None, num_classes: int
+) -> Any:
+    """Its parameters, from a learned reward and the demonstrations that it was learned from.
+
+    Without these they have the right shapes, to restore a checkpoint into.
+    """
+    return _form(config).parameters(config, learned, demos, num_classes)
+
+
+def blank(config: RunConfig, env: envs.Env) -> Any:
+    """Parameters of the right shapes, to restore a checkpoint into."""
+    classes = len(env.classes)
+    return parameters(config, setup.blank_reward(config, classes), None, classes)
+
+
+def _form(config: RunConfig) -> RewardForm:
+    return find(REWARDS[config.run.reward].form)
 
 
 def robots(env: envs.Env) -> tuple[int, ...]:
     """Objects that belong to the robot; none of a task that does not say."""
     stages = getattr(env, "stages", None)
     return stages.robots if stages else ()
+
+
+def _learned(config: RunConfig, env: envs.Env) -> rewards.RewardFn:
+    """The learned reward alone."""
+    encoder = setup.encoder_config(config, len(env.classes))
+    if isinstance(encoder, PixelConfig):
+        several = jax.device_count() > 1
+        return rewards.pixels(encoder, _picture(config, encoder.pixels), side_by_side=several)
+    return rewards.learned(encoder, robots=robots(env))
 
 
 def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P P 3"]]:
@@ -71,34 +87,27 @@ def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P 
     return lambda data: env.render(data, size=pixels + 2 * border, antialias=True)[inner, inner]
 
 
-def parameters(
-    config: RunConfig, learned: RewardParams, demos: DemoBatch | None, num_classes: int
-) -> Any:
-    """Its parameters, from a learned reward and the demonstrations that it was learned from."""
-    chosen = config.run.reward
-    if chosen == "environmental":
-        return ()
-    if chosen == "sum":
-        return jnp.asarray(config.run.reward_weights, jnp.float32), (learned, ())
-    if chosen == "shaped":
-        weights = jnp.asarray(config.run.reward_weights, jnp.float32)
-        learner = config.sac if config.run.algorithm == "sac" else config.ppo
-        return weights, jnp.float32(learner.discounting), learned
-    if chosen == "subtasks":
-        assert demos is not None
-        return learned.encoder, _chain(config, learned, demos, num_classes)
-    return learned
+def _weights(config: RunConfig) -> Float[Array, "2"]:
+    return jnp.asarray(config.run.reward_weights, jnp.float32)
 
 
-def blank(config: RunConfig, env: envs.Env) -> Any:
-    """Parameters of the right shapes, to restore a checkpoint into."""
-    learned = setup.blank_reward(config, len(env.classes))
-    if config.run.reward != "subtasks":
-        return parameters(config, learned, None, len(env.classes))
-    goals = jnp.zeros((_MOST, learned.goal.shape[-1]))
-    scale = jnp.zeros((_MOST, *learned.scale.shape))  # of each of an ensemble's members
-    chain = subtask_chain.ChainParams(goals, scale, jnp.zeros(_MOST), jnp.zeros((), jnp.int32))
-    return learned.encoder, chain
+def _of_shaped(config, learned, demos, num_classes):
+    discounting = getattr(config, config.run.algorithm).discounting
+    return _weights(config), jnp.float32(discounting), learned
+
+
+def _subtasks(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
+    encoder = setup.encoder_config(config, len(env.classes))
+    return rewards.subtasks(encoder, robots=robots(env), alpha=config.pool.alpha)
+
+
+def _of_subtasks(config, learned, demos, num_classes):
+    if demos is None:
+        goals = jnp.zeros((_MOST, learned.goal.shape[-1]))
+        scale = jnp.zeros((_MOST, *learned.scale.shape))  # of each of an ensemble's members
+        chain = subtask_chain.ChainParams(goals, scale, jnp.zeros(_MOST), jnp.zeros((), jnp.int32))
+        return learned.encoder, chain
+    return learned.encoder, _chain(config, learned, demos, num_classes)
 
 
 def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):
@@ -117,3 +126,16 @@ def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_class
         return subtask_chain.from_latents(latents, ends, demos.length, kept=kept, members=members)
 
     return make(learned, demos)
+
+
+ENVIRONMENTAL = RewardForm(lambda *_: rewards.environmental, lambda *_: ())
+LEARNED = RewardForm(
+    lambda config, env: rewards.offset(_learned(config, env), config.run.reward_offset),
+    lambda config, learned, demos, num_classes: learned,
+)
+SUM = RewardForm(
+    lambda config, env: rewards.weighted_sum([_learned(config, env), rewards.environmental]),
+    lambda config, learned, demos, num_classes: (_weights(config), (learned, ())),
+)
+SHAPED = RewardForm(lambda config, env: rewards.shaped(_learned(config, env)), _of_shaped)
+SUBTASKS = RewardForm(_subtasks, _of_subtasks)

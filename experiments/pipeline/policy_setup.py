@@ -9,9 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from gril_jax import envs
-from gril_jax.config import PPOConfig, RunConfig, SACConfig
+from gril_jax.config import RunConfig
+from gril_jax.config.tables import ALGORITHMS, find
 from gril_jax.errors import RunError
-from gril_jax.rl import ppo, sac, training
+from gril_jax.rl import training
 from gril_jax.rl.policy import Policy
 from gril_jax.runs.checkpoints import checkpoint
 
@@ -21,67 +22,41 @@ __all__ = [
     "algorithm_hyper",
     "fresh_policy",
     "make_algorithm",
-    "make_ppo",
-    "make_sac",
     "policy_config",
-    "ppo_hyper",
     "restore_policy",
-    "sac_hyper",
 ]
 
 
-def make_ppo(config: RunConfig, env: envs.Env) -> ppo.PPO:
-    """The algorithm on the configuration's reward."""
-    static = _static(ppo.Static, config, config.ppo)
-    return ppo.PPO(env, policy_rewards.function(config, env), static)
-
-
-def make_sac(config: RunConfig, env: envs.Env) -> sac.SAC:
-    """The same for soft actor-critic.
+def make_algorithm(config: RunConfig, env: envs.Env, name: str | None = None) -> training.Algorithm:
+    """The algorithm that the run asks for, or that of a name, on the run's reward.
 
     Raises:
       ConfigError: the reward cannot be relabelled, but should be.
     """
-    static = _static(sac.Static, config, config.sac)
-    return sac.SAC(env, policy_rewards.function(config, env), static)
-
-
-def _static(kind: Any, config: RunConfig, chosen: PPOConfig | SACConfig) -> Any:
-    """The fields of an algorithm's static half, from its section or from that of the activity."""
-    seen = chosen.observe_activity
+    kind, section = _chosen(config, name)
+    seen = section.observe_activity
     seen = config.env.observation != "xmagical" if seen is None else seen
-    return setup.by_name(kind, config.pool, chosen, observe_activity=seen)
+    static = setup.by_name(kind.Static, config.pool, section, observe_activity=seen)
+    return kind(env, policy_rewards.function(config, env), static)
 
 
-def make_algorithm(config: RunConfig, env: envs.Env) -> training.Algorithm:
-    """The algorithm that the run asks for."""
-    return make_sac(config, env) if config.run.algorithm == "sac" else make_ppo(config, env)
+def algorithm_hyper(config: RunConfig, name: str | None = None) -> Any:
+    """The traced half of it, as arrays: another value does not recompile."""
+    kind, section = _chosen(config, name)
+    updates = math.ceil(section.num_timesteps / (section.num_envs * section.unroll_length))
+    found = setup.by_name(kind.Hyper, config.pool, section, decay_updates=updates)
+    return kind.Hyper(*(jnp.asarray(value, jnp.float32) for value in found))
 
 
-def algorithm_hyper(config: RunConfig) -> ppo.Hyper | sac.Hyper:
-    """The traced half of it."""
-    return sac_hyper(config) if config.run.algorithm == "sac" else ppo_hyper(config)
-
-
-def policy_config(config: RunConfig) -> PPOConfig | SACConfig:
+def policy_config(config: RunConfig) -> Any:
     """The section of the algorithm that the run asks for."""
-    return config.sac if config.run.algorithm == "sac" else config.ppo
+    return getattr(config, config.run.algorithm)
 
 
-def ppo_hyper(config: RunConfig) -> ppo.Hyper:
-    """The traced half of policy training, as arrays: another value does not recompile."""
-    return _hyper(ppo.Hyper, config, config.ppo)
-
-
-def sac_hyper(config: RunConfig) -> sac.Hyper:
-    """The same for soft actor-critic."""
-    return _hyper(sac.Hyper, config, config.sac)
-
-
-def _hyper(kind: Any, config: RunConfig, chosen: PPOConfig | SACConfig) -> Any:
-    updates = math.ceil(chosen.num_timesteps / (chosen.num_envs * chosen.unroll_length))
-    found = setup.by_name(kind, config.pool, chosen, decay_updates=updates)
-    return kind(*(jnp.asarray(value, jnp.float32) for value in found))
+def _chosen(config: RunConfig, name: str | None) -> tuple[Any, Any]:
+    """An algorithm's class and its section."""
+    name = name or config.run.algorithm
+    return find(ALGORITHMS[name].algorithm), getattr(config, name)
 
 
 def restore_policy(folder: Path, config: RunConfig, algorithm: training.Algorithm) -> Policy:

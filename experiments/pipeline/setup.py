@@ -14,6 +14,7 @@ import numpy as np
 
 from gril_jax import envs
 from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.config.tables import ENCODERS, alternatives, find
 from gril_jax.encoders import encoder, ensemble
 from gril_jax.errors import ConfigError
 from gril_jax.pretraining import pixel_pretrain, pretrain
@@ -93,20 +94,7 @@ def quieten_warp() -> None:
 
 def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
     """The encoder's sizes and options."""
-    chosen = config.encoder
-    if chosen.kind == "pixels":
-        return _pixel_config(config)
-    robot = {"pool_robot": chosen.pool_robot}
-    if chosen.kind == "mlp":
-        return encoder.MLPConfig(num_classes, width=chosen.width, **robot)
-    robot["robot_messages"] = chosen.robot_messages
-    if chosen.kind == "interaction":
-        own = "class" if chosen.distances else "robot"
-        return encoder.InteractionConfig(
-            num_classes, width=chosen.width, self_blocks=own, distances=chosen.distances, **robot
-        )
-    sizes = {name: getattr(chosen, name) for name in ("width", "rounds", "latent", "members")}
-    return encoder.EncoderConfig(num_classes, relations=chosen.relations, **sizes, **robot)
+    return find(ENCODERS[config.encoder.kind].config).of(config.encoder, num_classes)
 
 
 def by_name(kind: type[Kind], *sections: Any, **more: Any) -> Kind:
@@ -132,13 +120,8 @@ def pixel_pretrain_config(config: RunConfig) -> pixel_pretrain.PixelStatic:
     """The same for an encoder of pictures."""
     return by_name(
         pixel_pretrain.PixelStatic, config.loss, config.pretrain,
-        encoder=_pixel_config(config), updates=_updates(config),
+        encoder=encoder_config(config, 0), updates=_updates(config),
     )  # fmt: skip
-
-
-def _pixel_config(config: RunConfig) -> encoder.PixelConfig:
-    chosen = config.encoder
-    return encoder.PixelConfig(chosen.latent, pixels=chosen.pixels, precision=chosen.precision)
 
 
 def _updates(config: RunConfig) -> int:
@@ -159,9 +142,10 @@ def require_boxes(config: RunConfig, purpose: str) -> None:
     Raises:
       ConfigError: the encoder takes pictures.
     """
-    if config.encoder.kind == "pixels":
+    if not ENCODERS[config.encoder.kind].boxes:
+        of_boxes = alternatives([name for name, one in ENCODERS.items() if one.boxes])
         raise ConfigError(
-            f"encoder.kind is 'pixels', but must be 'paper', 'interaction' or 'mlp' for {purpose}"
+            f"encoder.kind is {config.encoder.kind!r}, but must be {of_boxes} for {purpose}"
         )
 
 

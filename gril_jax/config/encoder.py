@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from .rules import above, at_least, between, rule
+from .tables import ENCODERS
 
 __all__ = ["EncoderOptions", "PoolConfig"]
 
@@ -16,7 +17,7 @@ __all__ = ["EncoderOptions", "PoolConfig"]
 class EncoderOptions:
     """The encoder."""
 
-    kind: Literal["paper", "interaction", "mlp", "pixels"] = "paper"
+    kind: Literal[*ENCODERS] = "paper"
     """The paper's message passing with weighted pooling, GraphIRL's interaction network or MLP with
     plain mean pooling, or XIRL's ResNet-18 on the frames themselves. Rounds and members belong to
     the first alone, latent to the first and the last. Pixels know no boxes: they learn by temporal

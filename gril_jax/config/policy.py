@@ -1,10 +1,13 @@
 """The sections of the configuration that train a policy, one for each algorithm."""
 
 from dataclasses import dataclass, field
+from typing import Any
+
+from gril_jax.errors import ConfigError
 
 from .rules import above, at_least, between, rule
 
-__all__ = ["PPOConfig", "SACConfig"]
+__all__ = ["PPOConfig", "SACConfig", "check_replay"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,14 @@ class PPOConfig:
     observe_activity: bool | None = None
     """Whether the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
+
+    def check(self, name: str) -> None:
+        """Raises ConfigError if sizes do not fit together; `name` is the section's."""
+        if self.num_envs % self.num_minibatches:
+            raise ConfigError(
+                f"{name}.num_minibatches is {self.num_minibatches}, but must divide "
+                f"{name}.num_envs, which is {self.num_envs}"
+            )
 
 
 @dataclass(frozen=True)
@@ -95,3 +106,23 @@ class SACConfig:
     observe_activity: bool | None = None
     """Whether the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
+
+    def check(self, name: str) -> None:
+        """Raises ConfigError if sizes do not fit together; `name` is the section's."""
+        check_replay(self, f"{name}.")
+
+
+def check_replay(sizes: Any, section: str = "") -> None:
+    """Raises ConfigError if a replay does not fit the environments; `section` precedes fields."""
+    unroll = sizes.num_envs * sizes.unroll_length
+    if sizes.replay_size % unroll:
+        fitting = max(1, sizes.replay_size // unroll) * unroll
+        raise ConfigError(
+            f"{section}replay_size is {sizes.replay_size}, but must be a multiple of "
+            f"{section}num_envs x {section}unroll_length = {unroll}, such as {fitting}"
+        )
+    if sizes.min_replay > sizes.replay_size:
+        raise ConfigError(
+            f"{section}min_replay is {sizes.min_replay}, but must be at most "
+            f"{section}replay_size, which is {sizes.replay_size}"
+        )

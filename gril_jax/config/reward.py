@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from .rules import above, at_least, between
+from .tables import ALIGNMENTS
 
 __all__ = ["LossConfig", "PretrainConfig"]
 
@@ -22,7 +23,7 @@ class LossConfig:
         default=1.0, metadata=at_least(0)
     )
     """Weight of reconstruction beside temporal cycle-consistency."""
-    consistency: Literal["tcc", "soft_dtw", "both"] = "tcc"
+    consistency: Literal[*ALIGNMENTS] = "tcc"
     """What aligns videos in time: temporal cycle-consistency, soft-DTW divergence, or the sum."""
     form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
         "regression_mse"

@@ -18,6 +18,7 @@ from .encoder import EncoderOptions, PoolConfig
 from .policy import PPOConfig, SACConfig
 from .reward import LossConfig, PretrainConfig
 from .rules import at_least, between, require, rule
+from .tables import ALGORITHMS, ENCODERS, REWARDS, alternatives
 from .task import BLOCK_COLOURS, BLOCK_SHAPES, DemosConfig, EnvConfig, TaskName, Variant
 
 __all__ = [
@@ -46,9 +47,9 @@ class RunSettings:
 
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of everything but the scripted demonstrations."""
-    algorithm: Literal["ppo", "sac"] = "ppo"
+    algorithm: Literal[*ALGORITHMS] = "ppo"
     """What trains the policy; its options are those of the section of its name."""
-    reward: Literal["learned", "environmental", "subtasks", "sum", "shaped"] = "learned"
+    reward: Literal[*REWARDS] = "learned"
     """What the policy maximises: the learned reward, the task's own, the chain of the learned
     subtasks, the first two together, or the task's own with the learned one as its potential."""
     reward_weights: tuple[float, float] = field(
@@ -88,7 +89,7 @@ class RunSettings:
 
 
 @dataclass(frozen=True)
-class RunConfig:
+class _Sections:
     """Everything that a run depends on.
 
     Raises:
@@ -101,12 +102,20 @@ class RunConfig:
     pool: PoolConfig = field(default=PoolConfig())
     loss: LossConfig = field(default=LossConfig())
     pretrain: PretrainConfig = field(default=PretrainConfig())
-    ppo: PPOConfig = field(default=PPOConfig())
-    sac: SACConfig = field(default=SACConfig())
     run: RunSettings = RunSettings()
 
     def __post_init__(self) -> None:
         check(self)
+
+
+# With one section more for each algorithm.
+RunConfig = dataclasses.make_dataclass(
+    "RunConfig",
+    [(name, one.options, field(default=one.options())) for name, one in ALGORITHMS.items()],
+    bases=(_Sections,),
+    namespace={"__doc__": _Sections.__doc__, "__module__": __name__},
+    frozen=True,
+)
 
 
 @dataclass(frozen=True)
@@ -124,12 +133,12 @@ class MakeDemosConfig:
         check(self)
 
 
-def check(config: RunConfig | MakeDemosConfig) -> None:
+def check(config: _Sections | MakeDemosConfig) -> None:
     """Raises ConfigError for the first field that is out of range, by its dotted path."""
     for path, value, metadata in _leaves(config, ""):
         require(path, value, metadata)
     _check_blocks(config.env, config.demos)
-    if isinstance(config, RunConfig):
+    if isinstance(config, _Sections):
         _check_sizes(config)
 
 
@@ -163,37 +172,17 @@ def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
 
 
 def _check_sizes(config: RunConfig) -> None:
-    ppo, demos, pretrain = config.ppo, config.demos, config.pretrain
-    if config.encoder.members > 1 and config.encoder.kind != "paper":
-        raise ConfigError(
-            f"encoder.members is {config.encoder.members}, but must be 1, because encoder.kind is "
-            f"{config.encoder.kind!r}"
-        )
-    if config.encoder.kind == "pixels":
-        _check_pixels(config)
-    if config.encoder.kind == "mlp":
-        if config.loss.decoder == "node":
-            raise ConfigError(
-                "loss.decoder is 'node', but encoder.kind is 'mlp', which embeds no nodes, so it "
-                "must be 'graph'"
-            )
-        if config.encoder.width % 2:
-            raise ConfigError(
-                f"encoder.width is {config.encoder.width}, but must be even for encoder.kind 'mlp'"
-            )
-    if ppo.num_envs % ppo.num_minibatches:
-        raise ConfigError(
-            f"ppo.num_minibatches is {ppo.num_minibatches}, but must divide ppo.num_envs, "
-            f"which is {ppo.num_envs}"
-        )
-    for name, chosen in (("ppo", ppo), ("sac", config.sac)):
+    demos, pretrain = config.demos, config.pretrain
+    _check_encoder(config)
+    for name in ALGORITHMS:
+        chosen = getattr(config, name)
+        chosen.check(name)
         unroll = chosen.num_envs * chosen.unroll_length
         if chosen.num_timesteps < unroll:
             raise ConfigError(
                 f"{name}.num_timesteps is {chosen.num_timesteps}, but must cover one update of "
                 f"{name}.num_envs x {name}.unroll_length = {unroll} steps"
             )
-    _check_replay(config.sac)
     _check_worlds(config)
     if demos.path is None and pretrain.num_videos > demos.num:
         raise ConfigError(
@@ -202,27 +191,41 @@ def _check_sizes(config: RunConfig) -> None:
         )
 
 
-def _check_pixels(config: RunConfig) -> None:
+def _check_encoder(config: RunConfig) -> None:
+    encoder, kind = config.encoder, ENCODERS[config.encoder.kind]
+    if encoder.members > 1 and not kind.ensembles:
+        raise ConfigError(
+            f"encoder.members is {encoder.members}, but must be 1, because encoder.kind is "
+            f"{encoder.kind!r}"
+        )
+    if not kind.boxes:
+        _check_pictures(config)
+    elif config.loss.decoder == "node" and not kind.nodes:
+        raise ConfigError(
+            f"loss.decoder is 'node', but encoder.kind is {encoder.kind!r}, which embeds no nodes, "
+            "so it must be 'graph'"
+        )
+    if encoder.width % 2 and kind.even:
+        raise ConfigError(
+            f"encoder.width is {encoder.width}, but must be even for encoder.kind {encoder.kind!r}"
+        )
+
+
+def _check_pictures(config: RunConfig) -> None:
     """What boxes are needed for is refused where it decides what is learned."""
-    run = config.run
-    learned = run.reward != "environmental"
+    run, form = config.run, REWARDS[config.run.reward]
+    relabel = getattr(getattr(config, run.algorithm), "relabel", False)
+    with_pictures = alternatives([name for name, one in REWARDS.items() if one.pictures])
     found = {
         "loss.consistency": (config.loss.consistency, config.loss.consistency == "tcc", "'tcc'"),
-        "run.reward": (
-            run.reward,
-            run.reward in ("learned", "environmental", "sum"),
-            "'learned', 'environmental' or 'sum'",
-        ),
-        "sac.relabel": (
-            config.sac.relabel,
-            not (config.sac.relabel and run.algorithm == "sac" and learned),
-            "False",
-        ),
+        "run.reward": (run.reward, form.pictures, with_pictures),
+        f"{run.algorithm}.relabel": (relabel, not (relabel and form.learns), "False"),
     }
     for path, (value, holds, text) in found.items():
         if not holds:
             raise ConfigError(
-                f"{path} is {value!r}, but must be {text}, because encoder.kind is 'pixels'"
+                f"{path} is {value!r}, but must be {text}, because encoder.kind is "
+                f"{config.encoder.kind!r}"
             )
 
 
@@ -238,17 +241,3 @@ def _check_worlds(config: RunConfig) -> None:
             raise ConfigError(
                 f"env.worlds is {env.worlds}, but must be at least {path}, which is {number}"
             )
-
-
-def _check_replay(sac: SACConfig) -> None:
-    unroll = sac.num_envs * sac.unroll_length
-    if sac.replay_size % unroll:
-        raise ConfigError(
-            f"sac.replay_size is {sac.replay_size}, but must be a multiple of sac.num_envs x "
-            f"sac.unroll_length = {unroll}, such as {max(1, sac.replay_size // unroll) * unroll}"
-        )
-    if sac.min_replay > sac.replay_size:
-        raise ConfigError(
-            f"sac.min_replay is {sac.min_replay}, but must be at most sac.replay_size, which is "
-            f"{sac.replay_size}"
-        )

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from gril_jax.config.encoder import EncoderOptions
 from gril_jax.errors import ConfigError, ShapeError, require_at_least
 from gril_jax.types import Nodes, SceneGraph
 
@@ -58,6 +59,11 @@ class MLPConfig:
     def latent(self) -> int:
         """Size of the latent."""
         return self.width
+
+    @classmethod
+    def of(cls, options: EncoderOptions, num_classes: int) -> "MLPConfig":
+        """From the section `encoder` of a run's configuration."""
+        return cls(num_classes, width=options.width, pool_robot=options.pool_robot)
 
 
 def init(key: PRNGKeyArray, config: MLPConfig) -> Params:

@@ -13,14 +13,17 @@ whose latents lie side by side. Shapes use N for nodes, H for the width of a nod
 for the latent.
 """
 
+import sys
+from typing import Union
+
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.config.encoder import PoolConfig
+from gril_jax.config.tables import ENCODERS, find
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.types import SceneGraph
 
-from . import box_mlp, interaction_network, message_passing, resnet
 from .box_mlp import MLPConfig
 from .ensemble import latent_size, member, num_members
 from .interaction_network import InteractionConfig
@@ -43,17 +46,11 @@ __all__ = [
     "sees_robot",
 ]
 
+_KINDS = {find(one.config): one for one in ENCODERS.values()}
 # Encoders that embed each node before they pool; of scene graphs; of anything.
-NodeConfig = EncoderConfig | InteractionConfig
-GraphConfig = NodeConfig | MLPConfig
-AnyConfig = GraphConfig | PixelConfig
-
-_MODULES = {
-    EncoderConfig: message_passing,
-    InteractionConfig: interaction_network,
-    MLPConfig: box_mlp,
-    PixelConfig: resnet,
-}
+NodeConfig = Union[tuple(kind for kind, one in _KINDS.items() if one.nodes)]  # noqa: UP007
+GraphConfig = Union[tuple(kind for kind, one in _KINDS.items() if one.boxes)]  # noqa: UP007
+AnyConfig = Union[tuple(_KINDS)]  # noqa: UP007
 
 
 def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
@@ -123,9 +120,7 @@ def node_embeddings(
     Raises:
       ConfigError: this kind of encoder does not embed nodes, or it is an ensemble.
     """
-    module = _node_module(config)
-    options = {"form": form} if module is message_passing else {}
-    return module.node_embeddings(params, graph, config, **options)
+    return _node_module(config).node_embeddings(params, graph, config, form=form)
 
 
 def readout(
@@ -165,17 +160,18 @@ def _side_by_side(params, graph, config, alpha, form):
 
 
 def _module(config):
-    if type(config) not in _MODULES:
-        known = ", ".join(kind.__name__ for kind in _MODULES)
+    if type(config) not in _KINDS:
+        known = ", ".join(kind.__name__ for kind in _KINDS)
         raise ConfigError(f"encoder is a {type(config).__name__}; it must be one of {known}.")
-    return _MODULES[type(config)]
+    return sys.modules[type(config).__module__]
 
 
 def _node_module(config):
-    if type(config) in (MLPConfig, PixelConfig):
+    if type(config) in _KINDS and not _KINDS[type(config)].nodes:
+        known = " or an ".join(kind.__name__ for kind, one in _KINDS.items() if one.nodes)
         raise ConfigError(
             f"encoder is a {type(config).__name__}, which does not embed nodes; it must be an "
-            f"EncoderConfig or an InteractionConfig."
+            f"{known}."
         )
     if num_members(config) > 1:
         raise ConfigError(

@@ -27,12 +27,13 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from gril_jax.config.encoder import EncoderOptions
 from gril_jax.errors import ConfigError, require_at_least
 from gril_jax.types import Nodes, SceneGraph
 
 from .box_features import history_features, last_frame
 from .dense_messages import sum_messages
-from .message_passing import Params
+from .message_passing import Form, Params
 from .pooling import node_weights, weighted_pool
 
 __all__ = ["InteractionConfig", "init", "node_embeddings", "readout"]
@@ -78,6 +79,18 @@ class InteractionConfig:
         """Size of the latent: there is no head."""
         return self.width
 
+    @classmethod
+    def of(cls, options: EncoderOptions, num_classes: int) -> "InteractionConfig":
+        """From the section `encoder` of a run's configuration."""
+        return cls(
+            num_classes,
+            width=options.width,
+            self_blocks="class" if options.distances else "robot",
+            distances=options.distances,
+            pool_robot=options.pool_robot,
+            robot_messages=options.robot_messages,
+        )
+
 
 def init(key: PRNGKeyArray, config: InteractionConfig) -> Params:
     """Fresh parameters: a dict of the blocks. The key is consumed.
@@ -94,13 +107,14 @@ def init(key: PRNGKeyArray, config: InteractionConfig) -> Params:
 
 
 def node_embeddings(
-    params: Params, graph: SceneGraph, config: InteractionConfig
+    params: Params, graph: SceneGraph, config: InteractionConfig, *, form: Form = "dense"
 ) -> Float[Array, "N H"]:
-    """The affector's output for each node.
+    """The affector's output for each node; there is one form of it.
 
     Raises:
       ShapeError: the graph does not hold `config.history` frames.
     """
+    del form
     return _Interaction(config).apply({"params": params}, graph.nodes)
 
 

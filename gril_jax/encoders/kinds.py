@@ -1,6 +1,6 @@
 """An encoder's configuration as JSON and back: its kind, and its fields by name.
 
->>> to_json(encoder.MLPConfig(num_classes=3))["kind"]
+>>> to_json(KINDS["mlp"](num_classes=3))["kind"]
 'mlp'
 >>> from_json({"kind": "pixel", "latent": 8})
 PixelConfig(latent=8, pixels=None, precision='float32')
@@ -12,19 +12,14 @@ from collections.abc import Mapping
 from types import NoneType, UnionType
 from typing import Any, Literal
 
+from gril_jax.config.tables import ENCODERS, find
 from gril_jax.errors import ConfigError
 
-from . import encoder
 from .encoder import AnyConfig
 
 __all__ = ["KINDS", "from_json", "to_json"]
 
-KINDS = {
-    "paper": encoder.EncoderConfig,
-    "interaction": encoder.InteractionConfig,
-    "mlp": encoder.MLPConfig,
-    "pixel": encoder.PixelConfig,
-}
+KINDS = {one.saved or name: find(one.config) for name, one in ENCODERS.items()}
 
 # A file must not make its reader build a network without end.
 _MOST = {"rounds": 100, "history": 100, "members": 100}

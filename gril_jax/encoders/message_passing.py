@@ -68,6 +68,20 @@ class EncoderConfig:
         if not self.length_unit > 0:
             raise ConfigError(f"encoder.length_unit is {self.length_unit}; it must be positive.")
 
+    @classmethod
+    def of(cls, options: EncoderOptions, num_classes: int) -> "EncoderConfig":
+        """From the section `encoder` of a run's configuration."""
+        names = (
+            "width",
+            "rounds",
+            "latent",
+            "relations",
+            "pool_robot",
+            "robot_messages",
+            "members",
+        )
+        return cls(num_classes, **{name: getattr(options, name) for name in names})
+
 
 def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
     """Fresh parameters: a dict with the parts `messages` and `head`. The key is consumed.

@@ -49,6 +49,12 @@ class PixelConfig:
         if self.pixels is not None and self.pixels < 1:
             raise ConfigError(f"encoder.pixels is {self.pixels}; it must be at least 1, or None.")
 
+    @classmethod
+    def of(cls, options: EncoderOptions, num_classes: int) -> "PixelConfig":
+        """From the section `encoder` of a run's configuration."""
+        del num_classes
+        return cls(options.latent, pixels=options.pixels, precision=options.precision)
+
 
 def init(key: PRNGKeyArray, config: PixelConfig) -> Params:
     """Fresh parameters, drawn at random. The key is consumed.

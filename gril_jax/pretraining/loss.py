@@ -17,15 +17,13 @@ from gril_jax.graphs.scene import scene_graph
 from gril_jax.losses import (
     decode,
     decode_graph,
-    mean_consistency,
     reconstruction,
-    soft_dtw_divergence,
-    stochastic_consistency,
 )
 from gril_jax.losses.reconstruction import init as init_node_decoder
 from gril_jax.losses.reconstruction import init_graph as init_graph_decoder
 from gril_jax.types import DemoBatch, Nodes
 
+from .alignment import aligned
 from .options import Hyper, Static
 
 __all__ = ["Terms", "init_decoder", "latents", "terms"]
@@ -110,31 +108,10 @@ def terms(
 
     found, rebuilt = jax.vmap(video)(demos, active, frames)
     times = frames / demos.length[:, None]
-    consistency, agreement = _alignment(key, found, times, valid, hyper, config)
+    consistency, agreement = aligned(key, found, times, valid, hyper, config)
     counted = valid[:, :, None] & _decodable(demos, config)[:, None, :]
     total = jnp.sum(jnp.where(counted, rebuilt, 0.0))
     return Terms(consistency, agreement, total / jnp.maximum(jnp.sum(counted), 1))
-
-
-def _alignment(key, found, times, valid, hyper, config):
-    options = {"temperature": hyper.temperature, "similarity": config.similarity}
-    cycle, agreement = mean_consistency(found, times, valid, form=config.form, **options)
-    if config.matching == "stochastic":
-        cycle = stochastic_consistency(key, found, times, valid, form=config.form, **options)
-    if config.consistency == "tcc":
-        return cycle, agreement
-    warped = hyper.soft_dtw_weight * _mean_divergence(found, valid, hyper.gamma)
-    return (warped if config.consistency == "soft_dtw" else cycle + warped), agreement
-
-
-def _mean_divergence(found, valid, gamma):
-    """Soft-DTW divergence a frame, mean over all pairs of videos."""
-    one, other = jnp.triu_indices(found.shape[0], 1)
-    length = jnp.sum(valid, axis=1)  # valid frames come first
-    divergence = soft_dtw_divergence(
-        found[one], found[other], length[one], length[other], gamma=gamma
-    )
-    return jnp.mean(divergence / jnp.maximum(length[one] + length[other], 1))
 
 
 def _rebuild(params, decoded, nodes, config) -> Float[Array, "N"]:

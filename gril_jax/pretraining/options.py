@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from gril_jax.config.encoder import PoolConfig
 from gril_jax.config.reward import LossConfig, PretrainConfig
+from gril_jax.config.tables import ALIGNMENTS
 from gril_jax.encoders.encoder import GraphConfig, NodeConfig, PixelConfig
 from gril_jax.errors import ConfigError, require_at_least
 
@@ -57,7 +58,7 @@ class Static(PixelStatic):
 
     encoder: GraphConfig
     """The network."""
-    consistency: Literal["tcc", "soft_dtw", "both"] = LossConfig.consistency
+    consistency: Literal[*ALIGNMENTS] = LossConfig.consistency
     """What aligns videos in time: cycle-consistency, soft-DTW, or their sum."""
     decoder: Literal["node", "graph"] = LossConfig.decoder
     """What is decoded for the reconstruction: each node's embedding, or the latent (Eq. 5)."""

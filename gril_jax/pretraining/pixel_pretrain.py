@@ -23,10 +23,10 @@ from gril_jax.encoders import pixel_videos, resnet
 from gril_jax.encoders.message_passing import Params
 from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import ConfigError
-from gril_jax.losses import mean_consistency, stochastic_consistency
 from gril_jax.reward import pixels as pixel_reward
 
 from . import batch
+from .alignment import aligned
 from .options import Hyper, PixelStatic
 
 __all__ = ["Metrics", "TrainState", "evaluate", "init", "step"]
@@ -92,7 +92,7 @@ def step(
         def loss(params):
             latents, moved = resnet.apply_train(params, resnet.floats(pictures), config.encoder)
             cycle_key = jax.random.fold_in(batch_key, 2)  # `draw` splits it into 0 and 1
-            cycle, agreement = _alignment(cycle_key, latents, times, valid, hyper, config)
+            cycle, agreement = aligned(cycle_key, latents, times, valid, hyper, config)
             return cycle + fading * agreement, (cycle, moved["statistics"])
 
         (total, (cycle, statistics)), gradient = jax.value_and_grad(loss, has_aux=True)(
@@ -134,15 +134,6 @@ def evaluate(
         "reward_first": jnp.mean(rewards[:, 0]),
         "reward_last": jnp.mean(last),
     }
-
-
-def _alignment(key, latents, times, valid, hyper, config):
-    """Cycle-consistency, and the time agreement that helps it to begin."""
-    options = {"temperature": hyper.temperature, "similarity": config.similarity}
-    cycle, agreement = mean_consistency(latents, times, valid, form=config.form, **options)
-    if config.matching == "stochastic":
-        cycle = stochastic_consistency(key, latents, times, valid, form=config.form, **options)
-    return cycle, agreement
 
 
 def _optimizer():

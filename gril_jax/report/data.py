@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gril_jax.config.tables import ALGORITHMS
 from gril_jax.errors import RunError
 from gril_jax.runs.run_dir import read_metrics, read_results
 
@@ -34,7 +35,8 @@ __all__ = [
 
 SPLITS = ("train", "validation", "failure")
 _NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
-_STEP = {"pretrain": "step", "ppo": "env_steps", "sac": "env_steps"}  # which field counts, by phase
+# Which field counts, by phase.
+_STEP = {"pretrain": "step"} | dict.fromkeys(ALGORITHMS, "env_steps")
 _LARGEST = 1e30  # a number beyond it is damage, and would overflow when drawn
 
 
@@ -130,7 +132,7 @@ def _require_shape(path: Path, field: str, array: np.ndarray, shape: tuple) -> N
 
 
 def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Rows of metrics.jsonl by phase, "pretrain" and "ppo" or "sac"; empty if there is no file.
+    """Rows of metrics.jsonl by phase, "pretrain" and the algorithm; empty if there is no file.
 
     Raises:
       RunError: a line is damaged, or a value in it is no number.

@@ -55,7 +55,7 @@ def write_report(run_folder: str | os.PathLike) -> Path:
         tiles = headline(run.results)
         demonstrations, tracked = _demonstrations(run, films)
         loss, profile = _loss(run), _profile(run, films)
-        if run.rows["ppo"] or run.rows["sac"]:
+        if run.rows[run.config.run.algorithm]:
             film, beside = _rollout(run), [_learning_curve(run), profile]
             later = [Section("Training the reward", [_both_outcomes(run), loss])]
             demonstrations.append(tracked)
@@ -165,7 +165,7 @@ def _both_outcomes(run: Inputs) -> Part:
 
 def _learning_curve(run: Inputs) -> Part:
     random = number(run.results, "success_random", "results.json")
-    figure = learning_curve(run.rows["ppo"] or run.rows["sac"], random_success=random)
+    figure = learning_curve(run.rows[run.config.run.algorithm], random_success=random)
     return Part(
         "Training episodes, with sampled actions. A reward that rises without success has missed "
         "what the task is about.",
@@ -197,7 +197,7 @@ def _rollout(run: Inputs) -> Part:
 
 def _summary(run: Inputs) -> str:
     chosen = run.config
-    learner = f", {chosen.run.algorithm.upper()}" * bool(run.rows["ppo"] or run.rows["sac"])
+    learner = f", {chosen.run.algorithm.upper()}" * bool(run.rows[run.config.run.algorithm])
     return (
         f"Task {chosen.env.name}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
         f"{learner}, seed {chosen.run.seed}"

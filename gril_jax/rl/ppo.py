@@ -86,6 +86,8 @@ class PPO(Agent):
       static: sizes; `num_minibatches` divides `num_envs`.
     """
 
+    Static, Hyper = Static, Hyper
+
     def __init__(self, env: Environment, reward: AnyReward, static: Static):
         self.static = static
         super().__init__(env, reward, static, static.num_epochs * (static.num_minibatches + 1))

@@ -22,7 +22,7 @@ from flax import linen
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax.config.encoder import PoolConfig
-from gril_jax.config.policy import SACConfig
+from gril_jax.config.policy import SACConfig, check_replay
 from gril_jax.errors import ConfigError
 
 from . import replay, rollout, sac_loss
@@ -98,6 +98,8 @@ class SAC(Agent):
     Raises:
       ConfigError: sizes do not fit together, or the reward cannot be relabelled.
     """
+
+    Static, Hyper = Static, Hyper
 
     def __init__(self, env: Environment, reward: AnyReward, static: Static):
         self.static = static
@@ -240,17 +242,7 @@ class SAC(Agent):
 
 
 def _check(static: Static, episodes: Episodes) -> None:
-    unroll = static.num_envs * static.unroll_length
-    if static.replay_size % unroll:
-        raise ConfigError(
-            f"replay_size is {static.replay_size}, but must be a multiple of num_envs x "
-            f"unroll_length = {unroll}, the transitions of one unroll"
-        )
-    if static.min_replay > static.replay_size:
-        raise ConfigError(
-            f"min_replay is {static.min_replay}, but must be at most replay_size, which is "
-            f"{static.replay_size}"
-        )
+    check_replay(static)
     if static.relabel and jax.tree.leaves(episodes.reward.init()):
         raise ConfigError(
             "relabel is True, but must be False for a reward with a memory of its episode, which "

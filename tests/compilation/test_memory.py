@@ -46,7 +46,7 @@ def test_the_prediction_is_near_what_the_program_needs_on_a_real_task(sizes):
     config = RunConfig()
     env = setup.make_env(config.env, training=True)
     algorithm = ppo.PPO(env, rewards.environmental, ppo.Static(**sizes))
-    hyper = policy_setup.ppo_hyper(config)
+    hyper = policy_setup.algorithm_hyper(config, "ppo")
     predicted = memory.predict_bytes(algorithm, hyper, jnp.zeros(()))
     assert 0.5 < predicted / _needed(algorithm, hyper) < 3
 

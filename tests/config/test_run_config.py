@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import inspect
+import itertools
 import math
 import subprocess
 import sys
@@ -17,6 +18,10 @@ from gril_jax.config import (
     PPOConfig,
     RunConfig,
     RunSettings,
+    encoder,
+    policy,
+    reward,
+    task,
 )
 from gril_jax.config import run_config as schema
 from gril_jax.config.command_line import options
@@ -215,11 +220,12 @@ def test_every_number_has_a_range():
 
 
 def test_every_field_has_a_help_text_under_it():
-    for node in ast.parse(inspect.getsource(schema)).body:
-        if isinstance(node, ast.ClassDef) and node.name not in ("RunConfig", "MakeDemosConfig"):
-            for field, text in zip(node.body[1::2], node.body[2::2], strict=True):
-                assert isinstance(field, ast.AnnAssign), f"{node.name}: line {field.lineno}"
-                assert isinstance(text, ast.Expr), f"{node.name}.{field.target.id}"
+    for module in (schema, encoder, policy, reward, task):
+        for node in ast.parse(inspect.getsource(module)).body:
+            if isinstance(node, ast.ClassDef) and node.name not in ("_Sections", "MakeDemosConfig"):
+                for field, text in itertools.pairwise(node.body):
+                    if isinstance(field, ast.AnnAssign):
+                        assert isinstance(text, ast.Expr), f"{node.name}.{field.target.id}"
 
 
 def test_every_field_is_an_option():

@@ -117,7 +117,7 @@ def _compare(algorithm, policy, act):
 
 @pytest.fixture(scope="module")
 def task():
-    return policy_setup.make_ppo(SMALL, setup.make_env(SMALL.env, training=False))
+    return policy_setup.make_algorithm(SMALL, setup.make_env(SMALL.env, training=False), "ppo")
 
 
 @pytest.fixture(scope="module")

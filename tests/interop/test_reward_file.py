@@ -310,7 +310,7 @@ def test_loading_a_reward_loads_no_simulator_and_no_command_line():
 
 
 def test_kinds_of_encoders_are_all_known():
-    assert {*encoder_choices.KINDS.values()} == {*encoder._MODULES}
+    assert {*encoder_choices.KINDS.values()} == {*encoder._KINDS}
     for config in CONFIGS.values():
         text = json.dumps(encoder_choices.to_json(config))
         assert encoder_choices.from_json(json.loads(text)) == config

@@ -67,8 +67,8 @@ def _demos():
 def earlier():
     """A fresh policy, and a reward that tells nothing apart and so is always 0."""
     probe = Probe(episode_length=12)
-    ppo = policy_setup.make_ppo(CONFIG, probe)
-    state = jax.jit(ppo.init)(jax.random.key(0), policy_setup.ppo_hyper(CONFIG))
+    ppo = policy_setup.make_algorithm(CONFIG, probe, "ppo")
+    state = jax.jit(ppo.init)(jax.random.key(0), policy_setup.algorithm_hyper(CONFIG, "ppo"))
     blind = jax.tree.map(jnp.zeros_like, setup.blank_reward(CONFIG, len(probe.classes)))
     blind = RewardParams(blind.encoder, blind.goal, jnp.float32(1.0), jnp.float32(5.0))
     policy = Policy(state.normalizer, state.params.policy)

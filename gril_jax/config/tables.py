@@ -1,0 +1,101 @@
+"""The tables of what can be chosen by name: encoders, losses, forms of the reward, algorithms.
+
+To add one, write its file and a line here; whatever asks for a name finds it then. Entries name
+code by its path and import none of it, since a command line is read before JAX is loaded.
+"""
+
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from .policy import PPOConfig, SACConfig
+
+__all__ = [
+    "ALGORITHMS", "ALIGNMENTS", "ENCODERS", "REWARDS", "Algorithm", "Encoder", "Reward",
+    "alternatives", "find",
+]  # fmt: skip
+
+
+class Encoder(NamedTuple):
+    """A network from a scene graph, or from a picture, to a latent."""
+
+    config: str
+    """Its static choices, whose `of(options, num_classes)` takes them from the section `encoder`;
+    `init` and `apply` are functions of the same module. It has `latent`; one of scene graphs also
+    has `num_classes`, `width`, `pool_robot` and `length_unit`, which the decoders read."""
+    boxes: bool = True
+    """Takes scene graphs; if not, pictures."""
+    nodes: bool = False
+    """Embeds each node: the module has `node_embeddings` and `readout`, and no `apply`."""
+    ensembles: bool = False
+    """May have several members."""
+    even: bool = False
+    """Has a width that is even."""
+    saved: str | None = None
+    """The name in files of a reward, where that is another one."""
+
+
+class Reward(NamedTuple):
+    """What a policy can maximise."""
+
+    form: str
+    """A `gril_jax.experiments.pipeline.reward_form.RewardForm`."""
+    learns: bool = True
+    """Takes a learned reward."""
+    pictures: bool = False
+    """Does as well with an encoder of pictures."""
+
+
+class Algorithm(NamedTuple):
+    """What can train a policy."""
+
+    algorithm: str
+    """A `gril_jax.rl.training.Algorithm` of an environment, a reward and its `Static`; with the
+    types of its options as `Static` and `Hyper`."""
+    options: type[Any]
+    """The section of the configuration, which has its name."""
+
+
+ENCODERS = {
+    "paper": Encoder("gril_jax.encoders.message_passing.EncoderConfig", nodes=True, ensembles=True),
+    "interaction": Encoder("gril_jax.encoders.interaction_network.InteractionConfig", nodes=True),
+    "mlp": Encoder("gril_jax.encoders.box_mlp.MLPConfig", even=True),
+    "pixels": Encoder("gril_jax.encoders.resnet.PixelConfig", boxes=False, saved="pixel"),
+}
+
+# Losses that align videos in time, each a function as `gril_jax.pretraining.alignment` has them;
+# several are summed.
+ALIGNMENTS = {
+    "tcc": ("gril_jax.pretraining.alignment.cycle",),
+    "soft_dtw": ("gril_jax.pretraining.alignment.warping",),
+    "both": ("gril_jax.pretraining.alignment.cycle", "gril_jax.pretraining.alignment.warping"),
+}
+
+_FORMS = "gril_jax.experiments.pipeline.policy_rewards"
+REWARDS = {
+    "learned": Reward(f"{_FORMS}.LEARNED", pictures=True),
+    "environmental": Reward(f"{_FORMS}.ENVIRONMENTAL", learns=False, pictures=True),
+    "subtasks": Reward(f"{_FORMS}.SUBTASKS"),
+    "sum": Reward(f"{_FORMS}.SUM", pictures=True),
+    "shaped": Reward(f"{_FORMS}.SHAPED"),
+}
+
+ALGORITHMS = {
+    "ppo": Algorithm("gril_jax.rl.ppo.PPO", PPOConfig),
+    "sac": Algorithm("gril_jax.rl.sac.SAC", SACConfig),
+}
+
+
+def find(path: str) -> Any:
+    """What a table names, imported now."""
+    module, _, name = path.rpartition(".")
+    return getattr(import_module(module), name)
+
+
+def alternatives(names: list[str]) -> str:
+    """Names as a choice in words.
+
+    >>> alternatives(["a", "b", "c"])
+    "'a', 'b' or 'c'"
+    """
+    quoted = [repr(name) for name in names]
+    return " or ".join(filter(None, [", ".join(quoted[:-1]), quoted[-1]]))

@@ -1,0 +1,73 @@
+"""What aligns videos in time: functions of one batch, which the table `ALIGNMENTS` names.
+
+Each takes a key, the latents (V, F, D) of frames, their normalised times (V, F), which of them are
+valid (V, F), the cycle-consistency through all videos, which is computed in any case, and the
+options; it returns its weighted loss.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+from gril_jax.config.tables import ALIGNMENTS, find
+from gril_jax.losses import mean_consistency, soft_dtw_divergence, stochastic_consistency
+
+from .options import Hyper, PixelStatic, Static
+
+__all__ = ["aligned", "cycle", "warping"]
+
+
+def aligned(
+    key: PRNGKeyArray,
+    latents: Float[Array, "V F D"],
+    times: Float[Array, "V F"],
+    valid: Bool[Array, "V F"],
+    hyper: Hyper,
+    config: Static | PixelStatic,
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The loss that the options name, and the time agreement that helps it to begin."""
+    names = ALIGNMENTS[getattr(config, "consistency", "tcc")]
+    plain, agreement = mean_consistency(latents, times, valid, **_options(hyper, config))
+    losses = [find(name)(key, latents, times, valid, plain, hyper, config) for name in names]
+    return sum(losses[1:], start=losses[0]), agreement
+
+
+def cycle(
+    key: PRNGKeyArray,
+    latents: Float[Array, "V F D"],
+    times: Float[Array, "V F"],
+    valid: Bool[Array, "V F"],
+    plain: Float[Array, ""],
+    hyper: Hyper,
+    config: Static | PixelStatic,
+) -> Float[Array, ""]:
+    """Temporal cycle-consistency; the key is for cycles that are drawn at random."""
+    if config.matching == "stochastic":
+        return stochastic_consistency(key, latents, times, valid, **_options(hyper, config))
+    return plain
+
+
+def warping(
+    key: PRNGKeyArray,
+    latents: Float[Array, "V F D"],
+    times: Float[Array, "V F"],
+    valid: Bool[Array, "V F"],
+    plain: Float[Array, ""],
+    hyper: Hyper,
+    config: Static | PixelStatic,
+) -> Float[Array, ""]:
+    """Soft-DTW divergence a frame, mean over all pairs of videos."""
+    del key, times, plain, config
+    one, other = jnp.triu_indices(latents.shape[0], 1)
+    length = jnp.sum(valid, axis=1)  # valid frames come first
+    divergence = soft_dtw_divergence(
+        latents[one], latents[other], length[one], length[other], gamma=hyper.gamma
+    )
+    return hyper.soft_dtw_weight * jnp.mean(
+        divergence / jnp.maximum(length[one] + length[other], 1)
+    )
+
+
+def _options(hyper, config):
+    return {
+        "form": config.form, "temperature": hyper.temperature, "similarity": config.similarity
+    }  # fmt: skip

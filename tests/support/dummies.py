@@ -1,0 +1,78 @@
+"""An encoder, a loss, a form of the reward and an algorithm, each a file and a line of a table."""
+
+import sys
+from pathlib import Path
+
+FILES = {
+    "dummy_encoder": """
+import dataclasses
+import jax
+import jax.numpy as jnp
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class DummyConfig:
+    num_classes: int
+    width: int = 4
+    latent: int = 2
+    pool_robot: bool = False
+    length_unit: float = 1.0
+
+    @classmethod
+    def of(cls, options, num_classes):
+        return cls(num_classes, latent=options.latent)
+
+def init(key, config):
+    return {"dummy_kernel": jax.random.normal(key, (4, config.latent))}
+
+def apply(params, graph, config):
+    nodes = graph.nodes
+    seen = jnp.concatenate([nodes.center, nodes.size], -1) * nodes.present[:, None]
+    return jnp.tanh(seen @ params["dummy_kernel"]).mean(0)
+""",
+    "dummy_loss": """
+import jax.numpy as jnp
+
+def loss(key, latents, times, valid, plain, hyper, config):
+    return 7.0 + 0.0 * jnp.sum(latents)
+""",
+    "dummy_form": """
+import jax.numpy as jnp
+from gril_jax.experiments.pipeline.reward_form import RewardForm
+
+def _five(params, state, active):
+    return 5.0 + 0.0 * params
+
+FORM = RewardForm(lambda config, env: _five, lambda config, learned, demos, classes: jnp.zeros(()))
+""",
+    "dummy_algorithm": """
+import jax.numpy as jnp
+from gril_jax.rl.ppo import PPO
+
+class Dummy(PPO):
+    def learn(self, state, steps, key, hyper, reward_params):
+        state, metrics = super().learn(state, steps, key, hyper, reward_params)
+        return state, metrics | {"dummy": jnp.float32(3)}
+""",
+}
+
+
+def main(folder: str, *args: str) -> int:
+    """Runs the command line with all four, whose files are put into a folder."""
+    for name, text in FILES.items():
+        Path(folder, f"{name}.py").write_text(text)
+    sys.path.insert(0, folder)
+    from gril_jax.config import tables
+    from gril_jax.config.policy import PPOConfig
+
+    tables.ENCODERS["dummy"] = tables.Encoder("dummy_encoder.DummyConfig")
+    tables.ALIGNMENTS["dummy"] = ("dummy_loss.loss",)
+    tables.REWARDS["dummy"] = tables.Reward("dummy_form.FORM")
+    tables.ALGORITHMS["dummy"] = tables.Algorithm("dummy_algorithm.Dummy", PPOConfig)
+    from gril_jax.cli.main import main
+
+    return main(list(args))
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
