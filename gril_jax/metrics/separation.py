@@ -1,6 +1,6 @@
 """Whether a reward tells success from failure, and later stages from earlier ones.
 
-`gril_jax.metrics.separation_ratio` (Eq. 8) divides sums over time, which depend on how long a
+The separation ratio (Eq. 8) divides sums over time, which depend on how long a
 recording is: a failure that breaks off early has a small sum. So sums are made comparable first
 (`cumulative`), and beside the ratio there are measures that no scale of the reward changes: the
 area under the ROC curve, and the order of stages. Everything can be jitted. Shapes use B for
