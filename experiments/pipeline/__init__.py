@@ -1,1 +1,1 @@
-"""From a configuration to what the experiments compose."""
+"""Builds the parts of an experiment from a configuration."""

@@ -31,7 +31,7 @@ class Demonstrations(NamedTuple):
 
 
 def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress) -> Demonstrations:
-    """`gather` into the run's folder, as its first phase.
+    """Runs `gather` into the run's folder, as its first phase.
 
     Raises:
       DemoError: see `gather`.
@@ -52,7 +52,7 @@ def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress)
 
 
 def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstrations:
-    """Load `config.demos.path`, or the set in `folder`, after making it there where it lacks.
+    """Loads `config.demos.path`, or the set in `folder`, which is made first if missing.
 
     Objects that the task does not have are left out, so that a task with fewer blocks can learn
     from videos with more. Failures never train the encoder.

@@ -1,4 +1,4 @@
-"""An episode in the simulator as a film.
+"""Films of simulated episodes.
 
 What a table holds is painted by MuJoCo, the arm included, where OpenGL works; everything else, and
 everywhere else, as the outlines of the objects.
@@ -19,7 +19,7 @@ _PIXELS = 384
 
 
 def episode(env: Env, states: State) -> UInt8[np.ndarray, "T P P 3"]:
-    """The film of one episode, leaves (T, ...), as people should see it."""
+    """Renders one episode, leaves (T, ...), as a film for people to watch."""
     states = jax.device_get(states)
     if isinstance(env, Tabletop):
         try:
@@ -38,7 +38,7 @@ def episode(env: Env, states: State) -> UInt8[np.ndarray, "T P P 3"]:
 
 
 def outlines(env: Env, data) -> UInt8[np.ndarray, "T P P 3"]:
-    """The same by the objects' outlines alone; `data` is the simulator's, leaves (T, ...)."""
+    """Renders an episode from the objects' outlines; `data` is the simulator's, leaves (T, ...)."""
     return np.stack(
         [
             render.paint(

@@ -47,7 +47,7 @@ Echo = Callable[[str], None]
 
 
 class EarlierPolicy(NamedTuple):
-    """The policy of a run, and what it was trained on."""
+    """The policy of a run, its task, and the reward that trained it."""
 
     folder: Path
     config: RunConfig
@@ -58,7 +58,7 @@ class EarlierPolicy(NamedTuple):
 
 
 def load(folders: Sequence[Path]) -> list[EarlierPolicy]:
-    """The policies of some runs, whose folders are only read.
+    """Loads the policies of some runs, whose folders are only read.
 
     Raises:
       ConfigError: a run has no policy, or it cannot be read.
@@ -88,7 +88,7 @@ def gather_once(
     *,
     echo: Echo = print,
 ) -> Scene | None:
-    """The scenes, played and chosen once, from then on out of the run's folder.
+    """Plays and chooses the scenes once; later calls read them from the run's folder.
 
     Args:
       policies: of `load`; a run that goes on loads those that it noted if it has to.
@@ -185,7 +185,7 @@ def _play(earlier: EarlierPolicy, progress: Progress) -> DemoBatch:
 
 
 def _save(file: Path, pool: Scene) -> str:
-    """Writes the file, whole; returns its digest."""
+    """Writes the file atomically; returns its digest."""
     part = file.with_name(f".{file.name}")  # np.savez adds no ending to one that is there
     with writing(file.parent):
         np.savez(part, **pool._asdict())

@@ -1,4 +1,4 @@
-"""An encoder's training, on boxes or on frames, behind one interface.
+"""Training of an encoder, on boxes or on frames, behind one interface.
 
     one = learner(config, demos)
     state = one.init(key, one.data)
@@ -37,7 +37,7 @@ __all__ = ["Learner", "learner", "static_config"]
 
 
 class Learner(NamedTuple):
-    """Functions of a state, of the data and of the traced choices: pure but for `films`."""
+    """Functions of a state, the data and the traced options: pure except `films`."""
 
     static: Static | PixelStatic
     data: Any  # of the training and of the held-out demonstrations, and scenes to learn from, too
@@ -50,7 +50,7 @@ class Learner(NamedTuple):
 
 
 def static_config(config: RunConfig, num_classes: int) -> Static | PixelStatic:
-    """The static half of the training that the configuration asks for."""
+    """The static options of the encoder training in the configuration."""
     if not ENCODERS[config.encoder.kind].boxes:
         return setup.pixel_pretrain_config(config)
     return setup.pretrain_config(config, num_classes)
@@ -99,7 +99,7 @@ def _of_boxes(config, demos, pool) -> Learner:
 
 
 def _of_members(static: Static):
-    """`init` and `step`; an ensemble's are those of its members, each with a key of its own.
+    """`init` and `step`; for an ensemble, those of its members, each with a separate key.
 
     Networks begin apart and draw other batches. The metrics are their means.
     """

@@ -1,4 +1,4 @@
-"""What a policy is trained on: the reward that the configuration names, and its parameters."""
+"""The reward that trains a policy: built from the configuration, with its parameters."""
 
 from collections.abc import Callable
 from typing import Any
@@ -57,7 +57,7 @@ def _form(config: RunConfig) -> RewardForm:
 
 
 def robots(env: envs.Env) -> tuple[int, ...]:
-    """Objects that belong to the robot; none of a task that does not say."""
+    """Indices of the robot's objects; empty for a task without stages."""
     stages = getattr(env, "stages", None)
     return stages.robots if stages else ()
 
@@ -72,7 +72,7 @@ def _learned(config: RunConfig, env: envs.Env) -> rewards.RewardFn:
 
 
 def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P P 3"]]:
-    """The task's own picture of a moment, with smooth edges as in the videos of demonstrations.
+    """The task's picture of a state, with smooth edges as in the demonstration videos.
 
     Raises:
       ConfigError: the task cannot be drawn inside compiled code.

@@ -1,4 +1,4 @@
-"""From a configuration to the algorithm that trains a policy, and its traced values."""
+"""Builds the algorithm that trains a policy, and its traced values, from a configuration."""
 
 import math
 from pathlib import Path
@@ -49,7 +49,7 @@ def algorithm_hyper(config: RunConfig, name: str | None = None) -> Any:
 
 
 def policy_config(config: RunConfig) -> Any:
-    """The section of the algorithm that the run asks for."""
+    """The configuration section of the run's algorithm."""
     return getattr(config, config.run.algorithm)
 
 
@@ -60,7 +60,7 @@ def _chosen(config: RunConfig, name: str | None) -> tuple[Any, Any]:
 
 
 def restore_policy(folder: Path, config: RunConfig, algorithm: training.Algorithm) -> Policy:
-    """The policy of a run.
+    """Restores the policy of a run.
 
     Raises:
       RunError: the run has none yet, or it is damaged.
@@ -72,6 +72,6 @@ def restore_policy(folder: Path, config: RunConfig, algorithm: training.Algorith
 
 
 def fresh_policy(config: RunConfig, algorithm: training.Algorithm, key: PRNGKeyArray) -> Policy:
-    """A policy that has learned nothing; of `init` only what makes it is compiled."""
+    """An untrained policy; compiles only the part of `init` that makes it."""
     make = jax.jit(lambda key, hyper: algorithm.policy(algorithm.init(key, hyper)))
     return make(key, algorithm_hyper(config))

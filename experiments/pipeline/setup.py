@@ -1,4 +1,4 @@
-"""From a configuration to the objects that the experiments compose."""
+"""Builds the parts of the experiments from a configuration."""
 
 import contextlib
 import dataclasses
@@ -44,7 +44,7 @@ _FEW_UPDATES = 5000  # it pays after 4,300 with displaced copies, 7,800 without 
 
 
 def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -> envs.Env:
-    """The task; varied starts belong to training alone.
+    """Builds the task; varied starts are for training only.
 
     Raises:
       ConfigError: the task does not offer what the configuration asks for.
@@ -86,7 +86,7 @@ def build(task: str, options: Mapping[str, Any]) -> envs.Env:
 
 
 def quieten_warp() -> None:
-    """Warp would report on each of its kernels, in the middle of what commands print."""
+    """Keeps Warp from reporting on each of its kernels amid a command's output."""
     if importlib.util.find_spec("warp") is not None:  # the task says if it is not installed
         warp = importlib.import_module("warp")
         warp.config.log_level = warp.LOG_WARNING
@@ -104,7 +104,7 @@ def by_name(kind: type[Kind], *sections: Any, **more: Any) -> Kind:
 
 
 def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.Static:
-    """The static half of encoder training; `updates` is one call's share of all steps.
+    """The static options of encoder training; `updates` is one call's share of all steps.
 
     Raises:
       ConfigError: the encoder takes pictures.
@@ -117,7 +117,7 @@ def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.Static:
 
 
 def pixel_pretrain_config(config: RunConfig) -> pixel_pretrain.PixelStatic:
-    """The same for an encoder of pictures."""
+    """The static options of training for an encoder of pictures."""
     return by_name(
         pixel_pretrain.PixelStatic, config.loss, config.pretrain,
         encoder=encoder_config(config, 0), updates=_updates(config),
@@ -129,7 +129,7 @@ def _updates(config: RunConfig) -> int:
 
 
 def picture_border(pixels: int) -> int:
-    """Pixels that pictures leave out on each side beyond their own: those of the arena's wall.
+    """Pixels to cut off each side of a picture: the arena's wall.
 
     It is drawn broader in the videos than on the device, and would tell one from the other.
     """
@@ -137,7 +137,7 @@ def picture_border(pixels: int) -> int:
 
 
 def require_boxes(config: RunConfig, purpose: str) -> None:
-    """Refuses an encoder of pictures for what needs the objects' boxes.
+    """Raises if the encoder takes pictures, for a purpose that needs the objects' boxes.
 
     Raises:
       ConfigError: the encoder takes pictures.
@@ -150,7 +150,7 @@ def require_boxes(config: RunConfig, purpose: str) -> None:
 
 
 def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
-    """The traced half of encoder training."""
+    """The traced hyper-parameters of encoder training."""
     found = by_name(
         pretrain.Hyper, config.loss, config.pool, config.pretrain,
         decay_updates=config.pretrain.steps,
@@ -159,7 +159,7 @@ def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
 
 
 def few_updates(config: RunConfig) -> bool:
-    """Whether an encoder's training is over on a GPU before the compiler's best has paid."""
+    """True if training is too short for the compiler's slow optimisations to pay on a GPU."""
     return config.pretrain.steps <= _FEW_UPDATES
 
 
@@ -177,6 +177,6 @@ def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
 
 
 def device_in_words() -> str:
-    """What JAX computes on, such as "2 x cpu"."""
+    """The devices that JAX uses, such as "2 x cpu"."""
     devices = jax.devices()
     return f"{len(devices)} x {devices[0].device_kind}"

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from gril_jax.subtasks.matching import match_in_order
+from gril_jax.subtasks.matching import match_within
 
 __all__ = ["scores"]
 
@@ -57,13 +57,8 @@ def scores(
 
 def _matched(found, true, tolerance: int) -> list[tuple[int, int]]:
     """Pairs of indices, in order: as many as possible, and among those the nearest."""
-    if not len(found) or not len(true):
-        return []
-    distance = np.abs(found[:, None] - true).astype(np.float32)
-    worth = 1.0 + tolerance * (1.0 + min(distance.shape))
-    gain = np.where(distance <= tolerance, worth - distance, 0.0)
-    column = np.asarray(_match(jnp.asarray(gain, jnp.float32)))
+    column = np.asarray(_match(jnp.asarray(found), jnp.asarray(true), tolerance=tolerance))
     return [(i, int(j)) for i, j in enumerate(column) if j >= 0]
 
 
-_match = jax.jit(match_in_order)
+_match = jax.jit(match_within, static_argnames="tolerance")

@@ -1,4 +1,4 @@
-"""Could this reward be hacked? States that are paid without being earned."""
+"""Audits of rewards: searches for states with high reward and no progress."""
 
 from .ascent import Found, search
 from .measures import Audit, Measures, audit, measure

@@ -1,4 +1,4 @@
-"""The adversary: gradient ascent of a reward over object positions, where nothing is achieved.
+"""The adversary: gradient ascent of a reward over object positions, without any progress.
 
 A policy that is paid by a learned reward climbs it. So does this, without a simulator: from many
 random states whose true progress is 0, along the reward's own gradient, to the best-paid state with
@@ -26,7 +26,7 @@ _LANES = 50  # ascents side by side: their activations should fit into a CPU's c
 
 
 class Found(NamedTuple):
-    """The best-paid state of each ascent; a reward that is not finite ends one, and is kept."""
+    """The best-paid state of each ascent; an ascent stops at a non-finite reward, and keeps it."""
 
     scene: Scene  # leading axis A
     reward: Float[Array, "*A"]
@@ -42,7 +42,7 @@ def search(
     ascents: int = 1000,
     steps: int = 100,
 ) -> Found:
-    """Many ascents from varied states around one start; one compiled program under `jax.jit`.
+    """Runs many ascents from varied states around one start; one compiled program under `jax.jit`.
 
     Args:
       reward: of one state, differentiable in its centres.
@@ -70,7 +70,7 @@ def ascend(
     *,
     steps: int,
 ) -> Found:
-    """One ascent; arguments are those of `search`.
+    """Runs one ascent; arguments are those of `search`.
 
     Each object goes the same distance along its own gradient, one axis at a time. What would leave
     the plane is cut off, and what would achieve something is not done, so that an object slides
@@ -104,7 +104,7 @@ def ascend(
 
 
 def _begin(key, task, start, limit):
-    """A random state without progress, and which of its objects move."""
+    """A random state without progress, and a mask of the objects that move."""
     keys = jax.random.split(key, 4)
     able = jnp.array([i in (*task.movable, *task.robots) for i in range(len(start.center))])
     share = jax.random.uniform(keys[0])
@@ -119,7 +119,7 @@ def _begin(key, task, start, limit):
 
 
 def _without_progress(task, start, center, goal):
-    """Goes to `goal` one number at a time, and leaves out what would bring progress."""
+    """Moves towards `goal` one coordinate at a time, skipping those that would bring progress."""
 
     def go(center, at):
         moved = center.at[at[0], at[1]].set(goal[at[0], at[1]])

@@ -1,4 +1,4 @@
-"""How sound a reward is: does it order states by true progress, and can it be had for nothing?
+"""Soundness of a reward: does it order states by true progress, and can it be had without any?
 
     states = jax.vmap(partial(make_states, task=env.stages))(keys, starts)  # once for all rewards
     one = lambda params: audit(reward, params, key, env.stages, states).measures
@@ -50,7 +50,7 @@ class States(NamedTuple):
 
 
 class Rewards(NamedTuple):
-    """What a reward pays for `States`."""
+    """The reward of each of the `States`."""
 
     battery: Float[Array, "B S"]
     alone: Float[Array, "B 2 M G G"]
@@ -78,7 +78,7 @@ class Measures(NamedTuple):
 
 
 class Audit(NamedTuple):
-    """Measures, and what they were taken from."""
+    """The measures, and the states and rewards behind them."""
 
     measures: Measures
     rewards: Rewards
@@ -86,7 +86,7 @@ class Audit(NamedTuple):
 
 
 def make_states(key: PRNGKeyArray, start: Scene, *, task: StagedTask, side: int = _SIDE) -> States:
-    """All states around one start, which has made no progress; batch with `jax.vmap`.
+    """Makes all states around one start without progress; batch with `jax.vmap`.
 
     Args:
       key: consumed.
@@ -118,7 +118,7 @@ def audit(
     ascents: int = 1000,
     steps: int = 100,
 ) -> Audit:
-    """Adversary and measures in one; jit it, and `jax.vmap` it over `params`.
+    """Runs the adversary and the measures; jit it, and `jax.vmap` it over `params`.
 
     Args:
       reward: of one state, differentiable in its centres.
@@ -141,7 +141,7 @@ def audit(
 
 
 def rewards_of(reward: SceneReward, params: Any, states: States) -> Rewards:
-    """What the reward pays for every state."""
+    """Evaluates the reward at every state."""
     parts = (states.battery.scenes, states.alone, states.pushed)
     shapes = [scenes.active.shape[:-1] for scenes in parts]
     sizes = [math.prod(shape) for shape in shapes]
@@ -164,7 +164,7 @@ def rewards_of(reward: SceneReward, params: Any, states: States) -> Rewards:
 
 
 def measure(rewards: Rewards, states: States, found: Found) -> Measures:
-    """The measures, from what is paid for the states and what the ascents found (leading B, A)."""
+    """The measures, from the states' rewards and the results of the ascents (leading B, A)."""
     made, paid = states.battery, rewards.battery
     kind = made.factor[0]  # every start has the same factors
     reset = paid[:, 0]
@@ -176,7 +176,7 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
     unit = jnp.where(span > 0, span, jnp.nan)  # a reward that pays success less has no range
 
     def share(x):
-        """Of each start's own range."""
+        """The value as a share of each start's own range."""
         lead = (-1, *[1] * (x.ndim - 1))
         return (x - reset.reshape(lead)) / unit.reshape(lead)
 
@@ -208,12 +208,12 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
 
 
 def _at_start(made: Battery) -> Bool[Array, "B S"]:
-    """States in which nothing has moved."""
+    """True for states in which nothing has moved."""
     return (made.scenes.center == made.scenes.center[:, :1]).all(axis=(2, 3))
 
 
 def _order(made: Battery, paid: Float[Array, "B S"], unit: Float[Array, "B"]) -> dict[str, Array]:
-    """Over all pairs whose true scores differ: is the better one paid more?"""
+    """Accuracy over all pairs with different true scores: is the better one paid more?"""
     first, second, kind = made.first[0], made.second[0], made.pair_factor[0]
     ahead = made.score[:, first] - made.score[:, second]
     more = paid[:, first] - paid[:, second]

@@ -1,4 +1,4 @@
-"""One state as a reward sees it, and a reward as a function of such states.
+"""A state as input of a reward, and a reward as a function of such states.
 
 Shapes use N for objects; `*S` are any leading axes.
 """
@@ -63,6 +63,6 @@ def scene_reward(
 
 
 def activity_bits(start: Scene, center: Float[Array, "N 2"]) -> Bool[Array, "N"]:
-    """The bits (Eq. 4) of what is not where the episode began, and then of the robot, too."""
+    """The bits (Eq. 4) of objects that have left their start; then of the robot as well."""
     moved = jnp.sum((center - start.center) ** 2, axis=1) > _MOVED**2
     return moved | (start.is_robot & moved.any())

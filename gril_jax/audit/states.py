@@ -1,4 +1,4 @@
-"""A battery of made-up states with known true progress, for judging a reward before a policy does.
+"""Synthetic states with known true progress, for judging a reward before training a policy.
 
 From one start of a task and its stage definition (`gril_jax.envs.stages.Stages`) follow chains of
 states, from the start to success, stage by stage, and around them states in which a single thing is
@@ -84,7 +84,7 @@ def battery(key: PRNGKeyArray, task: StagedTask, start: Scene) -> Battery:
 
 
 def orders(task: StagedTask) -> list[tuple[int, ...]]:
-    """The declared order of the stages, and the one as far from it as their requirements allow."""
+    """The declared order of the stages, and the most different one that requirements allow."""
     names = [stage.name for stage in task.stages]
     last: list[int] = []
     for _ in names:
@@ -106,7 +106,7 @@ def _chain(key, task, start, order) -> Float[Array, "L N 2"]:
 
 
 def _around(key, task, start, order, chain) -> list[_Group]:
-    """Single-factor states around each state of a chain that is not complete."""
+    """Single-factor states around each incomplete state of a chain."""
     keys = jax.random.split(key, len(order) + 1)
     groups = [_Group("touched", chain[:-1], _all_bits(task, start))]
     for level, index in enumerate(order):
@@ -148,7 +148,7 @@ def _complete(key, task, start, complete) -> list[_Group]:
 
 
 def _detour(key, task, start, stage, chain, level) -> Float[Array, "G N 2"]:
-    """The stage's objects on straight lines to a random point each, and from there to the place."""
+    """Moves the stage's objects straight to random points, and from there to their places."""
     over = _scatter(key, task, stage.moves, chain[level], start.size, clear=False)
     share = jnp.arange(1, _FRAMES + 1)[:, None, None] / (_FRAMES + 1)
     away = chain[level] + share * (over - chain[level])
@@ -156,7 +156,7 @@ def _detour(key, task, start, stage, chain, level) -> Float[Array, "G N 2"]:
 
 
 def _random(key, task, start) -> Float[Array, "G N 2"]:
-    """Each stage done or its objects astray or at rest; others anywhere or at rest."""
+    """Random states: stages done or their objects astray or at rest; others anywhere or resting."""
 
     def one(key):
         keys = jax.random.split(key, 4)
@@ -171,7 +171,7 @@ def _random(key, task, start) -> Float[Array, "G N 2"]:
 
 
 def _scatter(key, task, indices, center, size, *, clear=True) -> Float[Array, "N 2"]:
-    """These objects anywhere on the plane, clear of others or not."""
+    """Places these objects anywhere on the plane, clear of others if `clear`."""
     if not clear:
         limit = task.limit(size)
         anywhere = jax.random.uniform(key, center.shape, minval=-limit, maxval=limit)
@@ -190,7 +190,7 @@ def _all_bits(task, start) -> Bool[Array, "N"]:
 
 
 def _compared(task, start, groups, fixed) -> Battery:
-    """Every state is paired with every state of the chains, and random ones with each other."""
+    """Pairs every state with every state of the chains, and random states with each other."""
     center = jnp.concatenate([group.center for group in groups])
     none = jnp.zeros(len(start.center), bool)
     touched = [none if group.touched is None else group.touched for group in groups]

@@ -1,4 +1,4 @@
-"""States on a grid over the plane: one object alone at each place, or all targets pushed there.
+"""States on a grid over the plane: each object swept alone, or all targets moved together.
 
 Shapes use N for objects, M for those that can move, the robot's last, and G for a side of the grid.
 Rows of a grid go up in y, columns to the right in x.
@@ -15,13 +15,13 @@ __all__ = ["alone", "grid", "pushed"]
 
 
 def grid(half_extent: float, side: int) -> Float[Array, "G G 2"]:
-    """Places at equal distances over |x|, |y| <= half_extent."""
+    """Equally spaced places over |x|, |y| <= half_extent."""
     line = jnp.linspace(-half_extent, half_extent, side)
     return jnp.stack(jnp.meshgrid(line, line, indexing="xy"), axis=-1)
 
 
 def alone(task: StagedTask, start: Scene, center: Float[Array, "N 2"], *, side: int) -> Scene:
-    """Each object alone swept over the plane, the others where `center` has them.
+    """Sweeps each object alone over the plane; the others stay at `center`.
 
     Args:
       task: a `gril_jax.envs.stages.Stages`.
@@ -43,7 +43,7 @@ def alone(task: StagedTask, start: Scene, center: Float[Array, "N 2"], *, side: 
 
 
 def pushed(task: StagedTask, start: Scene, *, side: int) -> tuple[Scene, Bool[Array, "G G"]]:
-    """The objects of all stages pushed to one place, side by side, with nothing achieved.
+    """Moves the objects of all stages to one place, side by side, without progress.
 
     Args:
       task, start: as for `alone`.

@@ -1,4 +1,4 @@
-"""Command-line options into a dataclass; every mistake becomes one sentence.
+"""Parses command-line options into a dataclass; every mistake becomes one sentence.
 
 The words of a command line are first held against the dataclass's own types and ranges. tyro, whose
 complaints are boxes for a terminal, then reads what is known to be right, and prints the help.
@@ -42,7 +42,7 @@ def parse(
     prog: str,
     description: str | None = None,
 ) -> Schema:
-    """Reads options into a dataclass; `--help` prints the help and exits with 0.
+    """Parses options into a dataclass; `--help` prints the help and exits with 0.
 
     Raises:
       ConfigError: an option is unknown, lacks its value, is of the wrong type or out of range.
@@ -68,7 +68,7 @@ def parse(
 
 
 def options(schema: type[Any], prefix: str = "--") -> dict[str, Any]:
-    """Every option of a dataclass by its spelling on the command line, with its type."""
+    """Every option of a dataclass by its command-line spelling, with its type."""
     found: dict[str, Any] = {}
     for name, kind in typing.get_type_hints(schema, include_extras=True).items():
         marks = getattr(kind, "__metadata__", ())

@@ -30,22 +30,22 @@ class EncoderOptions:
     latent: int = field(default=32, metadata=at_least(1))
     """Width of the latent."""
     pixels: int = field(default=64, metadata=between(16, 1024))
-    """Width and height of the frames that pixels see."""
+    """Width and height of the frames that a pixel encoder sees."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """What pixels convolve in: bfloat16 is meant for GPUs. Parameters, statistics and latents are
-    float32 in both."""
+    """Precision of convolutions on pixels: bfloat16 is meant for GPUs. Parameters, statistics and
+    latents are float32 in both."""
     relations: bool = False
-    """Whether edges also say how far a box sticks out of the other, and is apart from it."""
+    """True if edges also say how far a box sticks out of the other, and is apart from it."""
     distances: bool = True
     """Interaction alone: each class has weights of its own, and nodes know how far the nearest
     object of each class is, as in GraphIRL's robot tasks; if False, nodes are boxes, as in its
     X-MAGICAL tasks, whose objects are all of one class."""
     pool_robot: bool = False
-    """Whether the robot's node counts in the pooled latent."""
+    """True if the robot's node counts in the pooled latent."""
     robot_messages: bool = False
-    """Whether the robot's node sends and receives messages."""
+    """True if the robot's node sends and receives messages."""
     members: int = field(default=1, metadata=between(1, 100))
-    """Networks, each trained by itself; the reward is that of the most pessimistic one."""
+    """Networks, each trained separately; the reward is that of the most pessimistic one."""
 
 
 @dataclass(frozen=True)
@@ -65,5 +65,5 @@ class PoolConfig:
     noise: float | None = field(
         default=None, metadata=rule(lambda x: x is None or 0 <= x < float("inf"), "at least 0")
     )
-    """Standard deviation of a detected position along one axis, world units: what it explains is no
-    move. None for exact positions."""
+    """Standard deviation of a detected position along one axis, world units; displacements that it
+    explains do not count. None for exact positions."""

@@ -1,4 +1,4 @@
-"""YAML files and command lines into one checked configuration, and back into YAML.
+"""Reads YAML files and command lines into one checked configuration, and writes it as YAML.
 
 A YAML file holds values only. It is flattened to `--section.field=value` and read by the parser
 that also reads the command line, so that one message serves both; what the file says then
@@ -25,13 +25,13 @@ Schema = TypeVar("Schema")
 
 
 def names() -> tuple[str, ...]:
-    """The configurations that are shipped with the package."""
+    """The configurations shipped with the package."""
     files = resources.files("gril_jax.configs").iterdir()
     return tuple(sorted(f.name.removesuffix(".yaml") for f in files if f.name.endswith(".yaml")))
 
 
 def find(name: str) -> Traversable:
-    """A configuration file, by the name of a shipped one or by its path.
+    """Finds a configuration file by its path, or by the name of a shipped one.
 
     Raises:
       ConfigError: there is no such file.
@@ -58,7 +58,7 @@ def load(
     prog: str = "gril train",
     description: str | None = None,
 ) -> Schema:
-    """A YAML file, then the command line over it.
+    """Loads a YAML file, overridden by the command line.
 
     Args:
       name: a path, the name of a shipped configuration, or None for the defaults alone.
@@ -100,7 +100,7 @@ def _tree(config: Any) -> dict[str, Any]:
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader keeps the last of two equal keys in silence; this one refuses."""
+    """A YAML loader that rejects duplicate keys; PyYAML's safe loader silently keeps the last."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         seen: dict[str, int] = {}
@@ -134,7 +134,7 @@ def _read(file: Traversable) -> dict[str, Any]:
 
 
 def _check(tree: Mapping[Any, Any]) -> None:
-    """The shape of the file: sections of fields, and lists where the schema has them."""
+    """Checks the structure of the file: sections of fields, and lists where the schema has them."""
     sections = {field.name: field.default for field in dataclasses.fields(RunConfig)}
     for section, fields in tree.items():
         if section not in sections:

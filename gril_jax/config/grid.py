@@ -1,4 +1,4 @@
-"""What a sweep runs: every combination of the values given, each with the same seeds.
+"""The grid of a sweep: every combination of the given values, each with the same seeds.
 
     gril sweep quickstart --seeds 8 --reward learned,environmental --lambda 0.1,1
 
@@ -19,7 +19,7 @@ __all__ = ["Axis", "Cell", "cells", "take_axes", "with_seed"]
 
 @dataclass(frozen=True)
 class Axis:
-    """An option and the values that it takes."""
+    """An option and its values."""
 
     option: str  # in full, such as --ppo.discounting
     values: tuple[str, ...]
@@ -27,20 +27,20 @@ class Axis:
 
 @dataclass(frozen=True)
 class Cell:
-    """One combination: what sets it apart, and its configuration with the first seed."""
+    """One combination: its labels, and its configuration with the first seed."""
 
     labels: tuple[tuple[str, str], ...]  # option without dashes, value
     config: RunConfig
 
     @property
     def name(self) -> str:
-        """Its labels as one word a label, or "as configured"."""
+        """Its labels as "option value" pairs, or "as configured"."""
         words = (f"{option.rpartition('.')[2]} {value}" for option, value in self.labels)
         return ", ".join(words) or "as configured"
 
 
 def take_axes(args: list[str]) -> list[Axis]:
-    """Takes the options with commas in their values off the arguments, in their order.
+    """Removes the options with commas in their values and returns them, in order.
 
     Raises:
       ConfigError: an option is given twice, or a value is empty or given twice.
@@ -82,7 +82,7 @@ def _axis(option: str, value: str) -> Axis:
 def cells(
     axes: Sequence[Axis], args: list[str], load: Callable[[list[str]], RunConfig]
 ) -> list[Cell]:
-    """Every combination, the last axis changing fastest.
+    """Every combination; the last axis changes fastest.
 
     Args:
       axes: from `take_axes`.
@@ -98,6 +98,6 @@ def cells(
 
 
 def with_seed(config: RunConfig, offset: int) -> RunConfig:
-    """The configuration of the seed that comes `offset` after its first."""
+    """The configuration with its seed increased by `offset`."""
     run = dataclasses.replace(config.run, seed=config.run.seed + offset)
     return dataclasses.replace(config, run=run)

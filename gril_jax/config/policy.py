@@ -48,7 +48,7 @@ class PPOConfig:
     )
     """Widths of the hidden layers of policy and value function."""
     observe_activity: bool | None = None
-    """Whether the policy sees which objects have moved, as the reward does; None: unless the
+    """True if the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
 
     def check(self, name: str) -> None:
@@ -71,25 +71,25 @@ class SACConfig:
     unroll_length: int = field(default=4, metadata=at_least(1))
     """Control steps of each environment between two rounds of gradient steps."""
     updates_per_step: int = field(default=8, metadata=at_least(1))
-    """Gradient steps of such a round."""
+    """Gradient steps of each round."""
     batch_size: int = field(default=256, metadata=at_least(1))
-    """Transitions that a gradient step draws from the replay."""
+    """Transitions in the batch of a gradient step."""
     replay_size: int = field(default=2**17, metadata=at_least(1))
     """Transitions that the replay holds; a multiple of num_envs x unroll_length."""
     min_replay: int = field(default=2**13, metadata=at_least(0))
     """Transitions before learning begins; until then actions are random."""
     relabel: bool = False
-    """Whether the reward is computed when a batch is drawn, not when a step is taken."""
+    """True if the reward is computed when a batch is sampled, not when a step is taken."""
     learning_rate: float = field(default=3e-4, metadata=above(0))
     """Learning rate of Adam for actor and critics."""
     alpha_learning_rate: float = field(default=3e-4, metadata=at_least(0))
-    """The same for the logarithm of the temperature; 0 keeps the temperature."""
+    """Learning rate of the logarithm of the temperature; 0 keeps the temperature."""
     initial_alpha: float = field(default=1.0, metadata=above(0))
-    """Temperature at first: what a nat of entropy is worth in scaled reward."""
+    """Initial temperature: the value of a nat of entropy in units of scaled reward."""
     target_entropy: float = field(
         default=-0.5, metadata=rule(lambda x: abs(x) < float("inf"), "finite")
     )
-    """Entropy that the temperature steers to, nats for each number of an action."""
+    """Target entropy for the temperature, in nats for each number of an action."""
     discounting: float = field(default=0.99, metadata=between(0, 1))
     """Discount of a control step."""
     soft_update: float = field(default=0.005, metadata=between(0, 1))
@@ -97,14 +97,14 @@ class SACConfig:
     reward_scaling: float = field(default=1.0, metadata=above(0))
     """Factor on the reward before it reaches the critics."""
     max_grad_norm: float = field(default=10.0, metadata=above(0))
-    """Gradients whose norm is larger are scaled down to it: actor, critics and temperature each."""
+    """Gradients of larger norm are scaled down to it: actor, critics and temperature each."""
     hidden: tuple[int, ...] = field(
         default=(128, 128),
         metadata=rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
     )
     """Widths of the hidden layers of actor and critics."""
     observe_activity: bool | None = None
-    """Whether the policy sees which objects have moved, as the reward does; None: unless the
+    """True if the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
 
     def check(self, name: str) -> None:

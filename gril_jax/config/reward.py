@@ -22,15 +22,15 @@ class LossConfig:
     lambda_: Annotated[float, tyro.conf.arg(name="lambda")] = field(
         default=1.0, metadata=at_least(0)
     )
-    """Weight of reconstruction beside temporal cycle-consistency."""
+    """Weight of reconstruction relative to temporal cycle-consistency."""
     consistency: Literal[*ALIGNMENTS] = "tcc"
-    """What aligns videos in time: temporal cycle-consistency, soft-DTW divergence, or the sum."""
+    """Temporal alignment of videos: temporal cycle-consistency, soft-DTW divergence, or the sum."""
     form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
         "regression_mse"
     )
     """Form of temporal cycle-consistency."""
     matching: Literal["deterministic", "stochastic"] = "deterministic"
-    """Cycles of every frame through every other video, or as many drawn at random."""
+    """Cycles of every frame through every other video, or as many sampled at random."""
     similarity: Literal["l2", "cosine"] = "l2"
     """Similarity of two latents in temporal cycle-consistency."""
     temperature: float = field(default=1.0, metadata=above(0))
@@ -40,19 +40,19 @@ class LossConfig:
     gamma: float = field(default=0.1, metadata=above(0))
     """Softness of soft-DTW."""
     decoder: Literal["node", "graph"] = "node"
-    """What reconstruction decodes: each node's embedding, or the latent."""
+    """Input of the reconstruction decoder: each node's embedding, or the latent."""
     contrast: float = field(default=10.0, metadata=at_least(0))
-    """Weight of copies of frames with displaced objects, of which pretrain.copies says how many."""
+    """Weight of frame copies with displaced objects; pretrain.copies sets their number."""
     near: float = field(default=0.5, metadata=between(0, 1))
-    """Share of an object's cost that is due as soon as it is out of place by half its box."""
+    """Share of an object's cost that is due once it is out of place by half its box."""
     idle_cost: float = field(default=0.5, metadata=at_least(0))
-    """Cost of what lies where it does not belong, beside that of what is out of place."""
+    """Cost of an intruding object relative to that of an object out of place."""
     touch: float = field(default=0.0, metadata=between(0, 1))
-    """Share of the cost of what is to be moved that is gone once it has been touched."""
+    """Share of the cost of an object to be moved that vanishes once it has been touched."""
     tail: float = field(default=1.0, metadata=at_least(0))
-    """Weight of the fourth power of the copies' errors, beside their squares."""
+    """Weight of the fourth power of the copies' errors, relative to their squares."""
     span: float = field(default=10.0, metadata=above(0))
-    """Latent distance from first to last frames, where there are copies."""
+    """Latent distance from first to last frames, if there are copies."""
     warmup: int = field(default=1500, metadata=at_least(0))
     """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
 
@@ -66,11 +66,11 @@ class PretrainConfig:
     learning_rate: float = field(default=1e-3, metadata=above(0))
     """Learning rate of Adam."""
     num_videos: int = field(default=8, metadata=at_least(2))
-    """Videos in a batch; each is aligned with each other one."""
+    """Videos in a batch; each is aligned with every other one."""
     num_frames: int = field(default=32, metadata=at_least(2))
     """Frames sampled from each video of a batch."""
     turn_scenes: bool = True
-    """Whether each video of a batch is turned and mirrored at random: eightfold variety."""
+    """True if each video of a batch is turned and mirrored at random: eightfold variety."""
     learning_rate_left: float = field(default=1.0, metadata=between(0, 1))
     """Share of the learning rate at the end, reached linearly."""
     copies: int = field(default=0, metadata=between(0, 1000))
@@ -78,6 +78,6 @@ class PretrainConfig:
     anchors: int = field(default=8, metadata=between(1, 1000))
     """Frames of each video of a batch that are copied."""
     ascents: int = field(default=0, metadata=between(0, 100))
-    """Steps of each copy towards where the reward overrates it most."""
+    """Steps of each copy towards states that the reward overestimates most."""
     touched: float = field(default=0.1, metadata=between(0, 1))
     """Probability that an object of a video counts as moved throughout: no reward for a touch."""

@@ -43,27 +43,27 @@ __all__ = [
 
 @dataclass(frozen=True)
 class RunSettings:
-    """The run as a whole."""
+    """Settings of the whole run."""
 
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of everything but the scripted demonstrations."""
     algorithm: Literal[*ALGORITHMS] = "ppo"
-    """What trains the policy; its options are those of the section of its name."""
+    """Algorithm that trains the policy; its options are in the section of its name."""
     reward: Literal[*REWARDS] = "learned"
-    """What the policy maximises: the learned reward, the task's own, the chain of the learned
-    subtasks, the first two together, or the task's own with the learned one as its potential."""
+    """Reward of the policy: the learned one, the task's own, the chain of the learned subtasks, the
+    first two together, or the task's own with the learned one as its potential."""
     reward_weights: tuple[float, float] = field(
         default=(1.0, 0.1),
         metadata=rule(lambda x: all(abs(w) < float("inf") for w in x), "two finite numbers"),
     )
-    """Of the learned and of the task's own reward in their sum, or in the shaped one."""
+    """Weights of the learned and of the task's own reward in their sum, or in the shaped one."""
     reward_offset: float = field(
         default=0.0, metadata=rule(lambda x: abs(x) < float("inf"), "a finite number")
     )
-    """Added to the learned reward where that is all of it. With 1 it is about 0, no longer -1,
-    where demonstrations begin: no policy is better or worse for it, but some are found sooner."""
+    """Constant added to the learned reward if that is the whole reward. With 1 it starts at about 0
+    instead of -1: no policy is better or worse for it, but some are found sooner."""
     evaluations: int = field(default=8, metadata=at_least(0))
-    """Evaluations while a policy is trained, in the training program itself."""
+    """Number of evaluations during policy training, in the training program itself."""
     out: str | None = field(
         default=None, metadata=rule(lambda x: x is None or bool(x.strip()), "a folder or None")
     )
@@ -75,7 +75,7 @@ class RunSettings:
     checkpoint_every: float = field(default=60.0, metadata=at_least(0))
     """Seconds from one checkpoint to the next; 0 saves after each call."""
     keep_checkpoints: int = field(default=3, metadata=at_least(1))
-    """Newest checkpoints that stay, for each phase."""
+    """Number of newest checkpoints to keep, for each phase."""
     sinks: tuple[str, ...] = field(
         default=(),
         metadata=rule(
@@ -83,14 +83,14 @@ class RunSettings:
             "a list of tensorboard and wandb, or of one of them",
         ),
     )
-    """Where metrics go beside metrics.jsonl: tensorboard, wandb; each is an optional extra."""
+    """Sinks for metrics besides metrics.jsonl: tensorboard, wandb; each is an optional extra."""
     deterministic: bool = False
-    """Whether a GPU sums in a fixed order, for the same bits in each run; a CPU always does."""
+    """True if a GPU sums in a fixed order, for the same bits in each run; a CPU always does."""
 
 
 @dataclass(frozen=True)
 class _Sections:
-    """Everything that a run depends on.
+    """All settings that a run depends on.
 
     Raises:
       ConfigError: a field is out of its range, or two fields contradict each other.
@@ -134,7 +134,7 @@ class MakeDemosConfig:
 
 
 def check(config: _Sections | MakeDemosConfig) -> None:
-    """Raises ConfigError for the first field that is out of range, by its dotted path."""
+    """Raises ConfigError for the first field that is out of range, with its dotted path."""
     for path, value, metadata in _leaves(config, ""):
         require(path, value, metadata)
     _check_blocks(config.env, config.demos)
@@ -212,7 +212,7 @@ def _check_encoder(config: RunConfig) -> None:
 
 
 def _check_pictures(config: RunConfig) -> None:
-    """What boxes are needed for is refused where it decides what is learned."""
+    """Raises ConfigError for choices that need boxes while the encoder takes pixels."""
     run, form = config.run, REWARDS[config.run.reward]
     relabel = getattr(getattr(config, run.algorithm), "relabel", False)
     with_pictures = alternatives([name for name, one in REWARDS.items() if one.pictures])
@@ -230,7 +230,7 @@ def _check_pictures(config: RunConfig) -> None:
 
 
 def _check_worlds(config: RunConfig) -> None:
-    """Warp has room for the contacts of so many environments, and loses those beyond."""
+    """Raises ConfigError for more environments than Warp has contact room for."""
     env, name = config.env, config.run.algorithm
     at_once = {
         f"{name}.num_envs": getattr(config, name).num_envs,

@@ -1,4 +1,4 @@
-"""The sections `env` and `demos` of a run's configuration: the task, and what is shown of it.
+"""The sections `env` and `demos` of a run's configuration: the task, and its demonstrations.
 
 The string under a field is its help text on the command line.
 """
@@ -57,24 +57,24 @@ class EnvConfig:
     )
     """Blocks that belong outside the region."""
     variant: Variant = "demo"
-    """What is drawn at the start: nothing, places (a little: jitter; anywhere: layout), colours,
-    shapes, forces, or the last four (all)."""
+    """Quantities randomised at the start: nothing, places (a little: jitter; anywhere: layout),
+    colours, shapes, forces, or the last four (all)."""
     varied_starts: float = field(default=0.5, metadata=between(0, 1))
     """Share of the training episodes that start with the robot anywhere and some targets moved, or
     for a task on a table at a moment of a scripted expert's."""
     on_the_way: float = field(default=0.0, metadata=between(0, 1))
-    """In those, how likely a target that is not in the region yet is on its way there."""
+    """In those, the probability that a target outside the region starts on its way there."""
     facing: float = field(default=0.0, metadata=between(0, 1))
-    """In those, how likely the robot stands before such a target, facing it."""
+    """In those, the probability that the robot stands before such a target, facing it."""
     physics: Literal["xmagical", "magical"] = "xmagical"
-    """Whose physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
+    """Physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
     engine: Literal["impulse", "mjx"] = "impulse"
-    """What solves it: our impulses, or MuJoCo MJX (only the gripper, "xmagical", fixed shapes)."""
+    """Physics solver: our impulses, or MuJoCo MJX (only the gripper, "xmagical", fixed shapes)."""
     turn: Literal["original", "smooth"] = "original"
-    """How an action turns the robot: the original saturating law, or a proportional one."""
+    """Turning of the robot by an action: the original saturating law, or a proportional one."""
     observation: Literal["rich", "sorted", "xmagical"] = "rich"
-    """What the policy sees: all that matters; that with the targets in the order in which they are
-    due; or x-magical's state vector in its exact order."""
+    """The policy's observation: all that matters; the same with the targets in the order in which
+    they are due; or x-magical's state vector in its exact order."""
     reward: str | None = None
     """The task's own reward, which only `run.reward environmental` learns from: match_regions has
     S4, V5, S3, sparse, a task on a table staged, stages, sparse; None is the first of them."""
@@ -89,8 +89,8 @@ class EnvConfig:
     impl: Literal["jax", "warp"] = "jax"
     """What computes a task on a table: MuJoCo MJX, or MuJoCo Warp where that is installed."""
     worlds: int = field(default=4096, metadata=at_least(1))
-    """With warp, the most environments stepped together, those of all seeds of a program counted:
-    their contacts share one table."""
+    """With warp, the most environments stepped together, counting all seeds of a program: their
+    contacts share one table."""
     episode_length: int = field(default=120, metadata=at_least(1))
     """Control steps in an episode (8 a second)."""
 
@@ -110,10 +110,10 @@ class DemosConfig:
     num: int = field(default=48, metadata=at_least(2))
     """Scripted demonstrations to learn from."""
     num_validation: int = field(default=8, metadata=at_least(1))
-    """Demonstrations kept aside to measure the reward; of those at demos.path a quarter at most."""
+    """Held-out demonstrations to measure the reward; of those at demos.path a quarter at most."""
     num_failures: int = field(default=8, metadata=at_least(0))
     """Scripted failures, which only measure the reward and never train it."""
     variant: Places = "layout"
-    """Where things start in the scripted demonstrations."""
+    """Variant of the starts in the scripted demonstrations."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of the scripted demonstrations."""

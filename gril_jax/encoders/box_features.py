@@ -31,7 +31,7 @@ def class_distances(
     counted: Bool[Array, "N"],
     num_classes: int,
 ) -> Float[Array, "N C"]:
-    """Distance from each object to the nearest counted object of each class; 0 where none is.
+    """Distance from each object to the nearest counted object of each class; 0 if there is none.
 
     GraphIRL appends the distances to all objects in a fixed order, one object of each class,
     that to itself (0) included. Sorted by class they are the same numbers, and do not depend on

@@ -30,22 +30,22 @@ __all__ = ["MLPConfig", "apply", "init"]
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class MLPConfig:
-    """Static choices: another value is another compiled program. A pytree without leaves."""
+    """Static options: changing one recompiles. A pytree without leaves."""
 
     num_classes: int
-    """How many object classes the task has."""
+    """Number of object classes of the task."""
     width: int = 32
     """Size of the latent; the hidden layers have half of it. Even."""
     flat_nodes: int | None = None
     """Number of nodes of the flat variant; None for the mean over the objects."""
     distances: bool = False
-    """Nodes know their distance to the nearest object of each class."""
+    """True if nodes know their distance to the nearest object of each class."""
     history: int = 1
-    """Frames that a node's features hold; above 1 the graph must be that many, stacked."""
+    """Frames in a node's features; above 1 the graph must hold that many, stacked."""
     pool_robot: bool = True
-    """The robot counts; if not, its inputs are zero."""
+    """True if the robot counts; if not, its inputs are zero."""
     length_unit: float = 1.0
-    """World units that make one unit of the network's inputs; about half the scene's width."""
+    """World units per unit of the network's inputs; about half the scene's width."""
 
     def __post_init__(self):
         flat = {} if self.flat_nodes is None else {"flat_nodes": 1}
@@ -67,7 +67,7 @@ class MLPConfig:
 
 
 def init(key: PRNGKeyArray, config: MLPConfig) -> Params:
-    """Fresh parameters: a dict of the layers. The key is consumed.
+    """Initial parameters: a dict of the layers. The key is consumed.
 
     >>> sorted(init(jax.random.key(0), MLPConfig(num_classes=3, width=8)))
     ['agent', 'boxes', 'latent']

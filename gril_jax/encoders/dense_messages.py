@@ -91,7 +91,7 @@ def sum_messages(
 def thin_product(
     x: Float[Array, "*batch F"], kernel: Float[Array, "F H"], *_, **__
 ) -> Float[Array, "*batch H"]:
-    """`x @ kernel` for a handful of features; a `dot_general` for `flax.linen.Dense`.
+    """`x @ kernel` for few features; a `dot_general` for `flax.linen.Dense`.
 
     Forward it is a sum of elementwise terms, which fuse with what follows, where a matrix product
     would write the wide result to memory. Its derivative is that of the matrix product, since the

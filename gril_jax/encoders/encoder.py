@@ -54,7 +54,7 @@ AnyConfig = Union[tuple(_KINDS)]  # noqa: UP007
 
 
 def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
-    """Fresh parameters: a dict of dicts of arrays. The key is consumed.
+    """Initial parameters: a dict of dicts of arrays. The key is consumed.
 
     >>> config = MLPConfig(num_classes=3, width=8)
     >>> params = init(jax.random.key(0), config)
@@ -109,7 +109,7 @@ def apply(
 def node_embeddings(
     params: Params, graph: SceneGraph, config: NodeConfig, *, form: Form = "dense"
 ) -> Float[Array, "N H"]:
-    """What the encoder makes of each node, before pooling.
+    """Embedding of each node, before pooling.
 
     Args:
       params, graph, config: of `apply`.
@@ -140,14 +140,14 @@ def readout(
 
 
 def sees_robot(config: AnyConfig) -> bool:
-    """Whether latents depend on the robot; if not, a graph may as well come without its nodes."""
+    """True if latents depend on the robot; if not, a graph may come without its nodes."""
     if not isinstance(config, NodeConfig):
         return True
     return config.pool_robot or config.robot_messages
 
 
 def _side_by_side(params, graph, config, alpha, form):
-    """The latents of an ensemble's members, in one."""
+    """The latents of an ensemble's members, concatenated."""
     members, one = num_members(config), member(config)
     stray = next((x for x in jax.tree.leaves(params) if x.shape[:1] != (members,)), None)
     if stray is not None:

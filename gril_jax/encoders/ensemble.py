@@ -1,4 +1,4 @@
-"""Ensembles: several networks of one kind as one encoder, whose most pessimistic member counts.
+"""Ensembles: several networks of one kind as one encoder, scored by its most pessimistic member.
 
 A policy finds the states that a network overrates by accident. Networks that were begun and fed
 differently agree where the demonstrations have been and err apart elsewhere, so that the lowest of
@@ -21,17 +21,17 @@ __all__ = ["latent_size", "member", "num_members", "split", "worst_distance"]
 
 
 def num_members(config: Any) -> int:
-    """How many networks an encoder's config stands for; 1 where it has no such choice."""
+    """Number of networks in an encoder's config; 1 for kinds without ensembles."""
     return getattr(config, "members", 1)
 
 
 def latent_size(config: Any) -> int:
-    """The size of what an encoder makes: the members' latents side by side."""
+    """Size of an encoder's output: the members' latents side by side."""
     return num_members(config) * config.latent
 
 
 def member(config: Any) -> Any:
-    """The config of one member; of a lone network its own."""
+    """The config of one member; for a single network, its own."""
     return config if num_members(config) == 1 else dataclasses.replace(config, members=1)
 
 
@@ -56,7 +56,7 @@ def split(latent: Float[Array, "*batch D"], members: int) -> Float[Array, "*batc
 def worst_distance(
     difference: Float[Array, "*batch D"], scale: Float[Array, "*members"]
 ) -> Float[Array, "*batch"]:
-    """The scaled length of a difference of latents: of an ensemble that of its largest part.
+    """Scaled length of a difference of latents; for an ensemble, of its largest part.
 
     With gradient zero, not NaN, where the difference is zero.
 

@@ -42,28 +42,28 @@ __all__ = ["InteractionConfig", "init", "node_embeddings", "readout"]
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class InteractionConfig:
-    """Static choices: another value is another compiled program. A pytree without leaves.
+    """Static options: changing one recompiles. A pytree without leaves.
 
     The robot: with it as published, both `pool_robot` and `robot_messages`; without it in the
     pooling, `robot_messages` alone; without its node, neither.
     """
 
     num_classes: int
-    """How many object classes the task has."""
+    """Number of object classes of the task."""
     width: int = 32
     """Size of a node embedding, of every hidden layer and of the latent."""
     self_blocks: Literal["robot", "class"] = "robot"
-    """Which nodes share a self block: the robot has one and all objects another, or each class."""
+    """Nodes that share a self block: the robot has one and all objects another, or each class."""
     distances: bool = False
-    """Nodes know their distance to the nearest object of each class."""
+    """True if nodes know their distance to the nearest object of each class."""
     history: int = 1
-    """Frames that a node's features hold; above 1 the graph must be that many, stacked."""
+    """Frames in a node's features; above 1 the graph must hold that many, stacked."""
     pool_robot: bool = True
-    """The robot counts in the mean."""
+    """True if the robot counts in the mean."""
     robot_messages: bool = True
-    """The robot takes part in the others' relations and distances."""
+    """True if the robot takes part in the others' relations and distances."""
     length_unit: float = 1.0
-    """World units that make one unit of the network's inputs; about half the scene's width."""
+    """World units per unit of the network's inputs; about half the scene's width."""
 
     def __post_init__(self):
         require_at_least(self, "encoder", num_classes=1, width=1, history=1)
@@ -93,7 +93,7 @@ class InteractionConfig:
 
 
 def init(key: PRNGKeyArray, config: InteractionConfig) -> Params:
-    """Fresh parameters: a dict of the blocks. The key is consumed.
+    """Initial parameters: a dict of the blocks. The key is consumed.
 
     >>> params = init(jax.random.key(0), InteractionConfig(num_classes=3, width=8))
     >>> sorted(params)
@@ -163,7 +163,7 @@ class _Interaction(nn.Module):
 
 
 class _SelfBlocks(nn.Module):
-    """A block of its own for each kind. All run on every node: weights looked up per node would
+    """A separate block for each kind. All run on every node, since weights looked up per node would
     be copied for each graph of a batch."""
 
     width: int

@@ -42,7 +42,7 @@ def to_json(config: AnyConfig) -> dict[str, Any]:
 
 
 def from_json(about: Any) -> AnyConfig:
-    """The configuration; a field that is left out has its default.
+    """The configuration; missing fields take their defaults.
 
     Raises:
       ConfigError: the kind or a field is unknown, missing, of another type or out of range.

@@ -35,7 +35,7 @@ Form = Literal["dense", "square", "jraph"]
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class EncoderConfig:
-    """Static choices: another value is another compiled program.
+    """Static options: changing one recompiles.
 
     Registered as a pytree without leaves, so it passes through `jax.jit` and `jax.vmap` as is.
     The robot: with it, both `pool_robot` and `robot_messages`; without it in the pooling,
@@ -43,25 +43,25 @@ class EncoderConfig:
     """
 
     num_classes: int
-    """How many object classes the task has."""
+    """Number of object classes of the task."""
     width: int = EncoderOptions.width
     """Size of a node embedding and of every hidden layer."""
     rounds: int = EncoderOptions.rounds
-    """Rounds of message passing; with 0 each object is embedded on its own."""
+    """Rounds of message passing; with 0 each object is embedded separately."""
     latent: int = EncoderOptions.latent
     """Size of the latent, of each member."""
     absolute: bool = True
-    """Nodes know their absolute centre; if not, position enters by the edges' offsets alone."""
+    """True if nodes know their absolute centre; if not, only edges carry position, as offsets."""
     relations: bool = EncoderOptions.relations
-    """Edges also say how far the receiver's box sticks out of the sender's, or lies apart."""
+    """True if edges also hold how far the receiver's box sticks out of the sender's or is apart."""
     pool_robot: bool = EncoderOptions.pool_robot
-    """The robot counts in the pooling (the paper's "with robot" ablation)."""
+    """True if the robot counts in the pooling (the paper's "with robot" ablation)."""
     robot_messages: bool = EncoderOptions.robot_messages
-    """The robot sends messages to the objects."""
+    """True if the robot sends messages to the objects."""
     length_unit: float = 1.0
-    """World units that make one unit of the network's inputs; about half the scene's width."""
+    """World units per unit of the network's inputs; about half the scene's width."""
     members: int = EncoderOptions.members
-    """Networks in an ensemble (`gril_jax.encoders.ensemble`); the functions here are of one."""
+    """Networks in an ensemble (`gril_jax.encoders.ensemble`); the functions here are for one."""
 
     def __post_init__(self):
         require_at_least(self, "encoder", num_classes=1, width=1, rounds=0, latent=1, members=1)
@@ -84,7 +84,7 @@ class EncoderConfig:
 
 
 def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
-    """Fresh parameters: a dict with the parts `messages` and `head`. The key is consumed.
+    """Initial parameters: a dict with the parts `messages` and `head`. The key is consumed.
 
     >>> sorted(init(jax.random.key(0), EncoderConfig(num_classes=3, width=8, latent=4)))
     ['head', 'messages']
@@ -101,7 +101,7 @@ def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
 def node_embeddings(
     params: Params, graph: SceneGraph, config: EncoderConfig, *, form: Form = "dense"
 ) -> Float[Array, "N H"]:
-    """What message passing makes of each node, before pooling.
+    """Node embeddings after message passing, before pooling.
 
     Raises:
       ShapeError: the dense forms were given a graph that is not complete.
@@ -176,7 +176,7 @@ class _Messages(nn.Module):
 
 
 def _sum_by_index(sent, received, from_edge, audible, graph):
-    """`sum_messages` by the graph's own senders and receivers, through jraph."""
+    """`sum_messages` over the graph's senders and receivers, through jraph."""
 
     def update_edge(edge, sender, receiver, _):
         message = nn.relu(from_edge(edge) + sender["sent"] + receiver["received"])

@@ -1,4 +1,4 @@
-"""Videos as arrays of small pictures: the batch that pixel encoders learn from, and its symmetries.
+"""Videos as arrays of small pictures: the training batch of pixel encoders, and its symmetries.
 
 Shapes use B for videos, V for those of a batch, T and F for frames and P for the side of a frame.
 """
@@ -20,7 +20,7 @@ class VideoBatch(NamedTuple):
 
 
 def turn(key: PRNGKeyArray, frames: UInt8[Array, "V F P P 3"]) -> UInt8[Array, "V F P P 3"]:
-    """Each video under a random symmetry of the square, one for all of its frames.
+    """Applies a random symmetry of the square to each video, the same to all of its frames.
 
     The same symmetries as `gril_jax.pretraining.batch.turn` draws for boxes from the same key. The
     key is consumed.

@@ -20,7 +20,7 @@ def node_weights(
     alpha: Float[Array, ""] | float = PoolConfig.alpha,
     pool_robot: bool = False,
 ) -> Float[Array, "N"]:
-    """How much each node counts in the pooled latent (Eq. 3).
+    """Weight of each node in the pooled latent (Eq. 3).
 
     Args:
       active: nodes that have moved since the episode began.

@@ -35,14 +35,14 @@ STAGES = ((64, 1), (128, 2), (256, 2), (512, 2))
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class PixelConfig:
-    """Static choices: another value is another compiled program. A pytree without leaves."""
+    """Static options: changing one recompiles. A pytree without leaves."""
 
     latent: int = EncoderOptions.latent
     """Size of the latent."""
     pixels: int | None = None
     """Width and height of the frames that it is trained and used with; None takes any."""
     precision: Literal["float32", "bfloat16"] = EncoderOptions.precision
-    """Of the trunk's activations and convolutions; the parameters are the same for both."""
+    """Precision of the trunk's activations and convolutions, not of the parameters."""
 
     def __post_init__(self):
         require_at_least(self, "encoder", latent=1)
@@ -57,7 +57,7 @@ class PixelConfig:
 
 
 def init(key: PRNGKeyArray, config: PixelConfig) -> Params:
-    """Fresh parameters, drawn at random. The key is consumed.
+    """Initial random parameters. The key is consumed.
 
     Returns:
       A dict of `weights` (those of `trunk` and `head`) and `statistics`, the running mean and
@@ -71,7 +71,7 @@ def init(key: PRNGKeyArray, config: PixelConfig) -> Params:
 def apply(
     params: Params, frames: Float[Array, "*batch height width 3"], config: PixelConfig
 ) -> Float[Array, "*batch D"]:
-    """Latents of frames, by the running statistics: a frame's latent is its own affair.
+    """Latents of frames with the running statistics, so that each depends on its frame alone.
 
     Raises:
       ShapeError: `frames` is not floating, not of shape (..., height, width, 3), or not of the
@@ -103,7 +103,7 @@ def apply_train(
 
 
 def floats(frames: UInt8[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
-    """Frames of 8 bits a channel as the encoder takes them.
+    """Converts frames of 8 bits a channel to the encoder's input.
 
     >>> [round(x, 3) for x in floats(jnp.array([0, 51, 255], jnp.uint8)).tolist()]
     [0.0, 0.2, 1.0]
@@ -175,7 +175,7 @@ class _Block(nn.Module):
 
 
 def _conv(channels, size, stride, dtype, name):
-    """Padding in numbers: "SAME" would pad a strided image on another side than torchvision."""
+    """Explicitly padded convolution: "SAME" pads strided images differently from torchvision."""
     pad = size // 2
     return nn.Conv(
         channels,
@@ -190,7 +190,7 @@ def _conv(channels, size, stride, dtype, name):
 
 
 def _norm(train, dtype, name):
-    """Computes in float32, whatever the type of what it takes and returns."""
+    """Normalisation computed in float32, for any type of input and output."""
     return nn.BatchNorm(
         use_running_average=not train,
         momentum=0.9,

@@ -1,4 +1,4 @@
-"""Scene graphs from object boxes, and which objects have moved (Eq. 4)."""
+"""Scene graphs from object boxes, and activity bits of moved objects (Eq. 4)."""
 
 from . import activity
 from .activity_rule import PAPER, ActivityRule

@@ -1,4 +1,4 @@
-"""Which objects have moved since the episode began (Eq. 4 of the paper).
+"""Activity bits: the objects that have moved since the episode began (Eq. 4 of the paper).
 
 Object i becomes active at frame t if its centre lies more than tau box diagonals from where it
 was k frames earlier, and stays active for the rest of the episode. Frames before the first
@@ -40,7 +40,7 @@ _DEVIATIONS = 5.0
 
 
 class Start(NamedTuple):
-    """What only an option needs: frames to smooth over, and how far the episode has come."""
+    """State for optional features: frames to smooth over, and the time in the episode."""
 
     recent: Float[Array, "M-1 N 2"]  # centres as seen, oldest first
     origin: Float[Array, "N 2"]  # smoothed centre that stands for all earlier ones
@@ -49,7 +49,7 @@ class Start(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What a rollout must remember, and must forget when an episode begins."""
+    """Activity state of an episode, to be reset when an episode begins."""
 
     past: Float[Array, "K N 2"]  # centres of the last K frames, as a ring
     oldest: Int[Array, ""]  # the ring's slot that holds frame t - K
@@ -64,7 +64,7 @@ def init(
     smoothing: int = PoolConfig.smoothing,
     clamp: bool = True,
 ) -> Memory:
-    """Memory after an episode's first frame: nothing has moved.
+    """State after an episode's first frame: nothing has moved.
 
     Args:
       center: box centres of the first frame, world units.
@@ -202,7 +202,7 @@ def _moved(
 
 
 def _median(values: list[Float[Array, "*frames N 2"]]) -> Float[Array, "*frames N 2"]:
-    """Middle of an odd number of arrays, by exchanging neighbours.
+    """Median of an odd number of arrays, by exchanging neighbours.
 
     Minima and maxima fuse into the loop around them, where a sort would be a program of its own;
     and a median rounds nothing, so that both forms agree to the bit.

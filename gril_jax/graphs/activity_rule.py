@@ -1,4 +1,4 @@
-"""When an object counts as moved: the options of `gril_jax.graphs.activity` as one value (Eq. 4).
+"""The rule by which an object counts as moved: options of `gril_jax.graphs.activity` (Eq. 4).
 
 A reward keeps the rule that it was trained with, since under another it is another reward.
 
@@ -22,35 +22,35 @@ __all__ = ["PAPER", "ActivityRule", "from_json"]
 
 
 class ActivityRule(NamedTuple):
-    """Options of `activity.init` and `activity.step`, which say what each does. Static."""
+    """Options of `activity.init` and `activity.step`, which document them. Static."""
 
     tau: float = PoolConfig.tau
     """Displacement that counts as motion, in diagonals of the object's box."""
     window: int = PoolConfig.window
-    """How many frames back a centre is compared with."""
+    """Number of frames back to compare a centre with."""
     smoothing: int = PoolConfig.smoothing
-    """Frames of the median that smooths centres first; odd."""
+    """Frames of the median filter on centres; odd."""
     noise: float | None = PoolConfig.noise
     """Standard deviation of a centre's jitter along one axis, world units."""
     latched: bool = True
-    """An object that has moved stays active."""
+    """True if an object that has moved stays active."""
     clamp: bool = True
-    """Frames before the first count as the first."""
+    """True if frames before the first count as the first."""
 
     def init(self, center: Float[Array, "N 2"]) -> activity.Memory:
-        """`activity.init` by this rule, at an episode's first frame."""
+        """Calls `activity.init` with this rule, at an episode's first frame."""
         return activity.init(center, window=self.window, smoothing=self.smoothing, clamp=self.clamp)
 
     def step(
         self, memory: activity.Memory, center: Float[Array, "N 2"], size: Float[Array, "N 2"]
     ) -> tuple[activity.Memory, Bool[Array, "N"]]:
-        """`activity.step` by this rule."""
+        """Calls `activity.step` with this rule."""
         return activity.step(
             memory, center, size, tau=self.tau, noise=self.noise, latched=self.latched
         )
 
     def check(self) -> None:
-        """Checks the ranges, by tracing alone: no window costs memory.
+        """Checks the ranges by tracing alone, so that no window costs memory.
 
         Raises:
           ConfigError: a field is out of its range.
@@ -75,7 +75,7 @@ _MOST = {"tau": 1e6, "noise": 1e6, "window": 2**20, "smoothing": 99}
 
 
 def from_json(fields: Any) -> ActivityRule:
-    """The rule with these fields; those that are left out have their defaults.
+    """The rule with these fields; missing ones take their defaults.
 
     >>> from_json({"tau": 0.01}).tau
     0.01

@@ -28,7 +28,7 @@ __all__ = [
 
 
 def init(key: PRNGKeyArray, config: NodeConfig) -> Params:
-    """Fresh parameters of the node decoder, for an encoder of this config. Consumes the key."""
+    """Initial parameters of the node decoder, for an encoder of this config. Consumes the key."""
     return _Decoder(config).init(key, jnp.zeros((1, config.width)))["params"]
 
 
@@ -43,7 +43,7 @@ def decode(
 def init_graph(
     key: PRNGKeyArray, config: GraphConfig, *, num_nodes: int, width: int | None = None
 ) -> Params:
-    """Fresh parameters of the graph decoder. The key is consumed.
+    """Initial parameters of the graph decoder. The key is consumed.
 
     Args:
       key: of the draw.

@@ -1,4 +1,4 @@
-"""Two- and three-way cycle consistency: do nearest neighbours lead back to where they began?
+"""Two-way cycle consistency: do nearest neighbours lead back to where they began?
 
 The share of frames that come back to within one frame of themselves, by hard nearest neighbours
 (Aytar et al., NeurIPS 2018; XIRL evaluates its latents so). Everything can be jitted. Shapes use
@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-__all__ = ["nearest_frames", "three_way_cycle_consistency", "two_way_cycle_consistency"]
+__all__ = ["nearest_frames", "two_way_cycle_consistency"]
 
 
 def two_way_cycle_consistency(
@@ -43,40 +43,10 @@ def two_way_cycle_consistency(
     return _mean(*jax.lax.map(from_query, jnp.arange(len(length))))
 
 
-def three_way_cycle_consistency(
-    latents: Float[Array, "B T D"],
-    length: Int[Array, "B"] | None = None,
-    *,
-    tolerance: int = 1,
-) -> Float[Array, ""]:
-    """Share of frames that come back by way of two other videos, in either direction.
-
-    A frame of U counts if U -> V -> W -> U and U -> W -> V -> U both bring it back; the mean is
-    over all ordered triples. Memory grows with B^2 T for one U at a time.
-
-    Args and returns as for `two_way_cycle_consistency`; 0 if there are fewer than three videos.
-    """
-    length = _lengths(latents, length)
-    nearest = nearest_frames(latents, length)
-    videos = jnp.arange(len(length))
-
-    def from_query(u):
-        def home(v, w):
-            there = nearest[v, w][nearest[u, v]]
-            return _near_home(nearest[w, u][there], tolerance)
-
-        back = jax.vmap(lambda v: jax.vmap(lambda w: home(v, w))(videos))(videos)
-        share = _share(back & jnp.swapaxes(back, 0, 1), length[u])
-        filled = (length > 0) & (videos != u) & (length[u] > 0)
-        return share, filled[:, None] & filled & (videos[:, None] != videos)
-
-    return _mean(*jax.lax.map(from_query, videos))
-
-
 def nearest_frames(
     latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None
 ) -> Int[Array, "B B T"]:
-    """For each frame of each video, the number of its nearest frame in each video.
+    """Index of the nearest frame in each video, for each frame of each video.
 
     Entry (u, v, t) is the frame of v nearest to frame t of u, by squared distance; the first if
     several are.

@@ -16,7 +16,7 @@ __all__ = ["interquartile_interval", "interquartile_mean"]
 
 
 def interquartile_mean(scores: Float[Array, "*shape"]) -> Float[Array, ""]:
-    """Mean of what is left of all scores without the lowest and the highest quarter.
+    """Mean of the scores without the lowest and the highest quarter.
 
     A quarter is rounded down, as in `scipy.stats.trim_mean(scores, 0.25)`: of fewer than four
     scores none is left out. A score that is NaN makes the result NaN.

@@ -1,6 +1,6 @@
-"""Whether a reward tells success from failure, and later stages from earlier ones.
+"""Separation of success from failure by a reward, and of later stages from earlier ones.
 
-`gril_jax.metrics.separation_ratio` (Eq. 8) divides sums over time, which depend on how long a
+The separation ratio (Eq. 8) divides sums over time, which depend on how long a
 recording is: a failure that breaks off early has a small sum. So sums are made comparable first
 (`cumulative`), and beside the ratio there are measures that no scale of the reward changes: the
 area under the ROC curve, and the order of stages. Everything can be jitted. Shapes use B for
@@ -56,7 +56,7 @@ def ratio(total: Float[Array, "B"], success: Bool[Array, "B"]) -> Float[Array, "
 
 
 def success_auc(score: Float[Array, "B"], success: Bool[Array, "B"]) -> Float[Array, ""]:
-    """How often a success has the higher score of a success and a failure; ties count half.
+    """Probability that a success scores higher than a failure; ties count half.
 
     The area under the ROC curve (Mann and Whitney 1947): 1 if all successes are above all
     failures, 0.5 for a score that says nothing, NaN if either kind is missing.

@@ -1,4 +1,4 @@
-"""From demonstrations to an encoder (Eq. 6)."""
+"""Trains an encoder from demonstrations (Eq. 6)."""
 
 from .options import Hyper, Static
 from .pretrain import Metrics, TrainParams, TrainState, activity_bits, embed, evaluate, init, step

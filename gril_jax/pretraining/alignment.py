@@ -55,7 +55,7 @@ def warping(
     hyper: Hyper,
     config: Static | PixelStatic,
 ) -> Float[Array, ""]:
-    """Soft-DTW divergence a frame, mean over all pairs of videos."""
+    """Soft-DTW divergence per frame, mean over all pairs of videos."""
     del key, times, plain, config
     one, other = jnp.triu_indices(latents.shape[0], 1)
     length = jnp.sum(valid, axis=1)  # valid frames come first

@@ -1,4 +1,4 @@
-"""The batches that an encoder is trained on: which videos and frames, and how they are varied.
+"""Training batches of an encoder: choice of videos and frames, and their augmentation.
 
 Shapes use B for demonstrations, V for the videos of a batch, F for the frames drawn from each.
 """
@@ -17,7 +17,7 @@ __all__ = ["draw", "touch", "turn"]
 def draw(
     key: PRNGKeyArray, length: Int[Array, "B"], num_frames: int, config: PixelStatic
 ) -> tuple[Int[Array, "V F"], Bool[Array, "V F"], Int[Array, "V"]]:
-    """Distinct random videos, and distinct random frames of each in order of time.
+    """Samples distinct videos, and distinct frames of each in order of time.
 
     A video shorter than the number of frames gives all it has; the rest is not valid.
     """
@@ -32,7 +32,7 @@ def draw(
 
 
 def turn(key: PRNGKeyArray, demos: DemoBatch) -> DemoBatch:
-    """Each video under a random symmetry of the square; activity bits do not change."""
+    """Applies a random symmetry of the square to each video; activity bits do not change."""
     sign_key, swap_key = jax.random.split(key)
     num = demos.length.shape[0]
     sign = jax.random.rademacher(sign_key, (num, 1, 1, 2), dtype=jnp.float32)
@@ -44,6 +44,6 @@ def turn(key: PRNGKeyArray, demos: DemoBatch) -> DemoBatch:
 def touch(
     key: PRNGKeyArray, active: Bool[Array, "V T N"], probability: Float[Array, ""] | float
 ) -> Bool[Array, "V T N"]:
-    """Activity bits with some objects' set from the first frame to the last."""
+    """Sets the activity bits of some objects from the first frame to the last."""
     some = jax.random.bernoulli(key, probability, active[:, 0].shape)
     return active | some[:, None]

@@ -1,4 +1,4 @@
-"""Frames of demonstrations beside copies in which objects are where nobody put them.
+"""Contrastive loss: frames of demonstrations beside copies with objects displaced.
 
 Cycle-consistency and reconstruction say nothing about states that no demonstration visits, and a
 policy will find among them those that happen to lie near the goal. Here the distance of made-up
@@ -43,7 +43,7 @@ _ASCENT = 0.1  # world units: the first step of an ascent; the others get shorte
 
 
 class Copy(NamedTuple):
-    """A frame with objects displaced."""
+    """A frame with displaced objects."""
 
     center: Float[Array, "N 2"]
     active: Bool[Array, "N"]
@@ -59,7 +59,7 @@ def displaced(
     places: FinalPlaces,
     extent: Float[Array, ""] | float,
 ) -> Copy:
-    """One copy of a frame; each object is displaced with a probability that the copy draws.
+    """One copy of a frame; each object is displaced with a probability that is sampled per copy.
 
     Args:
       key: consumed.
@@ -100,7 +100,7 @@ def contrast(
     config: Static,
     pool: Scene | None = None,
 ) -> Float[Array, ""]:
-    """Mean squared error of the rewards of made-up scenes, of frames, and of last frames (0).
+    """Mean squared reward errors of synthetic scenes, of frames, and of last frames (0).
 
     The made-up scenes are copies of these frames, or come from a pool, or both; of each kind the
     mean is taken by itself. The reward (Eq. 7) has the mean of the batch's last latents as its
@@ -138,7 +138,7 @@ def contrast(
 
 
 class _Judge(NamedTuple):
-    """What scenes are judged with: the encoder as it is, and what it should say."""
+    """Everything needed to judge scenes: the current encoder, and the targets of its output."""
 
     params: Params
     goal: Float[Array, "D"]
@@ -151,7 +151,7 @@ class _Judge(NamedTuple):
 def _of_video(
     judge: _Judge, key: PRNGKeyArray, demo: DemoBatch, active: Bool[Array, "T N"]
 ) -> tuple[Float[Array, "A"], Float[Array, "A J"]]:
-    """What frames of one video, drawn with replacement, and their copies are short of."""
+    """`_excess` of randomly chosen frames of one video, and of their copies."""
     keys = jax.random.split(key, judge.config.anchors)
     return jax.vmap(lambda key: _of_anchor(judge, key, demo, active))(keys)
 
@@ -159,7 +159,7 @@ def _of_video(
 def _of_anchor(
     judge: _Judge, key: PRNGKeyArray, demo: DemoBatch, active: Bool[Array, "T N"]
 ) -> tuple[Float[Array, ""], Float[Array, "J"]]:
-    """`_excess` of one drawn frame, and of its copies."""
+    """`_excess` of one randomly chosen frame, and of its copies."""
     key_frame, key_copies = jax.random.split(key)
     frame = _frame(demo, active, jax.random.randint(key_frame, (), 0, demo.length))
 
@@ -175,7 +175,7 @@ def _of_anchor(
 
 
 def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Array, ""]:
-    """Latent distance from the goal beyond what is due, as a reward."""
+    """Latent distance from the goal beyond the scene's due cost, in units of the reward."""
     hyper, counted = judge.hyper, present & ~scene.is_robot
     due = misplacement(
         judge.places, scene.center, scene.size, scene.label, counted, scene.active,
@@ -188,7 +188,7 @@ def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Arr
 def _ascended(
     judge: _Judge, scene: Scene, moved: Bool[Array, "N"], present: Bool[Array, "N"]
 ) -> Scene:
-    """The scene after `config.ascents` steps of what has moved to where it is overrated more."""
+    """The scene after `config.ascents` steps of its moved objects towards overestimation."""
     params, goal = jax.lax.stop_gradient((judge.params, judge.goal))
     now = judge._replace(params=params, goal=goal)
     slope = jax.grad(lambda center: _excess(now, scene._replace(center=center), present))
@@ -214,7 +214,7 @@ def _frame(demo: DemoBatch, bits: Bool[Array, "T N"], at: Int[Array, ""]) -> Sce
 
 
 def _drawn(key: PRNGKeyArray, pool: Scene, num: int, *, turned: bool) -> Scene:
-    """Scenes of a pool, with replacement; each as a symmetry of the square where they may turn."""
+    """Samples scenes of a pool, with replacement; with `turned`, under random symmetries."""
     key_draw, key_turn = jax.random.split(key)
     at = jax.random.randint(key_draw, (num,), 0, pool.label.shape[0])
     scenes = jax.tree.map(lambda x: x[at], pool)
@@ -229,5 +229,5 @@ def _drawn(key: PRNGKeyArray, pool: Scene, num: int, *, turned: bool) -> Scene:
 
 
 def _penalty(error, tail):
-    """The square, and beyond errors of a tenth the fourth power: it is the worst that is found."""
+    """Squared error plus a fourth power beyond a tenth, because policies find the worst errors."""
     return error**2 * (1.0 + tail * (error / 0.1) ** 2)

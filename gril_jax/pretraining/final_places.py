@@ -1,4 +1,4 @@
-"""Where demonstrations leave things, and what a scene lacks of that.
+"""Final places of objects in demonstrations, and a scene's distance from them.
 
     places = final_places(demos, num_classes)             # once for a set of demonstrations
     cost = misplacement(places, center, size, label, counted, active)   # of any frame
@@ -30,7 +30,7 @@ _STRAY = 0.05  # a class of which more than this share of ends lies in a box is 
 
 
 class FinalPlaces(NamedTuple):
-    """The box of the ends of each class, as offsets from its reference in sizes of its box."""
+    """Box of the final places of each class, as offsets from its reference in sizes of its box."""
 
     reference: Int[Array, "C"]
     low: Float[Array, "C 2"]
@@ -45,7 +45,7 @@ def has_moved(
     last: Float[Array, "*batch 2"],
     diagonal: Float[Array, "*batch"],
 ) -> Bool[Array, "*batch"]:
-    """Whether a demonstration is about moving an object: from first to last frame by half its box.
+    """True if a demonstration moves an object, from first to last frame, by more than half its box.
 
     >>> has_moved(jnp.zeros(2), jnp.array([0.3, 0.4]), jnp.float32(0.9)).item()
     True
@@ -58,7 +58,7 @@ def has_moved(
 
 
 def final_places(demos: DemoBatch, num_classes: int, *, turned: bool = False) -> FinalPlaces:
-    """The places in which demonstrations leave objects.
+    """Computes the places in which demonstrations leave objects.
 
     Args:
       demos: successful ones.
@@ -100,7 +100,7 @@ def astray(
     size: Float[Array, "N 2"],
     label: Int[Array, "N"],
 ) -> Float[Array, "N"]:
-    """How far each object of a scene is outside the box of its class.
+    """Distance of each object of a scene from the box of its class.
 
     0 for what is not placed, and where the scene lacks its reference.
     """
@@ -114,7 +114,7 @@ def intrusion(
     size: Float[Array, "N 2"],
     label: Int[Array, "N"],
 ) -> Float[Array, "N"]:
-    """How deep each object that does not belong there is inside the box of a class; else 0."""
+    """Depth of each object that does not belong there inside the box of a class; else 0."""
     low, high, found = _boxes(places, center, size, label)
     inwards = jnp.minimum(center[:, None] - low, high - center[:, None])  # (N, C, 2)
     depth = jnp.where(found, inwards.min(axis=2), 0.0).max(axis=1)
@@ -133,7 +133,7 @@ def misplacement(
     idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
     touch: Float[Array, ""] | float = LossConfig.touch,
 ) -> Float[Array, ""]:
-    """What a scene lacks of the demonstrations' ends: 0 at such an end, about 1 at their beginning.
+    """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning.
 
     Of K objects that are to be placed each costs 1 / K at the mean distance at which
     demonstrations begin. The share `near` of it is due in full as soon as the object is out of
@@ -165,7 +165,7 @@ def _class_mean(x, of_class):
 
 
 def _references(offset, both, box, has, moves):
-    """The class that each class keeps to by offsets (B, C, reference, 2), and if there is one."""
+    """Reference class of each class by offsets (B, C, reference, 2), and whether there is one."""
     seen = jnp.maximum(both.sum(axis=0), 1)
     middle = jnp.sum(jnp.where(both[..., None], offset, 0.0), axis=0) / seen[..., None]
     spread = jnp.where(both[..., None], (offset - middle) ** 2, 0.0).sum(axis=(0, 3)) / seen
@@ -177,7 +177,7 @@ def _references(offset, both, box, has, moves):
 
 
 def _box(offset, known, turned):
-    """Without its tails, the box of offsets (B, C, 2) of each class."""
+    """Box of the offsets (B, C, 2) of each class, without their tails."""
     offset = jnp.where(known[..., None], offset, jnp.nan)
     if turned:
         both_axes = jnp.concatenate([offset, offset[..., ::-1]])
@@ -189,7 +189,7 @@ def _box(offset, known, turned):
 
 
 def _boxes(places, center, size, label):
-    """World boxes of the classes that are placed, (C, 2) each, and which of them there are."""
+    """World boxes of the placed classes, (C, 2) each, and a mask of those that exist."""
     is_reference = label[None, :] == places.reference[:, None]  # (C, N)
     at = jnp.argmax(is_reference, axis=1)
     low, high = (center[at] + x * size[at] for x in (places.low, places.high))

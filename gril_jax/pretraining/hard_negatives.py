@@ -1,4 +1,4 @@
-"""Which moments of a policy's episodes a reward overrates most.
+"""Hard negatives: the states of a policy's episodes that a reward overestimates most.
 
 A policy that is trained on a learned reward visits states that no demonstration has. Where the
 reward pays it for more than the scene is worth by the demonstrations' last frames
@@ -27,7 +27,7 @@ __all__ = ["Chosen", "choose", "due_rewards"]
 
 
 class Chosen(NamedTuple):
-    """Moments of episodes, the most overrated first."""
+    """Chosen states of episodes, the most overestimated first."""
 
     scenes: Scene  # leaves (K, N, ...)
     excess: Float[Array, "K"]  # reward beyond what is due; 0 where nothing was left to choose
@@ -67,7 +67,7 @@ def choose(
     ended: Float[Array, ""] | float = 0.1,
     least: Float[Array, ""] | float = 0.1,
 ) -> Chosen:
-    """The moments that are paid most beyond what is due, from episodes that do not end well.
+    """The states with the most reward beyond what is due, from episodes without success at the end.
 
     One after the other: the most overrated of those that are left, without its neighbours in time
     and without its likes in other episodes, so that the chosen ones differ.
@@ -106,6 +106,6 @@ def choose(
 
 
 def _alike(scenes: Scene, one: Scene, apart) -> Bool[Array, "E T"]:
-    """Which scenes show the same as one of them."""
+    """True for scenes that show the same as one of them."""
     near = safe_norm(scenes.center - one.center) < apart * safe_norm(one.size)
     return (near & (scenes.active == one.active) & (scenes.label == one.label)).all(axis=-1)

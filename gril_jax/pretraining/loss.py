@@ -1,4 +1,4 @@
-"""What encoder training minimises: alignment in time plus reconstruction (Eq. 6 of the paper).
+"""Loss of encoder training: alignment in time plus reconstruction (Eq. 6 of the paper).
 
 Shapes use V for the videos of a batch, T for the frames of a video, F for those drawn from it, N
 for objects, H for the width of a node embedding and D for the latent.
@@ -38,7 +38,7 @@ class Terms(NamedTuple):
 
 
 def init_decoder(key: PRNGKeyArray, config: Static, num_nodes: int) -> Params:
-    """Fresh parameters of the decoder that the config asks for. The key is consumed."""
+    """Initial parameters of the decoder in the config. The key is consumed."""
     if config.decoder == "graph":
         return init_graph_decoder(key, config.encoder, num_nodes=num_nodes)
     return init_node_decoder(key, config.encoder)
@@ -124,7 +124,7 @@ def _rebuild(params, decoded, nodes, config) -> Float[Array, "N"]:
 
 
 def _decodable(demos, config) -> Bool[Array, "V N"]:
-    """The objects that can be rebuilt: from the latent, those that are pooled into it."""
+    """Objects to reconstruct; from the latent, only those that are pooled into it."""
     if config.decoder == "graph" and not config.encoder.pool_robot:
         return demos.present & ~demos.is_robot
     return demos.present

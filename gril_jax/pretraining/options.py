@@ -34,7 +34,7 @@ class PixelStatic:
     matching: Literal["deterministic", "stochastic"] = LossConfig.matching
     """Cycles of every frame through every other video, or as many drawn at random."""
     similarity: Literal["l2", "cosine"] = LossConfig.similarity
-    """Of two latents, in cycle-consistency."""
+    """Similarity of two latents, in cycle-consistency."""
     updates: int = 100
     """Gradient updates in one call of `step`."""
     num_videos: int = PretrainConfig.num_videos
@@ -57,7 +57,7 @@ class Static(PixelStatic):
     """Static choices: another value is another compiled program. A pytree without leaves."""
 
     encoder: GraphConfig
-    """The network."""
+    """Network to train."""
     consistency: Literal[*ALIGNMENTS] = LossConfig.consistency
     """What aligns videos in time: cycle-consistency, soft-DTW, or their sum."""
     decoder: Literal["node", "graph"] = LossConfig.decoder
@@ -69,7 +69,7 @@ class Static(PixelStatic):
     noise: float | None = PoolConfig.noise
     """Jitter of centres that is no motion, world units, see `gril_jax.graphs.activity`."""
     touched: float = 0.0
-    """Probability that an object of a video counts as moved throughout, whatever it does.
+    """Probability that an object of a video counts as moved throughout, even if it does not move.
 
     Else a bit that no demonstration sets is a state that the encoder has never seen, and a policy
     can earn by setting it: by a mere touch.
@@ -81,7 +81,7 @@ class Static(PixelStatic):
     anchors: int = PretrainConfig.anchors
     """Frames of each video of a batch that are copied."""
     ascents: int = PretrainConfig.ascents
-    """Steps of each copy towards where it is overrated most."""
+    """Steps of each copy towards where it is overestimated most."""
 
     def __post_init__(self):
         super().__post_init__()

@@ -1,4 +1,4 @@
-"""Training the pixel encoder on videos, as XIRL does: temporal cycle-consistency alone.
+"""Trains the pixel encoder on videos, as XIRL does: temporal cycle-consistency alone.
 
     config = PixelStatic(encoder=PixelConfig(pixels=64))
     state = init(key, videos, config)
@@ -113,7 +113,7 @@ def step(
 def evaluate(
     params: Params, videos: VideoBatch, train: VideoBatch, config: PixelStatic
 ) -> dict[str, Float[Array, ""]]:
-    """How well the encoder orders videos, best ones it has not been trained on.
+    """Measures how well the encoder orders videos, ideally ones it has not been trained on.
 
     Args:
       params: of the encoder (`state.params`).
@@ -137,5 +137,5 @@ def evaluate(
 
 
 def _optimizer():
-    """Adam without its step size, which is traced; norm clipped against rare long steps."""
+    """Adam without its step size, which is traced; norms are clipped against rare long steps."""
     return optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam())

@@ -1,4 +1,4 @@
-"""Training the encoder on demonstrations: cycle-consistency plus reconstruction (Eq. 6).
+"""Trains the encoder on demonstrations: cycle-consistency plus reconstruction (Eq. 6).
 
     config = Static(encoder=EncoderConfig(num_classes=7))
     state = init(key, demos, config)
@@ -49,7 +49,7 @@ __all__ = [
 
 
 class TrainParams(NamedTuple):
-    """What is trained. The reward needs only the encoder."""
+    """Trained parameters. The reward needs only the encoder."""
 
     encoder: Params
     decoder: Params
@@ -193,7 +193,7 @@ def embed(params: Params, demos: DemoBatch, hyper: Hyper, config: Static) -> Flo
 def evaluate(
     params: Params, demos: DemoBatch, train: DemoBatch, hyper: Hyper, config: Static
 ) -> dict[str, Float[Array, ""]]:
-    """How well the encoder orders demonstrations, best ones it has not been trained on.
+    """Measures how well the encoder orders demonstrations, ideally unseen ones.
 
     Args:
       params: of the encoder (`state.params.encoder`).
@@ -236,7 +236,7 @@ def activity_bits(demos: DemoBatch, hyper: Hyper, config: Static) -> Bool[Array,
 
 
 def _optimizer():
-    """Adam without its step size, which is traced; norm clipped against rare long steps.
+    """Adam without its step size, which is traced; norms are clipped against rare long steps.
 
     All parameters lie in one vector: leaf by leaf it is a fifth of the program to compile.
     """

@@ -1,4 +1,4 @@
-"""Rewards from latents: minus the distance to the goal (Eq. 7), and what is made of it."""
+"""Rewards from latents: minus the distance to the goal (Eq. 7), and rewards derived from it."""
 
 from . import chain, pixels, shaping
 from .latent_goal import (

@@ -1,4 +1,4 @@
-"""A chain of goals: reward towards the present subtask's goal, then towards the next.
+"""A chain of goals: rewards progress towards the current subtask's goal, then the next one's.
 
     latents = reward.demo_latents(encoder_params, demos, config)
     chain = subtask_chain.from_latents(latents, shared.frames, demos.length, kept=shared.kept)
@@ -36,7 +36,7 @@ __all__ = ["ChainParams", "Progress", "from_latents", "init", "step", "trajector
 
 
 class ChainParams(NamedTuple):
-    """Goals in their order. A distance is in units of its own stage: 1 at the stage's start."""
+    """Goals in order. A distance is in units of its own stage: 1 at the stage's start."""
 
     goals: Float[Array, "M D"]
     # One over the latent distance of each stage's start from its goal, for each ensemble's member.
@@ -49,7 +49,7 @@ Mode = Literal["continuous", "stepped"]
 
 
 class Progress(NamedTuple):
-    """What an episode must remember of its chain, and must forget when it ends."""
+    """State of an episode's chain, to be reset when the episode ends."""
 
     index: Int[Array, ""]  # subtasks finished; `count` when all are
     level: Float[Array, ""]  # the reward at which the present stage was entered
@@ -208,7 +208,7 @@ def from_latents(
 
 
 def _next_stage(params, progress, distance, stage, last, fallback):
-    """Subtasks finished after this frame, and the stage that the next one is in."""
+    """Subtasks finished after this frame, and the stage of the next one."""
     here = distance[stage]
     reached = (progress.index == stage) & (here <= params.radius[stage])
     index = progress.index + reached

@@ -54,7 +54,7 @@ _LEAST_SOFTNESS = 1e-6
 
 
 class Options(TypedDict, total=False):
-    """Keyword arguments of `from_demos` that `demo_latents` takes, too."""
+    """Keyword arguments of `from_demos` and `demo_latents`."""
 
     alpha: Float[Array, ""] | float
     tau: Float[Array, ""] | float
@@ -63,7 +63,7 @@ class Options(TypedDict, total=False):
 
 
 class RewardParams(NamedTuple):
-    """Everything the reward needs at run time; freeze it, save it, hand it on."""
+    """Everything that the reward needs at run time; freeze it, save it, pass it on."""
 
     encoder: Params
     goal: Float[Array, "D"] | Float[Array, "G D"]  # one latent, or a set whose nearest counts

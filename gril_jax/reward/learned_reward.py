@@ -1,4 +1,4 @@
-"""A learned reward with all that it needs to be used; `gril_jax.interop.reward_file` saves it.
+"""A learned reward with everything needed to use it; `gril_jax.interop.reward_file` saves it.
 
     learned = load_reward("reward.npz")
     r = learned(center, size, active)                   # of one moment: jit, vmap, grad
@@ -31,7 +31,7 @@ __all__ = ["LearnedReward", "Memory"]
 
 
 class Memory(NamedTuple):
-    """What a rollout must remember, and must forget when an episode begins."""
+    """Memory of an episode, to be reset when an episode begins."""
 
     activity: activity.Memory
     center: Float[Array, "H N 2"]  # of the last H frames, oldest first
@@ -50,16 +50,16 @@ class LearnedReward:
     params: RewardParams
     config: AnyConfig
     classes: tuple[str, ...]
-    """Names that a label is an index into."""
+    """Class names; a label is an index into them."""
     robots: tuple[str, ...] = ()
     """The classes that belong to the robot."""
     objects: tuple[str, ...] = ()
-    """Class of each object of the usual scene, in order: labels and robot flags where none are
-    given."""
+    """Class of each object of the usual scene, in order; gives labels and robot flags by
+    default."""
     activity: ActivityRule = PAPER
-    """When an object counts as moved, as in training."""
+    """Rule by which an object counts as moved, as in training."""
     softness: float | None = None
-    """Of the minimum over a set of goals, in units of the reward; None for the nearest alone."""
+    """Softness of the minimum over a set of goals, in units of the reward; None for a hard one."""
     description: str = "{}"
     """The file's description, a JSON text: units, training, versions."""
 
@@ -79,7 +79,7 @@ class LearnedReward:
 
     @property
     def is_robot(self) -> Bool[Array, "N"]:
-        """Which objects of the usual scene belong to the robot."""
+        """True for the objects of the usual scene that belong to the robot."""
         return jnp.array([name in self.robots for name in self.objects], bool)
 
     def for_objects(self, objects: Sequence[str]) -> "LearnedReward":
@@ -100,7 +100,7 @@ class LearnedReward:
         is_robot: Bool[Array, "..."] | None = None,
         present: Bool[Array, "..."] | None = None,
     ) -> Float[Array, ""]:
-        """The reward of one moment: at most 0, and 0 at the goal.
+        """The reward of one state: at most 0, and 0 at the goal.
 
         Args:
           center: box centres (N, 2), world units; for an encoder with a `history` of H > 1 frames
@@ -210,7 +210,7 @@ class LearnedReward:
         return memory, self.of_memory(memory, label=label, is_robot=is_robot, present=present)
 
     def of_memory(self, memory: Memory, **given: Any) -> Float[Array, ""]:
-        """The reward of the frame that a memory saw last; `given` as for the reward of a moment."""
+        """The reward of the last frame in a memory; `given` as for the reward of one state."""
         boxes = memory.center, memory.size
         if len(memory.center) == 1:
             boxes = boxes[0][0], boxes[1][0]
@@ -219,7 +219,7 @@ class LearnedReward:
     def trajectory(
         self, center: Float[Array, "T N 2"], size: Float[Array, "..."], **given: Any
     ) -> Float[Array, "T"]:
-        """The reward of every frame of one recording; `given` as for the reward of a moment.
+        """The reward of every frame of one recording; `given` as for the reward of one state.
 
         Raises:
           ShapeError: there is no frame, or the arrays do not belong to the same objects.
@@ -245,7 +245,7 @@ class LearnedReward:
             raise ConfigError("the encoder is a PixelConfig, which takes pictures: call of_frame.")
 
     def _check_shapes(self, center, size, history):
-        """The number of objects."""
+        """Checks the shapes; returns the number of objects."""
         shape = center.shape
         lead = () if history == 1 else (history,)
         if len(shape) != len(lead) + 2 or shape[: len(lead)] != lead or shape[-1] != 2:

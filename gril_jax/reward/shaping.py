@@ -37,7 +37,7 @@ def step(
     discount: Float[Array, ""] | float,
     zero_at_end: bool = True,
 ) -> Float[Array, "*batch"]:
-    """What to add to the reward of a control step from s to s'.
+    """Shaping term of a control step from s to s', to be added to its reward.
 
     >>> round(float(step(jnp.array(-1.0), jnp.array(-0.5), discount=0.9)), 3)
     0.55
@@ -72,7 +72,7 @@ def episode(
     discount: Float[Array, ""] | float,
     zero_at_end: bool = True,
 ) -> Float[Array, "*batch S-1"]:
-    """`step` along whole episodes.
+    """Applies `step` along whole episodes.
 
     The discounted sum over an episode is discount^(S - 1) * phi(last) - phi(first): it depends on
     nothing that the policy did in between.

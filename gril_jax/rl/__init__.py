@@ -1,4 +1,4 @@
-"""From a reward and a task to a policy, in one compiled step."""
+"""Trains a policy from a reward and a task, in one compiled step."""
 
 from . import rewards
 from .evaluate import Evaluation

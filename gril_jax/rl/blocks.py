@@ -1,4 +1,4 @@
-"""Environments in blocks that never mix: devices that hold whole blocks have nothing to exchange.
+"""Blocks of environments that never mix, so that devices with whole blocks exchange nothing.
 
 Whatever takes environments out of their order (minibatches, starts from a pool) does so within
 blocks of them. How many there are follows from the numbers of environments and minibatches, and not
@@ -43,7 +43,7 @@ def join(tree: Any) -> Any:
 
 
 def minibatches(tree: Any, key: PRNGKeyArray, number: int) -> Any:
-    """Leaves (B, ...) shuffled and dealt out, (M, B / M, ...): of each block a share to each.
+    """Leaves (B, ...) shuffled into (M, B / M, ...): each minibatch gets a share of each block.
 
     Args:
       tree: what is known of each environment.

@@ -1,4 +1,4 @@
-"""One environment's episodes: activity memory, time limit, guard against NaN, automatic reset.
+"""Episodes of one environment: activity memory, time limit, guard against NaN, automatic reset.
 
 An `EpisodeState` holds everything that must be forgotten when an episode ends, so that a reset is
 the choice between two of them. All functions take one; batch with `jax.vmap`, or see
@@ -22,7 +22,7 @@ __all__ = ["EpisodeState", "Episodes", "StepResult", "reset_where"]
 
 
 class EpisodeState(NamedTuple):
-    """One environment in the middle of an episode."""
+    """Episode state of one environment."""
 
     state: Any  # the environment's own state
     memory: activity.Memory
@@ -31,7 +31,7 @@ class EpisodeState(NamedTuple):
 
 
 class StepResult(NamedTuple):
-    """What one control step brought."""
+    """Result of one control step."""
 
     reward: Float[Array, ""]
     terminated: Float[Array, ""]  # the task ended: nothing more to gain
@@ -47,22 +47,22 @@ class Episodes:
     env: Environment
     reward: Reward
     observe_activity: bool = True
-    """Whether the policy sees the activity bits, as the reward does."""
+    """True if the policy sees the activity bits, as the reward does."""
     window: int = PoolConfig.window
-    """Of the activity memory, frames."""
+    """Window of the activity memory, frames."""
     smoothing: int = PoolConfig.smoothing
-    """Frames of the running median of centres before that."""
+    """Frames of the running median of centres, applied first."""
     noise: float | None = PoolConfig.noise
     """Standard deviation of a centre along one axis, world units."""
 
     @classmethod
     def of(cls, env: Environment, reward: AnyReward, **options: Any) -> "Episodes":
-        """The same from a plain reward or one with a memory."""
+        """Makes it from a plain reward or one with a memory."""
         return cls(env, as_reward(reward), **options)
 
     @property
     def observation_size(self) -> int:
-        """Numbers that the policy sees."""
+        """Size of the policy's observation."""
         episode = jax.eval_shape(lambda: self.begin(jax.random.key(0)))
         return jax.eval_shape(self.observe, episode).shape[0]
 
@@ -118,7 +118,7 @@ class Episodes:
         return moved, result
 
     def observe(self, episode: EpisodeState) -> Float[Array, "O"]:
-        """The policy's input: the task's observation, then what else the reward depends on."""
+        """The policy's input: the task's observation, and whatever else the reward depends on."""
         remembered = self.reward.observe(episode.reward_memory)
         if not self.observe_activity:
             return jnp.concatenate([episode.state.obs, remembered])

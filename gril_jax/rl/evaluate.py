@@ -1,4 +1,4 @@
-"""How good a policy is: whole episodes from the task's own starts."""
+"""Evaluation of a policy: whole episodes from the task's own starts."""
 
 import functools
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ def evaluate(
     episodes: int,
     deterministic: Bool[Array, ""] | bool = True,
 ) -> Evaluation:
-    """Run the policy for `episodes` episodes, side by side. The key is consumed.
+    """Runs the policy for `episodes` episodes, in parallel. The key is consumed.
 
     `deterministic` may be traced: one program plays the trained policy's mean actions and, to
     compare, the samples of an untrained one.

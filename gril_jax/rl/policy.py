@@ -1,4 +1,4 @@
-"""What PPO and SAC have in common of a policy: its value, and how observations are normalised."""
+"""Parts of a policy that PPO and SAC share: its parameters, and normalisation of observations."""
 
 import itertools
 import math
@@ -29,19 +29,19 @@ MAX_OBSERVATION = 10.0  # in standard deviations: no single input outweighs all 
 
 
 class Policy(NamedTuple):
-    """Enough to act: observation statistics and the policy network's weights."""
+    """Parameters needed to act: observation statistics and the policy network's weights."""
 
     normalizer: running_statistics.RunningStatisticsState
     params: Any
 
 
 def fresh_normalizer(observation_size: int) -> running_statistics.RunningStatisticsState:
-    """Statistics of no observation yet: mean 0 and deviation 1."""
+    """Statistics before any observation: mean 0 and deviation 1."""
     return running_statistics.init_state(specs.Array((observation_size,), jnp.dtype("float32")))
 
 
 def fresh_weights(key: PRNGKeyArray, *networks: Any) -> list[Any]:
-    """Weights of brax's networks as their own `init` draws them, but of all layers in one draw.
+    """Weights distributed as by brax's own `init`, but sampled for all layers at once.
 
     Kernels are uniform in +-sqrt(3 / inputs), the default of brax (LeCun et al. 1998), and biases
     are 0. The key is consumed.
@@ -64,7 +64,7 @@ def observed(
     statistics: running_statistics.RunningStatisticsState,
     observation: Float[Array, "*batch O"],
 ) -> running_statistics.RunningStatisticsState:
-    """The statistics with more observations; no deviation is below `LEAST_DEVIATION`."""
+    """Statistics updated with more observations; no deviation is below `LEAST_DEVIATION`."""
     return running_statistics.update(statistics, observation, std_min_value=LEAST_DEVIATION)
 
 
@@ -72,5 +72,5 @@ def normalize(
     observation: Float[Array, "*batch O"],
     statistics: running_statistics.RunningStatisticsState,
 ) -> Float[Array, "*batch O"]:
-    """Observations in standard deviations from their mean, at most `MAX_OBSERVATION` of them."""
+    """Observations as standard deviations from their mean, clipped at `MAX_OBSERVATION` of them."""
     return running_statistics.normalize(observation, statistics, max_abs_value=MAX_OBSERVATION)

@@ -101,7 +101,7 @@ class PPO(Agent):
         self._make_policy = networks.make_inference_fn(self.networks)
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
-        """Fresh weights, and environments at random times of their first episode."""
+        """Initial weights, and environments at random times of their first episode."""
         key, key_weights, envs = self._begin(key)
         both = self.networks.policy_network, self.networks.value_network
         params = losses.PPONetworkParams(*fresh_weights(key_weights, *both))
@@ -143,7 +143,7 @@ class PPO(Agent):
     def store(
         self, state: TrainState, steps: rollout.Rollout, *, wanted: Bool[Array, ""] | bool = True
     ) -> TrainState:
-        """The state itself: nothing is kept for later."""
+        """Returns the state unchanged: PPO stores nothing."""
         del steps, wanted
         return state
 
@@ -155,7 +155,7 @@ class PPO(Agent):
         hyper: Hyper,
         reward_params: Any,
     ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
-        """`num_epochs` passes of `num_minibatches` updates over what was collected."""
+        """Runs `num_epochs` passes of `num_minibatches` updates over the collected data."""
         del reward_params
         normalizer = observed(state.normalizer, steps.observation)
         data = self._batch(steps, state.params, normalizer, hyper)
@@ -193,7 +193,7 @@ class PPO(Agent):
         return state, rollout.summary(steps) | metrics
 
     def _batch(self, steps: rollout.Rollout, params, normalizer, hyper: Hyper) -> ppo_loss.Batch:
-        """All that was collected, with a time limit's value in its reward.
+        """The collected data, with the value at time limits added to the reward.
 
         The value of the last observation before a reset at the time limit is added to that step's
         reward, and the step counts as an end. Rollout that a failure took back are dropped.

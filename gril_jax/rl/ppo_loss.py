@@ -23,7 +23,7 @@ _VALUE_WEIGHT = 0.25  # of the squared error; brax's 0.5, and the half of a squa
 
 
 class Batch(NamedTuple):
-    """What was collected, lane by lane."""
+    """Collected data, one row per environment."""
 
     observation: Float[Array, "B T+1 O"]  # before each step, and after the last
     raw_action: Float[Array, "B T A"]  # before it was squashed into its bounds
@@ -34,7 +34,7 @@ class Batch(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """What shapes the loss; all may be traced."""
+    """Parameters of the loss; all may be traced."""
 
     discounting: Float[Array, ""] | float
     gae_lambda: Float[Array, ""] | float
@@ -91,7 +91,7 @@ def loss(
     networks: PPONetworks,
     weights: Weights,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-    """The loss of a minibatch, and figures by name.
+    """The loss of a minibatch, and metrics by name.
 
     These are its parts; `ratio_beyond`, the share of steps whose ratio was clipped; and
     `deviation`, the mean standard deviation of actions before they are squashed.

@@ -1,4 +1,4 @@
-"""Replay for off-policy learning: a ring of rows, the oldest of which are overwritten.
+"""Replay for off-policy learning: a ring buffer of rows that overwrites the oldest.
 
 An insertion writes one window of rows in place, also when seeds are vmapped and when the ring is
 carried by a scan. Two things would turn it into a copy of the whole ring: a `lax.cond` that hands
@@ -27,14 +27,14 @@ class Replay(NamedTuple):
 
 
 def init(row: Any, capacity: int) -> Replay:
-    """An empty ring for rows like this one, a pytree of arrays or of their shapes."""
+    """An empty ring for rows structured like this one, a pytree of arrays or of their shapes."""
     zero = jnp.zeros((), jnp.int32)
     rows = jax.tree.map(lambda x: jnp.zeros((capacity, *x.shape), x.dtype), row)
     return Replay(rows, zero, zero)
 
 
 def insert(replay: Replay, rows: Any, *, wanted: Bool[Array, ""] | bool = True) -> Replay:
-    """The ring with R more rows, in place of its oldest ones if it is full.
+    """Inserts R rows into the ring, overwriting its oldest ones if it is full.
 
     Args:
       replay: the ring.
@@ -65,7 +65,7 @@ def insert(replay: Replay, rows: Any, *, wanted: Bool[Array, ""] | bool = True) 
 
 
 def sample(replay: Replay, key: PRNGKeyArray, count: int) -> Any:
-    """`count` rows, leaves (count, ...), each drawn from all that are stored.
+    """Samples `count` rows, leaves (count, ...), each from all that are stored.
 
     Of an empty ring they are zeros. The key is consumed.
     """

@@ -1,4 +1,4 @@
-"""Rewards that a policy can be trained on: pure functions of an episode's moments.
+"""Rewards that a policy can be trained on: pure functions of an episode's states.
 
 A plain reward is a function `(params, state, active) -> reward` of one moment. A reward that must
 remember something of its episode is a `Reward`, whose memory is forgotten when the episode ends.
@@ -39,7 +39,7 @@ RewardFn = Callable[[Any, Any, Bool[Array, "N"]], Float[Array, ""]]
 
 
 class Reward(NamedTuple):
-    """A reward with a memory of its episode, which is any pytree of arrays."""
+    """A reward with a memory of the episode, which is any pytree of arrays."""
 
     init: Callable[[], Any]  # the memory at an episode's start
     # (parameters, memory, environment state, activity bits (N,)) -> (memory, reward).
@@ -51,7 +51,7 @@ AnyReward = RewardFn | Reward
 
 
 def as_reward(reward: AnyReward) -> Reward:
-    """The reward itself, or a plain one as a `Reward` that remembers nothing."""
+    """The reward itself, or a plain one wrapped as a `Reward` without memory."""
     if isinstance(reward, Reward):
         return reward
     return Reward(
@@ -62,13 +62,13 @@ def as_reward(reward: AnyReward) -> Reward:
 
 
 def environmental(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
-    """The task's own dense reward; takes no parameters."""
+    """The task's own dense reward; it has no parameters."""
     del params, active
     return state.reward
 
 
 def learned(config: GraphConfig, *, robots: Sequence[int] = ()) -> RewardFn:
-    """The latent-goal reward (Eq. 7) of what a detector would see.
+    """The latent-goal reward (Eq. 7) of the objects that a detector would see.
 
     Its parameters are a `RewardParams`: an argument, not a constant of the program, so that the
     seeds of a sweep can each have their own.
@@ -87,7 +87,7 @@ def learned(config: GraphConfig, *, robots: Sequence[int] = ()) -> RewardFn:
 
 
 def offset(reward: RewardFn, by: float) -> RewardFn:
-    """The same reward, more by a constant: in episodes of one length no policy gains by it.
+    """The reward plus a constant: in episodes of equal length no policy gains by it.
 
     A learner may: one that starts from values of 0 has nothing to unlearn where nothing is paid.
     """
@@ -104,7 +104,7 @@ def pixels(
     *,
     side_by_side: bool = False,
 ) -> RewardFn:
-    """XIRL's reward: the latent-goal reward (Eq. 7) of a picture of each moment.
+    """XIRL's reward: the latent-goal reward (Eq. 7) of a picture of each state.
 
     Its parameters are a `RewardParams`, as those of `learned`. The activity bits do not count.
 
@@ -149,7 +149,7 @@ def subtasks(
     mode: subtask_chain.Mode = "continuous",
     alpha: Float[Array, ""] | float = PoolConfig.alpha,
 ) -> Reward:
-    """The chain of latent goals (`gril_jax.reward.chain`), one for each stage of the task.
+    """Chain of latent goals (`gril_jax.reward.chain`), one for each stage of the task.
 
     Its parameters are a pair: the encoder's, and the chain's. The policy sees the share of the
     subtasks that are finished, since the reward depends on it. `alpha` is the weight of an active
@@ -173,7 +173,7 @@ def subtasks(
 
 
 def shaped(potential: RewardFn) -> Reward:
-    """The task's own reward, with a learned one as a potential that guides to it.
+    """The task's own reward, with a learned one as its shaping potential.
 
     Of a step from s to s' it is `w0 * (discount * phi(s') - phi(s)) + w1 * own`, where phi is the
     potential (`gril_jax.reward.shaping`): the best policies are those of the task's own reward.
@@ -194,7 +194,7 @@ def shaped(potential: RewardFn) -> Reward:
 
 
 def weighted_sum(rewards: Sequence[AnyReward]) -> Reward:
-    """Several rewards as one; its parameters are `(weights, parameters of each)`.
+    """Weighted sum of several rewards; its parameters are `(weights, parameters of each)`.
 
     Weights (K,) belong to the parameters, so that a sweep over them is a vmap.
     """
@@ -221,7 +221,7 @@ def weighted_sum(rewards: Sequence[AnyReward]) -> Reward:
 def _scene(
     config: GraphConfig, robots: Sequence[int]
 ) -> Callable[[Any, Bool[Array, "N"]], SceneGraph]:
-    """(state, activity bits) -> the graph of all objects that the encoder looks at."""
+    """Returns (state, activity bits) -> the graph of all objects that the encoder looks at."""
     unseen = () if encoder.sees_robot(config) else tuple(robots)
 
     def scene(state, active):

@@ -1,4 +1,4 @@
-"""Many environments stepped together by one compiled call, with a pool of starts beside them.
+"""Rollouts of many environments in one compiled call, with a pool of starts beside them.
 
 A reset costs as much as some control steps, and an episode needs one start in its whole length. So
 each update draws only as many starts as episodes will end in it, and puts them into a pool from
@@ -26,7 +26,7 @@ Act = Callable[[Float[Array, "B O"], PRNGKeyArray], tuple[Float[Array, "B A"], A
 
 
 class VectorState(NamedTuple):
-    """B environments and the starts that they will take up."""
+    """State of B vectorised environments, and a pool of starts."""
 
     running: EpisodeState  # (B, ...)
     starts: EpisodeState  # (B, ...): the pool
@@ -34,7 +34,7 @@ class VectorState(NamedTuple):
 
 
 class Rollout(NamedTuple):
-    """What T control steps of B environments brought, (T, B, ...)."""
+    """Rollout of T control steps of B environments, (T, B, ...)."""
 
     observation: Float[Array, "T B O"]
     action: Float[Array, "T B A"]
@@ -46,7 +46,7 @@ class Rollout(NamedTuple):
 
 
 def init(episodes: Episodes, keys: Key[Array, "K"]) -> VectorState:
-    """B environments at the start of an episode, with a full pool of starts, from 2 B keys (K,)."""
+    """B environments at an episode's start, with a full pool of starts, from 2 B keys (K,)."""
     num_envs = len(keys) // 2
     both = jax.vmap(episodes.begin)(keys)
     # A task's own weak types would become strong in the first step, which then compiles twice.
@@ -61,7 +61,7 @@ def _strong(x: Array) -> Array:
 
 
 def scatter(envs: VectorState, key: PRNGKeyArray, episode_length: int) -> VectorState:
-    """The same environments, said to be at random times of their episodes.
+    """The same environments with their clocks set to random times of an episode.
 
     Were all episodes to begin together, every batch would hold one phase of the task only.
     """
@@ -72,7 +72,7 @@ def scatter(envs: VectorState, key: PRNGKeyArray, episode_length: int) -> Vector
 
 
 def renewals(num_envs: int, unroll_length: int, episode_length: int) -> int:
-    """Starts to draw for each unroll: at least as many as time limits will use up.
+    """Number of starts to sample for each unroll: at least as many as time limits will use.
 
     The number divides `num_envs`, so that parts of the pool never overlap; all blocks of it get the
     same.
@@ -111,7 +111,7 @@ def unroll(
     tau: Float[Array, ""] | float,
     keep: Callable[[EpisodeState], Any] = lambda episode: (),
 ) -> tuple[VectorState, Rollout]:
-    """A control step of every environment with each of the keys (T,).
+    """Runs a control step of every environment with each of the keys (T,).
 
     Where an episode ends, a start of the pool follows. Should two end in one unroll, the same start
     follows twice. From unroll to unroll each

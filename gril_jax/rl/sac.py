@@ -38,7 +38,7 @@ __all__ = ["SAC", "Hyper", "Row", "Seen", "Static", "TrainState"]
 
 @dataclasses.dataclass(frozen=True)
 class Static:
-    """What shapes the compiled program."""
+    """Static options, which shape the compiled program."""
 
     num_envs: int = SACConfig.num_envs
     unroll_length: int = SACConfig.unroll_length
@@ -68,7 +68,7 @@ class TrainState(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What a reward may look at when it is computed later: it takes the place of a task's state."""
+    """Inputs of a reward that is computed later, in place of a task's state."""
 
     objects: Any
     active: Bool[Array, "N"]
@@ -115,7 +115,7 @@ class SAC(Agent):
         self._make_policy = networks.make_inference_fn(self.networks)
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
-        """Fresh weights, an empty replay, and environments at random times of an episode."""
+        """Initial weights, an empty replay, and environments at random times of an episode."""
         key, key_weights, envs = self._begin(key)
         return TrainState(
             learned=sac_loss.begin(self.networks, key_weights, hyper),
@@ -159,7 +159,7 @@ class SAC(Agent):
     def store(
         self, state: TrainState, steps: rollout.Rollout, *, wanted: Bool[Array, ""] | bool = True
     ) -> TrainState:
-        """The state with all of these transitions in its replay, if they are wanted."""
+        """The state with these transitions added to its replay, if they are wanted."""
         rows = Row(
             observation=steps.observation,
             action=steps.action,
@@ -179,7 +179,7 @@ class SAC(Agent):
         hyper: Hyper,
         reward_params: Any,
     ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
-        """`updates_per_step` gradient steps, each on a batch drawn from the replay.
+        """Runs `updates_per_step` gradient steps, each on a batch sampled from the replay.
 
         Too early they are computed all the same, and thrown away: seeds side by side could not skip
         them either.
@@ -214,7 +214,7 @@ class SAC(Agent):
         return Seen(episode.state.objects, episode.memory.active, episode.state.reward)
 
     def _row(self, running: EpisodeState) -> Row:
-        """The shapes of one row."""
+        """Shapes of one row."""
         number = jax.ShapeDtypeStruct((), jnp.float32)
         observation = jax.ShapeDtypeStruct((self.observation_size,), jnp.float32)
         action = jax.ShapeDtypeStruct((self.env.action_size,), jnp.float32)
@@ -223,7 +223,7 @@ class SAC(Agent):
         return Row(observation, action, observation, number, number, reward)
 
     def _transitions(self, rows: Row, reward_params: Any) -> Transition:
-        """The same (R, ...) for brax's losses, which leave out what they take for truncated."""
+        """The rows as transitions (R, ...) for brax's losses, which skip truncated ones."""
         reward, dropped = rows.reward, rows.dropped
         if self.static.relabel:
             rule, nothing = self.episodes.reward, self.episodes.reward.init()

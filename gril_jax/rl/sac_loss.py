@@ -42,7 +42,7 @@ class Hyper(NamedTuple):
 
 
 class Params(NamedTuple):
-    """What gradients move."""
+    """Parameters that gradients update."""
 
     policy: Any
     critic: Any
@@ -50,7 +50,7 @@ class Params(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """What gradient steps change."""
+    """State that gradient steps update."""
 
     params: Params
     target: Any  # the critics that bootstrap, which follow the others slowly
@@ -58,7 +58,7 @@ class Learned(NamedTuple):
 
 
 def begin(nets: networks.SACNetworks, key: PRNGKeyArray, hyper: Hyper) -> Learned:
-    """Fresh weights. The key is consumed."""
+    """Initial weights. The key is consumed."""
     policy, critic = fresh_weights(key, nets.policy_network, nets.q_network)
     log_alpha = jnp.log(jnp.asarray(hyper.initial_alpha, jnp.float32))
     params = Params(policy, critic, log_alpha)
@@ -74,7 +74,7 @@ def gradient_step(
     key: PRNGKeyArray,
     hyper: Hyper,
 ) -> tuple[Learned, dict[str, Float[Array, ""]]]:
-    """One step of Adam for each of the three, then a step of the target towards the critics.
+    """One step of Adam for each of the three, then a soft update of the target critics.
 
     Args:
       nets: actor and critics.
@@ -113,14 +113,14 @@ def gradient_step(
 
 
 def _entropy(nets, policy, normalizer, batch, key):
-    """Minus the log density of one action drawn for each observation, (R,)."""
+    """Minus the log density of one action sampled for each observation, (R,)."""
     actions = nets.parametric_action_distribution
     logits = nets.policy_network.apply(normalizer, policy, batch.observation)
     return -actions.log_prob(logits, actions.sample_no_postprocessing(logits, key))
 
 
 def _adam(params: Params, moments, grads: Params, hyper: Hyper):
-    """One step; actor, critics and temperature are clipped each by its own norm."""
+    """One step of Adam; actor, critics and temperature are each clipped by their own norm."""
     clip = optax.clip_by_global_norm(hyper.max_grad_norm)
     grads = Params(*(clip.update(x, clip.init(x))[0] for x in grads))
     steps, moments = optax.scale_by_adam().update(grads, moments)

@@ -1,4 +1,4 @@
-"""A chunk of training in one compiled call: updates, then an evaluation of what they made.
+"""A chunk of training in one compiled call: updates, then an evaluation of the policy.
 
     run = jax.jit(partial(chunk, algorithm, updates=20, evaluation=(env,)), donate_argnums=0)
     state, metrics, evaluation = run(state, hyper, reward_params)
@@ -57,7 +57,7 @@ class Algorithm(Protocol):
 
 
 class Scores(NamedTuple):
-    """What episodes came to: means of shape (V, 2), the last axis (mean actions, samples)."""
+    """Evaluation scores: means of shape (V, 2), the last axis (mean actions, sampled actions)."""
 
     success: Float[Array, "..."]  # at the end of the episode
     success_ever: Float[Array, "..."]  # at some moment of it
@@ -68,7 +68,7 @@ class Scores(NamedTuple):
 def step(
     algorithm: Algorithm, state: Any, hyper: Any, reward_params: Any
 ) -> tuple[Any, dict[str, Float[Array, ""]]]:
-    """One unroll of every environment and what is learned from it: (state, metrics)."""
+    """Runs one unroll of every environment and learns from it: (state, metrics)."""
     key, exploring = state.key, jnp.zeros((algorithm.num_envs,), bool)
     state, steps = algorithm.collect(
         state._replace(key=_next(algorithm, key)), key, hyper, reward_params,
@@ -83,7 +83,7 @@ def _next(algorithm: Algorithm, key: PRNGKeyArray) -> PRNGKeyArray:
 
 
 def rounds(algorithm: Algorithm) -> int:
-    """Unrolls that an evaluation takes: enough for one whole episode."""
+    """Number of unrolls in an evaluation: enough for one whole episode."""
     return math.ceil(algorithm.episodes.env.episode_length / algorithm.unroll_length)
 
 
@@ -98,7 +98,7 @@ def chunk(
     count: Int[Array, ""] | int | None = None,
     examine: Bool[Array, ""] | bool = True,
 ) -> tuple[Any, dict[str, Float[Array, "updates"]], Scores | None]:
-    """Updates, then one episode of the new policy in each of the B environments.
+    """Runs updates, then one episode of the new policy in each of the B environments.
 
     Training goes on afterwards where it stood: an evaluation changes nothing in the state. How
     often the loop runs may be traced, so that where a run is cut into chunks changes no bit of it:
@@ -174,14 +174,14 @@ def _write(rows: Any, number: Int[Array, ""], values: Any) -> Any:
 
 
 def _traced_once(algorithm: Algorithm) -> Algorithm:
-    """The same algorithm; its halves are traced once, though a chunk looks at them twice."""
+    """The same algorithm with its halves traced once, though a chunk uses them twice."""
     same = copy.copy(algorithm)
     same.collect, same.learn = jax.jit(algorithm.collect), jax.jit(algorithm.learn)
     return same
 
 
 class _Evaluation(NamedTuple):
-    """Episodes that are being played for an evaluation, one in each environment."""
+    """Evaluation episodes in progress, one in each environment."""
 
     episodes: EpisodeState
     deterministic: Bool[Array, "B"]  # who plays mean actions
@@ -193,7 +193,7 @@ class _Evaluation(NamedTuple):
 def _begin(
     algorithm: Algorithm, tasks: tuple[Environment, ...], keys: Key[Array, "K"]
 ) -> _Evaluation:
-    """Fresh starts, those of the first task first; of each task, mean actions come first."""
+    """Fresh starts, in order of tasks; within each task, mean actions come first."""
     share = algorithm.num_envs // len(tasks)
     parts = [
         jax.vmap(dataclasses.replace(algorithm.episodes, env=task).begin)(

@@ -2,19 +2,15 @@
 
 from .agreement import MOST, AgreedBoundaries, agreed_boundaries, agreed_stages, each_alone
 from .boundaries import (
-    gaussian_smooth,
-    gradient_peaks,
-    peak_prominences,
     running_median,
     segments,
     transitions,
 )
 from .matching import (
-    BoundaryScore,
     SharedBoundaries,
     boundary_frames,
-    boundary_score,
     match_in_order,
+    match_within,
     place_in_order,
     shared_boundaries,
 )
@@ -22,17 +18,13 @@ from .matching import (
 __all__ = [
     "MOST",
     "AgreedBoundaries",
-    "BoundaryScore",
     "SharedBoundaries",
     "agreed_boundaries",
     "agreed_stages",
     "boundary_frames",
-    "boundary_score",
     "each_alone",
-    "gaussian_smooth",
-    "gradient_peaks",
     "match_in_order",
-    "peak_prominences",
+    "match_within",
     "place_in_order",
     "running_median",
     "segments",

@@ -1,4 +1,4 @@
-"""Ends of stages on which demonstrations agree, from their reward traces together.
+"""Stage ends on which demonstrations agree, from all their reward traces together.
 
 One trace by itself is a poor witness: a step may be as small as the noise, and a pause in the
 middle of a rise as long as a short plateau. But demonstrations of one task climb the same stairs:
@@ -32,7 +32,7 @@ _SHARES = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
 
 
 class AgreedBoundaries(NamedTuple):
-    """The same stages in every demonstration; those kept come first, in order of time."""
+    """The same stages in every demonstration; kept ones come first, in order of time."""
 
     frames: Int[Array, "B M"]  # last frame of each stage, increasing; -1 in slots not kept
     kept: Bool[Array, "M"]
@@ -50,7 +50,7 @@ def agreed_boundaries(
     patience: Int[Array, ""] | int = 8,
     support: Float[Array, ""] | float = 0.5,
 ) -> AgreedBoundaries:
-    """Boundaries that at least the share `support` of the demonstrations has in common.
+    """Boundaries shared by at least the share `support` of the demonstrations.
 
     Two boundaries are the same if their rewards, or their shares of the way from a trace's first
     reward to its last one, differ by less than `prominence`; of the two scales that counts on which
@@ -75,7 +75,7 @@ def _smoothed(reward, length, smoothing):
 
 
 def _common(trace, own, length, prominence, support) -> AgreedBoundaries:
-    """Those of the scale on which traces are more alike."""
+    """The common boundaries, on the scale on which traces agree more."""
     scales = jnp.stack([trace, _way(trace, length, prominence)])
     both = jax.vmap(lambda scale: _shared(scale, own, length, prominence, support))(scales)
     better = jnp.argmax(jax.vmap(_alike, in_axes=(None, 0))(own, both))
@@ -84,13 +84,13 @@ def _common(trace, own, length, prominence, support) -> AgreedBoundaries:
 
 
 def _way(trace, length, least):
-    """Traces from 0 at their first frames to 1 at their last ones, if they climb at all."""
+    """Traces scaled from 0 at the first frame to 1 at the last, if they climb at all."""
     start, end = trace[:, :1], jnp.take_along_axis(trace, length[:, None] - 1, axis=1)
     return (trace - start) / jnp.maximum(end - start, least)
 
 
 def _shared(scale, own, length, prominence, support) -> AgreedBoundaries:
-    """Those that traces share on a scale (B, T), with their levels on it."""
+    """The boundaries that traces share on a scale (B, T), with their levels on it."""
     shared = shared_boundaries(
         scale[:, :, None], own, length, tolerance=prominence, support=support
     )
@@ -100,7 +100,7 @@ def _shared(scale, own, length, prominence, support) -> AgreedBoundaries:
     shared = shared._replace(level=_mean_there(scale, shared))
 
     def reached(scale, frames, found):
-        """Boundaries that lack are set to the first frame at the level after the one before."""
+        """Sets missing boundaries to the first frame at the level after the previous one."""
 
         def place(before, one):
             level, frame, found, kept = one
@@ -123,7 +123,7 @@ def _mean_there(trace, shared: AgreedBoundaries) -> Float[Array, "M"]:
 
 
 def _alike(own: Int[Array, "B M"], shared: AgreedBoundaries) -> Float[Array, ""]:
-    """Dice's coefficient of the boundaries that traces have by themselves and the common ones."""
+    """Dice's coefficient between the traces' own boundaries and the common ones."""
     count = jnp.sum(own >= 0) + jnp.sum(shared.kept) * len(own)
     return 2 * jnp.sum(shared.found) / jnp.maximum(count, 1)
 
@@ -136,7 +136,7 @@ def agreed_stages(
     smoothing: int = 15,
     support: Float[Array, ""] | float = 0.5,
 ) -> tuple[Int[Array, ""], AgreedBoundaries]:
-    """The patience with which each demonstration's stages are most like the common ones, and these.
+    """The patience whose stages agree best between demonstrations, and the common stages.
 
     Too short a patience cuts rises at their pauses, here in two and there in three; too long a one
     passes over plateaus, here and not there. Alike is Dice's coefficient of the boundaries found in
@@ -162,13 +162,13 @@ def agreed_stages(
 
 
 def each_alone(reward: Float[Array, "B T"], length: Int[Array, "B"], **rule) -> Int[Array, "B M"]:
-    """Frames that `transitions` marks in each trace, filled up with -1; options are its own."""
+    """Frames that `transitions` marks in each trace, padded with -1; the options are its own."""
     within = jnp.arange(reward.shape[1]) < length[:, None]
     marked = jax.vmap(lambda x: transitions(x, **rule))(_held(reward, length)) & within
     return jax.vmap(lambda x: boundary_frames(x, MOST))(marked)
 
 
 def _held(reward, length):
-    """A trace that goes on standing where it ends has the same boundaries, and none after it."""
+    """The trace held at its last value, which adds no boundary."""
     frames = jnp.minimum(jnp.arange(reward.shape[1]), length[:, None] - 1)
     return jnp.take_along_axis(reward, frames, axis=1)

@@ -1,7 +1,7 @@
-"""Boundaries of stages matched in order: with the true ones, and across demonstrations.
+"""Matches stage boundaries in order: with the true ones, and across demonstrations.
 
     found = boundary_frames(transitions(reward), 8)
-    score = boundary_score(found, true, tolerance=5)
+    pairs = match_within(found, true, tolerance=5)
     shared = shared_boundaries(rewards[:, :, None], found_in_each, length, tolerance=0.2)
 
 Lists of frames have a static size, increase, and are filled up with -1. Everything can be jitted
@@ -18,28 +18,17 @@ from jaxtyping import Array, Bool, Float, Int
 from gril_jax.errors import ConfigError, ShapeError
 
 __all__ = [
-    "BoundaryScore",
     "SharedBoundaries",
     "boundary_frames",
-    "boundary_score",
     "match_in_order",
+    "match_within",
     "place_in_order",
     "shared_boundaries",
 ]
 
 
-class BoundaryScore(NamedTuple):
-    """How well found boundaries meet the true ones."""
-
-    precision: Float[Array, ""]  # share of the found ones that are matched
-    recall: Float[Array, ""]  # share of the true ones that are matched
-    f1: Float[Array, ""]  # harmonic mean of the two
-    timing_error: Float[Array, ""]  # mean distance of matched ones, frames
-    num_matched: Int[Array, ""]
-
-
 class SharedBoundaries(NamedTuple):
-    """The same stages in every demonstration; those kept come first, in order of time."""
+    """The same stages in every demonstration; kept ones come first, in order of time."""
 
     frames: Int[Array, "B M"]  # increasing; -1 in slots that are not kept
     kept: Bool[Array, "M"]
@@ -48,7 +37,7 @@ class SharedBoundaries(NamedTuple):
 
 
 def boundary_frames(boundary: Bool[Array, "T"], size: int) -> Int[Array, "M"]:
-    """The first `size` frames that are marked, filled up with -1.
+    """The first `size` marked frames, padded with -1.
 
     >>> boundary_frames(jnp.array([False, True, False, True]), 3).tolist()
     [1, 3, -1]
@@ -56,13 +45,10 @@ def boundary_frames(boundary: Bool[Array, "T"], size: int) -> Int[Array, "M"]:
     return jnp.nonzero(boundary, size=size, fill_value=-1)[0]
 
 
-def boundary_score(
-    found: Int[Array, "M"],
-    true: Int[Array, "N"],
-    *,
-    tolerance: Float[Array, ""] | Int[Array, ""] | float | int = 5,
-) -> BoundaryScore:
-    """Precision, recall and timing of found boundaries against true ones.
+def match_within(
+    found: Int[Array, "M"], true: Int[Array, "N"], *, tolerance: int = 5
+) -> Int[Array, "M"]:
+    """The true boundary of each found one, or -1.
 
     Pairs are one-to-one, in order, and at most `tolerance` frames apart: as many of them as
     there can be, and of those matchings the one with the least total distance.
@@ -71,32 +57,12 @@ def boundary_score(
       found: frames, increasing, filled up with -1.
       true: the same.
       tolerance: in frames.
-
-    Returns:
-      The score. Of an empty list the share is 1 if the other is empty, too, and else 0. If
-      nothing is matched, the timing error is the tolerance.
-
-    Raises:
-      ConfigError: the tolerance is known and negative.
     """
-    if not isinstance(tolerance, jax.core.Tracer) and not float(tolerance) >= 0:
-        raise ConfigError(f"tolerance is {tolerance}; it must be at least 0 frames.")
     distance = jnp.abs(found[:, None] - true).astype(jnp.float32)
     near = (distance <= tolerance) & (found[:, None] >= 0) & (true >= 0)
     # One more pair is worth more than all distances together can be.
     worth = 1.0 + tolerance * (1.0 + min(distance.shape))
-    match = match_in_order(jnp.where(near, worth - distance, 0.0))
-    matched = match >= 0
-    num = jnp.sum(matched)
-    num_found, num_true = jnp.sum(found >= 0), jnp.sum(true >= 0)
-    errors = jnp.abs(found - true[match]) if true.size else jnp.zeros(found.shape, jnp.int32)
-    timing = jnp.sum(jnp.where(matched, errors, 0)) / jnp.maximum(num, 1)
-    both_empty = num_found + num_true == 0
-    precision = jnp.where(both_empty, 1.0, num / jnp.maximum(num_found, 1))
-    recall = jnp.where(both_empty, 1.0, num / jnp.maximum(num_true, 1))
-    f1 = jnp.where(both_empty, 1.0, 2 * num / jnp.maximum(num_found + num_true, 1))
-    timing = jnp.where(num > 0, timing, tolerance)
-    return BoundaryScore(precision, recall, f1, timing.astype(jnp.float32), num)
+    return match_in_order(jnp.where(near, worth - distance, 0.0))
 
 
 def match_in_order(gain: Float[Array, "M N"]) -> Int[Array, "M"]:
@@ -187,7 +153,7 @@ def shared_boundaries(
     tolerance: Float[Array, ""] | float,
     support: Float[Array, ""] | float = 0.5,
 ) -> SharedBoundaries:
-    """The boundaries that demonstrations of one task have in common, in each of them.
+    """The boundaries shared by demonstrations of one task, in each of them.
 
     Detectors find more in one demonstration and less in another. Here the demonstration that
     agrees best with all others is taken as reference; its boundaries are matched in order with

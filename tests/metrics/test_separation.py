@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gril_jax.metrics.order import separation_ratio
 from gril_jax.metrics.separation import CONVENTIONS, cumulative, ratio, stage_order, success_auc
 
 REWARD = -jax.random.uniform(jax.random.key(0), (6, 12))
@@ -42,10 +41,16 @@ def test_conventions_agree_on_recordings_of_full_length_and_ignore_padding():
         )
 
 
-def test_the_ratio_of_natural_sums_is_that_of_the_metrics():
-    found = ratio(sums(REWARD, LENGTH, convention="natural"), SUCCESS)
-    np.testing.assert_allclose(found, separation_ratio(REWARD, SUCCESS, LENGTH), rtol=1e-5)
+def test_the_ratio_of_natural_sums_equals_the_loop_ignores_the_scale_and_needs_both_kinds():
+    cost = [abs(sum(map(float, r[:n]))) for r, n in zip(REWARD, LENGTH, strict=True)]
+    expected = np.mean([c for c, s in zip(cost, SUCCESS, strict=True) if s]) / np.mean(
+        [c for c, s in zip(cost, SUCCESS, strict=True) if not s]
+    )
+    totals = sums(REWARD, LENGTH, convention="natural")
+    np.testing.assert_allclose(ratio(totals, SUCCESS), expected, rtol=1e-5)
+    np.testing.assert_allclose(ratio(9 * totals, SUCCESS), expected, rtol=1e-5)
     assert np.isnan(ratio(jnp.ones(3), jnp.ones(3, bool)))
+    assert np.isnan(ratio(jnp.ones(3), jnp.zeros(3, bool)))
 
 
 def test_the_area_is_the_share_of_pairs_that_are_in_order():

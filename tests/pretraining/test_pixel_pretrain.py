@@ -13,7 +13,7 @@ from gril_jax.encoders import resnet
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import ConfigError, ShapeError
-from gril_jax.pretraining import batch, pixel_pretrain
+from gril_jax.pretraining import pixel_pretrain
 from gril_jax.pretraining.options import Hyper
 from gril_jax.pretraining.pixel_pretrain import PixelStatic
 from gril_jax.reward import pixels as pixel_reward
@@ -104,20 +104,6 @@ def test_the_reward_is_minus_one_at_first_frames_and_near_zero_at_last_ones(foun
 def test_a_picture_alone_is_paid_as_among_others(found):
     many, alone = found[-2:]
     np.testing.assert_allclose(alone, many[1, 3], rtol=1e-3, atol=1e-4)
-
-
-def test_frames_are_drawn_as_for_boxes():
-    videos = _videos(4)
-    frames, valid, chosen = pixel_pretrain._draw(jax.random.key(0), videos, CONFIG)
-    assert (frames.shape, valid.shape, chosen.shape) == ((3, 8), (3, 8), (3,))
-    assert (np.diff(frames, axis=1) > 0).all()
-    assert (np.asarray(frames) < np.asarray(videos.length)[chosen, None]).all()
-    sizes = pixel_pretrain.Static(
-        pixel_pretrain.MLPConfig(1), decoder="graph", num_videos=3, num_frames=8
-    )
-    same = batch.draw(jax.random.key(0), videos.length, FRAMES, sizes)
-    for ours, theirs in zip((frames, valid, chosen), same, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
 
 
 def test_what_cannot_be_trained_is_refused():

@@ -9,7 +9,7 @@ import scipy.signal
 
 from gril_jax import subtasks
 from gril_jax.errors import ConfigError
-from gril_jax.subtasks.boundaries import gaussian_smooth, peak_prominences, running_median, segments
+from gril_jax.subtasks.boundaries import running_median, segments
 
 transitions = jax.jit(subtasks.transitions, static_argnames=("smoothing", "patience"))
 
@@ -98,74 +98,17 @@ def test_segments_count_the_boundaries_passed():
     assert segments(jnp.zeros(3, bool)).tolist() == [0, 0, 0]
 
 
-# --- peaks of the slope
-
-prominences = jax.jit(peak_prominences)
-slope_peaks = jax.jit(subtasks.gradient_peaks, static_argnames=("smoothing", "ends"))
-
-
-@pytest.mark.parametrize("levels", [4, 1000])
-def test_prominences_equal_scipys_also_on_flat_tops(levels):
-    for seed in range(8):
-        x = np.random.default_rng(seed).integers(0, levels, 40).astype(np.float32)
-        peaks, _ = scipy.signal.find_peaks(x)
-        expected = np.zeros(40)
-        expected[peaks] = scipy.signal.peak_prominences(x, peaks)[0]
-        np.testing.assert_array_equal(prominences(jnp.asarray(x)), expected)
-
-
-def test_flat_rising_and_short_sequences_have_no_peak():
-    for x in (jnp.ones(40), jnp.arange(40.0), jnp.ones(1), jnp.ones(2)):
-        assert not prominences(x).any()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_slope_peaks_are_scipys_peaks_of_the_smoothed_slope(seed):
-    trace, _ = _staircase([0.4, 0.2, 0.4], noise=0.01, seed=seed)
-    smooth = scipy.ndimage.gaussian_filter1d(
-        scipy.ndimage.median_filter(np.asarray(trace, np.float64), 5, mode="nearest"),
-        2.0, mode="nearest", truncate=20.0,
-    )  # fmt: skip
-    slope = np.pad(np.gradient(smooth), 1)
-    expected, _ = scipy.signal.find_peaks(slope, prominence=0.006)
-    found = slope_peaks(trace, prominence=0.006, ends=False)
-    assert _frames(found) == (expected - 1).tolist()
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_ends_of_slope_bursts_are_the_ends_of_the_rises(seed):
-    trace, ends = _staircase([0.4, 0.3, 0.3], noise=0.003, seed=seed)
-    found = _frames(slope_peaks(trace))
-    assert len(found) == 3
-    assert np.abs(np.subtract(found, ends)).max() <= 5
-
-
-def test_a_burst_that_the_end_of_the_trace_cuts_off_still_counts():
-    trace, ends = _staircase([0.5, 0.5])
-    assert len(_frames(slope_peaks(trace[: ends[-1] + 1]))) == 2
-
-
 def test_padding_with_the_last_value_makes_no_boundary():
     trace, _ = _staircase([0.5, 0.5])
     padded = np.pad(trace, (0, 40), mode="edge")
-    assert _frames(slope_peaks(padded)) == _frames(slope_peaks(trace))
     assert _frames(transitions(padded)) == _frames(transitions(trace))
-
-
-def test_flat_falling_and_short_traces_have_no_burst():
-    for trace in (jnp.zeros(50), jnp.linspace(0, -1, 50), jnp.zeros(1), jnp.zeros(2)):
-        assert not slope_peaks(trace).any()
 
 
 def test_smoothing_equals_scipys_and_can_be_left_out():
     trace, _ = _staircase([0.4, 0.6], noise=0.05)
     x = np.asarray(trace, np.float64)
-    for sigma in (0.7, 3.0):
-        expected = scipy.ndimage.gaussian_filter1d(x, sigma, mode="nearest", truncate=15.0)
-        np.testing.assert_allclose(gaussian_smooth(trace, sigma), expected, atol=1e-5)
     median = scipy.ndimage.median_filter(x, 7, mode="nearest")
     np.testing.assert_allclose(running_median(trace, 7), median, atol=1e-6)
-    np.testing.assert_array_equal(gaussian_smooth(trace, 0.0), trace)
     np.testing.assert_array_equal(running_median(trace, 1), trace)
     with pytest.raises(ConfigError, match="smoothing is 0; it must be at least 1"):
         running_median(trace, 0)

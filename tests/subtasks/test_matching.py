@@ -12,7 +12,7 @@ from gril_jax import subtasks
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.subtasks import matching
 
-score = jax.jit(matching.boundary_score)
+match_within = jax.jit(matching.match_within, static_argnames="tolerance")
 match_in_order = jax.jit(matching.match_in_order)
 place_in_order = jax.jit(matching.place_in_order)
 shared_boundaries = jax.jit(matching.shared_boundaries)
@@ -22,7 +22,7 @@ def _padded(frames, size):
     return jnp.array([*frames, *[-1] * (size - len(frames))], jnp.int32)
 
 
-def test_the_score_equals_scipys_best_assignment():
+def test_pairs_within_a_tolerance_are_scipys_best_assignment():
     rng = np.random.default_rng(0)
     for _ in range(60):
         sizes = rng.integers(0, 6, 2)
@@ -30,29 +30,24 @@ def test_the_score_equals_scipys_best_assignment():
         distance = np.abs(np.subtract.outer(found, true)).astype(float)
         rows, columns = scipy.optimize.linear_sum_assignment(np.where(distance <= 4, distance, 1e6))
         pairs = [distance[i, j] for i, j in zip(rows, columns, strict=True) if distance[i, j] <= 4]
-        result = score(_padded(found, 6), _padded(true, 6), tolerance=4)
-        assert result.num_matched == len(pairs)
-        np.testing.assert_allclose(result.timing_error, np.mean(pairs) if pairs else 4, rtol=1e-6)
-        if sizes.all():
-            np.testing.assert_allclose(result.precision, len(pairs) / sizes[0], rtol=1e-6)
-            np.testing.assert_allclose(result.recall, len(pairs) / sizes[1], rtol=1e-6)
-            np.testing.assert_allclose(result.f1, 2 * len(pairs) / sizes.sum(), rtol=1e-6)
+        result = np.asarray(match_within(_padded(found, 6), _padded(true, 6), tolerance=4))
+        ours = [distance[i, j] for i, j in enumerate(result) if j >= 0]
+        assert len(ours) == len(pairs)
+        np.testing.assert_allclose(sum(ours), sum(pairs), rtol=1e-6)
 
 
-def test_empty_lists_have_a_documented_score():
+def test_nothing_is_paired_with_an_empty_list_or_too_far_off():
     empty, some = _padded([], 3), _padded([4, 9], 3)
-    assert score(empty, empty)[:3] == (1, 1, 1)
-    assert score(empty, some)[:4] == (0, 0, 0, 5)
-    assert score(some, empty)[:4] == (0, 0, 0, 5)
-    assert matching.boundary_score(some, jnp.zeros(0, jnp.int32)).num_matched == 0
-    with pytest.raises(ConfigError, match="tolerance is -1"):
-        matching.boundary_score(some, some, tolerance=-1)
+    for found, true in ((empty, empty), (empty, some), (some, empty)):
+        assert match_within(found, true).tolist() == [-1] * 3
+    assert matching.match_within(some, jnp.zeros(0, jnp.int32)).tolist() == [-1] * 3
+    assert match_within(some, some).tolist() == [0, 1, -1]
+    assert match_within(some, _padded([40, 90], 3)).tolist() == [-1] * 3
 
 
-def test_exact_boundaries_have_the_perfect_score_and_far_ones_none():
-    some = _padded([4, 9], 3)
-    assert score(some, some) == (1, 1, 1, 0, 2)
-    assert score(some, _padded([40, 90], 3))[:4] == (0, 0, 0, 5)
+def _f1(found, true):
+    matched = np.sum(np.asarray(match_within(found, true, tolerance=5)) >= 0)
+    return 2 * matched / (np.sum(found >= 0) + np.sum(true >= 0))
 
 
 def _best_in_order(gain):
@@ -155,10 +150,10 @@ def test_found_boundaries_are_as_good_as_those_of_ruptures():
         trace_padded = np.pad(trace, (0, 160 - len(trace)), mode="edge")
         marks = _detect(jnp.asarray(trace_padded))
         found = matching.boundary_frames(marks, 8)
-        ours.append(score(found, jnp.asarray(true), tolerance=5).f1)
+        ours.append(_f1(found, jnp.asarray(true)))
         # mean shifts, told how many there are; a shift's best split lies inside the rise
         splits = ruptures.Dynp(model="l2", min_size=5).fit(trace).predict(n_bkps=3)[:-1]
-        theirs.append(score(_padded(splits, 8), jnp.asarray(true), tolerance=5).f1)
+        theirs.append(_f1(_padded(splits, 8), jnp.asarray(true)))
     assert np.mean(ours) >= np.mean(theirs)
     assert np.mean(ours) > 0.95
 

@@ -1,4 +1,4 @@
-"""Temporal cycle-consistency: one form of it a file."""
+"""Temporal cycle-consistency; one module for each form."""
 
 from .batch import mean_consistency, mean_cycle_consistency
 from .cycle import cycle_consistency, frame_times, time_agreement

@@ -125,7 +125,7 @@ def _mean_over_pairs(pair, latents, times, valid, *, at_once):
 
 
 def _one_by_one(query, floats, valid):
-    """`query` summed over all videos, one at a time, and its gradient in the same pass.
+    """Sum of `query` over all videos, one at a time, and its gradient in the same pass.
 
     The sum is linear in what the queries give, so that each can be differentiated right after it
     has been computed: nothing is kept for a second pass, and nothing computed again. Only
@@ -167,7 +167,7 @@ def _one_by_one(query, floats, valid):
 
 
 def _pairs_per_frame(valid):
-    """In how many pairs each frame is a query: as many as other videos have a valid frame."""
+    """Number of pairs in which each frame is a query: one per other video with a valid frame."""
     filled = jnp.any(valid, axis=1)
     others = jnp.sum(filled) - filled
     return jnp.where(valid, others[:, None], 0)

@@ -51,7 +51,7 @@ def cycle_consistency(
     normalize: bool | None = None,
     **form: str | Float[Array, ""] | float,
 ) -> Float[Array, "T"]:
-    """Error of each query frame after going to the other video and back.
+    """Error of each query frame after its cycle to the other video and back.
 
     By default the squared error of its time, with a similarity of minus the squared distance
     divided by D and by the temperature, both ways.
@@ -116,7 +116,7 @@ def time_agreement(
 
 
 def prepared_cycle(query, other, times, query_valid, other_valid, matching, form):
-    """`cycle_consistency` of latents that are prepared."""
+    """`cycle_consistency` for prepared latents."""
     there = match_weights(closeness(query, other, **matching), other_valid)
     neighbour = jnp.matmul(there, other, precision="highest")
     back = closeness(neighbour, query, **matching)
@@ -125,7 +125,7 @@ def prepared_cycle(query, other, times, query_valid, other_valid, matching, form
 
 
 def prepared_agreement(query, other, times, other_times, query_valid, other_valid, matching):
-    """`time_agreement` of latents that are prepared."""
+    """`time_agreement` for prepared latents."""
     if query_valid is not None:
         times = jnp.where(query_valid, times, 0.0)
     if other_valid is not None:

@@ -1,4 +1,4 @@
-"""What a cycle costs: how far from home a query frame comes back, in the published forms.
+"""Cycle losses: error of a query frame after its cycle, in the published forms.
 
 The forms are those of XIRL (Zakka et al., CoRL 2021), after Dwibedi et al. (CVPR 2019). Each
 turns the logits of the way back into one value for each query. Shapes use Q for queries and T
@@ -32,7 +32,7 @@ def cycle_error(
     variance_weight: Float[Array, ""] | float = 0.001,
     label_smoothing: Float[Array, ""] | float = 0.1,
 ) -> Float[Array, "Q"]:
-    """One value for each query that has come back, not averaged.
+    """Error of each query after its cycle, not averaged.
 
     With beta the softmax of a query's logits, s the times, t the time of its own frame, and
     m = sum beta s:
@@ -91,7 +91,7 @@ def cycle_error(
 
 
 def _cross_entropy(logits, home, valid, smoothing):
-    """Masked sums, not gathers: a gather's gradient is a scatter, which is slow on CPU."""
+    """Cross-entropy by masked sums: a gather's gradient is a scatter, which is slow on CPU."""
     num_queries, num_frames = logits.shape
     frames = jnp.arange(num_frames)
     home = jnp.arange(num_queries) if home is None else home

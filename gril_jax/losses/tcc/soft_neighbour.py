@@ -32,7 +32,7 @@ _SHORTEST = 1e-7  # a latent below this length has no direction
 
 
 def check_positive(name: str, value: Array | float) -> None:
-    """Raises ConfigError if a knob is known at trace time and is not above 0."""
+    """Raises ConfigError if a value is known at trace time and is not above 0."""
     if not isinstance(value, jax.core.Tracer) and not float(value) > 0:
         raise ConfigError(f"{name} is {value}; it must be positive.")
 
@@ -73,7 +73,7 @@ def prepare(
     *,
     unit: bool = False,
 ) -> Float[Array, "*batch D"]:
-    """Latents that are safe to multiply: at least float32, zero in padding, bounded.
+    """Latents made safe to multiply: at least float32, zero in padding, bounded.
 
     Numbers beyond 1e7 count as 1e7, with gradient zero, so that no square overflows.
 
@@ -127,7 +127,7 @@ def closeness(
 def match_weights(
     logits: Float[Array, "*batch S"], valid: Bool[Array, "*batch S"] | Bool[Array, "S"] | None
 ) -> Float[Array, "*batch S"]:
-    """Softmax over the keys that count; uniform over all if none does."""
+    """Softmax over the valid keys; uniform over all if none is valid."""
     return _softmax(_hide(logits, valid))
 
 
@@ -153,7 +153,7 @@ def _softmax_jvp(primals, tangents):
 
 
 def _shifted(logits):
-    """Logits below their maximum, and the sum of their exponentials.
+    """Logits minus their maximum, and the sum of their exponentials.
 
     A compiler may compute large logits twice, once with fused rounding, and so find some above
     their own maximum: `jax.nn.softmax` then overflows to NaN. Hence both bounds.
@@ -166,7 +166,7 @@ def _shifted(logits):
 
 
 def _hide(logits, valid):
-    """Logits in which padding cannot win, however low those of valid frames are."""
+    """Masks logits so that padding cannot win, however low those of valid frames are."""
     if valid is None:
         return logits
     best = jnp.max(logits, axis=-1, keepdims=True, where=valid, initial=-jnp.inf)

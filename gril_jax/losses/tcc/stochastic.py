@@ -29,7 +29,7 @@ def draw_cycles(
     num_cycles: int,
     cycle_length: int = 2,
 ) -> tuple[Int[Array, "K L"], Int[Array, "K"]]:
-    """Random cycles: distinct videos in random order, and a valid frame of the first of them.
+    """Samples cycles: distinct videos in random order, and a valid frame of the first of them.
 
     Videos without a valid frame are drawn only if the others do not suffice. The key is consumed.
 
@@ -152,5 +152,5 @@ def stochastic_consistency(
 
 
 def _closed(videos, frames, valid) -> Bool[Array, "K"]:
-    """Cycles that start at a valid frame and find one in every video."""
+    """True for cycles that start at a valid frame and find one in every video."""
     return valid[videos[:, 0], frames] & jnp.all(jnp.any(valid, axis=1)[videos], axis=1)

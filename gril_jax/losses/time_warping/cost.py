@@ -1,4 +1,4 @@
-"""How far each frame of one sequence is from each of another: the cost that an alignment sums.
+"""Cost matrix of an alignment: distance of each frame of one sequence to each of another.
 
 Shapes use T and S for frames and D for features; leading axes are a batch.
 """

@@ -38,7 +38,7 @@ def kernel(
     alignment: bool = True,
     interpret: bool = False,
 ) -> tuple[Float[Array, "B"], Float[Array, "B T S"] | None]:
-    """What `soft_dtw_wavefront.recursion` gives, in float32; `interpret` runs it on any device."""
+    """`soft_dtw_wavefront.recursion` in float32; `interpret` runs it on any device."""
     num_pairs, num_rows, num_columns = cost.shape
     lanes = max(32, pl.next_power_of_2(num_rows))
     pair = jax.ShapeDtypeStruct((num_pairs,), jnp.float32)
@@ -58,7 +58,7 @@ def kernel(
 
 
 class _Pair(NamedTuple):
-    """One pair as its program sees it: a lane for each row, and what the lanes exchange."""
+    """One pair inside the kernel: a lane for each row, and the exchange between lanes."""
 
     index: Int[Array, ""]  # of the pair in the batch
     row: Int[Array, "lanes"]
@@ -72,7 +72,7 @@ class _Pair(NamedTuple):
         return (self.row < num_rows) & (step >= self.row) & (step - self.row < num_columns)
 
     def cell(self, step):
-        """Columns of the lanes' cells, in range also for lanes that are outside."""
+        """Columns of the lanes' cells, clipped into range for lanes that are outside."""
         return jnp.clip(step - self.row, 0, self.shape[1] - 1)
 
     def wait(self):
@@ -87,19 +87,19 @@ class _Pair(NamedTuple):
         plgpu.store(self.exchange.at[self.index, slot, part, self.row + shift], x)
 
     def fill(self, shift, *parts):
-        """Both slots of the exchange, before a recursion begins."""
+        """Fills both slots of the exchange, before a recursion begins."""
         for slot in (0, 1):
             for part, x in enumerate(parts):
                 self.write(slot, part, shift, x)
         self.wait()
 
     def stored(self, weights, which, step):
-        """Where the lanes keep one of the two weights of their cells on this anti-diagonal."""
+        """Location where the lanes store one of their cells' two weights on this anti-diagonal."""
         return weights.at[self.index, which, jax.lax.rem(step, self.shape[1]), self.row]
 
 
 def _program(cost, gamma, rows, columns, value, exchange, *rest, shape, lanes, barrier):
-    """One pair: sums from the first anti-diagonal to the last, then the flow back."""
+    """Solves one pair: sums from the first anti-diagonal to the last, then the flow back."""
     pair = _Pair(pl.program_id(0), jnp.arange(lanes), shape, exchange, barrier)
     end_row, end_column = rows[pair.index] - 1, columns[pair.index] - 1
     # The step at which a lane holds the cell where the path ends; -1 is never.
@@ -111,7 +111,7 @@ def _program(cost, gamma, rows, columns, value, exchange, *rest, shape, lanes, b
 
 
 def _forth(pair, cost, gamma, end, kept):
-    """The sum at the path's end. Weights of up and left go to `kept`, if it is there."""
+    """The sum at the path's end. Writes the weights of up and left to `kept`, if given."""
     num_rows, num_columns = pair.shape
     edge = jnp.full(pair.row.shape, FORBIDDEN, jnp.float32)
     none = jnp.zeros(pair.row.shape, jnp.float32)
@@ -146,7 +146,7 @@ def _forth(pair, cost, gamma, end, kept):
 
 
 def _back(pair, end, kept, flow):
-    """The flow of one unit from the path's end back, by the weights that `_forth` has kept."""
+    """Computes the flow of one unit back from the path's end, by the weights from `_forth`."""
     steps = sum(pair.shape) - 1
     none = jnp.zeros(pair.row.shape, jnp.float32)
 

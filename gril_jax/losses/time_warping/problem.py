@@ -32,7 +32,7 @@ class Problem(NamedTuple):
 
 
 def prepare(cost, lengths, other_lengths, gamma, band) -> Problem:
-    """Check the arguments of `soft_dtw` and bring them into one form."""
+    """Checks the arguments of `soft_dtw` and brings them into one form."""
     if cost.ndim < 2 or 0 in cost.shape[-2:]:
         raise ShapeError(
             f"cost has shape {cost.shape}, but needs two axes at its end, of one frame or more each"
@@ -66,13 +66,13 @@ def prepare(cost, lengths, other_lengths, gamma, band) -> Problem:
 
 
 def spread(lengths: Lengths, whole: int, batch: tuple[int, ...]) -> Int[Array, "..."]:
-    """Lengths of the batch's shape, at most the number of frames that there are."""
+    """Lengths broadcast to the batch's shape and limited to the number of frames."""
     lengths = whole if lengths is None else lengths
     return jnp.clip(jnp.broadcast_to(jnp.asarray(lengths, jnp.int32), batch), 0, whole)
 
 
 def _known(x):
-    """Whether values can be looked at now; the others are made safe inside the program."""
+    """True if values are known now; traced ones are made safe inside the program."""
     return not isinstance(x, jax.core.Tracer)
 
 

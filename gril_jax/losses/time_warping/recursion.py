@@ -82,7 +82,7 @@ def recursion(
 
 
 def _forward(strips, end, soften, num_pairs, keep_weights):
-    """Sums from the first cell on; returns the ends' sums and the weights of up and left."""
+    """Sums from the first cell on; returns the sums at the ends and the weights of up and left."""
     _, num_steps, num_lanes = strips.shape
     dtype = strips.dtype
     height = num_lanes // num_pairs
@@ -189,7 +189,7 @@ def _hard_minimum(up, left, diagonal, cost):
 
 
 def _two_floats(a, b, small):
-    """a + b + small, where small is far below a + b, without losing the rounding of a + b."""
+    """a + b + small for small far below a + b, keeping the rounding error of a + b."""
     high = a + b
     b_part = high - a
     low = (a - (high - b_part)) + (b - b_part) + small

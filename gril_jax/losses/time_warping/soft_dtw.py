@@ -95,7 +95,7 @@ def expected_alignment(
     other_lengths: Lengths = None,
     **options: Unpack[Options],
 ) -> Float[Array, "*batch T S"]:
-    """Probability that an alignment drawn from the Gibbs distribution visits each cell.
+    """Probability that an alignment sampled from the Gibbs distribution visits each cell.
 
     This is the derivative of `soft_dtw` by its cost; arguments, options and errors are the same.
     Each row and each column that counts sums to at least 1, cells beyond the lengths are 0.
@@ -131,7 +131,7 @@ def soft_dtw_divergence(
     other_lengths: Lengths = None,
     **options: Unpack[Options],
 ) -> Float[Array, "*batch"]:
-    """Soft-DTW less half of each sequence's soft-DTW with itself (Blondel et al., AISTATS 2021).
+    """Soft-DTW minus half of each sequence's soft-DTW with itself (Blondel et al., AISTATS 2021).
 
     It is 0 for equal sequences, where soft-DTW itself is negative and not at its minimum. It is
     meant to be positive elsewhere, as it was in all tests with squared distances.
@@ -155,13 +155,13 @@ def soft_dtw_divergence(
 
 
 def _posed(cost, lengths, other_lengths, *, gamma=1.0, band=None, implementation="auto"):
-    """The problem, and what solves it."""
+    """The checked problem, and the implementation that solves it."""
     problem = prepare(cost, lengths, other_lengths, gamma, band)
     return problem, _chosen(implementation, problem)
 
 
 def _chosen(implementation, problem):
-    """What "auto" means here: the backend, sizes and dtype are known when a program is traced."""
+    """The implementation; "auto" chooses by backend, sizes and dtype, known at trace time."""
     if implementation not in ("auto", "scan", "pallas"):
         raise ConfigError(f'implementation is {implementation!r}, not "auto", "scan" or "pallas"')
     if implementation == "scan":
@@ -173,7 +173,7 @@ def _chosen(implementation, problem):
 
 
 def _why_no_kernel(cost):
-    """Why the GPU kernel cannot run, or an empty string."""
+    """The reason why the GPU kernel cannot run, or an empty string."""
     if jax.default_backend() != "gpu":
         return f"needs a CUDA GPU, but JAX runs on {jax.default_backend()}"
     if cost.dtype != jnp.float32:

@@ -1,4 +1,4 @@
-"""The best alignment's value and its derivatives: what `soft_dtw` and `dtw` call.
+"""The best alignment's value and its derivatives, for `soft_dtw` and `dtw`.
 
 The recursion itself is in `soft_dtw_wavefront`. Here it becomes a function with derivatives of
 its own, and vmap makes more lanes of it. Arguments are the fields of a `Problem`; then
@@ -25,7 +25,7 @@ def best_value(cost, gamma, rows, columns, implementation, hard):
 
 
 def _best_value_rule(implementation, hard, primals, tangents):
-    """Envelope theorem: move along the expected alignment. Unused tangents cost nothing."""
+    """Derivative along the expected alignment (envelope theorem). Unused tangents cost nothing."""
     cost, gamma, *_ = primals
     cost_tangent, gamma_tangent, *_ = tangents
     value, alignment = best_value_and_alignment(*primals, implementation, hard)
@@ -43,7 +43,7 @@ best_value.defjvp(_best_value_rule, symbolic_zeros=True)
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(4, 5))
 def best_value_and_alignment(cost, gamma, rows, columns, implementation, hard):
-    """`best_value` with its derivative by the cost, from one pass forth and one back."""
+    """`best_value` and its derivative by the cost, from one forward and one backward pass."""
     return _batched(implementation, hard, True)(cost, gamma, rows, columns)
 
 
@@ -59,7 +59,7 @@ def _best_value_and_alignment_rule(implementation, hard, primals, tangents):
 
 @functools.cache
 def _batched(implementation, hard, alignment):
-    """The compiled recursion; vmap makes more lanes of it, not another loop."""
+    """The compiled recursion, batched: vmap adds lanes to it instead of another loop."""
     run = scan if implementation == "scan" else implementation
     run = custom_vmap(jax.jit(functools.partial(run, hard=hard, alignment=alignment)))
 
@@ -76,7 +76,7 @@ def _batched(implementation, hard, alignment):
 
 
 def scan(cost, gamma, rows, columns, *, hard, alignment):
-    """The recursion in the loop order of the platform that it is compiled for."""
+    """The recursion in the loop order of the platform it is compiled for."""
     pairs, height, _ = cost.shape
     if pairs == 0:
         return gamma, cost if alignment else None
