@@ -1,9 +1,23 @@
-"""Manipulation tasks in JAX. `make(name)` builds one; `names()` lists them."""
+"""Manipulation tasks in JAX. `make(name)` builds one; `names()` lists them.
+
+The table of tasks is loaded at once and costs nothing; types are loaded when they are first used.
+"""
+
+from importlib import import_module
+from typing import Any
 
 if __name__ != "gril_jax.envs":  # a second copy would have a second registry
     raise ImportError(f"import this package as gril_jax.envs, not {__name__}")
 
-from .base import Env, Objects, State
-from .registry import make, names
+from .registry import TaskSpec, demonstrate, make, names, options, spec
 
-__all__ = ["Env", "Objects", "State", "make", "names"]
+_TYPES = ("Demonstrations", "Env", "ExpertError", "Objects", "State", "Wanted")
+
+__all__ = [*_TYPES, "TaskSpec", "demonstrate", "make", "names", "options", "spec"]
+
+
+def __getattr__(name: str) -> Any:
+    """A type of the tasks' contract, imported now."""
+    if name in _TYPES:
+        return getattr(import_module("gril_jax.envs.base"), name)
+    raise AttributeError(f"module 'gril_jax.envs' has no attribute {name!r}")

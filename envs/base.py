@@ -1,14 +1,19 @@
-"""The contract of a task: what it hands out, and what every learner may rely on.
+"""The contract of a task: its states, its methods, and the demonstrations of its scripted expert.
 
-Shapes use N for the objects of a scene (goal region and robot included) and A for actions.
+Shapes use N for the objects of a scene (goal region and robot included), A for actions and T for
+the moments of an episode.
 """
 
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
-__all__ = ["Env", "Objects", "Outline", "State"]
+__all__ = [
+    "Demonstrate", "Demonstrations", "Env", "Episode", "ExpertError", "Film", "Objects", "Outline",
+    "State", "Wanted",
+]  # fmt: skip
 
 
 class Outline(NamedTuple):
@@ -22,7 +27,7 @@ class Outline(NamedTuple):
 
 
 class Objects(NamedTuple):
-    """What a detector would report of one frame, in world units."""
+    """The objects of one frame as a detector would report them, in world units."""
 
     center: Float[Array, "N 2"]  # centre of mass
     size: Float[Array, "N 2"]  # width and height of the axis-aligned box
@@ -31,7 +36,7 @@ class Objects(NamedTuple):
 
 
 class State(NamedTuple):
-    """One moment of an episode. `step` returns the same structure that `reset` made."""
+    """State of an episode after one step. `step` returns the same structure that `reset` made."""
 
     data: Any  # the simulator's state: a pytree that only the task reads
     obs: Float[Array, "O"]
@@ -59,3 +64,52 @@ class Env(Protocol):
     def step(self, state: State, action: Float[Array, "A"]) -> State: ...
 
     def outlines(self, data: Any) -> list[Outline]: ...  # of one state's `data`, on the host
+
+
+# ---------------------------------------------------------------- demonstrations
+
+
+class ExpertError(Exception):
+    """A scripted expert cannot show what is wanted; the text is one sentence."""
+
+
+class Wanted(NamedTuple):
+    """Demonstrations to make."""
+
+    successes: int
+    failures: int
+    seed: int  # of all that is drawn
+    places: str  # where things start: "demo", "jitter" (a little elsewhere) or "layout" (anywhere)
+
+
+class Episode(NamedTuple):
+    """One episode of a scripted expert."""
+
+    kind: str  # "success", or how it fails
+    outcome: str  # "success" or "failure"
+    data: Any  # of the simulator, leaves (T, ...)
+    stages: dict[str, int] | None = None  # first frame at which each held; -1 never
+
+
+class Film(NamedTuple):
+    """An episode as a camera and a detector see it."""
+
+    frames: UInt8[np.ndarray, "T P P 3"]
+    center: Float[np.ndarray, "T N 2"]
+    size: Float[np.ndarray, "T N 2"]
+    seen: Bool[np.ndarray, "T N"]
+
+
+class Demonstrations(NamedTuple):
+    """Episodes of a scripted expert, successes first, and how they become boxes."""
+
+    env: Env  # in which they were played
+    objects: tuple[str, ...]  # in every one of them
+    episodes: list[Episode]
+    films: Iterator[Film] | None = None
+    """Films of the episodes in turn; None where a colour detector reads `env.outlines`."""
+
+
+Demonstrate = Callable[[Callable[..., Env], Wanted, Callable[[int], None]], Demonstrations]
+"""(make, wanted, tell) -> demonstrations: `make` builds the configured task with options changed,
+and `tell` hears how many episodes have been played. Raises ExpertError."""

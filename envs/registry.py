@@ -1,26 +1,105 @@
-"""Tasks by name."""
+"""The table of tasks: a name, and where the task's entry is found.
 
-from gril_jax.envs.magical.match_regions.task import MatchRegions
-from gril_jax.envs.tabletop.shoes_in_box.task import shoes_in_box
+A task is a folder with an entry `SPEC` in its `__init__.py`, one line of `TASKS`, and a YAML file
+of its name in `configs`. A task of another package needs no line here: its name is its entry's
+import path, such as "my_package.my_task:SPEC".
 
-from .base import Env
+Nothing here imports JAX or MuJoCo, nor may a task's `__init__.py`: the command line reads entries
+before it imports either. Parts of an entry are import paths, followed when they are called.
+"""
 
-__all__ = ["make", "names"]
+import dataclasses
+import inspect
+import pkgutil
+from collections.abc import Callable, Mapping
+from typing import Any
 
-_TASKS = {"match_regions": MatchRegions, "shoes_in_box": shoes_in_box}
+from .checks import check_known, nearest
+
+__all__ = ["TASKS", "TaskSpec", "check", "demonstrate", "make", "names", "options", "spec"]
+
+TASKS = {
+    "match_regions": "gril_jax.envs.magical.match_regions:SPEC",
+    "shoes_in_box": "gril_jax.envs.tabletop.shoes_in_box:SPEC",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class TaskSpec:
+    """A task's entry: where its parts are, and what must be known before they are imported."""
+
+    make: str
+    """Import path of its constructor: keyword options -> `Env`."""
+    demonstrate: str
+    """Import path of its scripted expert, a `gril_jax.envs.base.Demonstrate`."""
+    rewards: tuple[str, ...]
+    """Its own rewards, for the option `reward`; the first is the constructor's default."""
+    bench_settings: tuple[Mapping[str, Any], ...] = ({},)
+    """Options of the constructor that `gril bench env` compares."""
+    bench_envs: int = 4096
+    """Environments that `gril bench env` steps together on a GPU."""
+    steps_in_mjx: bool = False
+    """True if MuJoCo MJX steps it, whatever its options are."""
+    xla_flags: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    """Flags of XLA that it needs, by the first part of jaxlib's version: XLA aborts over others."""
 
 
 def names() -> tuple[str, ...]:
-    """The registered tasks."""
-    return tuple(_TASKS)
+    """The tasks of this package."""
+    return tuple(TASKS)
 
 
-def make(name: str, **options) -> Env:
-    """Build a task; `options` are its constructor's keyword arguments.
+def spec(name: str) -> TaskSpec:
+    """The entry of a task, by its name or by the import path of a `TaskSpec`.
+
+    Raises:
+      ValueError: there is no such task.
+    """
+    if ":" in name:
+        try:
+            found = pkgutil.resolve_name(name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise ValueError(f"there is no task {name!r}: {error}") from error
+        if not isinstance(found, TaskSpec):
+            raise ValueError(f"{name} is a {type(found).__name__}, but a task is a TaskSpec")
+        return found
+    if name not in TASKS:
+        raise ValueError(
+            f"there is no task {name!r}{nearest(name, [*TASKS])}: the tasks are "
+            f"{', '.join(TASKS)}, and any other is given as the import path of its TaskSpec, such "
+            "as my_package.my_task:SPEC"
+        )
+    return pkgutil.resolve_name(TASKS[name])
+
+
+def check(name: str, reward: str | None) -> None:
+    """Raises ValueError if there is no such task, or if it has no such reward; None is any."""
+    rewards = spec(name).rewards
+    if reward is not None:
+        check_known("reward", reward, rewards)
+
+
+def make(name: str, **options: Any) -> Any:
+    """Builds a task, a `gril_jax.envs.Env`; `options` are its constructor's keyword arguments.
 
     Raises:
       ValueError: no task has that name, or an option is out of range.
     """
-    if name not in _TASKS:
-        raise ValueError(f"task {name!r} is not one of {', '.join(_TASKS)}")
-    return _TASKS[name](**options)
+    return pkgutil.resolve_name(spec(name).make)(**options)
+
+
+def demonstrate(name: str) -> Callable[..., Any]:
+    """The task's scripted expert, a `gril_jax.envs.base.Demonstrate`."""
+    return pkgutil.resolve_name(spec(name).demonstrate)
+
+
+def options(name: str) -> frozenset[str]:
+    """The options of a task's constructor, by its signature.
+
+    Those that it passes on as `**options` are the ones of the class that it returns.
+    """
+    signature = inspect.signature(pkgutil.resolve_name(spec(name).make))
+    parameters = [*signature.parameters.values()]
+    if any(p.kind is p.VAR_KEYWORD for p in parameters):
+        parameters += inspect.signature(signature.return_annotation).parameters.values()
+    return frozenset(p.name for p in parameters if p.kind is p.KEYWORD_ONLY)

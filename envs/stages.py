@@ -1,4 +1,4 @@
-"""What getting on with a task means: stages as predicates over object boxes, and how to make them.
+"""A task's stages: predicates over object boxes, and states in which they hold.
 
 A task may offer a `Stages` as its attribute `stages`. Nothing in it looks at a simulator: a stage
 holds or not for centres and sizes alone, so that whoever wants to judge a reward can make up states
@@ -10,7 +10,7 @@ whose true progress is known. Stages may depend on each other; a box that is pac
             Stage("shoe A in", moves=(2,), holds=..., place=..., required_before=("lid open",)),
             Stage("shoe B in", moves=(3,), holds=..., place=..., required_before=("shoe A in",)),
         ),
-        movable=(1, 2, 3, 4), robots=(0,), half_extent=1.0, score=share_done,
+        movable=(1, 2, 3, 4), robots=(0,), half_extent=1.0, score=...,
     )
 
 Shapes use N for the objects of a scene, K for its stages and F for its faults; lengths are world
@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-__all__ = ["Holds", "Place", "Score", "Stage", "Stages", "free_place", "share_done"]
+__all__ = ["Holds", "Place", "Score", "Stage", "Stages", "free_place"]
 
 Holds = Callable[[Float[Array, "N 2"], Float[Array, "N 2"]], Bool[Array, ""]]
 Place = Callable[[PRNGKeyArray, Float[Array, "N 2"], Float[Array, "N 2"]], Float[Array, "N 2"]]
@@ -37,14 +37,14 @@ _CANDIDATES = 64
 
 @dataclasses.dataclass(frozen=True)
 class Stage:
-    """One thing to be done; or, among the faults, one that must not be."""
+    """A stage to be done, or, among the faults, one that must not hold."""
 
     name: str
-    """In words: "green star in the region"."""
+    """Description, such as "green star in the region"."""
     moves: tuple[int, ...]
     """Indices of the objects whose motion brings it about."""
     holds: Holds
-    """(centre, size) -> whether it is done."""
+    """(centre, size) -> True if it is done."""
     place: Place
     """(key, centre, size) -> centres at which it holds clearly, only `moves` changed."""
     required_before: tuple[str, ...] = ()
@@ -72,12 +72,12 @@ class Stages:
     score: Score
     """(stages, centre, size) -> true progress from 0 to 1, which is success."""
     faults: tuple[Stage, ...] = ()
-    """What the robot can do wrong, stated like the stages."""
+    """Faults: what the robot can do wrong, stated like the stages."""
     robots: tuple[int, ...] = ()
     """Objects that belong to the robot."""
     sizes: Sizes = _unchanged
-    """(centre, size at the start) -> sizes of the boxes there, differentiable; a lid's box, for
-    one, is another when it is open."""
+    """(centre, size at the start) -> sizes of the boxes there, differentiable; a lid, for example,
+    has another box when it is open."""
 
     def __post_init__(self):
         if not self.stages:
@@ -90,7 +90,7 @@ class Stages:
             known.add(stage.name)
 
     def done(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, "K"]:
-        """Which stages are done; one counts only if all that it requires are done."""
+        """The stages that are done; one counts only if all that it requires are done."""
         done: dict[str, Array] = {}
         for stage in self.stages:
             held = stage.holds(center, size)
@@ -100,7 +100,7 @@ class Stages:
         return jnp.stack([*done.values()])
 
     def faulty(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, "F"]:
-        """Which faults there are."""
+        """The faults that there are."""
         held = [fault.holds(center, size) for fault in self.faults]
         return jnp.stack(held) if held else jnp.zeros(0, bool)
 
@@ -135,7 +135,7 @@ class Stages:
         center: Float[Array, "N 2"],
         size: Float[Array, "N 2"],
     ) -> Float[Array, "N 2"]:
-        """The objects of a stage anywhere on the plane where it does not hold."""
+        """Moves the objects of a stage anywhere on the plane where it does not hold."""
         for index, key_index in zip(
             stage.moves, jax.random.split(key, len(stage.moves)), strict=True
         ):
@@ -152,22 +152,15 @@ class Stages:
         *,
         allowed: Allowed | None = None,
     ) -> Float[Array, "N 2"]:
-        """One object anywhere on the plane, clear of the movable ones if possible."""
+        """Moves one object anywhere on the plane, clear of the movable ones if possible."""
         limit = self.limit(size)[index]
         return free_place(
             key, index, center, size, low=-limit, high=limit, others=self.movable, allowed=allowed
         )
 
     def limit(self, size: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
-        """How far from the middle the centres can be: |x|, |y| at most this."""
+        """The centres' greatest distance from the middle: |x|, |y| at most this."""
         return jnp.maximum(self.half_extent - size / 2, 0.0)
-
-
-def share_done(
-    stages: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]
-) -> Float[Array, ""]:
-    """The score of a task without faults: the share of its stages that are done."""
-    return jnp.mean(stages.done(center, size).astype(jnp.float32))
 
 
 def free_place(
@@ -181,7 +174,7 @@ def free_place(
     others: tuple[int, ...],
     allowed: Allowed | None = None,
 ) -> Float[Array, "N 2"]:
-    """Centres with one object moved to a place drawn uniformly from a box.
+    """Centres with one object moved to a place sampled uniformly from a box.
 
     Of 64 places the first is taken that is `allowed` and where the object, as a disc of its mean
     width, touches no other; if there is none, the allowed one that overlaps least.

@@ -145,11 +145,10 @@ def _subject(source: Path, task: str | None, variant: str | None, starts: int, s
 
 
 def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
-    """The task; MatchRegions with those of its usual blocks that a reward was made for."""
-    if task not in envs.names():
-        raise ConfigError(f"--task is {task!r}, but must be one of {', '.join(envs.names())}")
-    if task == "shoes_in_box":
-        return EnvConfig(name=task, reward="staged")
+    """The task; one with targets has those of its usual blocks that the reward was made for."""
+    chosen = EnvConfig(name=task)
+    if "targets" not in envs.options(task):
+        return chosen
     known = learned.objects or (*EnvConfig.targets, *EnvConfig.distractors)
     targets, distractors = (
         tuple(name for name in names if name in known)
@@ -161,8 +160,7 @@ def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
             f"the reward is for the objects {', '.join(known)}, but {task} has "
             f"goal, robot, {', '.join((*EnvConfig.targets, *EnvConfig.distractors))}"
         )
-    chosen = EnvConfig(targets=targets, distractors=distractors)
-    return dataclasses.replace(chosen, name=task)
+    return dataclasses.replace(chosen, targets=targets, distractors=distractors)
 
 
 def _labels(learned: LearnedReward, classes, label: np.ndarray, source: Path) -> jax.Array:
@@ -188,7 +186,7 @@ def _check_states(states: States, subject: _Subject) -> None:
 
 
 def _check_finite(states: States, found: Audit, names) -> None:
-    """Names the first state whose reward is not finite."""
+    """Raises RunError for the first state whose reward is not finite."""
     made = states.battery.scenes, states.alone, states.pushed, found.found.scene
     for scenes, paid in zip(made, (*found.rewards, found.found.reward), strict=True):
         bad = np.argwhere(~np.isfinite(paid))

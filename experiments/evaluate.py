@@ -1,4 +1,4 @@
-"""Play a trained policy from the task's own starts.
+"""Evaluates a trained policy from the task's own starts.
 
 gril eval RUN --episodes 100       under a minute on two CPU cores
 """
@@ -30,7 +30,7 @@ def main(
     variant: str | None = None,
     echo: Callable[[str], None] = print,
 ) -> dict[str, float]:
-    """Evaluate the policy of a finished run; the folder is only read.
+    """Evaluates the policy of a finished run; the folder is only read.
 
     Raises:
       RunError: the folder holds no trained policy.
@@ -65,7 +65,7 @@ def play(
     folder: Path,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Evaluate at the end of training beside an untrained policy, and film one episode."""
+    """Evaluates the trained policy beside an untrained one, and films one episode."""
     algorithm = policy_setup.make_algorithm(config, env)
     episodes = config.run.eval_episodes
     phase = progress.phase("evaluating", total=3 * episodes, unit="episodes")

@@ -1,4 +1,4 @@
-"""A run's learned reward as one file, for other people's JAX code.
+"""Exports a run's learned reward as one file, for other JAX code.
 
     gril export-reward RUN --out reward.npz        a few seconds
 
@@ -56,7 +56,7 @@ def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> Non
 
 
 def _half_extent(config: RunConfig, env: envs.Env) -> float:
-    """What the encoder sees: of pictures as policies are paid for all but their border."""
+    """Half extent that the encoder sees; of pictures, without the border, as in policy training."""
     if config.encoder.kind != "pixels" or not hasattr(env, "render"):
         return float(env.half_extent)
     pixels = config.encoder.pixels
@@ -64,7 +64,7 @@ def _half_extent(config: RunConfig, env: envs.Env) -> float:
 
 
 def _provenance(folder: Path, config: RunConfig) -> dict:
-    """Where the demonstrations came from, and how well the reward orders those held out."""
+    """Source of the demonstrations, and the reward's Kendall tau on the held-out ones."""
     demos = Path(config.demos.path or folder / "demos") / schema.HEADER
     known = {"run": folder.resolve().name, "seed": config.run.seed}
     if demos.is_file():  # its entries hold the digests of the demonstrations

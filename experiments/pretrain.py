@@ -1,4 +1,4 @@
-"""Learn a reward from demonstration videos.
+"""Learns a reward from demonstration videos.
 
 gril pretrain quickstart           about a minute on two CPU cores
 gril pretrain --resume RUN         go on with a run that was cut off
@@ -148,7 +148,7 @@ def _learn(
 
 
 def _train_encoder(run: OpenRun, updates: int, fresh: Any, step: Callable[[Any], Any]) -> Any:
-    """All gradient steps, `updates` of them in a chunk."""
+    """Runs all gradient steps, `updates` of them in a chunk."""
     steps = run.config.pretrain.steps
     phase = run.progress.phase("learning the reward", total=steps)
 
@@ -170,7 +170,7 @@ def _train_encoder(run: OpenRun, updates: int, fresh: Any, step: Callable[[Any],
 
 
 def _save_profiles(folder: Path, owners, length, profiles) -> None:
-    """The reward along every demonstration, with the ends of its stages marked."""
+    """Saves the reward along every demonstration, with the ends of its stages marked."""
     rewards, ends = profiles
     np.savez(
         folder / "profiles.npz",
@@ -185,7 +185,7 @@ def _save_profiles(folder: Path, owners, length, profiles) -> None:
 def _profiles(
     params: RewardParams, latents: Float[Array, "B T D"], length: Int[Array, "B"], *, successes: int
 ) -> tuple[Float[Array, "B T"], Bool[Array, "B T"]]:
-    """Rewards, the last repeated behind a demonstration's end, and the frames that end stages."""
+    """Rewards, padded with the last one of each demonstration, and the frames that end stages."""
     rewards = reward.latent_reward(params, latents)
     frames = jnp.minimum(jnp.arange(rewards.shape[1]), length[:, None] - 1)
     rewards = jnp.take_along_axis(rewards, frames, axis=1)

@@ -1,4 +1,4 @@
-"""Draw a run's figures and its page again.
+"""Draws a run's figures and its page again.
 
 gril report RUN                    seconds
 """
@@ -12,7 +12,7 @@ __all__ = ["main"]
 
 
 def main(folder: Path, echo: Callable[[str], None] = print) -> Path:
-    """Write the report of a run from its folder alone; returns the page."""
+    """Writes the report of a run from its folder alone; returns the page."""
     page = run_report.write_report(folder)
     echo(f"report: {page}")
     return page

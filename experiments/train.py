@@ -1,4 +1,4 @@
-"""Videos in, trained policy out: demonstrations, reward, policy, evaluation, report.
+"""Trains a policy from videos: demonstrations, reward, policy, evaluation, report.
 
 gril quickstart                    one block, about 4 minutes on two CPU cores
 gril train match_regions           five blocks, sized for a GPU: see README for both results
@@ -81,7 +81,7 @@ def main(
 
 
 def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrations) -> Any:
-    """The parameters that the policy is trained with, saved once beside the learned reward."""
+    """The policy reward's parameters, saved once beside the learned reward."""
     if run.dir.finished_phase("policy_reward") is None:
         learned = saved.learned_reward(run.path, run.config, env)
         num_classes = len(env.classes)
@@ -92,7 +92,7 @@ def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrat
 
 
 class _Clock:
-    """Seconds of each part, in this process."""
+    """Timer of the parts of a run, in this process."""
 
     def __init__(self):
         self.seconds: dict[str, float] = {}
@@ -150,7 +150,7 @@ def _one(tree: Any) -> Any:
 def _train(
     run: OpenRun, algorithm: training.Algorithm, program: _Program, reward_params: Any
 ) -> tuple[Any, dict[str, Any]]:
-    """All updates, chunk by chunk."""
+    """Runs all updates, chunk by chunk."""
     config = run.config
     name, per_chunk = config.run.algorithm, config.run.updates_per_chunk
     per_update = algorithm.num_envs * algorithm.unroll_length
@@ -208,7 +208,7 @@ class Plan(NamedTuple):
     evaluations: int
 
     def arguments(self, chunk: int) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-        """Of the chunk of this number, counted from 0."""
+        """Arguments of the chunk of this number, counted from 0."""
         before = min(chunk * self.per_chunk, self.updates)
         after = min(before + self.per_chunk, self.updates)
         share = [done * self.evaluations // self.updates for done in (before, after)]
@@ -224,7 +224,7 @@ def _scores(scores: training.Scores) -> dict[str, float]:
 
 
 def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:
-    """One chunk's updates in one row; success and score weigh each update by its episodes."""
+    """Means over one chunk's updates; success and score weigh each update by its episodes."""
     episodes = metrics["episodes"]
     row = {}
     for name, values in metrics.items():

@@ -1,4 +1,4 @@
-"""What a user can cause: every such error is one sentence with what would be right."""
+"""Errors that a user can cause; each is one sentence with the remedy."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ class RunError(GrilError):
 
 
 class ShapeError(GrilError, ValueError):
-    """Arrays whose shapes do not fit together; the text names both."""
+    """Arrays with incompatible shapes; the text names both."""
 
 
 def require_at_least(options: Any, section: str, **lowest: int) -> None:

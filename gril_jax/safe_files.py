@@ -1,4 +1,4 @@
-"""Writing files so that a crash or a full disk leaves the old ones or the new ones, never halves.
+"""Writes files so that a crash or a full disk leaves the old ones or the new ones, never halves.
 
 Neither JAX nor MuJoCo is imported here.
 """
@@ -19,7 +19,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 @contextlib.contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Turns what the file system refuses into a RunError of one sentence."""
+    """Turns file system errors into a RunError of one sentence."""
     try:
         yield
     except OSError as error:
@@ -69,7 +69,7 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[BinaryIO]:
 
 
 def sync(path: Path) -> None:
-    """Returns once a file's contents, or a folder's list of names, are on the disk."""
+    """Returns once a file's contents, or a folder's list of names, are on disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,4 +1,4 @@
-"""A function over many items by several threads, a few items ahead of who takes the results.
+"""Maps a function over items in several threads, a few items ahead of the consumer.
 
     for frames in parallel_map(read_video, paths): ...
 
@@ -19,15 +19,15 @@ _MOST = 8  # threads, each with an item in memory
 
 
 def cores() -> int:
-    """Processor cores that this process may use, which a scheduler may have made fewer than the
-    machine's."""
+    """Number of processor cores that this process may use; a scheduler may allow fewer than the
+    machine has."""
     if hasattr(os, "sched_getaffinity"):  # not on macOS
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def parallel_map(function: Callable[[X], Y], items: Iterable[X]) -> Iterator[Y]:
-    """The results, in the order of the items; an exception comes where its result would.
+    """The results, in the order of the items; an exception is raised in place of its result.
 
     Not more than one item a thread is begun before it is asked for, so that few are in memory.
     """

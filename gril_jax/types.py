@@ -1,4 +1,4 @@
-"""What flows between the modules: scene graphs and batches of demonstrations.
+"""Types shared by the modules: scene graphs and batches of demonstrations.
 
 Shapes use N for objects (nodes), E = N (N - 1) for edges, T for frames and B
 for demonstrations. Positions and sizes are in world units, never in pixels, so
@@ -14,7 +14,7 @@ __all__ = ["DemoBatch", "Nodes", "SceneGraph"]
 
 
 class Nodes(NamedTuple):
-    """One frame's objects: the `nodes` of a `SceneGraph`."""
+    """The objects of one frame: the `nodes` of a `SceneGraph`."""
 
     center: Float[Array, "N 2"]  # world units
     size: Float[Array, "N 2"]  # width and height of the axis-aligned box, world units

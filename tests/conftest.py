@@ -18,7 +18,8 @@ os.environ.setdefault("XLA_FLAGS", " ".join(FLAGS))
 
 # Files that take longest come first, or one worker would play its last alone.
 LONGEST = """pipeline runs/hosts compilation/sharding envs/planar/physics rl/ppo
-envs/magical/match_regions/task envs/magical/expert/scripted envs/magical/expert/sampling_planner
+envs/magical/match_regions/task envs/magical/match_regions/expert/scripted
+envs/magical/match_regions/expert/sampling_planner
 pretraining/loss pretraining/pretrain encoders/encoder rl/training rl/sac envs/planar/mjx_engine
 losses/time_warping/soft_dtw envs/planar/contacts experiments/examples report/run_report
 interop/policy_file experiments/sweeps/ablate subtasks/boundaries reward/latent_goal

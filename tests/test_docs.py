@@ -10,7 +10,7 @@ import pytest
 from support import saved_rewards
 from support.paths import REPOSITORY
 
-from gril_jax.cli import VERBS, main
+from gril_jax.cli import main, verbs
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.interop.reward_file import save_reward
@@ -103,7 +103,7 @@ def _understood(line, surroundings):
 
 @pytest.mark.parametrize("path", PAGES, ids=_name)
 def test_every_verb_that_is_named_exists(path):
-    words = {verb for name in VERBS for verb in (name, name.split()[0])}
+    words = {verb for name in verbs.names() for verb in (name, name.split()[0])}
     for code in re.findall(r"(?<!`)`gril ([^`]*)`", path.read_text()):
         verb = code.split()[0] if code else ""
         if not verb.startswith("-") and not verb.isupper():

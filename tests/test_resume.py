@@ -212,11 +212,11 @@ def test_a_resumed_configuration_needs_what_a_new_one_needs(tmp_path):
 # some time after a run has a given number of rows. What is left out has no part in the state.
 _CHILD = """
 import os, signal, sys, threading
-from gril_jax.cli import main
+from gril_jax.cli.main import main
 from gril_jax.cli.heavy_imports import heavy_imports
 with heavy_imports():
     from gril_jax.experiments import train
-    from gril_jax import run_dir
+    from gril_jax.runs import run_dir
 row, delay_s = int(sys.argv[1]), float(sys.argv[2])
 log, timers = run_dir.RunDir.log, []
 def counted(run, **metrics):

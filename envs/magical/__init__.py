@@ -1,1 +1,1 @@
-"""What MAGICAL's tasks share; one folder a task."""
+"""The room that MAGICAL's tasks share; one folder a task."""

@@ -1,6 +1,6 @@
-"""What an action of MatchRegions tells the robot.
+"""Actions of MAGICAL's tasks, as commands to the robot.
 
-Actions are (3,), or (2,) for a stick, each number in [-1, 1]: forward speed, turn, grip. With the
+They are (3,), or (2,) for a stick, each number in [-1, 1]: forward speed, turn, grip. With the
 physics "magical" they are rounded to MAGICAL's eighteen: forward 0.8 units/s, stop or reverse 0.6;
 left, none or right; open or closed.
 """
@@ -11,7 +11,7 @@ from gril_jax.envs.planar.joints import TURN_RATE, Command
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Float, Int
 
-from .options import PRESETS
+from .simulator import PRESETS
 
 __all__ = ["TURN_GAIN", "command", "from_magical", "rounded_command"]
 
@@ -21,7 +21,7 @@ TURN_GAIN = {"original": 40.0, "smooth": TURN_RATE}  # rad/s for a turn of 1, be
 
 
 def command(action: Float[Array, "A"], *, gain: float, dt: float) -> Command:
-    """x-magical's command of an action; `gain` is one of `TURN_GAIN`, `dt` the substep in s."""
+    """x-magical's command for an action; `gain` is one of `TURN_GAIN`, `dt` the substep in s."""
     grip = action[2] if action.shape[0] > 2 else jnp.zeros(())
     speed = jnp.clip(action[0], -PRESETS["xmagical"].reverse, _MAX_SPEED)
     opening = jnp.clip(FINGER_OPEN - grip, 0.0, FINGER_OPEN)
@@ -30,7 +30,7 @@ def command(action: Float[Array, "A"], *, gain: float, dt: float) -> Command:
 
 
 def rounded_command(action: Float[Array, "A"]) -> Command:
-    """MAGICAL's command nearest to an action: beyond a half counts, and any grip above 0 closes."""
+    """MAGICAL's command nearest to an action: values past a half count, any grip above 0 closes."""
     grip = action[2] if action.shape[0] > 2 else jnp.zeros(())
     speed = jnp.where(action[0] > 0.5, _MAX_SPEED, 0.0)
     speed = jnp.where(action[0] < -0.5, -PRESETS["magical"].reverse, speed)
@@ -39,7 +39,7 @@ def rounded_command(action: Float[Array, "A"]) -> Command:
 
 
 def from_magical(ids: Int[np.ndarray, "*T"]) -> Float[np.ndarray, "*T 3"]:
-    """The actions that MAGICAL numbers 9 * grip + 3 * turn + drive, from 0 to 17.
+    """The actions with MAGICAL's numbers 9 * grip + 3 * turn + drive, from 0 to 17.
 
     drive: 0 none, 1 forward, 2 reverse. turn: 0 none, 1 left, 2 right. grip: 0 open, 1 close.
 

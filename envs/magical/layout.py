@@ -1,6 +1,6 @@
-"""What is drawn at the start of a MatchRegions episode, inside jit.
+"""MAGICAL's variants: what is drawn at the start of an episode, inside jit.
 
-MAGICAL's variants: where things start, which colours and shapes they have, how strong the robot and
+They say where things start, which colours and shapes they have, how strong the robot and
 the table are. Entities are placed one after another (region, robot, blocks), each at the first of
 `_CANDIDATES` uniform poses that touches nothing placed before, the region included. If none is free
 the first is taken and the episode says so (`unplaced`). Blocks count as their bounding circles,
@@ -14,13 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.planar.joints import Strengths
 from gril_jax.envs.planar.robots import PIVOTS, Robot
+from gril_jax.envs.planar.shapes import SHAPES
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 __all__ = [
+    "CLASSES",
     "COLOURS",
-    "DEMO_BLOCKS",
-    "DEMO_GOAL",
-    "DEMO_ROBOT",
     "RADII",
     "VARIANTS",
     "Layout",
@@ -30,20 +29,13 @@ __all__ = [
     "place_robot",
     "scatter",
     "shapes",
+    "turned",
 ]
 
 VARIANTS = ("demo", "jitter", "layout", "color", "shape", "dynamics", "all")
 COLOURS = ("green", "blue", "yellow", "red")
-# MAGICAL's Demo layout: x, y (arena units) and angle (rad).
-DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
-DEMO_BLOCKS = {
-    "green star": (0.80, -0.70, 2.37),
-    "green square": (-0.68, 0.72, 1.28),
-    "blue pentagon": (-0.05, -0.20, -1.09),
-    "yellow circle": (-0.75, -0.55, 2.78),
-    "yellow pentagon": (0.30, -0.82, -1.15),
-}
-DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
+# What a detector of their pictures tells apart.
+CLASSES = ("goal", "robot", *tuple(f"{c} {s}" for c in COLOURS for s in SHAPES))
 RADII = np.array([0.156, 0.1525, 0.138, 0.12], np.float32)  # of star, square, pentagon, circle
 _CANDIDATES = 64
 _FACING = (0.55, 0.75, 0.4)  # distances from which a robot faces a point, and rad off it
@@ -51,7 +43,7 @@ _DYNAMICS = Strengths((3.2, 5.5), (0.7, 1.5), (2.5, 4.5), (1.0, 1.8), (0.07, 0.1
 
 
 class Layout(NamedTuple):
-    """Where an episode starts."""
+    """The start of an episode."""
 
     robot: Float[Array, "3"]
     blocks: Float[Array, "B 3"]
@@ -60,7 +52,7 @@ class Layout(NamedTuple):
 
 
 def jitter(key: PRNGKeyArray, layout: Layout, *, arena: float) -> Layout:
-    """MAGICAL's Jitter variant: every number moves a little, and no overlap can arise."""
+    """MAGICAL's Jitter variant: every number changes a little, and no overlap can arise."""
     keys = jax.random.split(key, 3)
     spread = jnp.array([0.025 * arena, 0.025 * arena, 0.157])
     unit = lambda k, like: jax.random.uniform(k, like.shape, minval=-1.0)  # noqa: E731
@@ -77,13 +69,14 @@ def _gap_to_goal(xy: Float[Array, "*C 2"], goal: Float[Array, "4"]) -> Float[Arr
     return jnp.sqrt(jnp.sum(outside**2, axis=-1))
 
 
-def _turn(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
+def turned(angle: Float[Array, "..."], xy: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
+    """Points turned counter-clockwise about the origin by an angle in rad."""
     c, s = jnp.cos(angle), jnp.sin(angle)
     return jnp.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], axis=-1)
 
 
 def rim(robot: Robot) -> np.ndarray:
-    """Points (V, 2) all around a robot with open fingers, in its frame, 0.03 apart or nearer."""
+    """Points (V, 2) around a robot with open fingers, in its frame, at most 0.03 apart."""
     outlines = [robot.parts[0].outline]
     for part, pivot, side in zip(robot.parts[1:], PIVOTS, (1, -1), strict=False):
         c, s = np.cos(side * np.pi / 8), np.sin(side * np.pi / 8)
@@ -116,12 +109,12 @@ def place_robot(
     arena: float,
     facing: Float[Array, "2"] | None = None,
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-    """A pose for the robot that is clear of walls, blocks and region (None: may stand in it), and
-    whether there was none; anywhere, or a little before a point and about `facing` it."""
+    """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere or a
+    little before a point and about `facing` it. Returns it, and True if there was none."""
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
     if facing is not None:
         poses = _before(poses, facing)
-    points = _turn(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
+    points = turned(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
     free = (jnp.abs(points) < arena).all(axis=(1, 2))
     if goal is not None:
         free &= (_gap_to_goal(points, goal) > 0).all(axis=1)
@@ -141,14 +134,14 @@ def _before(unit: Float[Array, "C 3"], point: Float[Array, "2"]) -> Float[Array,
 
 
 def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena: float) -> Layout:
-    """MAGICAL's Layout variant: region, then robot, then blocks, anywhere without overlap."""
+    """MAGICAL's Layout variant: region, robot and blocks, placed in this order without overlap."""
     key_goal, key_robot, *keys = jax.random.split(key, 2 + len(radii))
     unit = jax.random.uniform(key_goal, (4,))
     size = 0.5 + 0.3 * unit[2:]
     goal = jnp.concatenate([(2 * unit[:2] - 1) * (arena - size / 2), size])
     none = jnp.zeros((0, 3))
     pose, unplaced = place_robot(key_robot, robot, none, none[:, 0], goal, arena=arena)
-    points = _turn(pose[2], jnp.asarray(rim(robot))) + pose[:2]
+    points = turned(pose[2], jnp.asarray(rim(robot))) + pose[:2]
     blocks = jnp.zeros((0, 3))
     for b, key_b in enumerate(keys):
         poses = _candidates(key_b, arena - radii[b])

@@ -1,4 +1,4 @@
-"""What the original MAGICAL solves in another way than x-magical, on top of `Physics`.
+"""The original MAGICAL's physics, where it differs from x-magical's, on top of `Physics`.
 
 fingers   hang on pin joints of length zero, x-magical's on pivots. A pin holds its finger along
           one direction only, that in which it is off its place at the moment, so a finger may
@@ -23,7 +23,7 @@ _STIFFNESS, _DAMPING, _PUPIL = 0.1, 3e-3, 0.002  # of a pupil's spring; the pupi
 
 
 class Pupils(NamedTuple):
-    """The two pupils."""
+    """State of the two pupils."""
 
     lag: Float[Array, "2"]  # angle by which the base is ahead, rad
     spin: Float[Array, "2"]  # rad/s
@@ -31,7 +31,7 @@ class Pupils(NamedTuple):
 
 
 class Gripping(NamedTuple):
-    """Summed impulses of the fingers, left first, and what else the robot remembers."""
+    """Summed impulses of the fingers, left first, and the rest of the robot's memory."""
 
     pin: Float[Array, "2"]
     limit: Float[Array, "2"]
@@ -40,7 +40,7 @@ class Gripping(NamedTuple):
 
 
 def _directions(aim: Aims, dt: float) -> Vec:
-    """From where each finger should be to where it is, of length one; zero if it is there."""
+    """Unit vectors from where each finger should be to where it is; zero if it is there."""
     off = jnp.sqrt(aim.pivot.dot(aim.pivot) + 1e-20)  # over dt
     return aim.pivot * jnp.where(off * dt > _ON_PLACE, -1.0 / off, 0.0)
 
@@ -57,7 +57,7 @@ def _kick(parts: Motion, which: int, n: Vec, leverage, j, torque, bodies: Bodies
 
 
 def _finger(parts: Motion, f: int, n: Vec, given: Gripping, aim: Aims, bodies: Bodies, strength):
-    """Pin, stop and motor of one finger: the parts' motions, and the three impulses."""
+    """Solves pin, stop and motor of one finger: the parts' motions, and the three impulses."""
     mass, inertia = bodies
     which, arm = 1 + f, aim.arm[f]
     leverage = arm.cross(n)
@@ -79,7 +79,7 @@ def _finger(parts: Motion, f: int, n: Vec, given: Gripping, aim: Aims, bodies: B
 
 
 def _damped(parts: Motion, pupils: Pupils, bodies: Bodies, dt: float) -> tuple[Motion, Pupils]:
-    """A pass over the dampers of the pupils' springs."""
+    """One pass over the dampers of the pupils' springs."""
     inertia = bodies.inverse_inertia[0]
     light = inertia + 1 / _PUPIL
     share = 1.0 - jnp.exp(-_DAMPING * dt * light)

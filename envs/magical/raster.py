@@ -1,6 +1,6 @@
-"""MatchRegions from above as pixels, painted by one pure function on the device.
+"""MatchRegions rendered from above as pixels, by one pure function on the device.
 
-Geometry and colours are those of `match_regions_scene`, whose outlines are painted on the host.
+Geometry and colours are those of `scene`, whose outlines are painted on the host.
 Here each pixel asks every body how far from its outline it is, and bodies are painted one over the
 other: arithmetic alone, which XLA fuses into one pass. So learners from pixels can keep their
 pictures where they are made.
@@ -35,17 +35,17 @@ _Pixels = Float[Array, "S S 3"]
 
 
 class Scene(NamedTuple):
-    """What is to be seen. Lengths are in arena units, angles in radians, counter-clockwise."""
+    """A scene to paint. Lengths are in arena units, angles in radians, counter-clockwise."""
 
     pose: Float[Array, "N 3"]  # x, y, angle; a finger's x, y is its pivot; closed: robot's angle
-    shape: Int[Array, "B"]  # index into `block_shapes.SHAPES`: star, square, pentagon, circle
+    shape: Int[Array, "B"]  # index into `planar.shapes.SHAPES`: star, square, pentagon, circle
     colour: Int[Array, "B"]  # index into `COLOURS`: green, blue, yellow, red
     goal: Float[Array, "4"]  # the region's centre x, y; width, height
     goal_colour: Int[Array, ""]  # index into `COLOURS`
 
 
 class _Canvas(NamedTuple):
-    """Where the pixels are."""
+    """The places of the pixels."""
 
     x: Float[Array, "1 S"]  # of their centres, in pixels from the picture's middle
     y: Float[Array, "S 1"]
@@ -54,7 +54,7 @@ class _Canvas(NamedTuple):
     antialias: bool
 
     def width(self, pixels: int) -> float:
-        """Of a line."""
+        """Width of a line, in pixels."""
         return pixels * self.zoom if self.antialias else float(round(pixels * self.zoom))
 
     def local(self, pose: Float[Array, "3"]) -> tuple[_Plane, _Plane]:
@@ -82,7 +82,7 @@ def render(
     half_extent: float = 1.122,
     antialias: bool = False,
 ) -> UInt8[Array, "size size 3"]:
-    """One picture of a scene; x points right, y up, and row 0 is the top.
+    """Renders one picture of a scene; x points right, y up, and row 0 is the top.
 
     Every keyword is static; poses, shapes and colours are data, so one compiled picture serves
     all scenes of as many blocks. A pose that is not finite hides its body.
@@ -137,7 +137,7 @@ def _check(scene: Scene, robot: str, size: int, half_extent: float, arena: float
 
 
 def _paint(layers: Iterable[_Layer], size: int, antialias: bool) -> UInt8[Array, "size size 3"]:
-    """Painter's order: a line's colour up to its outer side, the fill up to its inner side."""
+    """Paints layers in order: a line's colour up to its outer side, the fill to its inner side."""
     blend = _mix if antialias else _replace
     image = jnp.broadcast_to(jnp.array(look.BACKGROUND, jnp.float32), (size, size, 3))
     for distance, fill, rim, width in layers:
@@ -155,7 +155,7 @@ def _replace(image: _Pixels, depth: Float[Array, "S S 1"], colour, _below) -> _P
 
 
 def _mix(image: _Pixels, depth: Float[Array, "S S 1"], colour, below) -> _Pixels:
-    """An edge one pixel wide; `below` is what the covered share of the pixel has shown so far."""
+    """Blends an edge one pixel wide; `below` is the present colour of the covered share."""
     share = jnp.where(depth > -0.5, jnp.minimum(depth + 0.5, 1.0), 0.0)  # 0 for NaN
     return image + share * (colour - below)
 
@@ -209,7 +209,7 @@ def _pick(palette: dict[str, tuple[int, int, int]], index: Int[Array, ""]) -> In
 
 
 def _disc(x: _Plane, y: _Plane, radius: float) -> _Plane:
-    """To first order around the rim, because XLA would not fuse a square root.
+    """Distance from a disc, to first order: XLA would not fuse a square root.
 
     Only where a smooth disc is no larger than its edge, as pupils in small pictures, is it paler.
     """
@@ -217,7 +217,7 @@ def _disc(x: _Plane, y: _Plane, radius: float) -> _Plane:
 
 
 def _wedge(name: str) -> np.ndarray:
-    """A block in numbers: two mirrors' normals, an edge's normal, curvature and offset.
+    """Parameters of a block: two mirrors' normals, an edge's normal, curvature and offset.
 
     A regular outline is the same in every wedge between a corner and the middle of an edge (or a
     tip and a notch), so a point that is mirrored into one wedge has one edge to look at. A circle
@@ -261,7 +261,7 @@ def _block(wedge: Float[Array, "8"], x: _Plane, y: _Plane, scale: float) -> _Pla
 
 
 def _finger(x: _Plane, y: _Plane, scale: float) -> _Plane:
-    """The right finger: its arm, or beyond the elbow its forearm; each is convex."""
+    """Signed distance to the right finger: arm, or beyond the elbow forearm; each is convex."""
 
     def outside(edges: tuple[np.ndarray, np.ndarray], *numbers: int) -> _Plane:
         rows = [(*map(float, edges[0][i]), float(edges[1][i])) for i in numbers]
@@ -278,7 +278,7 @@ def _region(goal: Float[Array, "4"], canvas: _Canvas) -> _Plane:
 
 
 def _dashes(goal: Float[Array, "4"], canvas: _Canvas) -> _Plane:
-    """The dashes of the region's rim, which begin anew at each corner.
+    """The dashes of the region's rim, which restart at each corner.
 
     Sides run counter-clockwise, so half a turn takes top to bottom and left to right.
     """

@@ -1,4 +1,4 @@
-"""What MatchRegions looks like from above: outlines and colours, in the order they are painted.
+"""A scene of MAGICAL's from above: outlines and colours, in the order they are painted.
 
 Colours are those of MAGICAL and x-magical, so that their videos and ours pass the same detector.
 """
@@ -57,7 +57,7 @@ def outlines(
     pose: np.ndarray,
     goal: np.ndarray,
 ) -> list[Outline]:
-    """One moment, from the blocks' (colour, shape), all poses (E, 3) and the region (4,)."""
+    """Outlines from the blocks' (colour, shape), all poses (E, 3) and the region (4,)."""
     floor = _box(np.zeros(2), np.full(2, 2 * arena))
     region, colour = _box(goal[:2], goal[2:]), blocks[0][0]
     painted = [

@@ -24,14 +24,14 @@ __all__ = [
 
 
 class Frame(NamedTuple):
-    """Where something is and how it is turned, in the world."""
+    """A place and a rotation in the world."""
 
     position: Float[Array, "*B 3"]  # metres
     rotation: Float[Array, "*B 3 3"]
 
 
 def turned(matrix: Float[Array, "*B 3 3"], vector: Float[Array, "*B 3"]) -> Float[Array, "*B 3"]:
-    """A vector given in a turned frame, in the world's axes."""
+    """Rotates a vector given in a frame to the world's axes."""
     return jnp.sum(matrix * vector[..., None, :], axis=-1)
 
 
@@ -41,18 +41,18 @@ def compose(a: Float[Array, "*B 3 3"], b: Float[Array, "*B 3 3"]) -> Float[Array
 
 
 def out_of(frame: Frame, point: Float[Array, "*B 3"]) -> Float[Array, "*B 3"]:
-    """A point given in a frame, in the world."""
+    """Maps a point given in a frame to the world."""
     return frame.position + turned(frame.rotation, point)
 
 
 def into(frame: Frame, point: Float[Array, "*B 3"]) -> Float[Array, "*B 3"]:
-    """A point of the world, as seen from a frame."""
+    """Maps a point of the world into a frame."""
     away = point - frame.position
     return jnp.sum(frame.rotation * away[..., :, None], axis=-2)
 
 
 def rotation(quaternion: Float[Array, "*B 4"]) -> Float[Array, "*B 3 3"]:
-    """The matrix of a quaternion of length one."""
+    """The rotation matrix of a unit quaternion."""
     w, x, y, z = jnp.moveaxis(quaternion, -1, 0)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -63,18 +63,18 @@ def rotation(quaternion: Float[Array, "*B 4"]) -> Float[Array, "*B 3 3"]:
 
 
 def about_z(angle: Float[Array, "*B"]) -> Float[Array, "*B 3 3"]:
-    """A turn about the vertical, rad."""
+    """A rotation about the vertical, rad."""
     return rotation(quaternion_about_z(angle))
 
 
 def quaternion_about_z(angle: Float[Array, "*B"]) -> Float[Array, "*B 4"]:
-    """The same as a quaternion."""
+    """A rotation about the vertical, as a quaternion."""
     zero = jnp.zeros_like(angle)
     return jnp.stack([jnp.cos(angle / 2), zero, zero, jnp.sin(angle / 2)], axis=-1)
 
 
 def small_turn(start: Float[Array, "*B 3 3"], goal: Float[Array, "*B 3 3"]) -> Float[Array, "*B 3"]:
-    """What turns `start` into `goal`: axis times the sine of the angle, world axes.
+    """The turn from `start` to `goal`: axis times the sine of the angle, world axes.
 
     It is the mean of the cross products of corresponding axes, and exact to second order.
     """

@@ -1,4 +1,4 @@
-"""Kinematics of the Franka Panda: where its hand is, how it moves, and joints that reach a pose.
+"""Kinematics of the Franka Panda: hand pose, velocities, and joints that reach a pose.
 
 Numbers are those that the maker publishes in its robot description (`franka_description`). The base
 is at the origin, x points forward, y to the robot's left, z up; lengths are metres, angles rad.
@@ -72,17 +72,17 @@ def _on_flange(link: Frame) -> Frame:
 
 
 def hand(q: Float[Array, "7"]) -> Frame:
-    """The hand: z is where it points, y the axis along which its fingers open."""
+    """The hand's frame: z is its pointing direction, y the axis along which its fingers open."""
     return _on_flange(_links(q)[2])
 
 
 def tcp(q: Float[Array, "7"]) -> Frame:
-    """The tool centre point, between the fingertips."""
+    """The frame of the tool centre point, between the fingertips."""
     return _ahead(hand(q), TCP)
 
 
 def finger(hand: Frame, opening: Float[Array, ""], side: int) -> Frame:
-    """One finger, the left (`side` 1) or the right (-1); its pad faces against its y axis.
+    """Frame of one finger, left (`side` 1) or right (-1); its pad faces against its y axis.
 
     Args:
       hand: the hand's frame.
@@ -99,7 +99,7 @@ def _ahead(frame: Frame, distance: float) -> Frame:
 
 
 def jacobian(q: Float[Array, "7"]) -> tuple[Float[Array, "6 7"], Frame]:
-    """How joint rates move the tool centre point, and where it is.
+    """The tool centre point's Jacobian, and its frame.
 
     Rows are its velocity (m/s) and its angular velocity (rad/s), world axes.
     """

@@ -15,7 +15,18 @@ import numpy as np
 from . import kinematics
 from .control import GRIP_RANGE
 
-__all__ = ["ACTUATORS", "DOFS", "HAND_BOX", "PADS", "PALM", "TIPS", "TIP_BOX", "body", "equality"]
+__all__ = [
+    "ACTUATORS",
+    "DOFS",
+    "HAND_BOX",
+    "PADS",
+    "PALM",
+    "TIPS",
+    "TIP_BOX",
+    "body",
+    "equality",
+    "words",
+]
 
 DOFS = 9  # seven joints and two fingers
 PADS = ("left_pad", "right_pad")
@@ -66,18 +77,19 @@ _HULL = (
 _HULL_TURNS = {"x": "0.70710678 0 0.70710678 0", "y": "0.70710678 0.70710678 0 0", "z": "1 0 0 0"}
 
 
-def _words(numbers) -> str:
+def words(numbers) -> str:
+    """Numbers as MJCF has them."""
     return " ".join(f"{x:.9g}" for x in numbers)
 
 
 def _inertial(values) -> str:
     mass, center, tensor = values
-    return f'<inertial mass="{mass}" pos="{_words(center)}" fullinertia="{_words(tensor)}"/>'
+    return f'<inertial mass="{mass}" pos="{words(center)}" fullinertia="{words(tensor)}"/>'
 
 
 def _capsule(name: str, radius: float, length: float, center, axis: str) -> str:
     return (
-        f'<geom {name} type="capsule" size="{radius} {length / 2}" pos="{_words(center)}" '
+        f'<geom {name} type="capsule" size="{radius} {length / 2}" pos="{words(center)}" '
         f'quat="{_HULL_TURNS[axis]}"/>'
     )
 
@@ -96,8 +108,8 @@ def _finger(side: int) -> str:
         f"{_inertial(_FINGER_INERTIA)}"
         f'<joint name="{name}" type="slide" axis="0 1 0" range="{low} {high}" damping="10"'
         f' armature="{_ARMATURE}"/>'
-        f'<geom name="{PADS[side]}" type="box" pos="{_words(PAD_CENTER)}"'
-        f' size="{_words(PAD_HALF)}"/>'
+        f'<geom name="{PADS[side]}" type="box" pos="{words(PAD_CENTER)}"'
+        f' size="{words(PAD_HALF)}"/>'
         # its lowest point is the pad's
         f'<geom name="{TIPS[side]}" type="sphere" pos="0 0.00758 0.0455" size="0.008"/></body>'
     )
@@ -117,7 +129,7 @@ def body() -> str:
         low, high = kinematics.JOINT_RANGE[link - 1]
         offset, turn = kinematics.LINK_OFFSETS[link - 1], kinematics.LINK_TURNS[link - 1]
         inner = (
-            f'<body name="link{link}" pos="{_words(offset)}" quat="{_QUARTERS[turn]}" gravcomp="1">'
+            f'<body name="link{link}" pos="{words(offset)}" quat="{_QUARTERS[turn]}" gravcomp="1">'
             f"{_inertial(_INERTIAS[link])}"
             f'<joint name="joint{link}" axis="0 0 1" range="{low} {high}"'
             f' damping="{_JOINT_DAMPING[link - 1]}" armature="{_ARMATURE}"/>'

@@ -1,4 +1,4 @@
-"""Servos at the limit of their force, integrated by MJX as C MuJoCo does.
+"""Servos at their force limit, integrated by MJX as C MuJoCo does.
 
 The integrator "implicitfast" takes the damping of a servo (its force falls by kv for each rad/s) as
 implicit. C MuJoCo leaves it out for a servo that is at the limit of its force, which does not
@@ -14,18 +14,18 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-__all__ = ["Driven", "constant_where_spent", "driven"]
+__all__ = ["Driven", "constant_where_saturated", "driven"]
 
 
 class Driven(NamedTuple):
-    """Where the joints of U servos are among positions and velocities."""
+    """Indices of the joints of U servos, among positions and among velocities."""
 
     position: Int[np.ndarray, "U"]
     velocity: Int[np.ndarray, "U"]
 
 
 def driven(model: mujoco.MjModel) -> Driven:
-    """Of a model whose servos each drive one joint.
+    """Returns the joints of a model whose servos each drive one.
 
     Raises:
       ValueError: an actuator drives something else, by a gear, or has no limit to its force.
@@ -38,18 +38,18 @@ def driven(model: mujoco.MjModel) -> Driven:
     return Driven(model.jnt_qposadr[joint], model.jnt_dofadr[joint])
 
 
-def constant_where_spent(
+def constant_where_saturated(
     model,
     at: Driven,
     qpos: Float[Array, "Q"],
     qvel: Float[Array, "V"],
     aim: Float[Array, "U"],
 ):
-    """The model for one substep, an `mjx.Model`, in which spent servos are constant forces.
+    """The model for one substep, an `mjx.Model`, in which saturated servos are constant forces.
 
     Args:
       model: of MJX.
-      at: of `driven`.
+      at: the joints, of `driven`.
       qpos, qvel: where the substep begins.
       aim: of the servos.
     """
@@ -59,9 +59,9 @@ def constant_where_spent(
     force = gain[:, 0] * control + bias[:, 0]
     force += bias[:, 1] * qpos[at.position] + bias[:, 2] * qvel[at.velocity]
     least, most = model.actuator_forcerange.T
-    spent = ((force <= least) | (force >= most))[:, None]
+    saturated = ((force <= least) | (force >= most))[:, None]
     constant = jnp.zeros_like(bias).at[:, 0].set(jnp.clip(force, least, most))
     return model.replace(
-        actuator_gainprm=jnp.where(spent, 0.0, gain),
-        actuator_biasprm=jnp.where(spent, constant, bias),
+        actuator_gainprm=jnp.where(saturated, 0.0, gain),
+        actuator_biasprm=jnp.where(saturated, constant, bias),
     )

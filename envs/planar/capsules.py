@@ -1,7 +1,7 @@
 """Contact capsules of the blocks and of the gripper, for the MJX engine.
 
 MJX collides spheres and capsules in closed form, so a few of them stand for each outline of
-`block_shapes` and `robots`: flush with it along its edges, rounded at its corners.
+`shapes` and `robots`: flush with it along its edges, rounded at its corners.
 """
 
 import math
@@ -36,7 +36,7 @@ def disc(radius: float) -> tuple[Capsule, ...]:
 
 
 def _edges(corners: np.ndarray) -> tuple[Capsule, ...]:
-    """Along the edges of a regular polygon, their outer sides flush with it."""
+    """Capsules along the edges of a regular polygon, their outer sides flush with it."""
     apothem = np.linalg.norm(corners[0]) * math.cos(math.pi / len(corners))
     inner = corners * (1 - _EDGE_RADIUS / apothem)
     pairs = zip(inner, np.roll(inner, -1, axis=0), strict=True)
@@ -44,14 +44,14 @@ def _edges(corners: np.ndarray) -> tuple[Capsule, ...]:
 
 
 def _spokes(corners: np.ndarray) -> tuple[Capsule, ...]:
-    """From a star's centre to its tips."""
+    """Capsules from a star's centre to its tips."""
     tips = corners[::2]
     ends = tips * (1 - _SPOKE_RADIUS / np.linalg.norm(tips[0]))
     return tuple(_capsule(np.zeros(2), end, _SPOKE_RADIUS) for end in ends)
 
 
 def block(name: str) -> tuple[Capsule, ...]:
-    """Of a block, one of `block_shapes.SHAPES`, in its own frame (arena units)."""
+    """Capsules of a block, one of `shapes.SHAPES`, in its own frame (arena units)."""
     if name == "circle":
         return disc(shapes.SIZE)
     corners = shapes.outline(name)
@@ -59,7 +59,7 @@ def block(name: str) -> tuple[Capsule, ...]:
 
 
 def finger(part: robots.Part) -> tuple[Capsule, ...]:
-    """Of one of the gripper's fingers, upper arm then forearm, in its pivot's frame.
+    """Capsules of a gripper's finger, upper arm then forearm, in its pivot's frame.
 
     The forearm is bent about the outer corner of the elbow, so the middle lines of both arms meet
     nearly, not quite. The elbow stands out by 0.002.

@@ -1,4 +1,4 @@
-"""Where planar bodies touch: a fixed list of layers, each with one possible contact a block.
+"""Contacts of planar bodies: a fixed list of layers, each with one possible one a block.
 
 A layer holds, for every block at once, the contact with one part of the robot, with another block,
 or with a wall. Contacts that are not there are switched off by their gap: nothing is sorted,
@@ -24,7 +24,7 @@ _FAR = 1e3
 
 
 class Frames(NamedTuple):
-    """Where N bodies are."""
+    """The places of N bodies."""
 
     center: Vec
     heading: Vec  # cosine and sine of the angle
@@ -39,7 +39,7 @@ class Contacts(NamedTuple):
 
 
 def _deepest(candidates: Contacts, allowed: Array | None = None) -> Contacts:
-    """Of K candidates, the deepest allowed one."""
+    """The deepest allowed one of K candidates."""
     gap = candidates.gap if allowed is None else jnp.where(allowed, candidates.gap, _FAR)
     best = Contacts(gap[0], candidates.normal[0], candidates.second[0])
     for k in range(1, len(gap)):
@@ -85,7 +85,7 @@ def with_part(part: Part, at: Frames, shapes: BlockShape, blocks: Frames) -> lis
 def _corners_in_boxes(
     boxes: tuple[Box, ...], at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames
 ):
-    """Each corner of each block against each box, (5, B) each."""
+    """Contacts of each corner of each block with each box, (5, B) each."""
     corners = shapes.corners.out_of(blocks.heading)
     local, middle = (corners + offset).into(at.heading), offset.into(at.heading)
     for box in boxes:
@@ -97,7 +97,7 @@ def _corners_in_boxes(
 def _part_in_blocks(
     part: Part, at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames
 ) -> Contacts:
-    """Each of the part's corners against each block, (C, B)."""
+    """Contacts of each of the part's corners with each block, (C, B)."""
     corners = part.corners.astype(np.float32)
     point = Vec(corners[:, :1], corners[:, 1:]).out_of(at.heading) - offset
     tip = np.float32(part.boxes[-1].center)  # a finger's forearm has all its corners
@@ -108,7 +108,7 @@ def _part_in_blocks(
 
 
 def _box_distance(box: Box, point: Vec, middle: Vec) -> tuple[Array, Vec]:
-    """Signed distance of a block's corners to a rectangle, and the normal out of it.
+    """Signed distance of a block's corners to a rectangle, and its outward normal.
 
     A corner inside leaves through the face that it came in by: the one beyond which most of the
     way from the corner to the block's middle lies. The nearest face may be another one, above all

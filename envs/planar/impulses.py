@@ -1,4 +1,4 @@
-"""Contacts solved by sequential impulses, as the original's engine, Chipmunk, does.
+"""Contacts solved by sequential impulses, as in the original's engine, Chipmunk.
 
 A sweep takes the layers of contacts in turn and gives each contact the impulse that would satisfy
 it, clamped as a sum: contacts only push, friction stays within its cone. The contacts of one layer
@@ -23,7 +23,7 @@ _LEFT = 0.9**60  # share of an overlap that is left after a second
 
 
 class Bodies(NamedTuple):
-    """What N bodies weigh; zeros for what cannot be moved."""
+    """The weights of N bodies; zeros for what cannot be moved."""
 
     inverse_mass: Float[Array, "*N"]
     inverse_inertia: Float[Array, "*N"]
@@ -47,7 +47,7 @@ class Impulse(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """A layer of contacts made ready to be solved; a zero mass switches one off."""
+    """A layer of contacts prepared for the solver; a zero mass switches one off."""
 
     normal: Vec  # from the first body to the second
     leverage: Vec  # of (normal, tangent) on the second body
@@ -62,7 +62,7 @@ class Rows(NamedTuple):
 def prepare(
     contacts: Contacts, friction, first: Bodies | None, offset: Vec | None, second: Bodies, *, dt
 ) -> Rows:
-    """Leverages, effective masses and aims of a layer.
+    """Leverages, effective masses and target speeds of a layer.
 
     Args:
       offset: from the first bodies' centres to the second's; None with a wall.
@@ -88,7 +88,7 @@ def prepare(
 
 
 def kick(rows: Rows, j: Impulse) -> tuple[Motion | None, Motion]:
-    """What impulses change in the motions of the first and the second bodies."""
+    """The changes that impulses make to the motions of the first and the second bodies."""
     push = rows.normal * j.normal + rows.normal.turned() * j.tangent
     shift = rows.normal * j.shift
 

@@ -35,7 +35,7 @@ _PIVOTS = Vec(*PIVOTS.T.astype(np.float32))
 
 
 class Strengths(NamedTuple):
-    """The largest forces and torques; the Dynamics variant draws them."""
+    """The largest forces and torques; the Dynamics variant samples them."""
 
     drive: Float[Array, ""]
     turn: Float[Array, ""]
@@ -45,7 +45,7 @@ class Strengths(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What the robot is told for one control step."""
+    """A command to the robot for one control step."""
 
     speed: Float[Array, ""]  # forward, units/s
     turn: Float[Array, ""]  # heading offset that the servo aims at, rad
@@ -60,7 +60,7 @@ class Servo(NamedTuple):
 
 
 class FingerImpulses(NamedTuple):
-    """Of the fingers' pivots, stops and motors."""
+    """Impulses of the fingers' pivots, stops and motors."""
 
     pivot: Vec  # (2,)
     limit: Float[Array, "2"]
@@ -68,7 +68,7 @@ class FingerImpulses(NamedTuple):
 
 
 class Aims(NamedTuple):
-    """What the joints aim at in one substep; the fingers' fields are None without fingers."""
+    """The joints' aims in one substep; the fingers' fields are None without fingers."""
 
     drive: Vec  # velocity of the base
     turn: Float[Array, ""]  # its spin
@@ -87,7 +87,7 @@ def aims(
     *,
     dt: float,
 ) -> Aims:
-    """Aims of a substep for a robot's parts; the servos were set by their poses `before` it."""
+    """Targets of a substep for a robot's parts; the servos were set by their poses `before` it."""
     yaw = before[0, 2]
     # The servo aimed at an offset from the heading, of which the turn since then is done.
     turn = jnp.clip(command.turn / dt - spin, -TURN_RATE, TURN_RATE)
@@ -104,19 +104,19 @@ def aims(
 
 
 def _clamp(push: Vec, turn, force, torque) -> Servo:
-    """Shorten the vector of the force, and the torque, to their largest sizes."""
+    """Clips the force vector, and the torque, to their largest sizes."""
     share = jnp.minimum(1.0, force / jnp.sqrt(push.dot(push) + 1e-20))
     return Servo(push * share, jnp.clip(turn, -torque, torque))
 
 
 def hold(velocity: Vec, spin: Array, given: Servo, blocks: Bodies, force, torque) -> Servo:
-    """The table's summed impulses on the blocks: it resists any motion."""
+    """The table's summed impulses on the blocks, which resist any motion."""
     push = given.push - velocity * (1.0 / blocks.inverse_mass)
     return _clamp(push, given.turn - spin / blocks.inverse_inertia, force, torque)
 
 
 def drive(velocity: Vec, spin, given: Servo, aim: Aims, base: Bodies, force, torque) -> Servo:
-    """The summed impulses of the servos of speed and turn."""
+    """The summed impulses of the speed and turn servos."""
     push = given.push + (aim.drive - velocity) * (1.0 / base.inverse_mass)
     return _clamp(push, given.turn + (aim.turn - spin) / base.inverse_inertia, force, torque)
 
@@ -125,7 +125,7 @@ _Parts = tuple[Vec, Array]  # velocities and spins: of the base, then of the fin
 
 
 def pin(velocity: Vec, spin: Array, j: Vec, aim: Aims, bodies: Bodies) -> _Parts:
-    """Motions after the pivots' impulses: on the fingers, and back on the base."""
+    """Motions after the pivots' impulses: on the fingers, and the reaction on the base."""
     mass, inertia = bodies
     torque = aim.arm.cross(j)
     x = jnp.concatenate([-mass[:1] * (j.x[:1] + j.x[1:]), mass[1:] * j.x])
@@ -144,7 +144,7 @@ def turn_fingers(spin: Float[Array, "3"], j: Float[Array, "2"], bodies: Bodies):
 def fingers(
     velocity: Vec, spin: Array, given: FingerImpulses, aim: Aims, bodies: Bodies, strength
 ) -> tuple[Vec, Array, FingerImpulses]:
-    """Pivots, stops and motors of both fingers at once; bodies are base and fingers."""
+    """Solves pivots, stops and motors of both fingers at once; bodies are base and fingers."""
     mass, inertia = bodies
     light, arm = mass[0] + mass[1:], aim.arm
     a = light + inertia[0] * arm.y * arm.y

@@ -1,6 +1,6 @@
 """The second engine of a planar scene: the gripper and blocks of fixed shapes, in MuJoCo MJX.
 
-Its interface is that of `planar_physics.Physics`, its model that of `planar_model`. What MuJoCo has
+Its interface is that of `physics.Physics`, its model that of `model`. What MuJoCo has
 no equal for is computed here each substep: the drive as forces, the walls as ranges of joints, and
 the table's friction, which is a disc in the original but a square in MuJoCo, as a loss on each axis
 that follows the direction of travel. Motion without contacts agrees with the other engine; contacts
@@ -40,11 +40,10 @@ class MjxPhysics:
     """The gripper among blocks.
 
     Args:
-      blocks: the blocks' shapes, each one of `block_shapes.SHAPES`.
+      blocks: the blocks' shapes, each one of `shapes.SHAPES`.
       arena: half the side of the walls' square.
       substeps: physics steps a control step.
       iterations: of MuJoCo's Newton solver, each substep.
-      max_contacts: most contacts that one substep resolves; the deepest count.
     """
 
     def __init__(
@@ -55,14 +54,11 @@ class MjxPhysics:
         control_hz: float = 8.0,
         substeps: int = 5,
         iterations: int = 2,
-        max_contacts: int = 16,
     ):
         self.arena, self.substeps = arena, substeps
         self.dt = 1.0 / (control_hz * substeps)
         self._ahead = 0.5 - 0.05 * substeps if substeps < 10 else 0.0
-        self.mj_model = planar_model.build(
-            blocks, timestep=self.dt, iterations=iterations, max_contacts=max_contacts
-        )
+        self.mj_model = planar_model.build(blocks, timestep=self.dt, iterations=iterations)
         self._model = mjx.put_model(self.mj_model, impl="jax")
         self._blank = mjx.make_data(self._model, impl="jax")
         robot = robots.robot("gripper")
@@ -71,14 +67,9 @@ class MjxPhysics:
         self._finger = fingers[0]  # the right one weighs the same
         self._corners = np.stack([f.corners for f in fingers]).astype(np.float32)  # (2, C, 2)
 
-    @property
-    def memory_size(self) -> int:
-        """How many numbers `step` remembers beside poses and velocities."""
-        return self.mj_model.nv
-
     def rest(self) -> Float[Array, "I"]:
         """The memory of a scene in which nothing has touched yet."""
-        return jnp.zeros(self.memory_size)
+        return jnp.zeros(self.mj_model.nv)
 
     def step(
         self,
@@ -89,16 +80,9 @@ class MjxPhysics:
         strengths: Strengths,
         command: Command,
     ) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"], Float[Array, "I"]]:
-        """One control step.
+        """One control step, as `Physics.step`.
 
-        Args:
-          pose: x, y (arena units) and angle (rad) of base, left finger, right finger, blocks.
-          velocity: their rates, per second.
-          memory: the last accelerations, with which the solver begins.
-          shapes: of the blocks; those that the model was built for.
-
-        Returns:
-          The same three a control step later.
+        Shapes are those that the model was built for; the memory is the last accelerations.
         """
         dt, ahead = self.dt, self._ahead
 
@@ -134,7 +118,7 @@ class MjxPhysics:
         return self._outlines.clearance(pose, shapes)
 
     def _acceleration(self, place, rate, memory, force, shapes, strengths) -> Float[Array, "Q"]:
-        """What MuJoCo's solver finds for joints at `place` that move at `rate`."""
+        """Accelerations that MuJoCo's solver finds for joints at `place` that move at `rate`."""
         model = self._model.replace(
             jnt_range=self._ranges(place, shapes), dof_frictionloss=_losses(rate, strengths)
         )
@@ -145,7 +129,7 @@ class MjxPhysics:
     # ---------------------------------------------------------------- drive
 
     def _drive(self, before, place, rate, strengths: Strengths, command: Command):
-        """Forces (5,) on the gripper's joints: servos towards a velocity, each within its strength.
+        """Forces (5,) on the gripper's joints: velocity servos, each limited to its strength.
 
         The force that reaches the aim in one substep takes the whole inertia matrix: servos on each
         joint alone would shake the light fingers.
@@ -191,7 +175,7 @@ class MjxPhysics:
     # ---------------------------------------------------------------- walls
 
     def _ranges(self, place: Float[Array, "Q"], shapes: BlockShape) -> Float[Array, "Q 2"]:
-        """Walls and stops: how far each joint may go at the bodies' present angles."""
+        """Joint ranges for walls and stops at the bodies' present angles."""
         low, high = block_shapes.extents(shapes, place[_JOINTS + 2 :: 3])
         points = self._tips(place)
         disc = self._base.radius
@@ -204,7 +188,7 @@ class MjxPhysics:
         return jnp.concatenate([free[0], stops, free[1:].reshape(-1, 2)])
 
     def _tips(self, place: Float[Array, "Q"]) -> Float[Array, "C 2"]:
-        """Corners of both fingers relative to the base's centre, world axes."""
+        """Positions of both fingers' corners relative to the base's centre, world axes."""
         arm, turned = _arms(place[2]), heading((place[2] + place[3:_JOINTS])[:, None])
         corners = Vec(self._corners[..., 0], self._corners[..., 1]).out_of(turned)
         x, y = arm.x[:, None] + corners.x, arm.y[:, None] + corners.y
@@ -215,7 +199,7 @@ class MjxPhysics:
 
 
 def _arms(yaw: Float[Array, ""]) -> Vec:
-    """From the base's centre to the left and the right pivot, world axes."""
+    """Vectors from the base's centre to the left and the right pivot, world axes."""
     return Vec(*robots.PIVOTS.T.astype(np.float32)).out_of(heading(yaw))
 
 
@@ -247,7 +231,7 @@ def _poses(
 
 
 def _limited(force: Float[Array, "5"], push, turn, grip: Float[Array, "2"]) -> Float[Array, "5"]:
-    """Forces cut to the largest push, which keeps its direction, turn and grip."""
+    """Forces clipped to the largest push (keeping its direction), turn and grip."""
     share = jnp.minimum(1.0, push / jnp.sqrt(jnp.sum(force[:2] ** 2) + 1e-12))
     turned = jnp.clip(force[2:3], -turn, turn)
     return jnp.concatenate([share * force[:2], turned, jnp.clip(force[3:], -grip, grip)])

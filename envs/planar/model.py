@@ -24,6 +24,7 @@ __all__ = ["FINGER_TORQUE", "build", "finger_armature"]
 
 FINGER_TORQUE = 4.0  # largest, of the original's finger motors
 TABLE_FORCE, TABLE_TORQUE = 1.5, 0.1  # most that the original's table resists a block with
+_MAX_CONTACTS = 16  # that a substep resolves; the deepest count
 # MuJoCo's contacts are springs whose stiffness scales with the lighter body's mass, so a gripped
 # block of 0.01 would be pierced. At this impedance it yields by 0.005 at the largest grip.
 _HARD = "0.999 0.999 0.01"
@@ -56,7 +57,7 @@ def _inertial(mass: float, inertia: float) -> str:
 
 
 def _free_planar(name: str, inertial: str, loss: tuple[float, float], inner: str) -> str:
-    """A body that slides and turns; `loss` is the table's largest force and torque."""
+    """MJCF of a body that slides and turns; `loss` is the table's largest force and torque."""
     slide = f'type="slide" limited="true" range="-1 1" frictionloss="{loss[0]}"'
     return (
         f'<body name="{name}">{inertial}'
@@ -78,7 +79,7 @@ def _finger(name: str, side: int, part: robots.Part, geoms: str, timestep: float
 
 
 def _pairs(surfaces: list[tuple[list[str], float]], robot_parts: int) -> str:
-    """Contact pairs between every two bodies, but not among the robot's own parts."""
+    """Contact pairs between all bodies, except among the robot's own parts."""
     text = []
     for i, (first, mu1) in enumerate(surfaces):
         for second, mu2 in surfaces[max(i + 1, robot_parts) :]:
@@ -91,20 +92,17 @@ def _pairs(surfaces: list[tuple[list[str], float]], robot_parts: int) -> str:
     return "".join(text)
 
 
-def build(
-    blocks: tuple[str, ...], *, timestep: float, iterations: int, max_contacts: int
-) -> mujoco.MjModel:
-    """Compile the scene of the gripper and blocks.
+def build(blocks: tuple[str, ...], *, timestep: float, iterations: int) -> mujoco.MjModel:
+    """Compiles the scene of the gripper and blocks.
 
     Joint positions are the gripper's x, y (arena units), yaw, left and right finger (rad, relative
     to the base), then x, y, yaw of each block. Bodies: robot, left_finger, right_finger, block_0,
     block_1, ...
 
     Args:
-      blocks: the blocks' shapes, each one of `block_shapes.SHAPES`.
+      blocks: the blocks' shapes, each one of `shapes.SHAPES`.
       timestep: length of a substep (s).
       iterations: of the contact solver.
-      max_contacts: most contacts that a substep resolves; the deepest count.
     """
     base, *fingers = robots.robot("gripper").parts
     names, inner = _geoms("robot", planar_capsules.disc(base.radius))
@@ -129,7 +127,7 @@ def build(
           ls_iterations="5" cone="pyramidal" integrator="Euler">
     <flag eulerdamp="disable"/>
   </option>
-  <custom><numeric name="max_contact_points" data="{max_contacts}"/></custom>
+  <custom><numeric name="max_contact_points" data="{_MAX_CONTACTS}"/></custom>
   <default>
     <geom contype="0" conaffinity="0"/>
     <joint solreflimit="{2 * timestep} 1" solreffriction="{2 * timestep} 1"

@@ -32,7 +32,7 @@ BLOCK_FRICTION, WALL_FRICTION = 0.5, 0.8  # of one surface; Chipmunk multiplies 
 
 
 class _Impulses(NamedTuple):
-    """What contacts and joints have given in a substep."""
+    """The impulses of contacts and joints in a substep."""
 
     contacts: list[Impulse]  # a layer each
     table: jointing.Servo
@@ -41,7 +41,7 @@ class _Impulses(NamedTuple):
 
 
 class _Layer(NamedTuple):
-    """A layer of contacts and whom it joins."""
+    """A layer of contacts and the bodies that it joins."""
 
     rows: Rows
     kind: str  # "part", "blocks", "part walls" or "block walls"
@@ -84,15 +84,10 @@ class Physics:
             np.array([1 / p.inertia for p in parts], np.float32),
         )
 
-    @property
-    def memory_size(self) -> int:
-        """How many numbers `step` remembers beside poses and velocities."""
-        # Not by making one: outside of a program each array would be compiled by itself.
-        return jax.eval_shape(lambda: self._pack(self._none())).size
-
     def rest(self) -> Float[Array, "I"]:
         """The memory of a scene in which nothing has touched yet."""
-        return jnp.zeros(self.memory_size)
+        # Not by packing one: outside of a program each array would be compiled by itself.
+        return jnp.zeros(jax.eval_shape(lambda: self._pack(self._none())).size)
 
     # By itself, so that programs which share this object trace it once.
     @functools.partial(jax.jit, static_argnums=0)
@@ -105,7 +100,7 @@ class Physics:
         strengths: Strengths,
         command: Command,
     ) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"], Float[Array, "I"]]:
-        """One control step.
+        """Advances one control step.
 
         Args:
           pose: x, y (arena units) and angle (rad) of the robot's parts, then of the blocks.
@@ -172,7 +167,7 @@ class Physics:
         return pose + self.dt * self._ahead * velocity, velocity, shift, impulses
 
     def _motions(self, velocity: Float[Array, "E 3"]) -> tuple[Motion, Motion]:
-        """Of the robot's parts and of the blocks."""
+        """Motions of the robot's parts and of the blocks."""
         count = len(self.robot.parts)
 
         def motion(v):
@@ -186,7 +181,7 @@ class Physics:
         return Bodies(jnp.full_like(inertia, 1 / self.block_mass), inertia)
 
     def _problem(self, before, pose, spin, shapes: BlockShape, command: Command):
-        """Contacts and aims of a substep."""
+        """Contacts and joint targets of a substep."""
         count, dt = len(self.robot.parts), self.dt
         place = Frames(Vec(pose[:, 0], pose[:, 1]), heading(pose[:, 2]))
         place = fence(place)
@@ -213,7 +208,7 @@ class Physics:
         return layers, aim
 
     def _warm(self, layers, aim, motion, impulses: _Impulses, shapes) -> tuple[Motion, Motion]:
-        """Motions after the last substep's impulses."""
+        """Motions after the last substep's impulses (warm start)."""
         parts, blocks = motion
         for layer, j in zip(layers, impulses.contacts, strict=True):
             parts, blocks = _kicked(layer, j, parts, blocks)

@@ -1,4 +1,4 @@
-"""Vectors of the plane as two arrays, one a component.
+"""Vectors of the plane as two arrays, one for each component.
 
 Kept apart, the components of many vectors are long, dense arrays that XLA runs through at full
 width; an axis of length two at the end would leave most of a processor's lanes empty.
@@ -46,19 +46,19 @@ class Vec:
         return self.x * other.y - self.y * other.x
 
     def turned(self) -> "Vec":
-        """A quarter turn counter-clockwise."""
+        """Rotates by a quarter turn counter-clockwise."""
         return Vec(-self.y, self.x)
 
     def out_of(self, frame: "Vec") -> "Vec":
-        """From a frame that is rotated by (cosine, sine) into the world's."""
+        """Rotates from a frame turned by (cosine, sine) into the world's."""
         return Vec(frame.x * self.x - frame.y * self.y, frame.y * self.x + frame.x * self.y)
 
     def into(self, frame: "Vec") -> "Vec":
-        """From the world's frame into one that is rotated by (cosine, sine)."""
+        """Rotates from the world's frame into one turned by (cosine, sine)."""
         return Vec(frame.x * self.x + frame.y * self.y, frame.x * self.y - frame.y * self.x)
 
     def roll(self, shift: int) -> "Vec":
-        """Shift along the first axis."""
+        """Shifts along the first axis."""
         return Vec(jnp.roll(self.x, shift, axis=0), jnp.roll(self.y, shift, axis=0))
 
 
@@ -68,7 +68,7 @@ def heading(angle: Float[Array, "..."]) -> Vec:
 
 
 def fence(tree):
-    """The same arrays, of which no part is computed twice.
+    """The same arrays, fenced so that XLA computes no part of them twice.
 
     On a CPU, XLA folds cheap operations into each of their users, which here would repeat a whole
     search for every field of its result, and a sweep's first contacts for each of its last: 5 times
@@ -93,5 +93,5 @@ def where(condition: Array, a: Vec, b: Vec) -> Vec:
 
 
 def joined(parts: list[Vec]) -> Vec:
-    """Vectors one after another along the first axis."""
+    """Concatenates vectors along the first axis."""
     return Vec(jnp.concatenate([p.x for p in parts]), jnp.concatenate([p.y for p in parts]))

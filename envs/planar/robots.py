@@ -45,7 +45,7 @@ class Robot(NamedTuple):
 
     @property
     def has_fingers(self) -> bool:
-        """Whether there are fingers to open and close."""
+        """True if there are fingers to open and close."""
         return len(self.parts) > 1
 
 
@@ -102,5 +102,5 @@ ROBOTS = tuple(_ROBOTS)
 
 
 def robot(name: str) -> Robot:
-    """A robot by name, one of `ROBOTS`."""
+    """The robot of the given name, one of `ROBOTS`."""
     return _ROBOTS[name]()

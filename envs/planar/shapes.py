@@ -1,4 +1,4 @@
-"""The blocks' shapes as data: one compiled program serves any mix of them.
+"""The blocks' shapes as data, so that one compiled program serves any mix of them.
 
 All four shapes have a symmetry that folds the plane around them into a single wedge: choose the
 direction (a face's normal for a polygon, a tip for the star) that lies nearest to the point, and
@@ -88,7 +88,7 @@ _STACKED = _Kind(
 
 
 def blocks(shape: Int[Array, "B"]) -> BlockShape:
-    """The shapes of blocks given by their index in `SHAPES`."""
+    """The shapes of blocks, given by their index in `SHAPES`."""
     kind = _Kind(*(jnp.asarray(field)[shape] for field in _STACKED))
     several = lambda f: Vec(f[..., 0].T, f[..., 1].T)  # noqa: E731  (B, 5, 2) to (5, B) twice
     return BlockShape(
@@ -114,7 +114,7 @@ def outline(name: str) -> np.ndarray:
 
 
 def signed_distance(shape: BlockShape, point: Vec, middle: Vec | None = None) -> tuple[Array, Vec]:
-    """Distance of points to the blocks' rims, negative inside, and the unit normal outwards.
+    """Signed distance of points to the blocks' rims, negative inside, and the outward unit normal.
 
     Args:
       shape: of B blocks.
@@ -149,7 +149,7 @@ def signed_distance(shape: BlockShape, point: Vec, middle: Vec | None = None) ->
 
 
 def _towards(shape: BlockShape, point: Vec, middle: Vec, nearest: Vec, along: Array, side: Array):
-    """The sector in which a point inside a block is folded, given the middle of its body.
+    """The sector into which a point inside a block is folded, given the middle of its body.
 
     A polygon's sectors are its faces. A star's are its arms, which are right as they are, but an
     arm has two sides.

@@ -1,4 +1,4 @@
-"""Boxes of things in space, and whether they touch. A camera's view is in `tabletop_camera`."""
+"""Boxes of things in space, and whether they touch. A camera's view is in `camera`."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ _NEAR = 0.0015  # metres; a contact of MuJoCo's gives way by less
 
 
 class Boxes(NamedTuple):
-    """Boxes around N things, in the world."""
+    """Oriented boxes around N objects, in the world."""
 
     position: Float[Array, "*N 3"]  # centres, metres
     rotation: Float[Array, "*N 3 3"]
@@ -38,7 +38,7 @@ def lowest(boxes: Boxes) -> Float[Array, "*N"]:
 
 
 def touching(small: Boxes, large: Boxes) -> Bool[Array, "*B"]:
-    """Whether a small box touches a large one.
+    """True if a small box touches a large one.
 
     The small one counts with its extents along the axes of the large one: exact where they are
     parallel, as pads on what they hold are, and never too few otherwise.
@@ -50,5 +50,5 @@ def touching(small: Boxes, large: Boxes) -> Bool[Array, "*B"]:
 
 
 def free(pads: Boxes, thing: Boxes) -> Bool[Array, ""]:
-    """Whether no pad touches the thing."""
+    """True if no pad touches the thing."""
     return ~jax.vmap(touching, in_axes=(0, None))(pads, thing).any()

@@ -1,4 +1,4 @@
-"""The camera that looks at the table: boxes in space to boxes in the picture.
+"""The camera that looks at the table: projects boxes in space to boxes in the picture.
 
 It stands opposite the robot, a little to the robot's right, and looks down at the table: x of the
 picture is to the robot's left, y is up. Pictures are square, and their units are half a width: the
@@ -35,7 +35,7 @@ CAMERA = Camera(place=(1.5, -0.05, 1.0), target=(0.45, -0.05, 0.2), field=float(
 
 @functools.cache
 def axes(camera: Camera) -> np.ndarray:
-    """Rows: the picture's x and y axes and the direction of view, in the world's axes (3, 3)."""
+    """Rows are the picture's x and y axes and the view direction, in world axes (3, 3)."""
     forward = np.subtract(camera.target, camera.place)
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, (0.0, 0.0, 1.0))
@@ -44,7 +44,7 @@ def axes(camera: Camera) -> np.ndarray:
 
 
 def _corners(camera: Camera, position, rotation, half):
-    """The corners (..., 8, 2) of boxes, in the picture; arrays of NumPy or of JAX."""
+    """Projected corners (..., 8, 2) of boxes; arrays of NumPy or of JAX."""
     offset = _SIGNS * half[..., None, :]
     offset = (rotation[..., None, :, :] * offset[..., None, :]).sum(-1)
     away = position[..., None, :] + offset - np.array(camera.place, np.float32)
@@ -54,7 +54,7 @@ def _corners(camera: Camera, position, rotation, half):
 
 
 def project(camera: Camera, boxes: Boxes) -> tuple[Float[Array, "*N 2"], Float[Array, "*N 2"]]:
-    """Middles, and widths and heights, of the boxes in the picture: of all eight corners of each.
+    """Centres and sizes of the boxes in the picture, over all eight corners of each.
 
     Nothing hides anything here: these are the boxes of whole things.
     """
@@ -81,6 +81,6 @@ def _chain(points: np.ndarray) -> list[np.ndarray]:
 
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Above 0 if the way over b turns left."""
+    """Positive if the path a, b, c turns left."""
     (x, y), (u, v) = b - a, c - b
     return float(x * v - y * u)

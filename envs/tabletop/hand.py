@@ -1,4 +1,4 @@
-"""The arm in C MuJoCo: an episode of a tabletop task that a script drives, recorded as it goes.
+"""The arm in C MuJoCo: a scripted episode of a tabletop task, recorded step by step.
 
 Model, controller and control rate are those of the environment. C MuJoCo needs no compilation and
 plays one episode faster than MJX on a CPU plays many: 400 control steps in 0.13 s.
@@ -26,20 +26,15 @@ _TURN_WORTH = 0.1  # metres that a turn of 1 rad counts for
 
 
 class Hand:
-    """An episode under way; the hand points down and holds `grip` and `yaw` between moves.
+    """A running episode; the hand points down and holds `grip` and `yaw` between moves.
 
     Args:
-      env: a tabletop environment with the controller "ee_delta_yaw".
+      env: a tabletop environment.
       start: of its `reset`.
       limit: control steps after which nothing happens any more.
-
-    Raises:
-      ValueError: the environment has another controller.
     """
 
     def __init__(self, env: Tabletop, start: State, *, limit: int = 1000):
-        if env.controller != "ee_delta_yaw":
-            raise ValueError(f"controller is {env.controller!r}, but must be 'ee_delta_yaw'")
         data = jax.tree.map(np.asarray, start.data)
         self.env, self.fixtures, self._limit = env, data.fixtures, limit
         self._model = env.physics.mj_model
@@ -57,12 +52,12 @@ class Hand:
 
     @property
     def qpos(self) -> np.ndarray:
-        """Joint positions now."""
+        """Current joint positions."""
         return self._data.qpos
 
     @property
     def steps(self) -> int:
-        """Control steps so far."""
+        """Number of control steps so far."""
         return len(self.positions) - 1
 
     def _record(self) -> None:
@@ -71,7 +66,7 @@ class Hand:
         self.targets.append(self._target)
 
     def act(self, action: Float[np.ndarray, "5"]) -> None:
-        """One control step of the environment's."""
+        """Advances one control step of the environment."""
         if self.steps >= self._limit:
             return
         action = np.clip(action, -1, 1).astype(np.float32)
@@ -84,12 +79,12 @@ class Hand:
         self._record()
 
     def rest(self, steps: int) -> None:
-        """Hold still."""
+        """Holds still."""
         for _ in range(steps):
             self.act(_still(self.grip))
 
     def move(self, goal, *, speed: float, yaw: float | None = None) -> None:
-        """In a straight line to a place of the tool centre point, or as near as the arm comes.
+        """Moves the tool centre point straight to a place, or as near as the arm comes.
 
         Args:
           goal: x, y, z, metres.
@@ -112,12 +107,12 @@ class Hand:
             self.act(np.array([*(gap * share / _MOVE), turn / _TURN, self.grip]))
 
     def close(self, steps: int = 6) -> None:
-        """Close the gripper."""
+        """Closes the gripper."""
         self.grip = CLOSED
         self.rest(steps)
 
     def open(self, steps: int = 5) -> None:
-        """Open it."""
+        """Opens the gripper."""
         self.grip = OPEN
         self.rest(steps)
 
@@ -133,16 +128,16 @@ def _tool():
 
 @functools.cache
 def _aim():
-    """The controller, and where it wants the tool centre point."""
+    """The jitted controller, which also returns the target of the tool centre point."""
 
     def aim(target, arm, action, rest, dt):
-        target = control.aim("ee_delta_yaw", target, arm, action, rest=rest, dt=dt)
+        target = control.aim(target, arm, action, rest=rest, dt=dt)
         return target, kinematics.tcp(target[:7])
 
     return jax.jit(aim, static_argnames="dt")
 
 
 def _pose(tool: Frame) -> tuple[np.ndarray, float]:
-    """Place, and the yaw of a hand that points down."""
+    """Position, and yaw of a hand that points down."""
     x, y, _ = np.asarray(tool.rotation)[:, 0]
     return np.asarray(tool.position), float(np.arctan2(y, x))

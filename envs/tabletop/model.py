@@ -1,4 +1,4 @@
-"""MJCF of a tabletop scene: the Panda, a table at z = 0, and what a task puts on it.
+"""MJCF of a tabletop scene: the Panda, a table at z = 0, and the task's objects.
 
 Contacts are an explicit list of pairs, so that nothing is looked for that does not matter, and all
 of them are among planes, spheres, capsules and boxes. How stiff they are decides how many Newton
@@ -26,7 +26,7 @@ class Pair(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What a task adds to the arm and the table."""
+    """A task's additions to the arm and the table."""
 
     bodies: str  # MJCF; joints of free things come after the arm's, in this order
     pairs: tuple[Pair, ...]
@@ -43,7 +43,7 @@ def _pair(pair: Pair) -> str:
 def build(
     scene: Scene, *, timestep: float, iterations: int, ls_iterations: int, max_contacts: int
 ) -> mujoco.MjModel:
-    """Compile a scene.
+    """Compiles a scene.
 
     Args:
       scene: the task's part.

@@ -1,4 +1,4 @@
-"""Moments within recorded episodes, from which training episodes may begin.
+"""Snapshots from recorded episodes, as starting states of training episodes.
 
 A task of several stages is hardly ever finished by chance. Where some episodes begin when part of
 it is done, each stage is met from the first update on (Nair et al. 2018, Salimans and Chen 2018).
@@ -17,7 +17,7 @@ __all__ = ["Moments", "draw", "record_of"]
 
 
 class Moments(NamedTuple):
-    """P moments, of any episodes; or one of them, without the axis P."""
+    """P snapshots of any episodes; or one of them, without the axis P."""
 
     qpos: Float[Array, "*P Q"]
     qvel: Float[Array, "*P V"]
@@ -29,12 +29,12 @@ class Moments(NamedTuple):
 
 
 def draw(key: PRNGKeyArray, moments: Moments) -> Moments:
-    """One of them, each as likely. The key is consumed."""
+    """Samples one of them uniformly. The key is consumed."""
     at = jax.random.randint(key, (), 0, len(moments.best))
     return jax.tree.map(lambda x: jnp.asarray(x)[at], moments)
 
 
 def record_of(moment: Moments) -> Record:
-    """What an episode that begins there remembers of what has been done."""
+    """The record of an episode that begins there."""
     stage_time = jnp.where(moment.reached, 0, -1).astype(jnp.int32)
     return Record(stage_time, jnp.zeros((), jnp.int32), moment.best.astype(jnp.int32))

@@ -1,4 +1,4 @@
-"""What a policy sees of a tabletop scene, and what each number is.
+"""Observations of a tabletop scene, and the name of each number.
 
 Seven joints and the left finger's opening, their rates, the servos' lead over them; the hand's
 place and two of its axes; each thing's place from the hand and two of its axes; the rates of the
@@ -27,7 +27,7 @@ def observe(
     reached: Bool[Array, "K"],
     action: Float[Array, "A"],
 ) -> Float[Array, "O"]:
-    """The numbers.
+    """The observation vector.
 
     Args:
       motion: of all joints, the arm's first.
@@ -51,7 +51,7 @@ def observe(
 def names(
     things: tuple[str, ...], stages: tuple[str, ...], actions: tuple[str, ...], *, rates: int
 ) -> tuple[str, ...]:
-    """What each number is; `rates` is how many velocities the task's joints have."""
+    """The name of each number; `rates` is how many velocities the task's joints have."""
     axes = [f"{axis} axis {p}" for axis in ("x", "y") for p in _PLACE]
     return (
         *_JOINTS, *(f"{j} rate" for j in _JOINTS), *(f"{j} lead" for j in _JOINTS),

@@ -10,9 +10,9 @@ slowly: it repeats each link's chain for each number that depends on it. There, 
 XLA_FLAGS.
 
 MuJoCo Warp, where it is installed, can take the place of MJX's own JAX code. A step of either is
-that of C MuJoCo (`spent_servos` says what MJX needs for it); they keep other contacts when there
-are many. Warp is written for NVIDIA GPUs, where it is several times faster, runs on a CPU too, and
-has no derivatives.
+that of C MuJoCo (`saturated_servos` says what MJX needs for it); they keep other contacts when
+there are many. Warp is written for NVIDIA GPUs, where it is several times faster, runs on a CPU
+too, and has no derivatives.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import mujoco
-from gril_jax.envs.panda.saturated_servos import constant_where_spent, driven
+from gril_jax.envs.panda.saturated_servos import constant_where_saturated, driven
 from jaxtyping import Array, Float
 
 with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
@@ -37,7 +37,7 @@ _ROWS = 6  # of the solver for each contact: 4 of its pyramid, and what joints a
 
 
 class Motion(NamedTuple):
-    """What moves, Q positions and V velocities: the arm's nine joints, then the task's."""
+    """Q positions and V velocities: the arm's nine joints, then the task's."""
 
     qpos: Float[Array, "Q"]  # rad, metres; a free joint has its position and quaternion
     qvel: Float[Array, "V"]
@@ -48,14 +48,14 @@ class Physics:
     """A compiled scene.
 
     Args:
-      model: of `tabletop_model.build`.
+      model: of `model.build`.
       substeps: physics steps a control step.
       impl: one of `IMPLEMENTATIONS`: "jax" is MJX, "warp" MuJoCo Warp.
       worlds: with Warp, the most environments that are stepped together. Their contacts share one
         table, and those that find no room in it are lost; Warp says so.
 
     Raises:
-      ValueError: Warp is not installed, or the scene's servos are not as `spent_servos.driven`
+      ValueError: Warp is not installed, or the scene's servos are not as `saturated_servos.driven`
         takes them.
     """
 
@@ -78,17 +78,17 @@ class Physics:
         self._blank = mjx.make_data(model if room else self._model, impl=impl, **room)
 
     def start(self, qpos: Float[Array, "Q"]) -> Motion:
-        """Everything at rest."""
+        """The motion of a scene at rest."""
         rest = jnp.zeros(self.mj_model.nv)
         return Motion(qpos, rest, rest)
 
     def _model_for(self, motion: Motion, aim: Float[Array, "U"]):
         if self._impl == "warp":
             return self._model
-        return constant_where_spent(self._model, self._driven, motion.qpos, motion.qvel, aim)
+        return constant_where_saturated(self._model, self._driven, motion.qpos, motion.qvel, aim)
 
     def step(self, motion: Motion, aim: Float[Array, "U"], fixtures: Float[Array, "M 7"]) -> Motion:
-        """One control step.
+        """Advances one control step.
 
         Args:
           motion: before it.
@@ -110,7 +110,7 @@ class Physics:
 
 
 def _untold_of_iterations(model: mjx.Model) -> mjx.Model:
-    """Warp's model without a line of print for each solution that the few iterations cut short.
+    """Warp's model without the warning that it prints whenever the iteration limit cuts a solve.
 
     They are so few on purpose, and thousands of environments would say so in each step. What says
     that a contact found no room is left.

@@ -1,4 +1,4 @@
-"""Pictures of a tabletop scene, and which thing each of their pixels shows, without a display.
+"""Pictures of a tabletop scene with per-pixel object ids, rendered without a display.
 
 OpenGL comes through EGL (a graphics card, or Mesa in software) or OSMesa; the environment variable
 MUJOCO_GL may name one of them. What is painted is what a graph has: each thing is the box that the
@@ -35,14 +35,14 @@ _COLOURS = (
 
 
 class Picture(NamedTuple):
-    """One moment as the camera sees it; the first row is the top."""
+    """One state as the camera sees it; the first row is the top."""
 
     frame: UInt8[np.ndarray, "P P 3"]  # RGB
     thing: Int8[np.ndarray, "P P"]  # index of the object that a pixel shows; -1 scenery
 
 
 class Renderer:
-    """Paints moments of one environment.
+    """Renders states of one environment.
 
     Objects find their shapes by name: those of "shoe A" are in the body "shoe_a".
 
@@ -79,21 +79,14 @@ class Renderer:
         self,
         qpos: Float[np.ndarray, "Q"],
         fixtures: Float[np.ndarray, "M 7"],
-        *,
-        colour: bool = True,
     ) -> Picture:
-        """One moment.
+        """Renders one state.
 
         Args:
           qpos: joint positions, as in `Motion`.
           fixtures: position and quaternion of what stands still.
-          colour: whether to paint the frame; else it is black, at half the cost.
         """
-        if colour:
-            frame = self.frame(qpos, fixtures)
-        else:
-            self._place(qpos, fixtures)
-            frame = np.zeros((self.pixels, self.pixels, 3), np.uint8)
+        frame = self.frame(qpos, fixtures)
         segmented = (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)
         for flag in segmented:
             self._scene.flags[flag] = True
@@ -110,11 +103,7 @@ class Renderer:
     def frame(
         self, qpos: Float[np.ndarray, "Q"], fixtures: Float[np.ndarray, "M 7"]
     ) -> UInt8[np.ndarray, "P P 3"]:
-        """The colours alone of one moment; arguments as those of `picture`."""
-        self._place(qpos, fixtures)
-        return self._read()
-
-    def _place(self, qpos: np.ndarray, fixtures: np.ndarray) -> None:
+        """Renders the colours alone of one state; arguments as for `picture`."""
         self._gl.make_current()
         self._data.qpos[:] = qpos
         self._data.mocap_pos[:], self._data.mocap_quat[:] = np.split(fixtures, [3], axis=1)
@@ -123,6 +112,7 @@ class Renderer:
             self._model, self._data, self._options, None, self._camera,
             mujoco.mjtCatBit.mjCAT_ALL, self._scene,
         )  # fmt: skip
+        return self._read()
 
     def _read(self) -> UInt8[np.ndarray, "P P 3"]:
         pixels = np.empty((self.pixels, self.pixels, 3), np.uint8)
@@ -132,14 +122,14 @@ class Renderer:
         return np.ascontiguousarray(pixels[::-1])
 
     def close(self) -> None:
-        """Give the memory back."""
+        """Frees the memory."""
         self._gl.make_current()
         self._target.free()
         self._gl.free()
 
 
 def _open(pixels: int):
-    """An OpenGL context of the first backend that works."""
+    """An OpenGL context from the first backend that works."""
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     platform, reasons = os.environ.get("PYOPENGL_PLATFORM"), []
     for name in (wanted,) if wanted in _BACKENDS else _BACKENDS:
@@ -160,7 +150,7 @@ def _open(pixels: int):
 
 
 def _dress(model: mujoco.MjModel, data: mujoco.MjData, env: Tabletop, start: State) -> np.ndarray:
-    """Turn shapes into the boxes of the things, in colours; gives the object of each geom."""
+    """Turns shapes into coloured boxes of the objects; returns each geom's object."""
     motion = start.data.motion
     data.qpos[:] = motion.qpos
     data.mocap_pos[:], data.mocap_quat[:] = np.split(np.asarray(start.data.fixtures), [3], axis=1)
@@ -185,7 +175,7 @@ def _dress(model: mujoco.MjModel, data: mujoco.MjData, env: Tabletop, start: Sta
 
 
 def _make_box(model, data, geom: int, body: int, box: Boxes) -> None:
-    """Give a geom the place and shape of a box in space."""
+    """Gives a geom the position and shape of a box in space."""
     turn = data.xmat[body].reshape(3, 3)
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, (turn.T @ box.rotation).astype(np.float64).reshape(9))

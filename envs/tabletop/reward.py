@@ -14,15 +14,16 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from . import REWARDS
+
 __all__ = ["REWARDS", "Progress", "Record", "closeness", "no_record", "record", "reward"]
 
-REWARDS = ("staged", "stages", "sparse")
 _SUSTAINED = 5  # moments, the reset being one
 _SUCCESS_BONUS, _CHANGE_COST = 5.0, 0.01
 
 
 class Progress(NamedTuple):
-    """How far a task is at one moment."""
+    """The progress of a task at one moment."""
 
     done: Bool[Array, "K"]  # the stages that hold now
     within: Float[Array, ""]  # progress in the next one, from 0 to 1
@@ -30,7 +31,7 @@ class Progress(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What an episode remembers of its progress."""
+    """The memory of an episode's progress."""
 
     stage_time: Int[Array, "K"]  # control steps after which each stage first held; -1 not yet
     held: Int[Array, ""]  # moments in a row with the condition of success
@@ -42,17 +43,17 @@ class Record(NamedTuple):
 
     @property
     def reached(self) -> Bool[Array, "K"]:
-        """Stages that have held at some time."""
+        """True for each stage that has held at some time."""
         return self.stage_time >= 0
 
 
 def closeness(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, ""]:
-    """1 at distance 0, 0.76 lost at 20 cm: 1 - tanh(5 distance)."""
+    """1 - tanh(5 distance): 1 at distance 0, 0.24 at 20 cm."""
     return 1.0 - jnp.tanh(5.0 * jnp.sqrt(jnp.sum((a - b) ** 2) + 1e-12))
 
 
 def no_record(stages: int) -> Record:
-    """Of an episode in which nothing has been seen yet."""
+    """The record of an episode in which nothing has been seen yet."""
     zero = jnp.zeros((), jnp.int32)
     return Record(jnp.full(stages, -1, jnp.int32), zero, zero)
 

@@ -1,4 +1,4 @@
-"""How an episode on the table starts: a group of things moved as one, and each of them a little.
+"""Starts on the table: a group of things moved as one, and each of them a little.
 
 As in RLBench a task's things are one rigid group, put down with a random offset and yaw; each then
 gets a jitter of its own. Arrangements in which things overlap are rejected, inside the compiled
@@ -22,7 +22,7 @@ _CANDIDATES = 32
 
 
 class Start(NamedTuple):
-    """A start of a task's own things."""
+    """Start of a task's own objects."""
 
     joints: Float[Array, "J"]  # positions of the joints after the arm's
     fixtures: Float[Array, "M 7"]  # position and quaternion of what stands still
@@ -30,14 +30,14 @@ class Start(NamedTuple):
 
 
 class Footprint(NamedTuple):
-    """Where N things stand on the table."""
+    """The places of N things on the table."""
 
     place: Float[Array, "*N 3"]  # x, y (metres), yaw (rad)
     half: Float[Array, "*N 2"]  # half extents along their own axes, metres
 
 
 def apart(a: Footprint, b: Footprint) -> Bool[Array, ""]:
-    """Whether a gap of 1 cm or more is between two things (the separating axis theorem)."""
+    """True if a gap of 1 cm or more is between two things (the separating axis theorem)."""
     yaws = jnp.stack([a.place[2], a.place[2] + jnp.pi / 2, b.place[2], b.place[2] + jnp.pi / 2])
     axes = jnp.stack([jnp.cos(yaws), jnp.sin(yaws)], axis=1)  # (4, 2)
 
@@ -50,7 +50,7 @@ def apart(a: Footprint, b: Footprint) -> Bool[Array, ""]:
 
 
 def group(key: PRNGKeyArray, places: Float[Array, "N 3"], *, share: float) -> Float[Array, "N 3"]:
-    """Places (x, y, yaw) after one draw of the group's offset and yaw; the key is consumed.
+    """Places (x, y, yaw) after one random offset and yaw of the group; the key is consumed.
 
     Args:
       places: in the task's own layout.
@@ -68,7 +68,7 @@ def group(key: PRNGKeyArray, places: Float[Array, "N 3"], *, share: float) -> Fl
 def place(
     key: PRNGKeyArray, things: Footprint, standing: Footprint, *, share: float
 ) -> tuple[Float[Array, "N 3"], Bool[Array, ""]]:
-    """The things a little elsewhere, clear of each other and of what is standing.
+    """Jitters the objects, clear of each other and of fixed ones.
 
     Args:
       key: consumed.
@@ -96,7 +96,7 @@ def place(
 
 
 def free_joint(places: Float[Array, "N 3"], height: Float[Array, ""] | float):
-    """Positions (7 N,) of free joints of things that stand level with their centres at `height`."""
+    """Positions (7 N,) of free joints of objects that stand level with centres at `height`."""
     heights = jnp.full((len(places), 1), height)
     rows = (places[:, :2], heights, quaternion_about_z(places[:, 2]))
     return jnp.concatenate(rows, axis=1).reshape(-1)

@@ -1,12 +1,12 @@
-"""A Panda at a table: the environment that all tabletop tasks share.
+"""A Panda at a table: the environment shared by all tabletop tasks.
 
 Control runs at 20 Hz over physics of 5 ms. The base of the arm is the origin, x points forward,
 y to its left, z up, and the table is at z = 0; lengths are metres. What a task adds (things,
 their starts and stages) is a `Task`: a value with a few pure functions, no class to inherit from.
 
-Actions: see `panda_control`. Observation: see `tabletop_observation`.
+Actions: see `panda.control`. Observation: see `observation`.
 Objects: left finger, right finger, hand, then the task's; their boxes are those of whole things in
-the camera's picture (`tabletop_camera`). `world_boxes` gives the same boxes in space.
+the camera's picture (`camera`). `world_boxes` gives the same boxes in space.
 """
 
 from collections.abc import Callable
@@ -16,13 +16,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.base import Objects, Outline, State
+from gril_jax.envs.checks import check_counts, check_known, check_shares
 from gril_jax.envs.panda import control, kinematics
 from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.panda.frames import Frame
 from gril_jax.envs.stages import Stages
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import boxes, options
+from . import boxes, physics
 from . import camera as cameras
 from . import moments as tabletop_moments
 from . import observation as observations
@@ -30,7 +31,7 @@ from . import reward as rewards
 from .boxes import Boxes
 from .model import Scene, build
 from .moments import Moments
-from .physics import Motion, Physics
+from .physics import Motion
 from .reward import Progress, Record
 from .start import Start
 
@@ -46,7 +47,7 @@ _COLOURS = (
 
 
 class View(NamedTuple):
-    """What a task's functions read of a scene."""
+    """The scene as a task's functions read it."""
 
     hand: Frame  # of the tool centre point
     pads: Boxes  # of both fingertips, (2, ...)
@@ -57,7 +58,7 @@ class View(NamedTuple):
 
 
 class Task(NamedTuple):
-    """What a task adds to the arm and the table."""
+    """A task's additions to the arm and the table."""
 
     things: tuple[str, ...]  # names, in the order of `boxes`
     stages: tuple[str, ...]  # names
@@ -68,11 +69,11 @@ class Task(NamedTuple):
     progress: Callable[[View, Boxes], Progress]
     episode_length: int
     by_boxes: Callable[..., Stages] | None = None
-    """(classes, half_extent=) -> what the stages are in a picture, for those who judge rewards."""
+    """(classes, half_extent=) -> the stages as seen in a picture, for audits of rewards."""
 
 
 class TabletopData(NamedTuple):
-    """What an episode must remember."""
+    """The memory of an episode."""
 
     motion: Motion
     target: Float[Array, "8"]  # the servos' aims: joints, opening of a finger
@@ -85,12 +86,11 @@ class TabletopData(NamedTuple):
 
 
 class Tabletop:
-    """A task on the table; see the module's text for actions and observations.
+    """A task on the table; see the module docstring for actions and observations.
 
     Args:
       task: what is on the table.
-      controller: one of `panda_control.CONTROLLERS`.
-      reward: one of `tabletop_reward.REWARDS`.
+      reward: "staged", "stages" or "sparse"; see `reward`.
       jitter: share of the ranges of the start's randomness, from 0 to 1.
       varied_starts: share of the episodes that begin at one of these moments:
       moments: within recorded episodes of the task.
@@ -99,7 +99,7 @@ class Tabletop:
         of a thousand episodes of random actions were not finite on a GPU.
       max_contacts: most contacts that a substep resolves; the deepest count.
       impl, worlds: what computes the physics, and for how many environments at most; see
-        `tabletop_physics.Physics`.
+        `physics.Physics`.
 
     Raises:
       ValueError: a name or a number is out of range, or a package is missing.
@@ -114,7 +114,6 @@ class Tabletop:
         self,
         task: Task,
         *,
-        controller: str = "ee_delta_yaw",
         reward: str = "staged",
         jitter: float = 1.0,
         varied_starts: float = 0.0,
@@ -128,19 +127,20 @@ class Tabletop:
         worlds: int = 4096,
     ):
         length = task.episode_length if episode_length is None else episode_length
-        options.check_names(controller=controller, reward=reward, impl=impl)
-        options.check_shares(jitter=jitter, varied_starts=varied_starts)
+        check_known("reward", reward, rewards.REWARDS)
+        check_known("impl", impl, physics.IMPLEMENTATIONS)
+        check_shares(jitter=jitter, varied_starts=varied_starts)
         if varied_starts and moments is None:
             raise ValueError(f"varied_starts is {varied_starts}, but there are no moments for it")
-        options.check_counts(
+        check_counts(
             episode_length=length, substeps=substeps, iterations=iterations,
             ls_iterations=ls_iterations, max_contacts=max_contacts, worlds=worlds,
         )  # fmt: skip
-        self.task, self.controller, self.jitter = task, controller, jitter
+        self.task, self.jitter = task, jitter
         self._varied_starts, self._moments = varied_starts, moments
         self.episode_length, self._reward = length, reward
         self.classes = (*_ROBOT, *task.things)
-        self.action_names = control.ACTION_NAMES[controller]
+        self.action_names = control.ACTION_NAMES
         self.action_size = len(self.action_names)
         self.stage_names, self.stages = task.stages, None
         if task.by_boxes is not None:
@@ -150,7 +150,7 @@ class Tabletop:
             task.scene, timestep=1 / (CONTROL_HZ * substeps), iterations=iterations,
             ls_iterations=ls_iterations, max_contacts=max_contacts,
         )  # fmt: skip
-        self.physics = Physics(model, substeps=substeps, impl=impl, worlds=worlds)
+        self.physics = physics.Physics(model, substeps=substeps, impl=impl, worlds=worlds)
         self.observation_names = observations.names(
             task.things, self.stage_names, self.action_names, rates=model.nv - panda_model.DOFS
         )
@@ -159,7 +159,7 @@ class Tabletop:
     # ---------------------------------------------------------------- episode
 
     def reset(self, key: PRNGKeyArray) -> State:
-        """A new episode; the key is consumed."""
+        """Starts a new episode; the key is consumed."""
         if not self._varied_starts:
             return self._observe(*[self._begin(key)] * 2)
         key, key_varied, key_moment = jax.random.split(key, 3)
@@ -171,11 +171,11 @@ class Tabletop:
     def reset_to(
         self, arm: Float[Array, "7"], start: Start, *, opening: Float[Array, ""] | float
     ) -> State:
-        """An episode that begins at rest with given joints, things, and opening of each finger."""
+        """Starts an episode at rest with given joints, objects, and opening of each finger."""
         return self._observe(*[self._at_rest(arm, start, opening)] * 2)
 
     def _begin(self, key: PRNGKeyArray) -> TabletopData:
-        """As the task begins."""
+        """The task's own beginning."""
         key_start, key_arm = jax.random.split(key)
         start = self.task.start(key_start, self.jitter)
         noise = self.jitter * _ARM_NOISE * jax.random.normal(key_arm, (7,))
@@ -192,7 +192,7 @@ class Tabletop:
         )  # fmt: skip
 
     def _within(self, moment: Moments) -> tuple[TabletopData, Bool[Array, "N"]]:
-        """At a moment of a recorded episode, and what has moved by then."""
+        """A moment of a recorded episode, and the objects that have moved by then."""
         motion = self.physics.start(moment.qpos)._replace(qvel=moment.qvel)
         data = TabletopData(
             motion, moment.target, moment.fixtures, jnp.zeros(self.action_size),
@@ -202,11 +202,11 @@ class Tabletop:
         return data, moment.moved
 
     def step(self, state: State, action: Float[Array, "A"]) -> State:
-        """One control step: 50 ms under a held aim."""
+        """Advances one control step: 50 ms under a held aim."""
         before = state.data
         action = jnp.clip(action, -1.0, 1.0)
         target = control.aim(
-            self.controller, before.target, before.motion.qpos[:7], action,
+            before.target, before.motion.qpos[:7], action,
             rest=jnp.asarray(self._home), dt=self.physics.dt,
         )  # fmt: skip
         motion = self.physics.step(before.motion, target, before.fixtures)
@@ -218,7 +218,7 @@ class Tabletop:
     # ---------------------------------------------------------------- what is seen
 
     def view(self, data: TabletopData) -> View:
-        """What can be read of a scene without asking the simulator."""
+        """The scene as far as it can be read without asking the simulator."""
         robot, own = jnp.split(data.motion.qpos, [panda_model.DOFS])
         hand = kinematics.hand(robot[:7])
         pads = [
@@ -235,7 +235,7 @@ class Tabletop:
         )  # fmt: skip
 
     def world_boxes(self, data: TabletopData) -> Boxes:
-        """Boxes in space of left finger, right finger, hand, and the task's things."""
+        """Boxes in space of left finger, right finger, hand, and the task's objects."""
         robot = data.motion.qpos[: panda_model.DOFS]
         hand = kinematics.hand(robot[:7])
         own = [
@@ -248,7 +248,7 @@ class Tabletop:
         return Boxes(*(jnp.concatenate(x) for x in zip(own, things, strict=True)))
 
     def _observe(self, before: TabletopData, data: TabletopData) -> State:
-        """The state after a step that began at `before`; the record is brought up to date."""
+        """The state after a step that began at `before`, with its record updated."""
         view = self.view(data)
         things = self.task.boxes(view)
         progress = self.task.progress(view, things)
@@ -280,7 +280,7 @@ class Tabletop:
         )
 
     def outlines(self, data: TabletopData) -> list[Outline]:
-        """What to paint for one moment (host side): boxes as the camera sees them, far to near."""
+        """The outlines of one moment (host side): boxes as the camera sees them, far to near."""
         found = self.world_boxes(jax.tree.map(jnp.asarray, data))
         seen = [*zip(*jax.tree.map(np.asarray, found), strict=True)]
         away = [np.linalg.norm(place - np.array(self.camera.place)) for place, *_ in seen]

@@ -1,1 +1,1 @@
-"""What is fast: benchmarks, each with its rivals."""
+"""Benchmarks of speed, each beside other implementations."""

@@ -7,7 +7,6 @@ turns, so that a change of load hits all alike. A case takes about a minute on 2
 of it gradients of 8,192 graphs.
 """
 
-import time
 from functools import partial
 
 import jax
@@ -17,6 +16,8 @@ import numpy as np
 from gril_jax.encoders import message_passing
 from gril_jax.encoders.encoder import EncoderConfig
 from gril_jax.graphs.scene import edge_indices, scene_graph
+
+from .frame import compile_timed, median_ms, times_in_turn
 
 __all__ = ["block_diagonal", "measure", "random_graphs"]
 
@@ -35,7 +36,7 @@ def random_graphs(num_graphs: int, num_nodes: int, num_classes: int, *, seed: in
 
 
 def block_diagonal(graphs):
-    """One graph whose parts are the graphs of a batch."""
+    """One graph that holds the graphs of a batch side by side."""
     num_graphs, num_nodes = graphs.nodes.label.shape
     senders, receivers = edge_indices(num_nodes)
     first = num_nodes * jnp.arange(num_graphs)[:, None]
@@ -94,48 +95,34 @@ def measure(
     config = config or EncoderConfig(num_classes=7)
     params = message_passing.init(jax.random.key(0), config)
     graphs = random_graphs(num_graphs, num_nodes, config.num_classes)
-    programs, forms = {}, {}
-    for name, form in _FORMS.items():
-        forms[name] = {}
-        for kind in ("forward", "gradient"):
-            programs[name, kind], forms[name][kind] = _compiled(form, kind, params, graphs, config)
-    latents = {name: programs[name, "forward"](params, graphs) for name in _FORMS}
-    times = {key: [] for key in programs}
-    for _ in range(repeats):
-        for key, program in programs.items():
-            start = time.perf_counter()
-            jax.block_until_ready(program(params, graphs))
-            times[key].append(time.perf_counter() - start)
-    for (name, kind), spent in times.items():
-        forms[name][kind]["ms"] = round(1e3 * float(np.median(spent)), 3)
-    for name in _FORMS:
-        for kind in ("forward", "gradient"):
-            ratio = forms[name][kind]["ms"] / forms["dense"][kind]["ms"]
-            forms[name][kind]["times_dense"] = round(ratio, 2)
-    worst = max(float(jnp.abs(x - latents["dense"]).max()) for x in latents.values())
-    return {
-        "graphs": num_graphs,
-        "nodes": num_nodes,
-        "width": config.width,
-        "rounds": config.rounds,
-        "repeats": repeats,
-        "difference": worst,
-        "forms": forms,
+    programs = {
+        (name, kind): compile_timed(_wanted(form, kind, config), params, graphs, plain=True)
+        for name, form in _FORMS.items()
+        for kind in ("forward", "gradient")
     }
+    calls = {key: partial(program, params, graphs) for key, (program, _) in programs.items()}
+    ms = median_ms(times_in_turn(calls, repeats))
+    forms: dict[str, dict] = {name: {} for name in _FORMS}
+    for (name, kind), (program, compile_s) in programs.items():
+        memory = program.memory_analysis()
+        forms[name][kind] = {
+            "compile_s": round(compile_s, 2),
+            "temporary_mb": memory and round(memory.temp_size_in_bytes / 2**20, 1),
+            "ms": ms[name, kind],
+            "times_dense": round(ms[name, kind] / ms["dense", kind], 2),
+        }
+    latents = [calls[name, "forward"]() for name in _FORMS]
+    sizes = {"graphs": num_graphs, "nodes": num_nodes, "width": config.width}
+    worst = max(float(jnp.abs(x - latents[0]).max()) for x in latents)
+    runs = {"rounds": config.rounds, "repeats": repeats, "difference": worst}
+    return {**sizes, **runs, "forms": forms}
 
 
-def _compiled(form, kind, params, graphs, config):
+def _wanted(form, kind, config):
     def latents(params, graphs):
         return form(params, graphs, config)
 
     def loss(params, graphs):
         return jnp.sum(jnp.square(latents(params, graphs)))
 
-    wanted = latents if kind == "forward" else jax.grad(loss)
-    start = time.perf_counter()
-    program = jax.jit(wanted).lower(params, graphs).compile()
-    compile_s = time.perf_counter() - start
-    jax.block_until_ready(program(params, graphs))
-    memory = program.memory_analysis()
-    temporary = None if memory is None else round(memory.temp_size_in_bytes / 2**20, 1)
-    return program, {"compile_s": round(compile_s, 2), "temporary_mb": temporary}
+    return latents if kind == "forward" else jax.grad(loss)

@@ -1,21 +1,16 @@
-"""Control steps per second of a task, random actions in parallel episodes, as JSON.
+"""Control steps per second of a task, random actions in parallel episodes.
 
     gril bench env                      MatchRegions with the default setting
-    gril bench env --levers True        what each setting of the solver gives, and the MJX engine
-    gril bench env --task shoes_in_box --levers True     the same there, and MuJoCo Warp if it is
+    gril bench env --settings True      what each setting of the solver gives, and the MJX engine
+    gril bench env --task shoes_in_box --settings True   the same there, and MuJoCo Warp if it is
                                         installed
 
-Throughput is the best of `repeats` runs of a compiled scan; compile time is that of the scan; and
+Throughput is the best of some runs of a compiled scan; compile time is that of the scan; and
 `finite` is the share of episodes whose numbers all are, after these steps. On 2 CPU cores a case of
 MatchRegions takes about 15 s, on one H200 about 20 s; one of the shoes compiles for longer.
 """
 
-import contextlib
 import importlib.util
-import io
-import json
-import time
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -25,96 +20,60 @@ from gril_jax.experiments.pipeline import setup
 
 from gril_jax import envs
 
-__all__ = ["LEVERS", "main", "measure"]
+from .frame import best, compile_timed, make_env, times_in_turn
 
-# Settings of the solver, from the original's own to the coarsest, and other engines.
-_MATCH_REGIONS: list[dict[str, Any]] = [
-    {"substeps": 10, "iterations": 10},
-    {"substeps": 10, "iterations": 6},
-    {"substeps": 10, "iterations": 4},
-    {"substeps": 7, "iterations": 4},
-    {"substeps": 5, "iterations": 5},
-    {"engine": "mjx", "substeps": 10, "iterations": 4},
-    {"engine": "mjx", "substeps": 5, "iterations": 2},
-    {"variant": "all"},
-    {"robot": "short"},
-    {"targets": ("green square",), "distractors": ("yellow circle",)},
-]
-_SHOES: list[dict[str, Any]] = [
-    {},
-    {"iterations": 4, "ls_iterations": 6},
-    {"iterations": 3},
-    {"max_contacts": 32},
-    {"max_contacts": 16},
-    {"substeps": 5},
-    {"impl": "warp"},
-    {"impl": "warp", "substeps": 5},
-]
-LEVERS = {"match_regions": _MATCH_REGIONS, "shoes_in_box": _SHOES}
-_LANES = {"match_regions": 32_768, "shoes_in_box": 4096}  # on a GPU
+__all__ = ["main", "measure"]
+
+_REPEATS = 5
 
 
-def measure(task: str, lanes: int, steps: int, repeats: int, **options) -> dict:
+def main(*, task: str, num_envs: int | None, steps: int, settings: bool) -> dict[str, Any]:
+    """The figures of the default setting, or of every one."""
+    spec = envs.spec(task)
+    num_envs = num_envs or (256 if jax.default_backend() == "cpu" else spec.bench_envs)
+    cases = spec.bench_settings if settings else ({},)
+    if importlib.util.find_spec("warp") is None:
+        cases = [case for case in cases if case.get("impl") != "warp"]
+    return {"task": task, "cases": [measure(task, num_envs, steps, **case) for case in cases]}
+
+
+def measure(task: str, num_envs: int, steps: int, **options: Any) -> dict[str, Any]:
     """Steps per second and compile time of one setting."""
+    worlds = {}
     if options.get("impl") == "warp":
         setup.quieten_warp()
-        options = {**options, "worlds": lanes}
-    with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
-        env = envs.make(task, **options)
-    reset = jax.jit(jax.vmap(env.reset))
-    state = reset(jax.random.split(jax.random.key(0), lanes))
+        worlds = {"worlds": num_envs}
+    env = make_env(task, **options, **worlds)
+    state = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), num_envs))
 
     def play(state, key):
         def move(state, key):
-            action = jax.random.uniform(key, (lanes, env.action_size), minval=-1.0)
+            action = jax.random.uniform(key, (num_envs, env.action_size), minval=-1.0)
             return jax.vmap(env.step)(state, action), None
 
         return jax.lax.scan(move, state, jax.random.split(key, steps))[0]
 
-    start = time.perf_counter()
-    compiled = jax.jit(play).lower(state, jax.random.key(0)).compile()
-    compile_s = time.perf_counter() - start
-    state = jax.block_until_ready(compiled(state, jax.random.key(0)))
-    best = float("inf")
-    for number in range(repeats):
-        start = time.perf_counter()
-        state = jax.block_until_ready(compiled(state, jax.random.key(number)))
-        best = min(best, time.perf_counter() - start)
+    program, compile_s = compile_timed(play, state, jax.random.key(0), plain=True)
+
+    number = 0
+
+    def call():
+        nonlocal state, number
+        state, number = program(state, jax.random.key(number)), number + 1
+        return state
+
+    fastest = best(times_in_turn({task: call}, _REPEATS))[task]
     return {
-        "options": options,
-        "lanes": lanes,
-        "control_steps_per_s": round(lanes * steps / best),
+        "options": options | worlds,
+        "num_envs": num_envs,
+        "control_steps_per_s": round(num_envs * steps / fastest),
         "compile_s": round(compile_s, 2),
         "finite": _finite(state),
     }
 
 
 def _finite(states: Any) -> float:
-    """Share of lanes."""
+    """Share of episodes."""
     leaves = [np.asarray(x) for x in jax.tree.leaves(states)]
     found = [np.isfinite(x).reshape(len(x), -1).all(1) for x in leaves if x.dtype == jnp.float32]
     return float(np.all(found, axis=0).mean())
-
-
-def main(
-    lanes: int | None,
-    steps: int,
-    repeats: int,
-    *,
-    task: str = "match_regions",
-    levers: bool,
-    echo: Callable[[str], None],
-) -> None:
-    """Echo the figures as JSON."""
-    lanes = lanes or (256 if jax.default_backend() == "cpu" else _LANES[task])
-    cases = LEVERS[task] if levers else [{}]
-    if importlib.util.find_spec("warp") is None:
-        cases = [case for case in cases if case.get("impl") != "warp"]
-    figures = [measure(task, lanes, steps, repeats, **case) for case in cases]
-    result = {
-        "task": task,
-        "device": setup.device_in_words(),
-        "jax": jax.__version__,
-        "cases": figures,
-    }
-    echo(json.dumps(result, indent=2))

@@ -1,29 +1,22 @@
-"""PPO and SAC where good returns are known, beside brax's own trainers and what is published.
+"""PPO and SAC on tasks with published returns, beside brax's own trainers.
 
-    gril bench known                    about 20 minutes on 2 CPU cores, as JSON
+    gril bench known                    about 20 minutes on 2 CPU cores
 
-Both sides train on the same tasks with the same hyper-parameters (`bench_known_settings`), and
+Both sides train on the same tasks with the same hyper-parameters (`known_settings`), and
 returns are those of mean actions at the end of training. Tasks, algorithms and sides have processes
 of their own, some at a time, because compiling takes most of the time.
 """
 
-import json
-import os
 import statistics
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import jax
-from gril_jax.experiments.pipeline import setup
-
 from gril_jax import threads
-from gril_jax.errors import RunError
 
 from . import ours, stock
+from .frame import new_process, rounded
 from .known_settings import GROUND
 from .pendulum import SacSetting, Setting
 
@@ -34,27 +27,21 @@ SIDES = {"ours": ours.all_returns, "stock": stock.all_returns}
 
 _CHILD = """
 import json, sys
-from gril_jax.experiments import bench_known
-print(json.dumps(bench_known.measure(*json.loads(sys.argv[1]))))
+from gril_jax.experiments.bench import known
+print(json.dumps(known.measure(*json.loads(sys.argv[1]))))
 """
 
 
 def main(
-    *,
-    tasks: Sequence[str],
-    algorithms: Sequence[str],
-    seeds: int,
-    jobs: int | None,
-    echo: Callable[[str], None],
-) -> None:
-    """Echo the figures as JSON.
+    *, tasks: Sequence[str], algorithms: Sequence[str], seeds: int, jobs: int | None
+) -> dict[str, Any]:
+    """The figures of both sides.
 
     Args:
       tasks: of `GROUND`.
       algorithms: of "ppo" and "sac".
       seeds: runs of each, from 0 on.
       jobs: processes at a time; None is one for each two cores.
-      echo: takes the JSON.
     """
     start = time.perf_counter()
     pairs = [(task, algorithm) for task in tasks for algorithm in algorithms]
@@ -63,17 +50,13 @@ def main(
     with ThreadPoolExecutor(jobs or max(1, threads.cores() // 2)) as pool:
         found = dict(zip(wanted, pool.map(_child, wanted), strict=True))
     rows = [compared(*pair, {side: found[*pair, side, seeds] for side in SIDES}) for pair in pairs]
-    result = {
-        "device": setup.device_in_words(), "jax": jax.__version__, "seeds": seeds,
-        "seconds": round(time.perf_counter() - start, 1), "rows": rows,
-    }  # fmt: skip
-    echo(json.dumps(result, indent=2))
+    return {"seeds": seeds, "seconds": round(time.perf_counter() - start, 1), "rows": rows}
 
 
 def measure(
     task: str, algorithm: str, side: str, seeds: int, setting: Setting | SacSetting | None = None
 ) -> dict[str, Any]:
-    """One side's returns at the last evaluation and at the first, for each seed, and its seconds.
+    """One side's returns at the last and the first evaluation, for each seed, and its seconds.
 
     Args:
       task: of `GROUND`.
@@ -102,18 +85,11 @@ def compared(task: str, algorithm: str, found: dict[str, dict[str, Any]]) -> dic
         "steps": GROUND[task].settings[algorithm].num_timesteps,
         **found,
         "published": published._asdict(),
-        "mean_return": {side: round(mean, 2) for side, mean in means.items()},
-        "above_published": {side: round(m - published.mean, 2) for side, m in means.items()},
+        "mean_return": rounded(means),
+        "above_published": rounded({side: mean - published.mean for side, mean in means.items()}),
     }
 
 
 def _child(wanted: tuple[str, str, str, int]) -> dict[str, Any]:
-    """The same in a process of its own, which takes no more of a GPU's memory than it needs."""
-    command = [sys.executable, "-c", _CHILD, json.dumps(wanted)]
-    surroundings = {**os.environ, "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
-    done = subprocess.run(command, capture_output=True, text=True, env=surroundings, check=False)
-    if done.returncode:
-        task, algorithm, side, _ = wanted
-        reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        raise RunError(f"{algorithm} of {side} on {task} failed: {reason}")
-    return json.loads(done.stdout.splitlines()[-1])
+    task, algorithm, side, _ = wanted
+    return new_process(_CHILD, wanted, f"{algorithm} of {side} on {task}")

@@ -1,4 +1,4 @@
-"""What is trained where for `gril bench known`: hyper-parameters, and the returns to compare with.
+"""Settings of `gril bench known`: hyper-parameters, and the returns to compare with.
 
 The hyper-parameters serve both sides alike. What brax's SAC has fixed is fixed for ours too: the
 temperature begins at 1 and learns with 3e-4, towards -0.5 nats for each number of an action.
@@ -13,7 +13,7 @@ __all__ = ["GROUND", "Ground", "Published"]
 
 
 class Published(NamedTuple):
-    """A return to compare with."""
+    """A published return to compare with."""
 
     mean: float
     spread: float  # one standard deviation, over episodes or over runs: see `source`
@@ -21,7 +21,7 @@ class Published(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """One task with what is needed to train on it."""
+    """One task with its settings for training."""
 
     task: type[Any]
     settings: dict[str, Setting | SacSetting]  # of each algorithm

@@ -1,8 +1,8 @@
-"""Two small tasks of Gymnasium's MuJoCo suite in MJX, on which good returns are published.
+"""Two small tasks of Gymnasium's MuJoCo suite in MJX, with published returns.
 
 `InvertedPendulum` ends early and `Reacher` never does, so that ends of the task and time limits
 both matter. Masses, gears, rewards and starts are those of InvertedPendulum-v5 and Reacher-v5; they
-are integrated implicitly here, and by Runge-Kutta there. Their objects are dummies.
+are integrated implicitly here, and by Runge-Kutta there.
 """
 
 import contextlib
@@ -10,8 +10,10 @@ import io
 
 import jax
 import jax.numpy as jnp
-from gril_jax.envs import Objects, State
+from gril_jax.envs import State
 from jaxtyping import Array, Float, PRNGKeyArray
+
+from .pendulum import Bare
 
 with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
     import mujoco
@@ -60,12 +62,8 @@ _ARM = """
 """
 
 
-class _Simulated:
-    """What both have in common: positions and velocities that MJX moves on."""
-
-    classes = ("goal", "robot")
-    half_extent = 1.2
-    background = (255, 255, 255)
+class _Simulated(Bare):
+    """A task whose positions and velocities MJX moves on."""
 
     def __init__(self, xml: str, *, timestep: float, substeps: int):
         self.mj_model = mujoco.MjModel.from_xml_string(
@@ -74,13 +72,8 @@ class _Simulated:
         self._model, self._substeps = mjx.put_model(self.mj_model), substeps
         self._blank = mjx.make_data(self._model)
 
-    def outlines(self, data):
-        """Nothing to draw."""
-        del data
-        return []
-
     def _moved(self, position, velocity, control):
-        """Both, some substeps later."""
+        """Position and velocity after some substeps."""
 
         def substep(data, _):
             return mjx.step(self._model, data), None
@@ -89,25 +82,9 @@ class _Simulated:
         data, _ = jax.lax.scan(substep, begun, length=self._substeps)
         return data.qpos, data.qvel
 
-    def _state(self, data, obs, centers, reward, success, done) -> State:
-        return State(
-            data=data,
-            obs=obs,
-            objects=Objects(
-                center=jnp.stack(centers),
-                size=jnp.full((2, 2), 0.1),
-                label=jnp.arange(2),
-                is_robot=jnp.arange(2) == 1,
-            ),
-            moved=jnp.array([False, False]),
-            reward=reward,
-            done=done,
-            metrics={"score": success, "success": success},
-        )
-
 
 class InvertedPendulum(_Simulated):
-    """A pole on a cart is kept upright; the task ends when it leans by more than 0.2 rad.
+    """A pole on a cart, to be kept upright; the task ends when it leans by more than 0.2 rad.
 
     Observation (4,): the cart's place (m), the pole's lean (rad), and their rates (per second).
     Action (1,): force on the cart, of 300 N. The reward is 1 for each step that ends upright, at 25
@@ -123,12 +100,12 @@ class InvertedPendulum(_Simulated):
         super().__init__(_CART, timestep=0.02, substeps=2)
 
     def reset(self, key: PRNGKeyArray) -> State:
-        """Nearly upright and nearly at rest: every number within 0.01."""
+        """Starts nearly upright and nearly at rest: every number within 0.01."""
         numbers = jax.random.uniform(key, (2, 2), minval=-0.01, maxval=0.01)
         return self._now(numbers[0], numbers[1])
 
     def step(self, state: State, action: Float[Array, "1"]) -> State:
-        """A twenty-fifth of a second."""
+        """Advances a twenty-fifth of a second."""
         return self._now(*self._moved(*state.data, 3.0 * jnp.clip(action, -1.0, 1.0)))
 
     def _now(self, position, velocity) -> State:
@@ -143,7 +120,7 @@ class InvertedPendulum(_Simulated):
 
 
 class Reacher(_Simulated):
-    """An arm of two links brings its fingertip to a target on the table. It never ends by itself.
+    """A two-link arm that brings its fingertip to a target on the table. It never ends by itself.
 
     Observation (10,): cosines and sines of both angles, the target's place (m), both angular
     speeds (rad/s), and the way from target to fingertip (m). Action (2,): torques at the joints, of
@@ -160,7 +137,7 @@ class Reacher(_Simulated):
         super().__init__(_ARM, timestep=0.01, substeps=2)
 
     def reset(self, key: PRNGKeyArray) -> State:
-        """Nearly straight and at rest; the target is anywhere within 0.2 m of the shoulder."""
+        """Starts nearly straight and at rest, with the target within 0.2 m of the shoulder."""
         key_angle, key_speed, key_target = jax.random.split(key, 3)
         position = jax.random.uniform(key_angle, (2,), minval=-0.1, maxval=0.1)
         velocity = jax.random.uniform(key_speed, (2,), minval=-0.005, maxval=0.005)
@@ -170,7 +147,7 @@ class Reacher(_Simulated):
         return self._now(position, velocity, target, effort=0.0)
 
     def step(self, state: State, action: Float[Array, "2"]) -> State:
-        """A fiftieth of a second."""
+        """Advances a fiftieth of a second."""
         position, velocity, target = state.data
         action = jnp.clip(action, -1.0, 1.0)
         return self._now(

@@ -1,4 +1,4 @@
-"""The losses beside what others offer, value plus gradient, as JSON.
+"""The losses beside what others offer, value plus gradient.
 
     gril bench losses                   a few minutes on 2 CPU cores
 
@@ -8,21 +8,19 @@ form takes. Peers that are not installed (ott-jax, tslearn) are left out. Each s
 function that returns a dict, listed in `_SECTIONS`.
 """
 
-import json
-import statistics
-import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import setup
 
 from gril_jax.losses import expected_alignment, soft_dtw_between
 
 from . import encoder as bench_encoder
 from . import tcc as bench_tcc
+from .frame import median_ms, ratios, times_in_turn
 
 try:
     from ott.geometry import costs as ott_costs
@@ -33,32 +31,18 @@ try:
 except ImportError:
     _njit_soft_dtw_batch = None
 
-__all__ = ["main", "medians", "soft_dtw"]
+__all__ = ["main", "soft_dtw"]
 
 _SHAPES = [(64, 64), (32, 128), (16, 256)]  # pairs, frames of both sequences
 _GPU_SHAPES = [(64, 64), (512, 256)]
 _FEATURES = 32
 _GAMMA = 0.1
+_REPEATS = 15  # timed calls of each form
 
 
-def main(repeats: int, *, echo: Callable[[str], None]) -> None:
-    """Echo every section's figures as JSON."""
-    result: dict[str, Any] = {"device": setup.device_in_words(), "jax": jax.__version__}
-    result |= {name: section(repeats) for name, section in _SECTIONS.items()}
-    echo(json.dumps(result, indent=2))
-
-
-def medians(forms: dict[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
-    """Median milliseconds of each form; they take turns, after one call each that is not timed."""
-    seconds: dict[str, list[float]] = {name: [] for name in forms}
-    for number in range(repeats + 1):
-        for name, form in forms.items():
-            time.sleep(0.01)  # until the last form's thread pool has stopped spinning
-            start = time.perf_counter()
-            jax.block_until_ready(form())
-            if number:
-                seconds[name].append(time.perf_counter() - start)
-    return {name: round(1e3 * statistics.median(times), 3) for name, times in seconds.items()}
+def main() -> dict[str, Any]:
+    """Every section's figures."""
+    return {name: section(_REPEATS) for name, section in _SECTIONS.items()}
 
 
 # --- soft-DTW
@@ -74,33 +58,28 @@ def _soft_dtw_case(pairs, frames, repeats):
     rng = np.random.default_rng(0)
     query, other = 0.3 * rng.normal(size=(2, pairs, frames, _FEATURES)).astype(np.float32)
     gpu = jax.default_backend() == "gpu"
-    programs = {"ours": _ours("auto")} | ({"scan": _ours("scan")} if gpu else {})
+    ours = partial(soft_dtw_between, gamma=_GAMMA)
+    programs = {"ours": ours} | ({"scan": partial(ours, implementation="scan")} if gpu else {})
     if ott_costs is not None:
         programs["ott"] = jax.vmap(ott_costs.SoftDTW(gamma=_GAMMA))
     forms, memory = {}, {}
+    arguments = jnp.asarray(query), jnp.asarray(other)
     for name, program in programs.items():
-        arguments = jnp.asarray(query), jnp.asarray(other)
         compiled = _compiled(program, *arguments)
         memory[name] = round(compiled.memory_analysis().temp_size_in_bytes / 1e6, 2)
-        forms[name] = lambda compiled=compiled, arguments=arguments: compiled(*arguments)
+        forms[name] = partial(compiled, *arguments)
     if _njit_soft_dtw_batch is not None and not gpu:
-        forms["tslearn"] = lambda: _tslearn(query, other)
-    times = medians(forms, repeats)
+        forms["tslearn"] = partial(_tslearn, query, other)
+    times = median_ms(times_in_turn(forms, repeats, pause_s=0.01))
     case = {
         "pairs": pairs,
         "frames": frames,
         "ms": times,
         "temporary_mb": memory,
-        "times_as_slow": {n: round(t / times["ours"], 2) for n, t in times.items()},
-        "times_the_memory": {n: round(m / memory["ours"], 2) for n, m in memory.items()},
+        "times_as_slow": ratios(times, "ours"),
+        "times_the_memory": ratios(memory, "ours"),
     }
     return case if gpu else case | {"gradient_error": _gradient_errors(query, other)}
-
-
-def _ours(implementation):
-    return lambda query, other: soft_dtw_between(
-        query, other, gamma=_GAMMA, implementation=implementation
-    )
 
 
 def _compiled(program, query, other):
@@ -120,7 +99,7 @@ def _squares(query, other):
 
 
 def _tslearn(query, other):
-    """Its parallel numba loops, value and gradient by the cost.
+    """tslearn's parallel numba loops, value and gradient with respect to the cost.
 
     The gradient by the features, which the others' times hold, is left out in its favour.
     """
@@ -137,7 +116,7 @@ def _tslearn(query, other):
 
 
 def _gradient_errors(query, other):
-    """Largest error of the derivative by the cost, of the first pairs, against float64.
+    """Largest error of the derivative by the cost, over the first pairs, against float64.
 
     The same float32 costs go to both. "textbook" is the recursion of Cuturi and Blondel's
     algorithm 2, which takes exponentials of differences of the stored sums.

@@ -1,8 +1,9 @@
-"""Our side of the comparison with brax's PPO and SAC: `train` has the shape of brax's there.
+"""Our side of the comparison with brax's PPO and SAC: `train` has the interface of brax's.
 
-Seeds can be vmapped over: `chunks` and `sac_chunks` hand out pure functions.
+Seeds can be vmapped over: `chunks` hands out pure functions.
 """
 
+import dataclasses
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -17,66 +18,30 @@ from gril_jax.rl import ppo, rewards, sac, training
 
 from .pendulum import Pendulum, SacSetting, Setting
 
-__all__ = ["all_returns", "chunks", "sac_chunks", "train"]
+__all__ = ["all_returns", "chunks", "train"]
 
 _SEEING = {"observe_activity": False, "window": 1}
+_FIXED = {  # brax's SAC has no options for these
+    "unroll_length": 1, "alpha_learning_rate": 3e-4, "initial_alpha": 1.0, "target_entropy": -0.5,
+    "max_grad_norm": float("inf"),
+}  # fmt: skip
 
 
-def chunks(setting: Setting, task: Any = None):
-    """PPO's two programs: seed -> state, and (state, count, examine) -> what `chunk` returns."""
-    static = ppo.Static(
-        num_envs=setting.num_envs,
-        unroll_length=setting.unroll_length,
-        num_minibatches=setting.num_minibatches,
-        num_epochs=setting.num_epochs,
-        hidden=setting.hidden,
-        **_SEEING,
-    )
-    hyper = ppo.Hyper(
-        learning_rate=setting.learning_rate,
-        discounting=setting.discounting,
-        gae_lambda=setting.gae_lambda,
-        entropy_cost=setting.entropy_cost,
-        clipping_epsilon=setting.clipping_epsilon,
-        reward_scaling=setting.reward_scaling,
-        max_grad_norm=setting.max_grad_norm,
-    )
+def chunks(setting: Setting | SacSetting, task: Any = None):
+    """Two programs: seed -> state, and (state, count, examine) -> what `chunk` returns."""
     task = Pendulum() if task is None else task
-    algorithm = ppo.PPO(task, rewards.environmental, static)
-    return _programs(algorithm, hyper, task, setting.updates)
+    chosen = vars(setting) | _SEEING
+    if isinstance(setting, SacSetting):
+        static, hyper = _of(sac.Static, chosen | _FIXED), _of(sac.Hyper, chosen | _FIXED)
+        algorithm = sac.SAC(task, rewards.environmental, static)
+    else:
+        static, hyper = _of(ppo.Static, chosen), _of(ppo.Hyper, chosen)
+        algorithm = ppo.PPO(task, rewards.environmental, static)
 
-
-def sac_chunks(setting: SacSetting, task: Any):
-    """The same of SAC, with what brax has fixed."""
-    static = sac.Static(
-        num_envs=setting.num_envs,
-        unroll_length=1,
-        updates_per_step=setting.updates_per_step,
-        batch_size=setting.batch_size,
-        replay_size=setting.replay_size,
-        min_replay=setting.min_replay,
-        hidden=setting.hidden,
-        **_SEEING,
-    )
-    hyper = sac.Hyper(
-        learning_rate=setting.learning_rate,
-        alpha_learning_rate=3e-4,
-        initial_alpha=1.0,
-        target_entropy=-0.5,
-        discounting=setting.discounting,
-        soft_update=setting.soft_update,
-        reward_scaling=setting.reward_scaling,
-        max_grad_norm=float("inf"),
-    )
-    algorithm = sac.SAC(task, rewards.environmental, static)
-    return _programs(algorithm, hyper, task, setting.updates)
-
-
-def _programs(algorithm: training.Algorithm, hyper: Any, task: Any, updates: int):
     @partial(jax.jit, donate_argnums=0)
     def run(state, count, examine):
         return training.chunk(
-            algorithm, state, hyper, None, updates=updates, evaluation=(task,),
+            algorithm, state, hyper, None, updates=setting.updates, evaluation=(task,),
             count=count, examine=examine,
         )  # fmt: skip
 
@@ -85,6 +50,13 @@ def _programs(algorithm: training.Algorithm, hyper: Any, task: Any, updates: int
         return algorithm.init(jax.random.key(seed), hyper)
 
     return init, run
+
+
+def _of(kind: Any, chosen: dict[str, Any]) -> Any:
+    """The type's fields that were chosen; the others have their defaults."""
+    is_static = dataclasses.is_dataclass(kind)
+    names = [field.name for field in dataclasses.fields(kind)] if is_static else kind._fields
+    return kind(**{name: chosen[name] for name in names if name in chosen})
 
 
 def train(
@@ -99,9 +71,7 @@ def train(
         second of the part before it, evaluation included.
     """
     init, run = chunks(setting)
-    with ThreadPoolExecutor(
-        1
-    ) as thread:  # as `gril_jax.compilation.sharding` does for `gril train`
+    with ThreadPoolExecutor(1) as thread:  # as `gril_jax.compilation.sharding` does
         begun = init.trace(seed)
         ready = thread.submit(compiled, begun.lower())
         run = compiled(run.lower(begun.out_info, np.int32(0), np.bool_(True)))
@@ -120,13 +90,12 @@ def train(
 def all_returns(
     setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
 ) -> list[list[float]]:
-    """Returns of mean actions, for each seed one at each evaluation; the seeds are one program.
+    """Returns of mean actions, per seed one at each evaluation; all seeds run in one program.
 
     The last one's is the mean over at least so many `episodes`, the others' over those of half the
     environments.
     """
-    make = sac_chunks if isinstance(setting, SacSetting) else chunks
-    init, run = make(setting, task)
+    init, run = chunks(setting, task)
     state = jax.vmap(init)(np.arange(seeds))
     run = jax.jit(jax.vmap(run, in_axes=(0, None, None)), donate_argnums=0)
     returns = []

@@ -1,4 +1,4 @@
-"""The replay beside brax's queue, alone and with seeds side by side, as JSON.
+"""The replay beside brax's queue, alone and with seeds side by side.
 
     gril bench replay                   half a minute on 2 CPU cores
 
@@ -9,33 +9,27 @@ in every step. Under a vmap it does so from the start: its `lax.cond` becomes a 
 buffer and a rolled copy of it.
 """
 
-import json
-import statistics
-import time
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from brax.training.replay_buffers import UniformSamplingQueue
-from gril_jax.experiments.pipeline import setup
 
 from gril_jax.rl import replay
+
+from .frame import InPlace, median_ms, ratios, rounded, times_in_turn
 
 __all__ = ["main", "measure"]
 
 _CAPACITY, _ROWS, _BATCH, _WIDTH = 200_000, 64, 256, 64
+_REPEATS = 7  # timed calls of each form
 _CASES = ((1, False), (1, True), (8, False), (8, True))  # seeds, full
 
 
-def main(repeats: int, *, echo: Callable[[str], None]) -> None:
-    """Echo the times of each case as JSON."""
-    result: dict[str, Any] = {
-        "device": setup.device_in_words(), "jax": jax.__version__, "capacity": _CAPACITY,
-        "inserted": _ROWS, "sampled": _BATCH, "numbers_a_row": _WIDTH,
-    }  # fmt: skip
-    result["replay"] = [measure(seeds, repeats, full=full) for seeds, full in _CASES]
-    echo(json.dumps(result, indent=2))
+def main() -> dict[str, Any]:
+    """The times of each case."""
+    sizes = {"capacity": _CAPACITY, "inserted": _ROWS, "sampled": _BATCH, "numbers_a_row": _WIDTH}
+    return sizes | {"replay": [measure(n, _REPEATS, full=full) for n, full in _CASES]}
 
 
 def measure(seeds: int, repeats: int, *, full: bool, capacity: int = _CAPACITY) -> dict[str, Any]:
@@ -49,20 +43,14 @@ def measure(seeds: int, repeats: int, *, full: bool, capacity: int = _CAPACITY) 
     """
     steps = {"ours": 200, "brax": 2 if full or seeds > 1 else 200}  # 2 where all is copied
     forms = {"ours": _ours(capacity, full), "brax": _brax(capacity, full)}
-    calls = {name: _Call(*form, seeds, steps[name]) for name, form in forms.items()}
-    seconds: dict[str, list[float]] = {name: [] for name in calls}
-    for number in range(repeats + 1):
-        for name, call in calls.items():
-            start = time.perf_counter()
-            call()
-            if number:  # the first compiles
-                seconds[name].append(time.perf_counter() - start)
-    times = {n: 1e3 * statistics.median(taken) / steps[n] for n, taken in seconds.items()}
+    calls = {name: _moved(*form, seeds, steps[name]) for name, form in forms.items()}
+    medians = median_ms(times_in_turn(calls, repeats))
+    times = {name: value / steps[name] for name, value in medians.items()}
     return {
         "seeds": seeds,
         "full": full,
-        "ms": {name: round(value, 4) for name, value in times.items()},
-        "times_as_slow": {name: round(value / times["ours"], 2) for name, value in times.items()},
+        "ms": rounded(times, 4),
+        "times_as_slow": ratios(times, "ours"),
     }
 
 
@@ -93,23 +81,18 @@ def _brax(capacity, full):
     return init, step
 
 
-class _Call:
-    """A replay that each call moves on by some steps, in place."""
+def _moved(init, step, seeds, steps) -> InPlace:
+    """A replay that each call moves on by some steps."""
 
-    def __init__(self, init, step, seeds, steps):
-        def run(state):
-            def move(state, number):
-                state, batch = step(state, jnp.full((_ROWS, _WIDTH), number, jnp.float32))
-                return state, batch.sum()
+    def run(carry):
+        def move(state, number):
+            state, batch = step(state, jnp.full((_ROWS, _WIDTH), number, jnp.float32))
+            return state, batch.sum()
 
-            return jax.lax.scan(move, state, jnp.arange(steps))
+        return jax.lax.scan(move, carry[0], jnp.arange(steps))
 
-        key = jax.random.key(0)
-        if seeds > 1:
-            init, run, key = jax.vmap(init), jax.vmap(run), jax.random.split(key, seeds)
-        self._run = jax.jit(run, donate_argnums=0)
-        self._state = jax.jit(init)(key)
-
-    def __call__(self):
-        self._state, sums = self._run(self._state)
-        jax.block_until_ready((self._state, sums))
+    key = jax.random.key(0)
+    if seeds > 1:
+        init, run, key = jax.vmap(init), jax.vmap(run), jax.random.split(key, seeds)
+    state = jax.jit(init)(key)
+    return InPlace(run, (state, jnp.zeros((seeds, steps) if seeds > 1 else steps)))

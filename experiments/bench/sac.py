@@ -1,4 +1,4 @@
-"""Our SAC beside a loop on the host, as users of Gymnasium write it, as JSON.
+"""Our SAC beside a loop on the host, as users of Gymnasium write it.
 
     gril bench sac                      a minute on 2 CPU cores
     gril bench sac --target 0.9         and how long each takes to that success
@@ -10,93 +10,67 @@ step. Speeds leave out compiling, times to a success do not.
 """
 
 import collections
-import contextlib
 import dataclasses
 import functools
-import io
-import json
 import time
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from brax.training.types import Transition
-from gril_jax.experiments.pipeline import setup
 
-from gril_jax import envs
 from gril_jax.rl import policy, rewards, sac, sac_loss, training
+
+from .frame import best, make_env, rounded, times_in_turn
 
 __all__ = ["HostLoop", "Ours", "main", "speeds", "until_success"]
 
 _RECENT = 100  # episodes whose success counts
+_REPEATS = 5  # timed calls of each
+_LIMIT_S = 600.0  # after which either gives up
 
 
-def main(
-    *,
-    learning_rate: float,
-    discounting: float,
-    repeats: int,
-    target: float | None,
-    limit_s: float,
-    echo: Callable[[str], None],
-    **sizes: Any,
-) -> None:
-    """Echo the figures as JSON.
+def main(*, num_envs: int, target: float | None) -> dict[str, Any]:
+    """The figures of both.
 
     Args:
-      learning_rate: of actor, critics and temperature.
-      discounting: of a control step.
-      repeats: timed calls, of which the best counts.
+      num_envs: environments of ours.
       target: success of the last episodes at which learning is over; None leaves this out.
-      limit_s: seconds after which either gives up.
-      echo: takes the JSON.
-      sizes: fields of `sac.Static`, the same for both.
     """
-    static = sac.Static(**sizes)
-    hyper = sac.Hyper(
-        learning_rate=learning_rate, alpha_learning_rate=learning_rate, discounting=discounting
-    )
-    with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
-        env = envs.make("match_regions", targets=("green square",), distractors=())
-    result = {
-        "device": setup.device_in_words(), "jax": jax.__version__, "sizes": vars(static),
-        "speeds": speeds(env, static, hyper, repeats),
-    }  # fmt: skip
+    static = sac.Static(num_envs=num_envs, min_replay=2**12)
+    hyper = sac.Hyper(learning_rate=1e-3, alpha_learning_rate=1e-3, discounting=0.97)
+    env = make_env("match_regions", targets=("green square",), distractors=())
+    result = {"sizes": vars(static), "speeds": speeds(env, static, hyper, _REPEATS)}
     if target is not None:
-        result["until_success"] = until_success(env, static, hyper, target, limit_s)
-    echo(json.dumps(result, indent=2))
+        result["until_success"] = until_success(env, static, hyper, target, _LIMIT_S)
+    return result
 
 
 def speeds(env: Any, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict[str, Any]:
-    """Control steps per second of both, which take turns; the best of some calls."""
+    """Control steps per second of both, interleaved; the best of some calls."""
     static = dataclasses.replace(static, min_replay=0)
     sides = {"ours": Ours(env, static, hyper), "host_loop": HostLoop(env, static, hyper)}
-    best = dict.fromkeys(sides, 0.0)
-    for number in range(repeats + 1):
-        for name, side in sides.items():
-            start = time.perf_counter()
-            steps = side.advance()
-            if number:  # the first compiles
-                best[name] = max(best[name], steps / (time.perf_counter() - start))
+    taken = best(times_in_turn({name: side.advance for name, side in sides.items()}, repeats))
+    speed = {name: side.steps / taken[name] for name, side in sides.items()}
     return {
-        "steps_per_s": {name: round(speed) for name, speed in best.items()},
-        "times_as_fast": round(best["ours"] / best["host_loop"], 1),
+        "steps_per_s": rounded(speed, 0),
+        "times_as_fast": round(speed["ours"] / speed["host_loop"], 1),
     }
 
 
 def until_success(
     env: Any, static: sac.Static, hyper: sac.Hyper, target: float, limit_s: float
 ) -> dict[str, Any]:
-    """Seconds, compiling included, until the last 100 training episodes succeed so often."""
+    """Seconds, compilation included, until the last 100 training episodes reach a success rate."""
     found = {}
     for name, side in {"ours": Ours, "host_loop": HostLoop}.items():
         jax.clear_caches()
         start, steps = time.perf_counter(), 0
         learner = side(env, static, hyper)
         while learner.success < target and time.perf_counter() - start < limit_s:
-            steps += learner.advance()
+            learner.advance()
+            steps += learner.steps
         found[name] = {
             "seconds": round(time.perf_counter() - start, 1),
             "steps": steps,
@@ -107,9 +81,10 @@ def until_success(
 
 
 class _Learner:
-    """What both count: the success of recent training episodes."""
+    """A side that learns for some control steps a call, and counts the success of late episodes."""
 
-    def __init__(self) -> None:
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
         self._recent: collections.deque[float] = collections.deque(maxlen=_RECENT)
 
     @property
@@ -119,33 +94,31 @@ class _Learner:
 
 
 class Ours(_Learner):
-    """Our SAC, a chunk of updates a call."""
+    """Our SAC; each call runs a chunk of updates."""
 
     def __init__(self, env: Any, static: sac.Static, hyper: sac.Hyper, updates: int = 10):
-        super().__init__()
+        super().__init__(updates * static.num_envs * static.unroll_length)
         algorithm = sac.SAC(env, rewards.environmental, static)
-        self._steps = updates * static.num_envs * static.unroll_length
         self._state = jax.jit(algorithm.init)(jax.random.key(0), hyper)
         self._advance = jax.jit(
             lambda state: training.chunk(algorithm, state, hyper, None, updates=updates)[:2],
             donate_argnums=0,
         )
 
-    def advance(self) -> int:
-        """Learns for a while; returns the control steps it took."""
+    def advance(self) -> None:
+        """Learns for `steps` control steps."""
         self._state, metrics = self._advance(self._state)
         metrics = jax.device_get(metrics)
         for mean, episodes in zip(metrics["success"], metrics["episodes"], strict=True):
             self._recent.extend([float(mean)] * int(episodes))
-        return self._steps
 
 
 class HostLoop(_Learner):
     """One environment, stepped from Python, with the replay in NumPy."""
 
     def __init__(self, env: Any, static: sac.Static, hyper: sac.Hyper, steps: int = 320):
-        super().__init__()
-        self._static, self._call = static, steps
+        super().__init__(steps)
+        self._static = static
         algorithm = sac.SAC(env, rewards.environmental, static)
         size = algorithm.observation_size
         self._every = max(1, static.num_envs * static.unroll_length // static.updates_per_step)
@@ -185,14 +158,13 @@ class HostLoop(_Learner):
         self._key, key = jax.random.split(self._key)
         return key
 
-    def advance(self) -> int:
-        """Learns for a while; returns the control steps it took."""
-        for _ in range(self._call):
+    def advance(self) -> None:
+        """Learns for `steps` control steps."""
+        for _ in range(self.steps):
             self._one_step()
             if self._count % self._every == 0 and self._count >= self._static.min_replay:
                 self._one_gradient_step()
         jax.block_until_ready(self._learned)
-        return self._call
 
     def _one_step(self) -> None:
         if self._count < self._static.min_replay:

@@ -1,4 +1,4 @@
-"""Seeds beside each other against one by one, and one device against all: PPO's throughput.
+"""PPO's throughput: seeds in one program against one by one, and one device against all.
 
 `gril bench train` has these figures among its own.
 """
@@ -15,13 +15,13 @@ import numpy as np
 from gril_jax.compilation import sharding
 from gril_jax.rl import ppo, training
 
-from .clock import compile_timed, times_in_turn, without_cache
+from .frame import best, compile_timed, ratios, rounded, times_in_turn, without_cache
 
 __all__ = ["devices", "seeds"]
 
 
 def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:
-    """Seeds side by side in one program, and one by one, each compiled anew.
+    """Times seeds in one program, and one by one, each compiled anew.
 
     Args:
       algorithm: of one seed.
@@ -33,15 +33,14 @@ def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) 
     jax.block_until_ready(keys)
     with without_cache():
         together = _whole(jax.vmap, algorithm, keys, updates)
-        alone = [_whole(lambda f: f, algorithm, keys[i], updates)
-                 for i in range(separate)]  # fmt: skip
+        alone = [_whole(lambda f: f, algorithm, key, updates) for key in keys[:separate]]
     each = {name: sum(part[name] for part in alone) / len(alone) for name in together}
     apart = {name: num * value for name, value in each.items()}
     return {
         "seeds": num,
         "steps_of_a_seed": updates * algorithm.num_envs * algorithm.unroll_length,
-        "together_s": {name: round(value, 2) for name, value in together.items()},
-        "one_by_one_s": {name: round(value, 2) for name, value in apart.items()},
+        "together_s": rounded(together),
+        "one_by_one_s": rounded(apart),
         "one_by_one": f"{len(alone)} measured, times {num / len(alone):g}",
         "times_as_fast": round(sum(apart.values()) / sum(together.values()), 2),
         "times_as_fast_to_run": round(apart["run"] / together["run"], 2),
@@ -51,7 +50,7 @@ def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) 
 def _whole(
     mapped: Callable, algorithm: training.Algorithm, key: Any, updates: int
 ) -> dict[str, float]:
-    """Seconds of a whole training by someone who has just started Python."""
+    """Seconds of a whole training in a fresh Python process."""
     jax.clear_caches()
     hyper = ppo.Hyper()
 
@@ -68,25 +67,27 @@ def _whole(
 
 
 def devices(
-    make: Callable[[int], training.Algorithm], lanes: int, updates: int, repeats: int
-) -> dict[str, Any]:
-    """One device and all, with as many environments on each; of one seed, and of many.
+    make: Callable[[int], training.Algorithm], num_envs: int, updates: int, repeats: int
+) -> dict[str, Any] | None:
+    """One device and all, with as many environments on each; None where there is only one.
 
     Args:
       make: the algorithm with so many environments.
-      lanes: environments on each device.
+      num_envs: environments on each device.
       updates: of a timed call.
       repeats: timed calls, of which the best counts.
     """
     every = jax.devices()
-    small, large = make(lanes), make(len(every) * lanes)
+    if len(every) == 1:
+        return None
+    small, large = make(num_envs), make(len(every) * num_envs)
     cases = {
         "one": (small, every[:1], 1),
         "all_one_seed": (large, every, 1),
         "all_a_seed_each": (small, every, len(every)),
     }
     calls = {name: _spread(*case, updates) for name, case in cases.items()}
-    taken = {name: min(times) for name, times in times_in_turn(calls, repeats).items()}
+    taken = best(times_in_turn(calls, repeats))
     steps = {
         name: count * updates * algorithm.num_envs * algorithm.unroll_length
         for name, (algorithm, _, count) in cases.items()
@@ -94,9 +95,9 @@ def devices(
     speed = {name: steps[name] / taken[name] for name in cases}
     return {
         "devices": len(every),
-        "environments_on_each": lanes,
-        "steps_per_s": {name: round(value) for name, value in speed.items()},
-        "times_one": {name: round(value / speed["one"], 2) for name, value in speed.items()},
+        "environments_on_each": num_envs,
+        "steps_per_s": rounded(speed, 0),
+        "times_one": ratios(speed, "one"),
     }
 
 

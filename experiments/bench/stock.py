@@ -23,13 +23,11 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from .pendulum import Pendulum, SacSetting, Setting
 
-__all__ = ["BraxTask", "all_returns", "stand_in", "train", "train_sac"]
-
-Progress = Callable[[int, float, float], None]
+__all__ = ["BraxTask", "all_returns", "stand_in", "train"]
 
 
 class BraxTask(Env):
-    """The same task behind brax's interface; its state is ours."""
+    """One of our tasks behind brax's interface; its state is ours."""
 
     def __init__(self, task: Any) -> None:
         self._task = task
@@ -58,14 +56,14 @@ class BraxTask(Env):
 
 
 def _replicated(tree: Any, devices: Any) -> Any:
-    """The copies on an axis of its own, named as brax's pmap names it, or that compiles twice."""
+    """Copies a tree along a new axis, named as in brax's pmap to avoid compiling twice."""
     placed = NamedSharding(Mesh(np.array(devices), ("i",)), PartitionSpec("i"))
     return jax.tree.map(lambda x: jax.device_put(jnp.stack([x] * len(devices)), placed), tree)
 
 
 @contextlib.contextmanager
 def stand_in() -> Iterator[None]:
-    """`jax.device_put_replicated` is there, if only inside."""
+    """Provides `jax.device_put_replicated` inside a `with` block."""
     missing = object()
     before = vars(jax).get("device_put_replicated", missing)
     jax.device_put_replicated = _replicated  # ty: ignore
@@ -80,14 +78,14 @@ def stand_in() -> Iterator[None]:
 
 def train(
     seed: int,
-    setting: Setting,
-    progress: Progress = lambda *_: None,
+    setting: Setting | SacSetting,
+    progress: Callable[[int, float, float], None] = lambda *_: None,
     *,
     task: Any = None,
     eval_envs: int | None = None,
     mean_actions: bool = False,
 ) -> list[float]:
-    """Returns of PPO at each evaluation.
+    """Returns at each evaluation; of PPO or SAC, after the kind of setting.
 
     Args:
       seed: of the run.
@@ -100,91 +98,62 @@ def train(
     """
     task = Pendulum() if task is None else task
     returns: list[float] = []
-    with stand_in():
-        stock.train(
-            BraxTask(task),
-            num_timesteps=setting.num_timesteps,
-            num_evals=setting.num_evals,
-            num_eval_envs=eval_envs or setting.num_envs,
-            deterministic_eval=mean_actions,
-            max_devices_per_host=1,
-            episode_length=task.episode_length,
-            num_envs=setting.num_envs,
-            unroll_length=setting.unroll_length,
-            batch_size=setting.num_envs // setting.num_minibatches,
-            num_minibatches=setting.num_minibatches,
-            num_updates_per_batch=setting.num_epochs,
-            network_factory=functools.partial(
-                networks.make_ppo_networks,
-                policy_hidden_layer_sizes=setting.hidden,
-                value_hidden_layer_sizes=setting.hidden,
-            ),
-            normalize_observations=True,
-            learning_rate=setting.learning_rate,
-            discounting=setting.discounting,
-            gae_lambda=setting.gae_lambda,
-            entropy_cost=setting.entropy_cost,
-            clipping_epsilon=setting.clipping_epsilon,
-            reward_scaling=setting.reward_scaling,
-            max_grad_norm=setting.max_grad_norm,
-            seed=seed,
-            progress_fn=_noting(returns, progress),
-        )
-    return returns
-
-
-def train_sac(seed: int, setting: SacSetting, *, task: Any, eval_envs: int) -> list[float]:
-    """Returns of SAC's mean actions at each evaluation, of `eval_envs` episodes each."""
-    returns: list[float] = []
-    with stand_in():
-        stock_sac.train(
-            BraxTask(task),
-            num_timesteps=setting.num_timesteps,
-            num_evals=setting.num_evals,
-            num_eval_envs=eval_envs,
-            deterministic_eval=True,
-            max_devices_per_host=1,
-            episode_length=task.episode_length,
-            num_envs=setting.num_envs,
-            grad_updates_per_step=setting.updates_per_step,
-            batch_size=setting.batch_size,
-            max_replay_size=setting.replay_size,
-            min_replay_size=setting.min_replay,
-            network_factory=functools.partial(
-                sac_networks.make_sac_networks,
-                hidden_layer_sizes=setting.hidden,
-                activation=linen.swish,
-            ),
-            normalize_observations=True,
-            learning_rate=setting.learning_rate,
-            discounting=setting.discounting,
-            tau=setting.soft_update,
-            reward_scaling=setting.reward_scaling,
-            seed=seed,
-            progress_fn=_noting(returns, lambda *_: None),
-        )
-    return returns
-
-
-def _noting(returns: list[float], progress: Progress) -> Callable[[int, Any], None]:
-    """What brax calls after each evaluation."""
 
     def note(steps, metrics):
         returns.append(float(metrics["eval/episode_reward"]))
         progress(int(steps), returns[-1], float(metrics.get("training/sps", 0.0)))
 
-    return note
+    is_sac = isinstance(setting, SacSetting)
+    run, options = (stock_sac.train, _SAC) if is_sac else (stock.train, _PPO)
+    given = {name: getattr(setting, own) for name, own in (_BOTH | options).items()}
+    own = _sac_options(setting) if is_sac else _ppo_options(setting)
+    with stand_in():
+        run(
+            BraxTask(task), num_eval_envs=eval_envs or setting.num_envs,
+            deterministic_eval=mean_actions, max_devices_per_host=1,
+            episode_length=task.episode_length, normalize_observations=True, seed=seed,
+            progress_fn=note, **given, **own,
+        )  # fmt: skip
+    return returns
+
+
+# brax's options, by the names that they have in our settings.
+_SAME = ("num_timesteps", "num_evals", "num_envs", "learning_rate", "discounting", "reward_scaling")
+_BOTH = {name: name for name in _SAME}
+_PPO = {
+    "unroll_length": "unroll_length", "num_minibatches": "num_minibatches",
+    "num_updates_per_batch": "num_epochs", "gae_lambda": "gae_lambda",
+    "entropy_cost": "entropy_cost", "clipping_epsilon": "clipping_epsilon",
+    "max_grad_norm": "max_grad_norm",
+}  # fmt: skip
+_SAC = {
+    "grad_updates_per_step": "updates_per_step", "batch_size": "batch_size",
+    "max_replay_size": "replay_size", "min_replay_size": "min_replay", "tau": "soft_update",
+}  # fmt: skip
+
+
+def _ppo_options(setting: Setting) -> dict[str, Any]:
+    make = functools.partial(
+        networks.make_ppo_networks,
+        policy_hidden_layer_sizes=setting.hidden,
+        value_hidden_layer_sizes=setting.hidden,
+    )
+    return {"batch_size": setting.num_envs // setting.num_minibatches, "network_factory": make}
+
+
+def _sac_options(setting: SacSetting) -> dict[str, Any]:
+    make = sac_networks.make_sac_networks
+    sizes = {"hidden_layer_sizes": setting.hidden, "activation": linen.swish}
+    return {"network_factory": functools.partial(make, **sizes)}
 
 
 def all_returns(
     setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
 ) -> list[list[float]]:
-    """Returns of mean actions, for each seed one at each evaluation; one seed after the other.
+    """Returns of mean actions, per seed one at each evaluation; seeds run one after the other.
 
     Each is the mean over so many `episodes`.
     """
-    if isinstance(setting, SacSetting):
-        return [train_sac(seed, setting, task=task, eval_envs=episodes) for seed in range(seeds)]
     return [
         train(seed, setting, task=task, eval_envs=episodes, mean_actions=True)
         for seed in range(seeds)

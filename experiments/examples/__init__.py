@@ -1,1 +1,1 @@
-"""Short programs that learn, save, load and use a reward: each has `main`, and runs by `-m`."""
+"""Short programs that learn, save, load and use a reward: each has `main`, and runs with `-m`."""

@@ -18,16 +18,16 @@ from . import pushing
 
 
 class Pushing(Env):
-    """The toy world as a brax environment; it has no reward of its own."""
+    """The toy world as a brax environment, without a reward."""
 
     observation_size, action_size, backend = 6, 2, "none"
 
     def reset(self, rng: jax.Array) -> State:
-        """A new table."""
+        """Starts with a new table."""
         return self._state(pushing.reset(rng))
 
     def step(self, state: State, action: jax.Array) -> State:
-        """The next state, with what wrappers keep in metrics and info."""
+        """The next state, with the metrics and info that wrappers keep."""
         after = self._state(pushing.step(state.pipeline_state, action))
         return after.replace(metrics=state.metrics, info=state.info)
 

@@ -1,4 +1,4 @@
-"""The reward in a Gymnasium environment, whatever it is written in.
+"""The reward in a Gymnasium environment, in any language or library.
 
 python -m gril_jax.experiments.examples.gymnasium_wrapper reward.npz     needs gymnasium
 """
@@ -17,7 +17,7 @@ from . import pushing
 
 
 class Pushing(gymnasium.Env):
-    """The toy world as a Gymnasium environment; it has no reward of its own."""
+    """The toy world as a Gymnasium environment, without a reward."""
 
     observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3, 2), np.float32)
     action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -26,13 +26,13 @@ class Pushing(gymnasium.Env):
         self._step = jax.jit(pushing.step)
 
     def reset(self, *, seed=None, options=None):
-        """A new table."""
+        """Starts with a new table."""
         super().reset(seed=seed)
         self.table = pushing.reset(jax.random.key(int(self.np_random.integers(2**31))))
         return np.asarray(self.table), {}
 
     def step(self, action):
-        """The next table."""
+        """Advances one step."""
         self.table = self._step(self.table, action)
         return np.asarray(self.table), 0.0, False, False, {}
 

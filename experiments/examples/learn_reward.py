@@ -1,4 +1,4 @@
-"""Learn a reward from recorded boxes and save it: recordings in, one file out.
+"""Learns a reward from recorded boxes and saves it: recordings in, one file out.
 
     python -m gril_jax.experiments.examples.learn_reward reward.npz      about 15 seconds
 
@@ -21,7 +21,7 @@ from . import pushing
 
 
 def main(path: str, *, steps: int = 200, echo: Callable[[str], None] = print) -> float:
-    """Learns, saves, and returns Kendall's tau on held-out recordings."""
+    """Learns and saves a reward; returns Kendall's tau on held-out recordings."""
     config = encoder.EncoderConfig(num_classes=3, width=16, rounds=1, latent=8)
     train, held_out = (pushing.demonstrations(jax.random.key(seed)) for seed in (0, 1))
     times = jnp.tile(jnp.linspace(0.0, 1.0, train.center.shape[1]), (len(train.length), 1))

@@ -15,7 +15,7 @@ from . import pushing
 
 
 def main(path: str, *, episodes: int = 64, echo: Callable[[str], None] = print) -> dict:
-    """Returns the mean final reward of robots that push and of such that drive at random."""
+    """Returns the mean final rewards of robots that push and of robots that drive at random."""
     learned = load_reward(path)
 
     def rollout(key, actions):

@@ -1,4 +1,4 @@
-"""A toy world for the examples: a robot on a table pushes what it touches.
+"""A toy world for the examples: a robot on a table that pushes objects.
 
 Objects, in the order of `OBJECTS`: a goal that never moves, the robot, a block. Positions are
 table units, |x|, |y| <= 1; an action (2,) in [-1, 1] moves the robot by a twentieth of it.
@@ -22,13 +22,13 @@ Table = Float[Array, "3 2"]  # the objects' centres
 
 
 def reset(key: PRNGKeyArray) -> Table:
-    """The robot left of the block, the block left of the goal, all on one line or nearly so."""
+    """Starts with robot, block and goal from left to right, roughly on one line."""
     y, jitter = jax.random.uniform(key, (2,), minval=-0.5, maxval=0.5)
     return jnp.array([[0.7, 0.0], [-0.7, 0.0], [-0.4, 0.0]]) + jnp.array([0.1 * jitter, y])
 
 
 def step(table: Table, action: Float[Array, "2"]) -> Table:
-    """The robot moves; a block that it would overlap is pushed out of its way."""
+    """Moves the robot; it pushes a block that it would overlap out of its way."""
     goal, robot, block = table
     robot = jnp.clip(robot + _SPEED * jnp.clip(action, -1.0, 1.0), -1.0, 1.0)
     offset = block - robot

@@ -25,7 +25,7 @@ class State(NamedTuple):
 
 
 class Pushing(Environment):
-    """The toy world as a gymnax environment; it has no reward of its own."""
+    """The toy world as a gymnax environment, without a reward."""
 
     default_params = EnvParams(max_steps_in_episode=24)
 
@@ -45,7 +45,7 @@ class Pushing(Environment):
 
 
 def main(path: str, *, steps: int = 262_144, echo: Callable[[str], None] = print) -> jax.Array:
-    """Trains; returns the mean return before and after it."""
+    """Trains a policy; returns the mean return before and after it."""
     learned = load_reward(path)
     env = RewardWrapper(Pushing(), learned, lambda s: pushing.boxes(s.table), five_values=True)
     chosen = {"num_envs": 256, "num_steps": 24, "num_minibatches": 4, "learning_rate": 2e-3}

@@ -1,1 +1,1 @@
-"""Whether our physics moves like the original."""
+"""Comparisons of our physics with the original's."""

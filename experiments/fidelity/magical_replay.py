@@ -42,7 +42,7 @@ _MOVED = 0.01  # arena units: a block this far from its start has been moved
 @dataclass(frozen=True)
 class _Options:
     demos: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Folders of *.pkl.gz files, or such files."""
+    """Folders of *.pkl.gz files, or the files themselves."""
     states: Path | None = None
     """Recorded poses to compare with, an .npz file."""
     substeps: int | None = None
@@ -50,11 +50,11 @@ class _Options:
     iterations: int | None = None
     """Sweeps of the solver for each physics step; None is the engine's default, 6."""
     moved: int = 8
-    """Further replays, from starts beside the true one."""
+    """Number of further replays, from starts near the true one."""
 
 
 def _name(path: Path) -> str:
-    """`000` of demo-MatchRegions-Demo-v0-000.pkl.gz."""
+    """The name `000` of demo-MatchRegions-Demo-v0-000.pkl.gz."""
     return path.name.removesuffix(".pkl.gz").rpartition("-")[2]
 
 
@@ -89,7 +89,7 @@ def _recorded(path: Path, names: list[str], steps: int) -> Float[np.ndarray, "D 
 
 
 def _replay(env: envs.Env, actions: Float[np.ndarray, "D T 3"], aside: Float[np.ndarray, "K 2"]):
-    """Places (K, D, T, 6, 2) of robot and blocks, and final scores (K, D)."""
+    """Positions (K, D, T, 6, 2) of robot and blocks, and final scores (K, D)."""
     parts = len(env.robot.parts)
     start = env.reset(jax.random.key(0))
 
@@ -117,7 +117,7 @@ def _figures(errors: np.ndarray) -> dict[str, float | int | None]:
 
 
 def _errors(places: np.ndarray, recorded: np.ndarray) -> dict:
-    """Of replays (D, T, 6, 2) against recorded poses, over the first steps."""
+    """Errors of replays (D, T, 6, 2) against recorded poses, over the first steps."""
     theirs = recorded[:, 1:, :, :2]
     apart = np.linalg.norm(places - theirs, axis=-1)
     moved = np.linalg.norm(theirs - recorded[:, :1, :, :2], axis=-1) > _MOVED
@@ -138,7 +138,7 @@ def measure(
     moved: int = 8,
     **options,
 ) -> dict:
-    """Scores of replayed actions by demonstration, and how far they stray from recorded poses.
+    """Scores of replayed actions by demonstration, and their distance from recorded poses.
 
     `options` make the task, beside its physics; see the module's text for the rest.
     """
@@ -163,7 +163,7 @@ def measure(
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Prints the figures; 0 if that worked, 2 if a file or an option is not right."""
+    """Prints the figures; returns 0 on success, 2 if a file or an option is not right."""
     options = tyro.cli(_Options, args=argv)
     solver = {"substeps": options.substeps, "iterations": options.iterations}
     try:

@@ -1,4 +1,4 @@
-"""How closely MatchRegions moves like recordings of the original simulator, as JSON.
+"""Errors of MatchRegions against recordings of the original simulator, as JSON.
 
     python -m gril_jax.experiments.fidelity.physics_parity FILE.npz      # every robot in the file
     python -m gril_jax.experiments.fidelity.physics_parity FILE.npz --robot gripper
@@ -47,9 +47,9 @@ class _Options:
     robot: Literal["gripper", "short", "medium", "long"] | None = None
     """Only this robot."""
     physics: Literal["xmagical", "magical"] = "xmagical"
-    """Which physics replays them."""
+    """Physics that replays them."""
     engine: Literal["impulse", "mjx"] = "impulse"
-    """Which solver replays them."""
+    """Solver that replays them."""
     substeps: int | None = None
     """Physics steps for each control step; None is the engine's default."""
     iterations: int | None = None
@@ -57,7 +57,7 @@ class _Options:
 
 
 def _load(path: Path, robot: str | None) -> dict[str, dict[str, np.ndarray]]:
-    """Arrays of each robot in the file, checked."""
+    """Loads and checks the arrays of each robot in the file."""
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = dict(file)
@@ -148,7 +148,7 @@ def _apart(ours: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _touching(env: envs.Env, states: np.ndarray) -> np.ndarray:
-    """(N, T) whether the robot is at a wall or a block before or after a step."""
+    """(N, T) True if the robot is at a wall or a block before or after a step."""
     gap = jax.jit(jax.vmap(jax.vmap(env.clearance)))(jnp.asarray(states[..., :3], jnp.float32))
     near = np.asarray(gap) < _NEAR
     return near[:, :-1] | near[:, 1:]
@@ -202,7 +202,7 @@ def measure(
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Prints the figures; 0 if that worked, 2 if the file is not of that layout."""
+    """Prints the figures; returns 0 on success, 2 if the file is not of that layout."""
     options = tyro.cli(_Options, args=argv)
     chosen = {
         "physics": options.physics,

@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import inspect
 import io
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import jax
@@ -21,6 +22,7 @@ from gril_jax.reward.latent_goal import RewardParams
 
 __all__ = [
     "blank_reward",
+    "build",
     "by_name",
     "device_in_words",
     "encoder_config",
@@ -32,16 +34,11 @@ __all__ = [
     "pretrain_hyper",
     "quieten_warp",
     "require_boxes",
+    "task_options",
 ]
 
 
 Kind = TypeVar("Kind")
-
-# What a task on a table takes of the section `env`, and what nothing else does.
-_ON_A_TABLE = (
-    "name", "reward", "substeps", "iterations", "episode_length", "impl", "worlds", "varied_starts",
-)  # fmt: skip
-_THERE_ALONE = ("impl", "worlds")
 
 _FEW_UPDATES = 5000  # it pays after 4,300 with displaced copies, 7,800 without (H200, JAX 0.11)
 
@@ -52,23 +49,38 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
     Raises:
       ConfigError: the task does not offer what the configuration asks for.
     """
-    options = dataclasses.asdict(config) | {
-        "variant": variant or config.variant,
-        "varied_starts": config.varied_starts if training else 0.0,
-        "on_the_way": config.on_the_way if training else 0.0,
-        "facing": config.facing if training else 0.0,
-    }
-    if config.name == "shoes_in_box":
-        options = {k: options[k] for k in _ON_A_TABLE if options[k] is not None}
-    elif config.impl != "jax":
-        raise ConfigError(f"env.impl is {config.impl!r}, but {config.name} has env.engine instead")
-    else:
-        options = {k: v for k, v in options.items() if k not in _THERE_ALONE}
-    if config.impl == "warp":
+    return build(config.name, task_options(config, training=training, variant=variant))
+
+
+def task_options(
+    config: EnvConfig, *, training: bool, variant: str | None = None
+) -> dict[str, Any]:
+    """The options that a task takes of the section `env`: those of its constructor.
+
+    Raises:
+      ConfigError: the task has no other implementation to choose.
+    """
+    known = envs.options(config.name)
+    if config.impl != EnvConfig.impl and "impl" not in known:
+        other = " has env.engine instead" if "engine" in known else " has only one"
+        raise ConfigError(f"env.impl is {config.impl!r}, but {config.name}{other}")
+    given = dataclasses.asdict(config) | {"variant": variant or config.variant}
+    if not training:
+        given |= {"varied_starts": 0.0, "on_the_way": 0.0, "facing": 0.0}
+    return {name: value for name, value in given.items() if name in known and value is not None}
+
+
+def build(task: str, options: Mapping[str, Any]) -> envs.Env:
+    """The task with these options.
+
+    Raises:
+      ConfigError: an option is out of range.
+    """
+    if options.get("impl") == "warp":
         quieten_warp()
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
-            return envs.make(options.pop("name"), **options)
+            return envs.make(task, **options)
     except ValueError as error:
         raise ConfigError(f"env: {error}") from error
 

@@ -1,1 +1,1 @@
-"""Whether an audit foretells what a policy makes of a reward."""
+"""Ablations of soundness: does an audit predict how well a reward trains a policy?"""

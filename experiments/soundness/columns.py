@@ -68,7 +68,7 @@ def text(found: Found) -> str:
 
 
 def _predictions(lines: Sequence[Line]) -> list[str]:
-    """Nothing where there are no policies."""
+    """Lines on how well each figure predicts success; empty without policies."""
     success, tau = column(lines, "success"), column(lines, "tau")
     known = success[np.isfinite(success)]
     if not len(known):
@@ -100,7 +100,7 @@ def _predictions(lines: Sequence[Line]) -> list[str]:
 
 
 def _verdict(success: Float[np.ndarray, "n"], found: Mapping[str, Correlation]) -> str:
-    """The best figure in a sentence, and what its correlation rests on."""
+    """The best figure in a sentence, and the data behind its correlation."""
     few, most = int((success < 0.05).sum()), int((success > 0.95).sum())
     basis = f"{few} of {len(success)} encoders gave a success below 5 %, and {most} above 95 %" + (
         f"; {_ENOUGH} encoders at least would be needed." if len(success) < _ENOUGH else "."

@@ -1,4 +1,4 @@
-"""Which figure of an encoder tells beforehand how well its policy will do: rank correlations.
+"""Rank correlations of an encoder's figures with the success of its policy.
 
 Spearman's rho with a percentile bootstrap over encoders (Efron & Tibshirani, 1993, section 13.3).
 Shapes use n for encoders and R for bootstrap samples.
@@ -14,7 +14,7 @@ __all__ = ["Correlation", "correlation", "spearman"]
 
 
 class Correlation(NamedTuple):
-    """Of one figure with success; NaN where one of both is the same for all encoders."""
+    """Correlation of one figure with success; NaN where either is the same for all encoders."""
 
     rho: float
     low: float  # of the 95 % interval

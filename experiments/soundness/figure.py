@@ -27,7 +27,7 @@ _MARKERS = "os^Dv"
 
 @styled
 def figure(lines: Sequence[Line]) -> Figure:
-    """A panel a figure, a dot an encoder, and a colour or marker a row.
+    """A panel for each figure, a dot for each encoder, and a colour or marker for each row.
 
     Raises:
       ShapeError: no encoder has a policy.

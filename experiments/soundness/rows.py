@@ -69,7 +69,7 @@ class Settings(named_rows.Settings):
     policies: bool = True
     """Whether a policy is trained with each encoder's reward."""
     policies_at_once: int = 25
-    """Most policies in one program."""
+    """Largest number of policies in one program."""
     ascents: int = 1000
     """Gradient ascents of the audit, shared by the starts."""
     starts: int = 4
@@ -77,7 +77,7 @@ class Settings(named_rows.Settings):
 
 
 def with_budget(config: RunConfig, steps: int | None) -> RunConfig:
-    """The configuration with this many control steps for a policy; its own where None or 0.
+    """The configuration with this many control steps for a policy; unchanged for None or 0.
 
     Raises:
       ConfigError: they do not cover one update, or the policies would not learn from the rewards.

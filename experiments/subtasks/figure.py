@@ -1,4 +1,4 @@
-"""Figure 3: the learned reward along a demonstration, its stages as found and as they were."""
+"""Figure 3: the learned reward along a demonstration, with found and true stages."""
 
 from collections.abc import Mapping
 
@@ -24,7 +24,7 @@ def stages_figure(
     name: str = "",
     fps: float | None = None,
 ) -> Figure:
-    """The profile with the frames at the ends that were found; true ends are dashed lines.
+    """The profile with the frames at the found ends; true ends are dashed lines.
 
     Args:
       reward: of each frame.

@@ -15,7 +15,7 @@ class Options:
     """The run, and how its stages are found; see `gril_jax.subtasks.agreement`."""
 
     run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
-    """The folder of a run that has learned a reward."""
+    """Folder of a run that has learned a reward."""
     out: str | None = None
     """New folder for the results; None for `subtasks` in the run's folder."""
     prominence: float = 0.125
@@ -23,11 +23,11 @@ class Options:
     smoothing: int = 15
     """Frames of the running median of the reward, odd."""
     patience: int | None = None
-    """Frames without progress that end a stage; None finds what demonstrations agree with."""
+    """Frames without progress that end a stage; None finds it from the demonstrations."""
     support: float = 0.5
-    """Least share of the demonstrations that must show a stage's end by themselves."""
+    """Least share of the demonstrations that must each show a stage's end."""
     sets: bool = False
-    """Write each subtask's demonstrations as a set of their own, films included."""
+    """Write each subtask's demonstrations as a separate set, films included."""
 
     def check(self) -> None:
         """Raises ConfigError if a value is out of its range."""

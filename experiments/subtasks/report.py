@@ -1,4 +1,4 @@
-"""The stages of a task, found in the learned reward of a run: figures, scores, cut demonstrations.
+"""Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
 
     gril subtasks RUN                   about a minute
     gril subtasks RUN --sets True       and a demonstration set for each subtask
@@ -60,7 +60,7 @@ def main(
     *,
     echo: Callable[[str], None] = print,
 ) -> None:
-    """Write it all into a new folder.
+    """Writes figures, scores and cut demonstrations into a new folder.
 
     Args:
       folder: of the run.
@@ -124,7 +124,7 @@ def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrati
 
 
 def discover(traces: Traces, options: Options) -> tuple[agreement.AgreedBoundaries, int]:
-    """Boundaries on which all demonstrations agree, and the patience with which they were found."""
+    """Boundaries on which all demonstrations agree, and the patience that found them."""
     values, length = jnp.asarray(traces.reward), jnp.asarray(traces.length)
     rule = {name: getattr(options, name) for name in ("prominence", "smoothing", "support")}
     if (patience := options.patience) is None:
@@ -174,7 +174,7 @@ def _require_stages(
 
 
 def _shape(reward: Float[np.ndarray, "T"], length: int) -> tuple[float, int]:
-    """How far a trace climbs, and for how many frames it makes no progress."""
+    """Total climb of a trace, and its longest stretch of frames without progress."""
     trace = np.maximum.accumulate(reward[:length])
     climb = float(trace[-1] - trace[0])
     advances = np.flatnonzero(np.diff(np.floor((trace - trace[0]) / max(climb / 40, 1e-9))) > 0)
@@ -185,7 +185,7 @@ def _shape(reward: Float[np.ndarray, "T"], length: int) -> tuple[float, int]:
 def _scores(
     traces: Traces, found: Mapping[str, Int[np.ndarray, "B M"]], tolerance: int
 ) -> dict[str, Any]:
-    """Of held-out demonstrations with stage times; nothing if there are none."""
+    """Scores of held-out demonstrations with stage times; empty if there are none."""
     known = [i for i, e in enumerate(traces.entries) if traces.held_out[i] and e.stages]
     if not known:
         return {}
@@ -197,7 +197,7 @@ def _scores(
 
 
 def _json(traces: Traces, found, agreed, measured: Mapping[str, Any]) -> dict[str, Any]:
-    """All of it; `segments` are first and last frames of each subtask."""
+    """All results as JSON; `segments` are first and last frames of each subtask."""
     kept = agreed.shape[1]
     demos = {}
     for i, entry in enumerate(traces.entries):

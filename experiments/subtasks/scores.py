@@ -1,4 +1,4 @@
-"""How well found ends of stages meet the true ones, over many demonstrations."""
+"""Scores of found stage ends against the true ones, over many demonstrations."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -56,7 +56,7 @@ def scores(
 
 
 def _matched(found, true, tolerance: int) -> list[tuple[int, int]]:
-    """Pairs of indices, in order, as many as can be, and of those the nearest."""
+    """Pairs of indices, in order: as many as possible, and among those the nearest."""
     column = np.asarray(_match(jnp.asarray(found), jnp.asarray(true), tolerance=tolerance))
     return [(i, int(j)) for i, j in enumerate(column) if j >= 0]
 

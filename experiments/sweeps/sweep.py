@@ -1,4 +1,4 @@
-"""Every combination of some options with several seeds, in as few compiled programs as possible.
+"""All combinations of some options with several seeds, in as few compiled programs as possible.
 
     gril sweep quickstart --seeds 8 --reward learned,environmental --lambda 0.1,1
     gril sweep match_regions --rows "environmental,XIRL" --ppo.learning-rate 3e-4,7e-4
@@ -109,7 +109,7 @@ def _first_of_twins(sweep: Sweep) -> list[int]:
 
 
 def _what_counts(config: RunConfig) -> RunConfig:
-    """The configuration without what its policy does not depend on: such runs are made once."""
+    """The configuration without fields that its policy ignores: equal ones are run once."""
     if learns(config):
         return config
     usual = RunConfig()

@@ -22,7 +22,7 @@ __all__ = ["page"]
 
 
 def page(found: Found, figure: bytes) -> str:
-    """The page, which needs no other file.
+    """The page, as one self-contained file.
 
     Args:
       found: of the policies that have finished; at least one.
@@ -34,12 +34,14 @@ def page(found: Found, figure: bytes) -> str:
         "A dot for each seed, and a bar at their mean; the dotted line is the first row's mean.",
         png(spread(of, "success, sampled actions, Demo starts")),
         "Success of each row's policies",
+        wide=True,
     )
     curves = Part(
         "Figure 2: the interquartile mean over seeds within the band from their lower to their "
         "upper quartile.",
         figure,
         "Success against env steps and against seconds for each row",
+        wide=True,
     )
     about = found.about
     versions = {str(k): str(x) for k, x in about.get("packages", {}).items()}

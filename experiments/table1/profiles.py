@@ -45,7 +45,7 @@ def profiles(demos: Demonstrations) -> Measure:
 
 
 def program(static: pretrain.Static):
-    """Jitted: (S rewards, hyper, demonstrations) -> two-way cycle consistency of each, rewards."""
+    """Jitted program: (S rewards, hyper, demonstrations) -> two-way cycle consistency, rewards."""
 
     @jax.jit
     def embed(params: reward.RewardParams, hyper: pretrain.Hyper, batch: DemoBatch):

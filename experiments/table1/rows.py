@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from gril_jax.envs import registry
 from gril_jax.experiments.tables import rows as named_rows
 
 from gril_jax.config import RunConfig
@@ -142,14 +143,18 @@ def paths(rows: named_rows.Rows) -> set[str]:
 
 
 def check(config: RunConfig) -> None:
-    """Finds what is wrong about the task or the demonstrations before work starts.
+    """Refuses a task or demonstrations that the rows cannot use, before work starts.
 
     Raises:
-      ConfigError: the task is another one than the table's.
+      ConfigError: the task lacks a reward that the rows set.
       DemoError: the demonstrations are of another task, or too few.
     """
-    if config.env.name != "match_regions":
-        raise ConfigError(f"env.name is {config.env.name!r}, but must be 'match_regions' here")
+    needed = dict.fromkeys(row["env.reward"] for row in ROWS.values())
+    if not {*needed} <= {*registry.spec(config.env.name).rewards}:
+        raise ConfigError(
+            f"env.name is {config.env.name!r}, but must be a task with the rewards "
+            f"{', '.join(needed)}, which the rows set"
+        )
     if config.demos.path is None:
         return
     header = Path(config.demos.path) / "demos.json"

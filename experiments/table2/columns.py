@@ -51,7 +51,7 @@ _SECTIONS = (
 
 
 def kinds(lines: Sequence[Line]) -> list[str]:
-    """Kinds of failure, in the order in which they are met."""
+    """Kinds of failure, in order of appearance."""
     return list(dict.fromkeys(k[4:] for line in lines for k in line if k.startswith("auc ")))
 
 

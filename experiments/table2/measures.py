@@ -32,7 +32,7 @@ def kind_of(entry: DemoEntry) -> str:
 
 
 def stages_done(entry: DemoEntry, num_frames: int) -> Int[np.ndarray, "T"]:
-    """The number of stages that have been finished by each frame; 0 where they are not known."""
+    """The number of stages finished by each frame; 0 where they are unknown."""
     ends = [frame for frame in (entry.stages or {}).values() if frame >= 0]
     return np.sum([np.arange(num_frames) >= end for end in ends], axis=0, dtype=np.int32) * np.ones(
         num_frames, np.int32
@@ -42,7 +42,7 @@ def stages_done(entry: DemoEntry, num_frames: int) -> Int[np.ndarray, "T"]:
 def measure(
     reward: Float[np.ndarray, "B T"], length: Int[np.ndarray, "B"], entries: Sequence[DemoEntry]
 ) -> dict[str, float]:
-    """`MEASURES`, and for each kind of failure `auc KIND` and `last KIND`.
+    """Computes `MEASURES`, and for each kind of failure `auc KIND` and `last KIND`.
 
     Args:
       reward: of each frame.

@@ -98,7 +98,7 @@ class Settings(named_rows.Settings):
 
 
 def usable(config: RunConfig, echo: Callable[[str], None] = print) -> named_rows.Rows:
-    """The rows that this configuration can train; says of each other one why it is left out."""
+    """The rows that this configuration can train; prints why the others are left out."""
     rows = {}
     for name, change in ROWS.items():
         try:

@@ -66,13 +66,13 @@ def _check(folder: Path, names: Mapping[str, Sequence[str]]) -> None:
 
 
 def _recordings(demos: Demonstrations) -> list[DemoEntry]:
-    """Successes kept aside, then failures."""
+    """Held-out successes, then failures."""
     entries = {entry.name: entry for entry in demos.demo_set.entries}
     return [entries[name] for split in ("validation", "failure") for name in demos.names[split]]
 
 
 def _of_true_stages(demos: Demonstrations) -> list[dict[str, Any]]:
-    """A line of the reward that the true stages give: how far any staircase could get."""
+    """A line for the reward of the true stages: an upper bound for any staircase."""
     chosen = _recordings(demos)
     if not all(entry.stages for entry in chosen):
         return []

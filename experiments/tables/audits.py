@@ -93,7 +93,7 @@ def tasks(config: EnvConfig) -> dict[str, envs.Env]:
 
 
 def ground(variants: Mapping[str, envs.Env], *, starts: int) -> Ground:
-    """Made-up states around some starts of each variant, which come from `tasks`."""
+    """Synthetic states around some starts of each variant, which come from `tasks`."""
     found = {}
     for number, (variant, env) in enumerate(variants.items()):
         keys = jax.random.split(jax.random.key(number), 2 * starts)
@@ -109,7 +109,7 @@ def _states(env: envs.Env, reset_keys, state_keys) -> States:
 
 
 def program(encoder: GraphConfig, task: Any, *, ascents: int):
-    """The jitted audit of many rewards, (parameters, states) -> measures; of any variant.
+    """The jitted audit of many rewards, (parameters, states) -> measures; for any variant.
 
     Args:
       encoder: of all of them.

@@ -17,7 +17,7 @@ LAST = ("env_steps", "success", "success_sampled", "success_ever", "score")  # o
 
 @dataclass(frozen=True)
 class Curve:
-    """One policy while it is trained."""
+    """The learning curve of one policy."""
 
     cell: int  # place of its row
     seed: int  # place of its seed

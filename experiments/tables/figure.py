@@ -25,7 +25,7 @@ _SECONDS = "seconds of a program with all its policies"
 
 
 class _Line(NamedTuple):
-    """A row of the table: n points of its policies, the first before any training."""
+    """A row of the table as n points of its policies, the first before any training."""
 
     steps: Float[np.ndarray, "n"]  # millions
     seconds: Float[np.ndarray, "n"]
@@ -34,7 +34,7 @@ class _Line(NamedTuple):
 
 @styled
 def learning_curves(names: Sequence[str], found: Sequence[Curve]) -> Figure:
-    """A row of the table is a line within its band; many rows have a panel each for their bands.
+    """The figure; each row is a line within its band, and many rows have a panel each.
 
     Args:
       names: of all rows; one without a policy is left out.
@@ -76,7 +76,7 @@ def _overlaid(lines: Mapping[str, _Line]) -> Figure:
 
 
 def _side_by_side(lines: Mapping[str, _Line]) -> Figure:
-    """Against steps a panel for each row, with the first row's line in all; against seconds all."""
+    """Panels against steps, one per row with the first row's line; one against seconds for all."""
     down = math.ceil(len(lines) / _COLUMNS)
     drawn = Figure(figsize=(WIDTH, 1.75 * down + 0.45 * WIDTH))
     above, below = drawn.subfigures(2, 1, height_ratios=[1.75 * down, 0.45 * WIDTH])

@@ -51,7 +51,7 @@ def programs(
     starts: Sequence[str] = (),
     at_once: int | None = None,
 ) -> list[Program]:
-    """The rows by what they compile, in parts that fit into the devices' memory.
+    """The rows grouped by the program that they compile, in parts that fit into device memory.
 
     Args:
       rows: the policies.
@@ -121,7 +121,7 @@ def _num_parts(starts: int, num_envs: int) -> int:
 
 
 def _available_bytes() -> int | None:
-    """Memory of the device that has least, in whichever process."""
+    """Memory of the device that has least, over all processes."""
     found = [memory.available_bytes(device) for device in jax.local_devices()]
     known = [x >> 20 for x in found if x is not None]  # MiB, so that they are small numbers
     if len(known) < len(found):
@@ -131,7 +131,7 @@ def _available_bytes() -> int | None:
 
 
 class Ready(NamedTuple):
-    """A program that has been compiled."""
+    """A compiled program."""
 
     layout: Mesh
     init: Any  # as `gril_jax.compilation.sharding.Compiled` has them
@@ -141,7 +141,7 @@ class Ready(NamedTuple):
 def get_ready(
     left: Sequence[Program], devices: Sequence[Any], pool: Executor
 ) -> dict[str, Future[Ready]]:
-    """Begin to compile programs in a pool, in their order; by their names."""
+    """Starts to compile programs in a pool, in their order; returns them by name."""
     return {program.name: pool.submit(_compiled, program, devices) for program in left}
 
 
@@ -181,7 +181,7 @@ def _compiled(program: Program, devices: Sequence[Any]) -> Ready:
 
 
 def arguments(program: Program, layout: Mesh) -> tuple[Any, Any]:
-    """Hyper-parameters and keys of the policies, where they belong."""
+    """Hyper-parameters and keys of the policies, placed on their devices."""
     configs = [row.config for row in program.rows]
     hyper = stack([policy_setup.algorithm_hyper(config) for config in configs])
     found = keys([config.run.seed for config in configs], 1)
@@ -189,7 +189,7 @@ def arguments(program: Program, layout: Mesh) -> tuple[Any, Any]:
 
 
 def updates_of_chunks(program: Program) -> list[int]:
-    """Of each chunk: an evaluation and the updates before it, about as many in each."""
+    """Updates before each chunk's evaluation, about equally many in each."""
     chunks = max(1, min(program.rows[0].config.run.evaluations, program.updates))
     done_by = [program.updates * k // chunks for k in range(chunks + 1)]
     return [after - before for before, after in itertools.pairwise(done_by)]

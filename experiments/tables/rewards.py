@@ -39,7 +39,7 @@ __all__ = [
 
 
 class LearnedReward(NamedTuple):
-    """A reward with what it was learned from."""
+    """A learned reward, its tau and its demonstrations."""
 
     params: reward.RewardParams
     tau: float
@@ -64,7 +64,7 @@ def task_key(config: RunConfig) -> Hashable:
 
 
 def keys(seeds: Sequence[int], stream: int):
-    """The keys that a run of each seed by itself uses."""
+    """The keys that a separate run of each seed would use."""
     return jax.vmap(lambda s: jax.random.fold_in(jax.random.key(s), stream))(jnp.array(seeds))
 
 
@@ -74,7 +74,7 @@ def stack(trees: Sequence[Any]) -> Any:
 
 
 class _Ready(NamedTuple):
-    """Encoders that share a program, which has been compiled."""
+    """Encoders that share one compiled program."""
 
     seeds: int
     updates: int  # of a chunk
@@ -85,7 +85,7 @@ class _Ready(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """Rewards that share a program, which is being compiled."""
+    """Rewards that share one program, which is being compiled."""
 
     keys: list[Hashable]
     config: RunConfig  # of one of them
@@ -98,7 +98,7 @@ def get_ready(
     gather: Callable[[RunConfig], demonstrations.Demonstrations],
     pool: Executor,
 ) -> list[Wanted]:
-    """Begin to compile, in a pool, what trains the reward of every row that needs one."""
+    """Starts to compile, in a pool, the training of every reward that a row needs."""
     needed = {reward_key(row.config): row.config for row in rows if learns(row.config)}
     groups: dict[Hashable, list[Hashable]] = {}
     for key, config in needed.items():
@@ -120,7 +120,7 @@ def tasks(
     progress: Progress,
     echo: Callable[[str], None],
 ) -> list[ahead.Task]:
-    """A task for each program, which adds its rewards to those that have been found."""
+    """One task per program, which adds its rewards to the found ones."""
 
     def task(number: int, one: Wanted) -> ahead.Task:
         name = _name(number)
@@ -207,12 +207,12 @@ def _encoders(name, config: RunConfig, ready: _Ready, run: RunDir, progress: Pro
 
 
 def _side_by_side(one: Callable) -> Callable:
-    """A function of a seed's argument, of the data, and of more of the seed's, for many seeds."""
+    """Maps a function (seed's argument, data, more arguments of the seed) over many seeds."""
     return lambda first, data, *more: jax.vmap(lambda x, *y: one(x, data, *y))(first, *more)
 
 
 def _one_by_one(layout: Mesh) -> Callable[[Callable], Callable]:
-    """The same for networks with convolutions, each device with its seeds one after the other.
+    """Like `_side_by_side` for networks with convolutions; each device runs its seeds in turn.
 
     Side by side they would be grouped convolutions, which are slower than those of one network, and
     would hold the activations of all seeds at once.

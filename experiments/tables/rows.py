@@ -1,4 +1,4 @@
-"""The rows of a table: chosen by their names, and kept beside the run that makes them.
+"""The rows of a table: chosen by name, and saved beside the run that makes them.
 
 Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
 """
@@ -54,7 +54,7 @@ AnySettings = TypeVar("AnySettings", bound=Settings)
 
 
 def chosen_rows(names: str | None, known: Rows) -> Rows:
-    """Rows by their names with commas between; all where there is no choice.
+    """Rows by their comma-separated names; all if `names` is None.
 
     Raises:
       ConfigError: there is no row of this name, or one is named twice.
@@ -103,7 +103,7 @@ def with_seeds(configs: Sequence[RunConfig], seeds: int) -> list[Row]:
 
 
 def differing(first: RunConfig, second: RunConfig, rows: Rows) -> list[str]:
-    """Fields for which the rows of two runs cannot stand in one table, as `changed_fields` tells.
+    """Fields that keep the rows of two runs out of one table, as `changed_fields` describes them.
 
     Args:
       first: configuration of one run.

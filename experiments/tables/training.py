@@ -30,7 +30,7 @@ def learn_policies(
     progress: Progress,
     echo: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Train a program's policies; their scores while they learn are rows of metrics.jsonl.
+    """Trains a program's policies; their scores during training are rows of metrics.jsonl.
 
     In these `success` is with deterministic actions in the first of the tasks, `success_sampled`
     with sampled ones, and `success_layout` and `success_layout_sampled` are the same in the task

@@ -112,7 +112,7 @@ SEEDS = Column("seed", "seeds", lambda values, count: str(count))
 
 
 def column(lines: Sequence[Line], name: str) -> Float[np.ndarray, "n"]:
-    """One number of each line; NaN where it is not known."""
+    """One number of each line; NaN where it is missing."""
     values = (line.get(name) for line in lines)
     return np.array([np.nan if x is None else x for x in values], np.float64)
 

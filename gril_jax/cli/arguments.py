@@ -1,15 +1,14 @@
-"""What the verbs share: arguments that are read and checked before anything heavy is imported."""
+"""Arguments that verbs share, read and checked before anything heavy is imported.
+
+What reads YAML or run folders is imported late: `gril --help` needs none of it.
+"""
 
 import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from gril_jax.config import RunConfig
-from gril_jax.config.files import load
 from gril_jax.errors import ConfigError, DemoError, RunError
-from gril_jax.runs import run_dir
-from gril_jax.runs.phases import changed_fields
-from gril_jax.runs.sinks import require_installed
 
 __all__ = [
     "Work",
@@ -22,9 +21,11 @@ __all__ = [
     "in_full",
     "positional",
     "require_left_to_options",
+    "require_made",
     "require_new_file",
     "resumed_config",
     "run_config",
+    "run_config_of",
     "take",
     "whole_number",
 ]
@@ -44,7 +45,10 @@ _SHORTCUTS = {
 
 
 def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunConfig:
-    """The checked configuration of a run, whose paths are what they should be."""
+    """The configuration of a run, with its values and paths checked."""
+    from gril_jax.config.files import load
+    from gril_jax.runs import run_dir
+
     config = load(name, in_full(args), prog=prog, description=explained(about))
     check_surroundings(config)
     if config.run.out is not None:
@@ -55,7 +59,7 @@ def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunC
 def resumed_config(
     folder: Path, name: str | None, args: list[str], *, prog: str, experiment: str
 ) -> RunConfig:
-    """The configuration of a run that is to go on; what else the command line says agrees with it.
+    """The configuration of a run to resume; raises if the command line contradicts it.
 
     Args:
       folder: the run's.
@@ -68,6 +72,10 @@ def resumed_config(
       ConfigError: the command line says something else than the run; the fields are listed.
       RunError: the folder is no run that can go on.
     """
+    from gril_jax.config.files import load
+    from gril_jax.runs import run_dir
+    from gril_jax.runs.phases import changed_fields
+
     config = run_dir.require_resumable(folder, experiment)
     args = in_full(args)
     given = load(name or str(folder / "config.yaml"), args, prog=prog)
@@ -100,7 +108,7 @@ def hard_negatives(names: str, config: RunConfig) -> list[Path]:
             "between them"
         )
     for folder in folders:
-        of = run_dir.read_config(folder).env
+        of = run_config_of(folder).env
         for field in ("name", "targets", "distractors"):
             theirs, ours = getattr(of, field), getattr(config.env, field)
             if theirs != ours:
@@ -108,24 +116,42 @@ def hard_negatives(names: str, config: RunConfig) -> list[Path]:
                     f"--hard-negatives: {folder} has env.{field} {theirs!r}, but must have that of "
                     f"the new run, {ours!r}"
                 )
-        if not any(folder.glob("policy/[0-9]*/manifest.json")):
-            raise RunError(f"{folder} has no policy, so its run has not got that far yet")
+        require_made(folder, "policy")
     return folders
 
 
+def run_config_of(folder: Path) -> RunConfig:
+    """The configuration of a run.
+
+    Raises:
+      RunError: the folder is no run.
+    """
+    from gril_jax.runs import run_dir
+
+    return run_dir.read_config(folder)
+
+
+def require_made(folder: Path, part: str) -> None:
+    """Raises RunError if a run has no `reward` or no `policy` yet."""
+    if not any(folder.glob(f"{part}/[0-9]*/manifest.json")):
+        raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
+
+
 def in_full(args: list[str], shortcuts: Mapping[str, str] = _SHORTCUTS) -> list[str]:
-    """The arguments with shortcuts written out."""
+    """The arguments with shortcuts expanded."""
     parts = (arg.partition("=") for arg in args)
     return [shortcuts.get(option, option) + equals + value for option, equals, value in parts]
 
 
 def explained(about: str, shortcuts: Mapping[str, str] = _SHORTCUTS) -> str:
-    """What a verb is about, with its shortcuts."""
+    """A verb's description, with its shortcuts."""
     return f"{about} Shortcuts: {', '.join(f'{a} for {b}' for a, b in shortcuts.items())}."
 
 
 def check_surroundings(config: RunConfig) -> None:
-    """What a run needs beside its configuration."""
+    """Raises if a run lacks what it needs beside its configuration."""
+    from gril_jax.runs.sinks import require_installed
+
     require_installed(config.run.sinks)
     if config.demos.path is not None:
         folder = existing_folder(config.demos.path)
@@ -134,12 +160,12 @@ def check_surroundings(config: RunConfig) -> None:
 
 
 def positional(args: list[str]) -> str | None:
-    """Takes the leading word off the arguments, unless it is an option."""
+    """Removes and returns the leading argument, unless it is an option."""
     return args.pop(0) if args and not args[0].startswith("-") else None
 
 
 def take(args: list[str], option: str) -> str | None:
-    """Takes an option with its value off the arguments; the last one counts."""
+    """Removes an option and returns its value; the last one counts."""
     value = None
     for index in reversed(range(len(args))):
         name, equals, rest = args[index].partition("=")
@@ -153,7 +179,7 @@ def take(args: list[str], option: str) -> str | None:
 
 
 def whole_number(args: list[str], option: str, usual: int | None, least: int = 1) -> int | None:
-    """Takes an option off the arguments that is a whole number; what is usual where it lacks.
+    """Takes an option that is a whole number off the arguments; the usual one where it lacks.
 
     Raises:
       ConfigError: it is something else, or below the least.
@@ -167,6 +193,7 @@ def whole_number(args: list[str], option: str, usual: int | None, least: int = 1
 
 
 def existing_folder(name: str) -> Path:
+    """The path of a folder; raises DemoError where there is none."""
     path = Path(name)
     if not path.is_dir():
         fault = "is a file" if path.exists() else "does not exist"
@@ -175,7 +202,7 @@ def existing_folder(name: str) -> Path:
 
 
 def require_left_to_options(args: list[str], taken: set[str]) -> None:
-    """Refuses to choose for all rows of a table what each of them says for itself."""
+    """Raises ConfigError if an option is set that each row of a table sets itself."""
     for option in (arg.partition("=")[0] for arg in in_full(args)):
         path = option.removeprefix("--").replace("-", "_")
         if path in taken or f"{path}_" in taken:
@@ -183,6 +210,9 @@ def require_left_to_options(args: list[str], taken: set[str]) -> None:
 
 
 def require_new_file(path: Path) -> None:
+    """Raises RunError unless a file can be created here."""
+    from gril_jax.runs import run_dir
+
     with run_dir.writing(path.parent):  # a name may be too long, or a folder closed to us
         if path.exists() or path.is_symlink():
             raise RunError(f"{path} exists already, but --out must be a new file")
@@ -192,7 +222,9 @@ def require_new_file(path: Path) -> None:
 
 
 def demo_set_to_write(name: str) -> Path:
-    """A new or empty folder, or a demonstration set to replace."""
+    """Checks that a path is a new or empty folder, or a demonstration set to replace."""
+    from gril_jax.runs import run_dir
+
     path = Path(name)
     if path.is_dir():
         if any(path.iterdir()) and not (path / "demos.json").is_file():
@@ -203,4 +235,5 @@ def demo_set_to_write(name: str) -> Path:
 
 
 def echo(line: str) -> None:
+    """Prints a line at once, also into a pipe."""
     print(line, flush=True)

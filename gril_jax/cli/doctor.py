@@ -1,4 +1,4 @@
-"""What `gril doctor` checks: versions, devices, rendering, compilation, video encoding.
+"""Checks of `gril doctor`: versions, devices, rendering, compilation, video encoding.
 
 Each check is a process of its own with a time limit: a package that crashes on import, or an
 OpenGL driver that hangs, becomes a row of the table. So neither JAX nor MuJoCo is imported
@@ -76,7 +76,7 @@ class Check(NamedTuple):
 
 
 def check_all(*, timeout_s: int | float = 120.0) -> list[Check]:
-    """Every check, in the order in which the table shows them."""
+    """Runs every check, in the order of the table."""
     rows = [Check("python", True, True, platform.python_version())]
     for name, version in package_versions().items():
         rows.append(Check(name, version != "missing", True, version))
@@ -89,7 +89,7 @@ def check_all(*, timeout_s: int | float = 120.0) -> list[Check]:
 
 
 def gl_checks(*, timeout_s: int | float) -> list[Check]:
-    """One row for each way to render; a run that draws nothing needs none of them."""
+    """One row for each rendering backend; a run without drawing needs none of them."""
     return [
         probe(f"MUJOCO_GL={backend}", _GL, needed=False, timeout_s=timeout_s, gl_backend=backend)
         for backend in _GL_BACKENDS
@@ -104,7 +104,7 @@ def probe(
     timeout_s: int | float,
     gl_backend: str | None = None,
 ) -> Check:
-    """Runs Python code in a process of its own; what it prints last is the detail."""
+    """Runs Python code in a separate process; its last printed line is the detail."""
     environment = dict(os.environ)
     if gl_backend is not None:
         environment |= {"MUJOCO_GL": gl_backend, "PYOPENGL_PLATFORM": gl_backend}
@@ -135,7 +135,7 @@ def table(checks: Sequence[Check]) -> str:
 
 
 def exit_code(checks: Sequence[Check]) -> int:
-    """0 unless something that is needed does not work."""
+    """The exit code: 0 unless something that is needed does not work."""
     return int(any(check.needed and not check.works for check in checks))
 
 
@@ -150,6 +150,6 @@ def _last_line(text: str) -> str:
 
 
 def _error_line(stderr: str) -> str:
-    """The exception itself: a renderer that failed to start complains again as it is freed."""
+    """The exception's own line: a renderer that fails to start complains again when freed."""
     head = stderr.split("Exception ignored in")[0]
     return _last_line(head) or _last_line(stderr)

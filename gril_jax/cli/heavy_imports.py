@@ -1,4 +1,4 @@
-"""Heavy imports, which come late: when a verb has understood its command line."""
+"""Heavy imports, done only after a verb has understood its command line."""
 
 import contextlib
 import gc
@@ -11,6 +11,7 @@ from pathlib import Path
 
 from gril_jax import threads
 from gril_jax.config import MakeDemosConfig, RunConfig
+from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
 __all__ = ["heavy_imports"]
@@ -22,22 +23,21 @@ def _xla_flags(config: RunConfig | MakeDemosConfig) -> list[str]:
     flags = []
     if isinstance(config, RunConfig) and config.run.deterministic:
         flags.append("--xla_gpu_deterministic_ops=true")
-    # With the newer code generator for CPUs an arm in MJX is a thousand times slower. XLA aborts
-    # over a flag that it does not know: hence the version.
-    if config.env.name == "shoes_in_box" and metadata.version("jaxlib").startswith("0.10."):
-        flags.append("--xla_cpu_use_fusion_emitters=false")
+    for version, needed in registry.spec(config.env.name).xla_flags.items():
+        if metadata.version("jaxlib").startswith(version):
+            flags += needed
     return flags
 
 
 def _steps_in_mjx(config: RunConfig | MakeDemosConfig) -> bool:
-    return config.env.name == "shoes_in_box" or config.env.engine == "mjx"
+    return registry.spec(config.env.name).steps_in_mjx or config.env.engine == "mjx"
 
 
 @contextlib.contextmanager
 def heavy_imports(
     config: RunConfig | MakeDemosConfig | None = None, *, devices: bool = False
 ) -> Iterator[None]:
-    """Around imports of JAX and MuJoCo: sets XLA's options and threads, and keeps stdout clean.
+    """Context for importing JAX and MuJoCo: sets XLA's options and threads, keeps stdout clean.
 
     MJX reports on stdout, while it is imported, that optional parts are missing.
 
@@ -77,7 +77,7 @@ def heavy_imports(
 
 @contextlib.contextmanager
 def _spared_from_collection() -> Iterator[None]:
-    """What is imported stays: looking for garbage in it is a fifth of a short run's time."""
+    """Freezes imported modules out of garbage collection, else a fifth of a short run's time."""
     gc.disable()
     try:
         yield
@@ -88,7 +88,7 @@ def _spared_from_collection() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _taken_devices() -> Iterator[None]:
-    """Around imports: a GPU and its compiler need two seconds until the first array is there."""
+    """Initialises the devices during imports: a GPU takes two seconds until its first array."""
     import jax  # in this thread, since two that import the same could see it half done
 
     with ThreadPoolExecutor(1, "devices") as pool:

@@ -1,68 +1,39 @@
 """`gril VERB`: the command line.
 
 The command line is read, and every path on it looked at, before anything heavy is imported: a
-misspelt option is answered at once. The verbs are in `gril_jax.cli`; what they do lives in
+misspelt option is answered at once. The verbs are in `gril_jax.cli.verbs`; what they do lives in
 `gril_jax.experiments`, imported when the verb runs. Exit codes: 0 done, 1 failed at work, 2 the
 command line is wrong, 130 interrupted by Ctrl-C, 143 by SIGTERM.
 """
 
 import os
 import sys
+import textwrap
 from collections.abc import Sequence
 
 from gril_jax.config.command_line import nearest
 from gril_jax.errors import ConfigError, GrilError
 from gril_jax.runs.interrupt import Interrupted, heard
 
-from . import VERBS
+from . import verbs
 from .arguments import Work
 
-__all__ = ["main"]
+__all__ = ["help_page", "main"]
 
-_HELP = """\
+_USAGE = """\
 usage: gril VERB [options]
 
 Learn a reward from demonstration videos without actions, and a policy from the reward.
-
-  quickstart                  a small run from demonstrations to a policy, on a laptop
-  train [CONFIG]              the same for any configuration
-  pretrain [CONFIG]           the learned reward alone
-  sweep [CONFIG] --seeds N    every combination of options with commas, over seeds;
-                              --distributed on several hosts
-  train|pretrain|sweep --resume RUN   go on with what was cut off, bit for bit
-  train|pretrain --hard-negatives RUN[,RUN]   learn from what earlier policies were overpaid for
-  ablate [CONFIG]             which choices of the reward's training matter, over seeds
-  soundness [CONFIG]          the same by audits and by policies, and whether audits tell success;
-                              --resume RUN goes on, --join RUN,RUN makes one table
-  table1 [CONFIG]             the paper's Table I and Figure 2: policies with rewards of all kinds;
-                              --quick on a laptop, --resume RUN goes on
-  table2 [CONFIG]             the paper's Table II: rewards that tell success from failure; --quick,
-                              --resume RUN
-  demos make [CONFIG]         scripted demonstrations
-  demos import-magical DIR    a demonstration set from MAGICAL's public demonstrations
-  demos import-videos DIR     a demonstration set from a folder of videos
-  eval RUN                    success rate and return of a run's policy
-  audit RUN|REWARD            how a reward could be cheated, before a policy finds it
-  subtasks RUN                stages found in a run's learned reward, and demonstrations cut at them
-  report RUN                  figures and tables of a run
-  export-policy RUN           a run's policy as plain NumPy arrays
-  export-reward RUN           a run's reward as one file that load_reward reads
-  bench losses                the losses and encoders beside those of others, as JSON
-  bench replay                the replay buffer beside brax's, alone and for eight seeds
-  bench train                 training with and without the learned reward, as JSON
-  bench compile               seconds to compile each program of a run, and how many there are
-  bench brax, bench sac       our PPO beside brax's own, our SAC beside a loop on the host
-  bench known                 PPO and SAC where good returns are known, beside brax's and published
-  bench env                   how many control steps a second the task makes here, as JSON
-  doctor                      what is installed and what works on this machine
-
+"""
+_NOTE = """
 CONFIG is the name of a shipped configuration or the path of a YAML file; RUN is the folder
 that a run made. `gril VERB --help` lists the options of a verb.
 """
+_INDENT, _WIDTH = 30, 100
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs a command line and returns the exit code; `sys.argv` where `argv` is None."""
+    """Runs a command line and returns the exit code; `argv` defaults to `sys.argv`."""
     args = list(sys.argv[1:] if argv is None else argv)
     code = 2
     try:
@@ -89,21 +60,35 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
 
 
+def help_page() -> str:
+    """The help of `gril` itself, from what the verbs say of themselves."""
+    page = _USAGE
+    for title, group in verbs.TABLE.items():
+        lines = (line for name in group for line in verbs.find(name).lines.items())
+        page += f"\n{title}:\n" + "".join(_line(*line) for line in lines)
+    return page + _NOTE
+
+
+def _line(usage: str, summary: str) -> str:
+    left = f"  {usage}  ".ljust(_INDENT)
+    return textwrap.fill(
+        summary, _WIDTH, initial_indent=left, subsequent_indent=" " * _INDENT,
+        break_on_hyphens=False,
+    ) + "\n"  # fmt: skip
+
+
 def _plan(args: list[str]) -> Work:
-    """Reads the command line; nothing heavy is imported here."""
-    if not args or args[0] in ("-h", "--help"):
-        print(_HELP, end="")
+    """Parses the command line; nothing heavy is imported here."""
+    known = verbs.names()
+    families = {name.partition(" ")[0] for name in known if " " in name}
+    size = 2 if args and args[0] in families else 1
+    words, rest = args[:size], args[size:]
+    if len(words) < size or words[-1] in ("-h", "--help"):
+        print(help_page(), end="")
         return lambda: 0
-    verb, rest = args[0], args[1:]
-    if verb in ("demos", "bench"):
-        if not rest or rest[0] in ("-h", "--help"):
-            print(_HELP, end="")
-            return lambda: 0
-        verb, rest = f"{verb} {rest[0]}", rest[1:]
-    if verb not in VERBS:
-        hint = nearest(verb, [*VERBS])
-        raise ConfigError(f"there is no verb {verb!r}{hint}: see gril --help")
-    return VERBS[verb](rest)
+    if (name := " ".join(words)) not in known:
+        raise ConfigError(f"there is no verb {name!r}{nearest(name, known)}: see gril --help")
+    return verbs.find(name).plan(rest)
 
 
 if __name__ == "__main__":

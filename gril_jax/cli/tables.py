@@ -27,7 +27,7 @@ from .arguments import (
 )
 from .heavy_imports import heavy_imports
 
-__all__ = ["VERBS", "made", "not_beside"]
+__all__ = ["VERBS", "made", "not_beside", "redrawn"]
 
 _GOES_ON = (
     " --resume RUN goes on with a run that was cut off; --join A,B --out FOLDER makes one table of "
@@ -85,6 +85,19 @@ def made(
 
             table = _table(name)
         frame.make(table, config, settings(), resume=resume, echo=echo)
+
+    return work
+
+
+def redrawn(name: str, folder: Path) -> Work:
+    """The page and figures of a finished table, made anew from what its folder holds."""
+
+    def work() -> None:
+        with heavy_imports():
+            from gril_jax.experiments.tables import results
+
+            table = _table(name)
+        results.redraw(table, folder, echo=echo)
 
     return work
 

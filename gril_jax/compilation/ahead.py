@@ -1,4 +1,4 @@
-"""Programs that are compiled while others run.
+"""Compiles programs while others run.
 
     with ahead.compiling() as pool:
         wanted = pool.submit(lambda: compiled(jax.jit(f).lower(x)))
@@ -35,13 +35,13 @@ _tracing = threading.RLock()
 
 
 def tracing() -> contextlib.AbstractContextManager:
-    """Held while a program is traced and lowered, and not while it is compiled."""
+    """The lock held while a program is traced and lowered, but not while it is compiled."""
     return _tracing
 
 
 @contextlib.contextmanager
 def compiling() -> Iterator[Executor]:
-    """A pool to compile in, in the order in which it is asked; half of the cores.
+    """A pool that compiles in order of submission, on half of the cores.
 
     What has not begun when the block ends, for whatever reason, is given up; what has is waited
     for, since a compiler cannot be stopped.
@@ -56,7 +56,7 @@ def compiling() -> Iterator[Executor]:
 
 
 class Task(NamedTuple):
-    """Something to do that may have to wait."""
+    """Work that may have to wait for a program or for other tasks."""
 
     name: str
     wanted: Future[Any] | None  # the program for it; None where it needs none
@@ -65,7 +65,7 @@ class Task(NamedTuple):
 
 
 def carry_out(tasks: Iterable[Task]) -> None:
-    """Each task once: always the first that needs nothing undone and whose program is there.
+    """Runs each task once: always the first one whose needs are done and whose program is ready.
 
     So a device has work while there is any that can be done. Where programs are compiled when they
     are asked for, the order is that of the tasks as far as their needs allow, in every process.
@@ -95,7 +95,7 @@ def _is_there(wanted: Future[Any] | None) -> bool:
 
 
 class _WhenAsked(Executor):
-    """Does in the caller's thread, when its result is asked for, what would be done in a pool."""
+    """An executor that runs each call in the caller's thread, when its result is asked for."""
 
     def submit(self, fn, /, *args, **kwargs):
         return _Task(lambda: fn(*args, **kwargs))

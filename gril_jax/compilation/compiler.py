@@ -31,7 +31,7 @@ _BRIEF: dict[str, dict[str, Any]] = _OPTIONS | {
 
 
 def compiled(lowered: jax.stages.Lowered, *, brief: bool = False) -> jax.stages.Compiled:
-    """The program, for the devices that JAX uses by default.
+    """Compiles the program for JAX's default devices.
 
     Args:
       lowered: the program as it was traced.

@@ -59,7 +59,7 @@ def predict_bytes(algorithm: Algorithm, hyper: Any, reward_params: Any) -> int:
 
 
 def available_bytes(device: Any) -> int | None:
-    """Memory of a device that a program may use; None where the platform does not tell.
+    """Bytes of a device that a program may use; None if the platform does not tell.
 
     Several CPU devices, as `--xla_force_host_platform_device_count` makes them, share that of the
     machine evenly. The device is one of this process.
@@ -103,7 +103,7 @@ def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -
 
 
 def _largest(algorithm: Algorithm, state: Any, reward_params: Any) -> int:
-    """Bytes of the largest array that the reward makes, for each environment.
+    """Bytes per environment of the largest array that the reward makes.
 
     What does not grow with their number, such as weights in another precision, is there once.
     """
@@ -119,7 +119,7 @@ def _largest(algorithm: Algorithm, state: Any, reward_params: Any) -> int:
 
 
 def _made(program: Any) -> Iterator[Any]:
-    """Every value that a program makes, and the programs in it."""
+    """All intermediate values of a jaxpr and its inner jaxprs."""
     for equation in program.eqns:
         yield from equation.outvars
         for inner in jaxprs_in_params(equation.params):

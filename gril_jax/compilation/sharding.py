@@ -1,4 +1,4 @@
-"""One training program on many devices: seeds are spread first, then the environments of a seed.
+"""One training program on many devices: split by seed first, then by a seed's environments.
 
     layout = mesh(jax.devices(), seeds=8, num_envs=4096)
     state = init(algorithm, layout, keys, hyper)                # each with a leading axis of seeds
@@ -40,7 +40,7 @@ __all__ = [
 
 
 def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
-    """Devices as a grid of axes "seeds" and "envs"; as many as possible go to the seeds.
+    """Devices as a grid of axes "seeds" and "envs", with as many as possible on "seeds".
 
     Raises:
       ConfigError: the devices cannot be shared out evenly.
@@ -74,12 +74,12 @@ def shardings(layout: Mesh, state: Any) -> Any:
 
 
 def place(layout: Mesh, tree: Any) -> Any:
-    """A tree with a leading axis of seeds, such as hyper-parameters, put where its seeds are."""
+    """Puts a tree with a leading axis of seeds, such as hyper-parameters, on its seeds' devices."""
     return jax.device_put(tree, by_seed(layout))
 
 
 def init(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> Any:
-    """A fresh training state for each key, made where it belongs."""
+    """A fresh training state for each key, made on its devices."""
     return _maker(algorithm, layout, keys, hyper)(keys, hyper)
 
 
@@ -91,20 +91,20 @@ def _maker(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -
 
 
 class Compiled(NamedTuple):
-    """A training that is ready to run."""
+    """A compiled training program."""
 
     init: Any  # (keys, hyper) -> state
     advance: Any  # of `advance`
 
 
 class Lowered(NamedTuple):
-    """A training that has been traced, and awaits its compiler."""
+    """A traced training program, still to be compiled."""
 
     init: Future[Any]  # being compiled already
     advance: Any
 
     def compile(self) -> Compiled:
-        """Most of the work, and without Python's lock."""
+        """Compiles it: most of the work, without Python's lock."""
         return Compiled(self.init.result(), compiled(self.advance))
 
 
@@ -117,7 +117,7 @@ def lowered(
     updates: int,
     evaluation: tuple[Any, ...] = (),
 ) -> Lowered:
-    """`init` and `advance`, traced: nothing is computed, so that it can be done ahead of time.
+    """Traces `init` and `advance` ahead of time, without computing anything.
 
     The small one is compiled in a thread of its own while the large one is traced, which keeps one
     core busy.
@@ -150,7 +150,7 @@ def advance(
     updates: int,
     evaluation: tuple[Any, ...] = (),
 ) -> Callable[[Any, Any, Any, Any, Any], tuple[Any, tuple[Any, Any]]]:
-    """`training.chunk` over seeds, compiled once.
+    """Runs `training.chunk` over seeds, compiled once.
 
     Returns:
       (state, hyper, reward parameters, count, examine) -> (state, (metrics, scores)), the first

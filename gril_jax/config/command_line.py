@@ -1,8 +1,8 @@
 """Command-line options into a dataclass; every mistake becomes one sentence.
 
-tyro does the parsing. It draws its complaints as boxes for a terminal and exits, so the box is
-caught here and what it says is raised as a ConfigError. Neither JAX nor MuJoCo is imported
-here.
+The words of a command line are first held against the dataclass's own types and ranges. tyro, whose
+complaints are boxes for a terminal, then reads what is known to be right, and prints the help.
+Neither JAX nor MuJoCo is imported here.
 """
 
 import contextlib
@@ -10,13 +10,16 @@ import dataclasses
 import difflib
 import io
 import re
+import types
 import typing
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import tyro
 
 from gril_jax.errors import ConfigError
+
+from .rules import require
 
 __all__ = ["nearest", "options", "parse"]
 
@@ -27,7 +30,6 @@ _KINDS = {
     int | None: "a whole number",
     float | None: "a number",
     float: "a number",
-    bool: "True or False",
     tuple[int, ...]: "whole numbers separated by spaces",
 }
 
@@ -45,14 +47,10 @@ def parse(
     Raises:
       ConfigError: an option is unknown, lacks its value, is of the wrong type or out of range.
     """
-    known = options(schema)
-    for arg in args:
-        if re.match(r"--?[A-Za-z]", arg) and arg != "-h":
-            _check_name(arg.split("=")[0].replace("_", "-"), known, prog)
-    printed = io.StringIO()
+    _check(schema, args, prog, complete=default is not None)
     try:
-        with contextlib.redirect_stderr(printed):
-            return tyro.cli(
+        with contextlib.redirect_stderr(io.StringIO()):
+            given = tyro.cli(
                 schema,
                 args=[*args],
                 default=tyro.MISSING_NONPROP if default is None else default,
@@ -63,7 +61,10 @@ def parse(
     except SystemExit as stop:
         if not stop.code:  # the help was asked for
             raise
-    raise ConfigError(_sentence(printed.getvalue(), schema, prog))
+        raise ConfigError(f"the command line cannot be read: see {prog} --help") from None
+    for field in dataclasses.fields(given):
+        require(f"--{_spelt(field.name)}", getattr(given, field.name), field.metadata)
+    return given
 
 
 def options(schema: type[Any], prefix: str = "--") -> dict[str, Any]:
@@ -73,7 +74,7 @@ def options(schema: type[Any], prefix: str = "--") -> dict[str, Any]:
         marks = getattr(kind, "__metadata__", ())
         kind = kind.__origin__ if marks else kind
         spelling = next((m.name for m in marks if getattr(m, "name", None)), name)
-        option = prefix + spelling.replace("_", "-")
+        option = prefix + _spelt(spelling)
         if dataclasses.is_dataclass(kind):
             found |= options(kind, f"{option}.")
         elif tyro.conf.Positional not in marks:
@@ -89,43 +90,113 @@ def nearest(word: str, known: Sequence[str]) -> str:
     return f" (did you mean {close[0]}?)" if close else ""
 
 
-def _check_name(option: str, known: dict[str, Any], prog: str) -> None:
-    if option not in known and option != "--help":
-        hint = nearest(option, [*known, "--help"])
-        raise ConfigError(f"there is no option {option}{hint}: see {prog} --help")
+def _spelt(name: str) -> str:
+    return name.replace("_", "-")
 
 
-def _sentence(box: str, schema: type[Any], prog: str) -> str:
-    """What tyro's box says, up to its first rule, without the frame."""
-    words: list[str] = []
-    for line in box.splitlines()[1:]:
-        text = line.strip("│ \t")
-        if text.startswith("──"):
-            break
-        words.append(text)
-    text = " ".join(words).removesuffix(".") or "the command line cannot be read"
-    if match := re.match(r"[Uu]nrecognized options: (.*)", text):
-        return f"there is no use for {match[1]!r}: see {prog} --help"
-    if text.startswith("Missing from"):
-        return f"{prog} needs {', '.join(_required(schema))}: see {prog} --help"
-    if match := re.match(r"[Mm]issing value for argument '(\S+?)'", text):
-        return f"{match[1]} is given without a value: see {prog} --help"
-    if match := re.match(r"[Ii]nvalid choice '(.*)' for argument '(\S+?)'.*\((.*)\)", text):
-        choices = match[3].replace("'", "")
-        return f"{match[2]} is {match[1]!r}, but must be one of {choices}"
-    if match := re.match(r"Error parsing (--[\w.-]+): (.*)", text):
-        known = options(schema).get(match[1])
-        kind = _KINDS.get(known, "of the form that --help shows")
-        quoted = re.findall(r"'([^']*)'", match[2])
-        # Of a union every member's complaint follows, each with the value again.
-        given = quoted[0] if type(None) in typing.get_args(known) else " ".join(quoted)
-        return f"{match[1]} is {given!r}, but must be {kind}"
-    return text[0].lower() + text[1:]
+def _check(schema: type[Any], args: Sequence[str], prog: str, *, complete: bool) -> None:
+    """Raises ConfigError for the first word that the dataclass has no use for, or lacks."""
+    known = options(schema)
+    given, loose = _sorted_words(args, known, prog)
+    if {"-h", "--help"} & given.keys():
+        return
+    for option, words in given.items():
+        _check_value(option, words, known[option], prog)
+    top = {"--" + _spelt(field.name): field for field in dataclasses.fields(schema)}
+    places = [field for option, field in top.items() if option not in known and not _nested(field)]
+    if stray := loose[len(places) :]:
+        raise ConfigError(f"there is no use for {' '.join(stray)!r}: see {prog} --help")
+    required = {
+        option if option in known else field.name.upper(): option in given
+        for option, field in top.items()
+        if field.default is dataclasses.MISSING
+    }
+    present = sum(required.values()) + len(loose)
+    if not complete and present < len(required):
+        raise ConfigError(f"{prog} needs {', '.join(required)}: see {prog} --help")
 
 
-def _required(schema: type[Any]) -> list[str]:
-    """The spelling of every top-level field without a default."""
-    named = options(schema)
-    names = (f for f in dataclasses.fields(schema) if f.default is dataclasses.MISSING)
-    spelt = [(f.name, "--" + f.name.replace("_", "-")) for f in names]
-    return [option if option in named else name.upper() for name, option in spelt]
+def _nested(field: dataclasses.Field) -> bool:
+    return dataclasses.is_dataclass(field.default)
+
+
+def _sorted_words(
+    args: Sequence[str], known: dict[str, Any], prog: str
+) -> tuple[dict[str, list[str]], list[str]]:
+    """The words that each option is given, and those that belong to no option."""
+    given: dict[str, list[str]] = {}
+    loose: list[str] = []
+    words, room = loose, 0.0  # the list that the next word belongs to, and for how many
+    for arg in args:
+        if re.match(r"--?[A-Za-z]", arg):
+            name, equals, value = arg.partition("=")
+            option = _spelt(name)
+            if option not in known and option not in ("-h", "--help"):
+                hint = nearest(option, [*known, "--help"])
+                raise ConfigError(f"there is no option {option}{hint}: see {prog} --help")
+            words = given[option] = [value] if equals else []
+            room = _room(known.get(option)) - len(words)
+        elif room > 0:
+            words.append(arg)
+            room -= 1
+        else:
+            loose.append(arg)
+    return given, loose
+
+
+def _members(kind: Any) -> tuple[Any, ...]:
+    """The types that an option may be of."""
+    is_union = typing.get_origin(kind) in (typing.Union, types.UnionType)
+    return typing.get_args(kind) if is_union else (kind,)
+
+
+def _room(kind: Any) -> int | float:
+    """How many words an option of this type takes."""
+    items = typing.get_args(kind) if typing.get_origin(kind) is tuple else (kind,)
+    return float("inf") if items[-1] is Ellipsis else len(items)
+
+
+def _check_value(option: str, words: list[str], kind: Any, prog: str) -> None:
+    if not words and _room(kind) < float("inf"):
+        raise ConfigError(f"{option} is given without a value: see {prog} --help")
+    if _fits(words, kind):
+        return
+    if typing.get_origin(kind) is tuple and (choices := _choices(typing.get_args(kind)[0])):
+        stray = next(word for word in words if word not in choices)
+        raise ConfigError(f"{option} has {stray!r}, but must be of {', '.join(choices)}")
+    choices = _choices(kind)
+    known = _KINDS.get(kind, "of the form that --help shows")
+    right = f"one of {', '.join(choices)}" if choices else known
+    raise ConfigError(f"{option} is {' '.join(words)!r}, but must be {right}")
+
+
+def _choices(kind: Any) -> list[str]:
+    """The words that a type of few values has; empty for a number or a text."""
+    found: list[str] = []
+    for member in _members(kind):
+        if typing.get_origin(member) is Literal:
+            found += typing.get_args(member)
+        elif member is bool:
+            found += ["True", "False"]
+    return found + ["None"] * (bool(found) and type(None) in _members(kind))
+
+
+def _fits(words: list[str], kind: Any) -> bool:
+    if typing.get_origin(kind) is tuple:
+        items = typing.get_args(kind)
+        if items[-1] is not Ellipsis and len(words) != len(items):
+            return False
+        return all(_fits([word], items[0]) for word in words)
+    if choices := _choices(kind):
+        return words[0] in choices
+    return any(_reads(words[0], member) for member in _members(kind))
+
+
+def _reads(word: str, kind: Any) -> bool:
+    if kind is type(None):
+        return word == "None"
+    try:
+        kind(word)
+    except ValueError:
+        return False
+    return True

@@ -1,9 +1,11 @@
-"""What a field of the configuration has to satisfy: metadata that `gril_jax.config.check` reads."""
+"""Rules for the fields of configurations and of verbs: metadata that says what a value must be."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-__all__ = ["above", "at_least", "between", "rule"]
+from gril_jax.errors import ConfigError
+
+__all__ = ["above", "at_least", "between", "count", "optional", "require", "rule"]
 
 
 def rule(holds: Callable[[Any], bool], text: str) -> dict[str, Any]:
@@ -24,3 +26,20 @@ def above(low: int | float) -> dict[str, Any]:
 def between(low: int | float, high: int | float) -> dict[str, Any]:
     """A number from one limit to another, both included."""
     return rule(lambda x: low <= x <= high, f"from {low} to {high}")
+
+
+def count(least: int = 1) -> dict[str, Any]:
+    """A whole number that is not below a limit."""
+    return rule(lambda x: x >= least, f"at least {least}")
+
+
+def optional(metadata: dict[str, Any]) -> dict[str, Any]:
+    """The same rule for a value that may also be None."""
+    return rule(lambda x: x is None or metadata["holds"](x), metadata["text"])
+
+
+def require(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
+    """Raises ConfigError if a value breaks the rule of its field."""
+    if metadata and not metadata["holds"](value):
+        shown = list(value) if isinstance(value, tuple) else value
+        raise ConfigError(f"{name} is {shown!r}, but must be {metadata['text']}")

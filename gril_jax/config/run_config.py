@@ -17,7 +17,7 @@ from gril_jax.errors import ConfigError
 from .encoder import EncoderOptions, PoolConfig
 from .policy import PPOConfig, SACConfig
 from .reward import LossConfig, PretrainConfig
-from .rules import at_least, between, rule
+from .rules import at_least, between, require, rule
 from .tables import ALGORITHMS, ENCODERS, REWARDS, alternatives
 from .task import BLOCK_COLOURS, BLOCK_SHAPES, DemosConfig, EnvConfig, TaskName, Variant
 
@@ -136,9 +136,7 @@ class MakeDemosConfig:
 def check(config: _Sections | MakeDemosConfig) -> None:
     """Raises ConfigError for the first field that is out of range, by its dotted path."""
     for path, value, metadata in _leaves(config, ""):
-        if metadata and not metadata["holds"](value):
-            shown = list(value) if isinstance(value, tuple) else value
-            raise ConfigError(f"{path} is {shown!r}, but must be {metadata['text']}")
+        require(path, value, metadata)
     _check_blocks(config.env, config.demos)
     if isinstance(config, _Sections):
         _check_sizes(config)

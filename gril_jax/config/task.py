@@ -6,6 +6,9 @@ The string under a field is its help text on the command line.
 from dataclasses import dataclass, field
 from typing import Literal
 
+from gril_jax.envs import registry
+from gril_jax.errors import ConfigError
+
 from .rules import at_least, between, rule
 
 __all__ = [
@@ -21,7 +24,7 @@ __all__ = [
 BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 
-TaskName = Literal["match_regions", "shoes_in_box"]
+TaskName = str  # `EnvConfig` checks it against the registry
 Variant = Literal["demo", "jitter", "layout", "color", "shape", "dynamics", "all"]
 Places = Literal["demo", "jitter", "layout"]
 
@@ -43,8 +46,8 @@ class EnvConfig:
     """The task in the simulator."""
 
     name: TaskName = "match_regions"
-    """The task. Of the options here shoes_in_box takes reward, varied_starts, substeps, iterations,
-    impl, worlds and episode_length; the others but impl and worlds are those of match_regions."""
+    """The task, or the import path of another's entry (`gril_jax.envs.TaskSpec`). It takes those of
+    the options here that its constructor has; impl apart, others do nothing."""
     robot: Literal["gripper", "short", "medium", "long"] = "gripper"
     """The robot: a gripper with two fingers, or a stick of this length."""
     targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
@@ -58,7 +61,7 @@ class EnvConfig:
     shapes, forces, or the last four (all)."""
     varied_starts: float = field(default=0.5, metadata=between(0, 1))
     """Share of the training episodes that start with the robot anywhere and some targets moved, or
-    in shoes_in_box at a moment of a scripted expert's."""
+    for a task on a table at a moment of a scripted expert's."""
     on_the_way: float = field(default=0.0, metadata=between(0, 1))
     """In those, how likely a target that is not in the region yet is on its way there."""
     facing: float = field(default=0.0, metadata=between(0, 1))
@@ -72,9 +75,9 @@ class EnvConfig:
     observation: Literal["rich", "sorted", "xmagical"] = "rich"
     """What the policy sees: all that matters; that with the targets in the order in which they are
     due; or x-magical's state vector in its exact order."""
-    reward: Literal["S4", "V5", "S3", "sparse", "staged", "stages"] = "S4"
+    reward: str | None = None
     """The task's own reward, which only `run.reward environmental` learns from: match_regions has
-    the first four, shoes_in_box the last three."""
+    S4, V5, S3, sparse, a task on a table staged, stages, sparse; None is the first of them."""
     substeps: int | None = field(
         default=None, metadata=rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
     )
@@ -84,12 +87,18 @@ class EnvConfig:
     )
     """Sweeps of the solver for each physics step; None is the engine's own (6, or 2 with mjx)."""
     impl: Literal["jax", "warp"] = "jax"
-    """What computes shoes_in_box: MuJoCo MJX, or MuJoCo Warp where that is installed."""
+    """What computes a task on a table: MuJoCo MJX, or MuJoCo Warp where that is installed."""
     worlds: int = field(default=4096, metadata=at_least(1))
     """With warp, the most environments stepped together, those of all seeds of a program counted:
     their contacts share one table."""
     episode_length: int = field(default=120, metadata=at_least(1))
     """Control steps in an episode (8 a second)."""
+
+    def __post_init__(self) -> None:
+        try:
+            registry.check(self.name, self.reward)
+        except ValueError as error:
+            raise ConfigError(f"env: {error}") from None
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> 
 
 
 def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
-    """The same demonstrations with only the named objects, trimmed to when these have arrived.
+    """The same demonstrations with only the named objects, trimmed to the end of their motion.
 
     A task with fewer blocks than a video shows can so learn from it.
 

@@ -56,7 +56,7 @@ def frame_batch(
 def shrink(
     frames: UInt8[np.ndarray, "T S S 3"], pixels: int, *, zoom: float = 1.0
 ) -> UInt8[np.ndarray, "T P P 3"]:
-    """Frames resized by area, after their border is cut off or continued.
+    """Frames resized by area, after their border is cropped or extended.
 
     Args:
       frames: square ones.

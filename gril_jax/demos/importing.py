@@ -1,4 +1,4 @@
-"""Foreign demonstrations to a demo set: detect, trim the static tail, save.
+"""Converts foreign demonstrations to a demo set: detect, trim the static tail, save.
 
 One demonstration is in memory at a time (a MAGICAL file unpacks to about 107 MB).
 """
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import UInt8
 
+from gril_jax.config import EnvConfig
 from gril_jax.demos.demo_set import Demo, save_demo_set, trim_static_tail
 from gril_jax.demos.vision.detect import PALETTE_CLASSES, ColourDetector, Detector, Tracks
 from gril_jax.demos.vision.video import read_fps, read_video
@@ -36,7 +37,7 @@ class Imported(NamedTuple):
 
 
 AfterEach = Callable[[int, int, Imported], None]
-"""Called after each demonstration with how many are done, how many there are, and the last."""
+"""Called after each demonstration with the number done, the total, and the last result."""
 
 
 def import_magical(
@@ -45,7 +46,7 @@ def import_magical(
     *,
     progress: AfterEach | None = None,
 ) -> list[Imported]:
-    """Turns a folder of MAGICAL's public `*.pkl.gz` files into a demo set.
+    """Converts a folder of MAGICAL's public `*.pkl.gz` files to a demo set.
 
     Frames of the allocentric view are kept, actions are not. A demonstration is a success where
     its score is 1.
@@ -93,7 +94,7 @@ def import_videos(
     source_dir: str | os.PathLike,
     out_dir: str | os.PathLike,
     half_extent: float,
-    task: str = "match_regions",
+    task: str = EnvConfig.name,
     boxes: bool = False,
     *,
     classes: Sequence[str] = PALETTE_CLASSES,
@@ -102,7 +103,7 @@ def import_videos(
     source: str | None = None,
     progress: AfterEach | None = None,
 ) -> list[Imported]:
-    """Turns a folder of videos into a demo set.
+    """Converts a folder of videos to a demo set.
 
     Args:
       source_dir: folder of videos of one frame rate; sorted by name.
@@ -179,5 +180,5 @@ def _tell(progress: AfterEach | None, total: int, report: list[Imported]) -> Non
 
 
 def _snake(name: str) -> str:
-    """MatchRegions -> match_regions."""
+    """Converts a name to snake case: MatchRegions -> match_regions."""
     return "".join(f"_{c.lower()}" if c.isupper() else c for c in name).lstrip("_")

@@ -1,4 +1,4 @@
-"""MAGICAL's public human demonstrations (`*.pkl.gz`): their frames, and nothing is run.
+"""Reads frames of MAGICAL's public human demonstrations (`*.pkl.gz`) without running pickled code.
 
 The files are pickles, which can name any function of any installed module and call it on
 loading. This reader's unpickler knows six names, all mapped to stand-ins below that hold data;
@@ -160,7 +160,7 @@ class _DType:
 
 
 class _Array:
-    """Stands in for `numpy.ndarray`: its own state is data, numpy's would be trusted."""
+    """Stands in for `numpy.ndarray`: reads its state as data, without trusting numpy's."""
 
     array: np.ndarray
 

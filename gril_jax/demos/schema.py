@@ -57,7 +57,7 @@ _ENTRY = {field: kind for field, kind in DemoEntry.__annotations__.items() if fi
 
 
 def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
-    """The entries of a header; raises `DemoError` that names the field that is wrong."""
+    """The entries of a header; raises `DemoError` with the name of the wrong field."""
     where = folder / HEADER
     version = header.get("schema_version") if isinstance(header, dict) else None
     if type(version) is not int or version < 1:

@@ -1,4 +1,4 @@
-"""Writing a demo set: whole or not at all."""
+"""Writes a demo set: complete or not at all."""
 
 import errno
 import json
@@ -23,7 +23,7 @@ __all__ = ["Demo", "save_demo_set"]
 
 
 class Demo(NamedTuple):
-    """A demonstration to be saved."""
+    """A demonstration to save."""
 
     name: str
     frames: UInt8[np.ndarray, "T H W 3"]
@@ -43,7 +43,7 @@ def save_demo_set(
     fps: float,
     source: str,
 ) -> None:
-    """Writes a demo set; an older demo set of that name is replaced when the new one is whole.
+    """Writes a demo set; an older one of that name is replaced once the new one is complete.
 
     Args:
       folder: where to; new, empty, or a demo set.
@@ -94,7 +94,7 @@ def save_demo_set(
 
 
 def _fields(entry: DemoEntry) -> dict[str, object]:
-    """An entry as the header has it: stages only where they are known."""
+    """The fields of an entry in the header; stages only where they are known."""
     fields = asdict(entry)
     return fields if entry.stages else {k: v for k, v in fields.items() if k != "stages"}
 

@@ -1,4 +1,4 @@
-"""Files that leave the house, and adapters to other libraries: one file each."""
+"""Exported files, and adapters to other libraries: one module each."""
 
 from gril_jax.lazy import offer
 

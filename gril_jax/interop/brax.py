@@ -28,7 +28,7 @@ _KEY = "learned_reward"
 
 
 class RewardWrapper:
-    """The environment with the learned reward in place of its own, which is a metric from then on.
+    """The environment with the learned reward in place of its own, which becomes a metric.
 
     Everything else is the environment's. Wrap before it is batched, limited in time or reset.
     """
@@ -53,7 +53,7 @@ class RewardWrapper:
         self._boxes, self._repeat = boxes, action_repeat
 
     def reset(self, rng: PRNGKeyArray) -> Any:
-        """The first state: reward 0, as brax has it."""
+        """The first state, with reward 0 as in brax."""
         state = self.env.reset(rng)
         memory = self.learned.init(*self._boxes(state))
         return self._with(state, jnp.zeros_like(state.reward), memory, jnp.zeros((), jnp.int32))

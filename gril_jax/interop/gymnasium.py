@@ -39,13 +39,13 @@ class RewardWrapper(gymnasium.Wrapper):
         self._step = jax.jit(learned.step)
 
     def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
-        """Begins an episode; `options` are the environment's."""
+        """Starts an episode; `options` are the environment's."""
         observation, info = self.env.reset(**options)
         self._memory = self._init(*self._seen(observation))
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """One step, with its learned reward."""
+        """Advances one step, with its learned reward."""
         observation, task_reward, terminated, truncated, info = self.env.step(action)
         self._memory, reward = self._step(self._memory, *self._seen(observation))
         info = {**info, "task_reward": task_reward}

@@ -21,7 +21,7 @@ __all__ = ["RewardState", "RewardWrapper"]
 
 
 class RewardState(NamedTuple):
-    """An environment's state, and what the reward remembers of the episode."""
+    """An environment's state, and the reward's memory of the episode."""
 
     env: Any
     memory: Memory
@@ -57,18 +57,18 @@ class RewardWrapper(Environment):
 
     @partial(jax.jit, static_argnames=("self",))
     def step(self, key: PRNGKeyArray, state: RewardState, action: Any, params: Any = None) -> tuple:
-        """One step, with the automatic reset."""
+        """Advances one step, with the automatic reset."""
         *moved, reward, terminated, truncated, info = super().step(key, state, action, params)
         ended = (terminated | truncated,) if self._five_values else (terminated, truncated)
         return *moved, reward, *ended, info
 
     def reset_env(self, key: PRNGKeyArray, params: Any) -> tuple[Any, RewardState]:
-        """Begins an episode."""
+        """Starts an episode."""
         observation, state = self._env.reset_env(key, params)
         return observation, RewardState(state, self._learned.init(*self._boxes(state)))
 
     def step_env(self, key: PRNGKeyArray, state: RewardState, action: Any, params: Any) -> tuple:
-        """One step, without the automatic reset."""
+        """Advances one step, without the automatic reset."""
         observation, env, task_reward, terminated, info = self._env.step_env(
             key, state.env, action, params
         )
@@ -77,11 +77,11 @@ class RewardWrapper(Environment):
         return observation, RewardState(env, memory), reward, terminated, info
 
     def is_truncated(self, state: RewardState, params: Any) -> Any:
-        """The environment's time limit."""
+        """True at the environment's time limit."""
         return self._env.is_truncated(state.env, params)
 
     def is_terminated(self, state: RewardState, params: Any) -> Any:
-        """The environment's own ends."""
+        """True where the environment itself ends."""
         return self._env.is_terminated(state.env, params)
 
     def action_space(self, params: Any) -> Any:

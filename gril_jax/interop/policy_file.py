@@ -1,4 +1,4 @@
-"""A run's policy as plain arrays, for programs that have neither JAX nor this package.
+"""Exports a run's policy as plain arrays, for programs without JAX or this package.
 
 `gril export-policy RUN --out policy.npz` writes the policy that `gril eval` plays, with its
 deterministic (mean) action. To act on one observation (O,) or many (..., O), NumPy is enough:
@@ -226,7 +226,7 @@ def action_layout(env: Any) -> list[dict[str, Any]]:
 def write(
     out: Path, arrays: dict[str, Float[np.ndarray, "..."]], description: dict[str, Any]
 ) -> None:
-    """Writes the npz file, whole or not at all; equal contents give equal bytes.
+    """Writes the npz file, complete or not at all; equal contents give equal bytes.
 
     Raises:
       RunError: the file exists, or its folder is missing, full or not writable.

@@ -107,7 +107,7 @@ def save_reward(
 
 
 def load_reward(path: str | os.PathLike) -> LearnedReward:
-    """Reads a reward; its values are bit for bit those of the parameters that were saved.
+    """Reads a reward; its values equal the saved parameters bit for bit.
 
     Raises:
       RewardFileError: there is no such file, or it is damaged or of another version.
@@ -149,7 +149,7 @@ def _write(path, arrays, overwrite):
 
 
 def _read(path):
-    """Every array of the file; each is checked against the file's own checksum."""
+    """Reads every array of the file and checks it against the file's checksum."""
     try:
         with open(path, "rb") as file:
             if file.read(4) != b"PK\x03\x04":

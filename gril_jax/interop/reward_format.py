@@ -43,13 +43,13 @@ class RewardFileError(GrilError):
 
 
 def named(params: PyTree) -> Iterator[tuple[str, Any]]:
-    """(name, leaf) of every array, by its path: encoder.head.Dense_0.bias, goal, ..."""
+    """Yields (name, leaf) of every array; names are paths: encoder.head.Dense_0.bias, goal, ..."""
     for path, leaf in jax.tree_util.tree_leaves_with_path(params):
         yield jax.tree_util.keystr(path, simple=True, separator="."), leaf
 
 
 def blank(config: AnyConfig) -> RewardParams:
-    """The shapes of a config's parameters, for a single goal; nothing is computed."""
+    """Shapes of a config's parameters, for a single goal; nothing is computed."""
     number = jax.ShapeDtypeStruct((), jnp.float32)
     members = num_members(config)
     scale = jax.ShapeDtypeStruct((members,) if members > 1 else (), jnp.float32)
@@ -97,7 +97,7 @@ def describe(
     unit: str | None,
     provenance: Mapping[str, Any],
 ) -> str:
-    """The description, a JSON text.
+    """The description as JSON text.
 
     Raises:
       ConfigError: choices contradict each other, are out of range, or are no JSON.
@@ -120,7 +120,7 @@ def describe(
 
 
 def parse(text: Any, where: str) -> dict[str, Any]:
-    """The description, once its format and version are known to be ours.
+    """Parses the description, after checking that its format and version are known.
 
     Raises:
       RewardFileError: it is no description, or one of another version.
@@ -143,7 +143,7 @@ def parse(text: Any, where: str) -> dict[str, Any]:
 
 
 def understand(about: Mapping[str, Any], where: str) -> LearnedReward:
-    """The reward that a description stands for, with shapes in place of arrays.
+    """The reward that a description defines, with shapes in place of arrays.
 
     Raises:
       RewardFileError: a field is missing or is not what it should be.

@@ -64,7 +64,7 @@ class Rollouts(NamedTuple):
 
 
 def read_profiles(folder: Path) -> Profiles | None:
-    """profiles.npz, or None where there is none.
+    """Reads profiles.npz; None if there is none.
 
     Raises:
       RunError: the file is damaged, or its arrays do not fit together.
@@ -90,7 +90,7 @@ def read_profiles(folder: Path) -> Profiles | None:
 
 
 def read_rollouts(folder: Path) -> Rollouts | None:
-    """rollouts.npz, or None where there is none.
+    """Reads rollouts.npz; None if there is none.
 
     Raises:
       RunError: the file is damaged, or its arrays do not fit together.
@@ -132,7 +132,7 @@ def _require_shape(path: Path, field: str, array: np.ndarray, shape: tuple) -> N
 
 
 def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """metrics.jsonl by phase, "pretrain" and the algorithm; no rows where there is no file.
+    """Rows of metrics.jsonl by phase, "pretrain" and the algorithm; empty if there is no file.
 
     Raises:
       RunError: a line is damaged, or a value in it is no number.
@@ -153,7 +153,7 @@ def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def read_finished(folder: Path) -> dict[str, Any] | None:
-    """results.json, or None where the run has not finished.
+    """Reads results.json; None if the run has not finished.
 
     Raises:
       RunError: the file is damaged.
@@ -164,7 +164,7 @@ def read_finished(folder: Path) -> dict[str, Any] | None:
 
 
 def read_versions(folder: Path) -> dict[str, Any]:
-    """versions.json; empty where there is none.
+    """Reads versions.json; empty if there is none.
 
     Raises:
       RunError: the file is damaged.
@@ -182,7 +182,7 @@ def read_versions(folder: Path) -> dict[str, Any]:
 
 
 def number(holder: Mapping[str, Any], field: str, where: str) -> float | None:
-    """A field that is a number; None where it is missing, null or not finite.
+    """A field that is a number; None if it is missing, null or not finite.
 
     Raises:
       RunError: it is something else.

@@ -16,7 +16,7 @@ _SOLVED = 0.9  # success rate from which a run is said to have worked
 
 
 class Tile(NamedTuple):
-    """One number, what it is, and what to hold against it."""
+    """One number, its meaning, and a number to compare it with."""
 
     value: str
     label: str
@@ -77,7 +77,7 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
 
 
 def headline(results: Mapping[str, Any]) -> list[Tile]:
-    """Tiles of what `results.json` holds; a number that is missing has none.
+    """Tiles of the numbers in `results.json`; missing numbers have none.
 
     Raises:
       RunError: a field is no number, or a rate is not from 0 to 1.
@@ -132,7 +132,7 @@ def _rate_tile(field: str, rate: float, episodes: int, label: str) -> Tile:
 
 
 def stage_times(results: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """The stages of the run and how many seconds each took, in their order.
+    """The stages of the run, in order, with the seconds that each took.
 
     Raises:
       RunError: `seconds` is not an object of numbers.
@@ -145,7 +145,7 @@ def stage_times(results: Mapping[str, Any]) -> list[tuple[str, float]]:
 
 
 def in_words(seconds: int | float) -> str:
-    """A duration as a person would say it.
+    """A duration in plain words.
 
     >>> in_words(4.26), in_words(251), in_words(7500)
     ('4.3 s', '4 min 11 s', '2 h 5 min')

@@ -1,4 +1,4 @@
-"""A report as one HTML file: pictures and videos are inside it, and it loads nothing else.
+"""Renders a report as one self-contained HTML file, with its pictures and videos.
 
 Every text that reaches the page is escaped here, wherever it came from. The page's own policy
 forbids scripts and any address but its own data.
@@ -18,7 +18,7 @@ __all__ = ["Cell", "Part", "Section", "Table", "render", "save"]
 
 
 class Part(NamedTuple):
-    """A picture or video with its caption; or a sentence alone, where `contents` is None."""
+    """A picture or video with its caption; or only a sentence if `contents` is None."""
 
     caption: str
     contents: bytes | None = None
@@ -35,7 +35,7 @@ class Cell(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Rows of cells below headings; wider than the page, it is scrolled sideways."""
+    """Rows of cells below headings; a table wider than the page scrolls sideways."""
 
     caption: str
     heads: Sequence[str]  # of the columns of cells
@@ -43,7 +43,7 @@ class Table(NamedTuple):
 
 
 class Section(NamedTuple):
-    """A heading and what stands below it."""
+    """A heading and its content."""
 
     title: str
     parts: Sequence[Part | Table]
@@ -148,7 +148,7 @@ def _part(part: Part) -> str:
 
 
 def _wide_table(table: Table) -> str:
-    """Its box takes the keyboard's focus, so that the arrow keys scroll it, too."""
+    """A table in a box that takes keyboard focus, so that the arrow keys scroll it as well."""
     heads = "".join(f'<th scope="col">{escape(head)}</th>' for head in table.heads)
     rows = "\n".join(
         f'<tr><th scope="row">{escape(name)}</th>'

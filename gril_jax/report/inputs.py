@@ -1,4 +1,4 @@
-"""Everything that a report is drawn from: a run's folder and its demonstrations, read once."""
+"""Inputs of a report: a run's folder and its demonstrations, read once."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -40,7 +40,7 @@ class Inputs(NamedTuple):
     shown: str | None  # the demonstration that is shown in detail
 
     def save(self, name: str, contents: bytes) -> bytes:
-        """Writes a file of the report, whole or not at all; returns its contents."""
+        """Writes a file of the report, complete or not at all; returns its contents."""
         return save(self.folder / name, contents)
 
     def save_video(self, name: str, frames: Iterator[np.ndarray], fps: float) -> bytes:
@@ -51,7 +51,7 @@ class Inputs(NamedTuple):
 
 
 def read_inputs(folder: Path) -> Inputs:
-    """Reads a run's folder, and the demonstrations if they are still where they were.
+    """Reads a run's folder, and its demonstrations if they still exist.
 
     Raises:
       RunError: it is no run's folder, or a file in it is damaged.

@@ -24,7 +24,7 @@ _INSTEAD = {
 
 
 def made_by(folder: Path) -> str | None:
-    """The experiment whose run a folder holds, such as `train`; None where that is not noted.
+    """The experiment that made a run's folder, such as `train`; None if it is not recorded.
 
     Raises:
       RunError: phases.json is damaged.
@@ -42,7 +42,7 @@ def made_by(folder: Path) -> str | None:
 
 
 def require_single(folder: Path) -> None:
-    """Refuses the run of a table, which is no run of one reward and one policy.
+    """Raises if the run belongs to a table, and so has no single reward and policy.
 
     Raises:
       RunError: it is one; the sentence says where its results lie. Or phases.json is damaged.

@@ -1,4 +1,4 @@
-"""A run's folder -> its pictures, its videos, and one page that holds them all.
+"""Makes a run's report: pictures, videos, and one page that holds them all.
 
 Only the folder is read, and the demonstrations that its configuration names, if they are still
 there. What is missing leaves a sentence in its place; what is damaged is an error. The same

@@ -18,7 +18,7 @@ _SLURM = ("SLURM_JOB_ID", "SLURM_NTASKS", "SLURM_PROCID")
 
 
 class Cluster(NamedTuple):
-    """The processes of a job, and which of them this one is."""
+    """The processes of a job, and this one's index."""
 
     address: str  # HOST:PORT of the first
     count: int
@@ -26,7 +26,7 @@ class Cluster(NamedTuple):
 
 
 def cluster_of(environment: Mapping[str, str]) -> Cluster | None:
-    """The job that an environment describes; None where SLURM describes it to JAX.
+    """The job that an environment describes; None under SLURM, which describes it to JAX.
 
     Raises:
       ConfigError: it describes none, or not all of it, or its numbers do not fit together.

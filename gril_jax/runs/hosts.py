@@ -1,4 +1,4 @@
-"""Several processes that run one program: who speaks for them, and what they must agree on.
+"""Several processes that run one program: what the first one does alone, and what all agree on.
 
     hosts.initialize(cluster)                  # before anything else touches JAX
     reward_params = hosts.same_everywhere(reward_params)
@@ -36,7 +36,7 @@ __all__ = [
 
 
 def initialize(cluster: Cluster | None, *, timeout_s: int = 300) -> None:
-    """Connects the processes of a job; afterwards `jax.devices()` are those of all of them.
+    """Connects the processes of a job; afterwards `jax.devices()` lists the devices of all of them.
 
     Args:
       cluster: from `cluster_of`; None leaves it to JAX to ask SLURM.
@@ -67,7 +67,7 @@ def is_first() -> bool:
 
 
 def same_everywhere(tree: Any) -> Any:
-    """The first process's values, bit for bit, as NumPy arrays; typed keys stay keys.
+    """Broadcasts the first process's values bit for bit, as NumPy arrays; typed keys stay keys.
 
     Args:
       tree: arrays and numbers; of those of other processes, only shapes and types are looked at.
@@ -87,7 +87,7 @@ def same_everywhere(tree: Any) -> Any:
 
 
 def largest(numbers: Sequence[int]) -> list[int]:
-    """The largest value that each of these numbers has in any process."""
+    """The maximum of each number over all processes."""
     if jax.process_count() == 1:
         return [int(x) for x in numbers]
     every = multihost_utils.process_allgather(np.asarray(numbers, np.int32))
@@ -95,7 +95,7 @@ def largest(numbers: Sequence[int]) -> list[int]:
 
 
 def gathered(tree: Any) -> Any:
-    """The tree with whole arrays in the place of those that are spread over processes.
+    """The tree with arrays that are spread over processes gathered into whole ones.
 
     They are NumPy arrays, in the memory of each process; one leaf after the other is whole on a
     device meanwhile.
@@ -110,7 +110,7 @@ def gathered(tree: Any) -> Any:
 
 
 def placed_like(tree: Any, like: Any) -> Any:
-    """Whole arrays, put where those of another tree are; what is on the only device stays there."""
+    """Places whole arrays like those of another tree; on a single device they stay as they are."""
 
     def place(leaf, old):
         if not isinstance(old, jax.Array) or isinstance(old.sharding, SingleDeviceSharding):
@@ -124,7 +124,7 @@ def placed_like(tree: Any, like: Any) -> Any:
 
 @contextlib.contextmanager
 def scratch() -> Iterator[Path | None]:
-    """A folder for what a process other than the first writes, gone afterwards; None in the first.
+    """A temporary folder for files of processes other than the first; None in the first.
 
     What is written there is a by-product: only the first process's files are kept.
     """

@@ -1,4 +1,4 @@
-"""SIGTERM and Ctrl-C as a request to stop at the next good moment. JAX is not imported here."""
+"""Handles SIGTERM and Ctrl-C as requests to stop at a safe point. JAX is not imported here."""
 
 import contextlib
 import signal
@@ -15,7 +15,7 @@ _SOON = 0.01  # seconds
 
 
 class Interrupted(GrilError):
-    """A run was asked to stop, and has saved itself.
+    """Raised when a run was asked to stop and has saved itself.
 
     Args:
       sentence: what was saved, and how to go on.
@@ -28,7 +28,7 @@ class Interrupted(GrilError):
 
     @property
     def exit_code(self) -> int:
-        """130 for SIGINT, 143 for SIGTERM, as shells have it."""
+        """130 for SIGINT, 143 for SIGTERM, as in shells."""
         return 128 + self.number
 
 
@@ -40,7 +40,7 @@ class Notice:
 
 @contextlib.contextmanager
 def noticed() -> Iterator[Notice]:
-    """Notes the first SIGINT or SIGTERM; a second one acts as it would have without this.
+    """Notes the first SIGINT or SIGTERM; a second one acts as if this handler were absent.
 
     The handlers from before are back at the end. In any thread but the main one, where Python
     takes no handlers, signals act as ever.
@@ -68,7 +68,7 @@ def noticed() -> Iterator[Notice]:
 
 @contextlib.contextmanager
 def heard() -> Iterator[None]:
-    """A KeyboardInterrupt that Python would only print is raised again, a moment later.
+    """Raises a KeyboardInterrupt again that Python would only print, a moment later.
 
     So it is with whatever is raised in a callback of the garbage collector, of which JAX has one
     that runs often while programs are traced, in one of a weak reference, and in a `__del__`.

@@ -1,4 +1,4 @@
-"""The lock on a run's folder: a file `lock`, held by the one process that writes to the folder.
+"""The lock of a run's folder: a file `lock`, held by the one process that writes there.
 
 The file holds that process's id. The kernel drops the lock with the process, however it ends, so
 that none is ever left behind; the file is. JAX is not imported here.
@@ -15,7 +15,7 @@ __all__ = ["take_lock"]
 
 
 def take_lock(folder: Path, *, note: bool = True) -> TextIO:
-    """The open file `lock` of a folder, locked until it is closed.
+    """Opens and locks the file `lock` of a folder; it stays locked until it is closed.
 
     Args:
       folder: an existing one.

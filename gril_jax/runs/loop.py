@@ -1,4 +1,4 @@
-"""The host's side of training: compiled chunks one after another, logged, saved, interruptible.
+"""The host's training loop: compiled chunks one after another, logged, saved, interruptible.
 
     begun = restore(run, "ppo", algorithm.init(key), tell=echo)
     trained = run_chunks(advance, begun, run=run, name="ppo", chunks=20, row=row)
@@ -45,7 +45,7 @@ class Trained(NamedTuple):
 
 
 def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) -> Begun:
-    """The newest undamaged checkpoint of a phase, or a fresh state where there is none.
+    """The newest undamaged checkpoint of a phase, or a fresh state if there is none.
 
     Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside. What is restored
     goes to the devices on which the fresh state is. The first process alone looks for it.
@@ -71,7 +71,7 @@ def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) 
 
 
 def _newest(folder: Path, state: Any, tell: Callable[[str], None]) -> tuple[Any, int]:
-    """The newest undamaged checkpoint and its chunks; the fresh state and 0 where there is none."""
+    """The newest undamaged checkpoint and its chunks; the fresh state and 0 if there is none."""
     while (path := checkpoint.latest(folder)) is not None:
         try:
             return checkpoint.restore(path, state), int(path.name)
@@ -92,7 +92,7 @@ def run_chunks(
     every_s: int | float,
     keep: int,
 ) -> Trained:
-    """Runs a phase to its end: a row of metrics for each chunk, a checkpoint now and then.
+    """Runs a phase to its end, with a row of metrics for each chunk and occasional checkpoints.
 
     Args:
       advance: one chunk, from a state to the next and its metrics; it may donate the state.
@@ -147,5 +147,5 @@ def _interrupted(number: int, run: RunDir, name: str, done: int, chunks: int) ->
 
 
 def _strong(leaf: Any) -> Any:
-    """A restored leaf is strongly typed: a fresh one must compile to the same program."""
+    """The leaf strongly typed like a restored one, so that both compile to the same program."""
     return leaf.astype(leaf.dtype) if getattr(leaf, "weak_type", False) else leaf

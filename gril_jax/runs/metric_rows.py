@@ -15,7 +15,7 @@ __all__ = ["MetricRows", "plain", "read_rows"]
 
 
 class MetricRows:
-    """The file, open for appending; a last line that was cut short is cut off.
+    """The file, open for appending; an incomplete last line is removed.
 
     Raises:
       RunError: the file cannot be written.
@@ -39,12 +39,12 @@ class MetricRows:
             self._stream.flush()
 
     def sync(self) -> None:
-        """Returns once the lines so far are on the disk."""
+        """Returns once the lines so far are on disk."""
         with writing(self.file.parent):
             os.fsync(self._stream.fileno())
 
     def keep(self, phase: str, count: int) -> list[dict[str, Any]]:
-        """Cuts the file after the first `count` rows of a phase, which must be its last phase.
+        """Truncates the file after the first `count` rows of a phase, which must be its last phase.
 
         Returns:
           The rows that are left, of all phases.
@@ -66,13 +66,13 @@ class MetricRows:
         return rows[:end]
 
     def close(self) -> None:
-        """Closing twice is harmless."""
+        """Closes the file; closing twice is harmless."""
         with contextlib.suppress(OSError):  # a full disk was reported when the line was written
             self._stream.close()
 
 
 def read_rows(file: Path) -> list[dict[str, Any]]:
-    """All rows, oldest first; a last line that was cut short is left out.
+    """Reads all rows, oldest first; an incomplete last line is left out.
 
     Raises:
       OSError: the file cannot be read.

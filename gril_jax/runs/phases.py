@@ -1,4 +1,4 @@
-"""phases.json: what a run began as, and which of its phases have finished, with what.
+"""phases.json: a run's original configuration, and its finished phases with their results.
 
     {"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}}, "sha256": "..."}
 
@@ -37,7 +37,7 @@ class Phases:
 
 
 def write_phases(folder: Path, phases: Phases) -> None:
-    """Replaces the file, whole; results are numbers, strings and lists of them."""
+    """Replaces the file atomically; results are numbers, strings and lists of them."""
     content = plain(dataclasses.asdict(phases))
     text = json.dumps(content | {"sha256": _digest(content)}, indent=1)
     with writing(folder):
@@ -65,7 +65,7 @@ def read_phases(folder: Path) -> Phases:
 
 
 def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:
-    """The fields of a configuration that are not as they were, such as `run.seed (0, not 1)`.
+    """The changed fields of a configuration, such as `run.seed (0, not 1)`.
 
     Args:
       began: as it was; fields that its YAML lacks are newer, and do not count.

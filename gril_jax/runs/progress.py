@@ -61,7 +61,7 @@ class Progress:
     def phase(
         self, name: str, *, total: int, unit: str = "steps", compiles: bool = True
     ) -> "Phase":
-        """Ends the phase before and starts one.
+        """Ends the previous phase and starts one.
 
         Args:
           name: what is done in it.
@@ -100,7 +100,7 @@ class Progress:
 
 
 class Phase:
-    """One phase: how much of it is done, how fast, and what its metrics are."""
+    """One phase: its progress, its speed, and its metrics."""
 
     def __init__(
         self,
@@ -119,11 +119,11 @@ class Phase:
         self._metrics: Mapping[str, Any] = {}
 
     def begin(self) -> None:
-        """Starts the count at zero: there is nothing to compile, or it has been compiled."""
+        """Starts the count at zero, once compilation is done or if there is none."""
         self._first = self._now = (self._clock(), 0)
 
     def update(self, done: int, **metrics: Any) -> None:
-        """Tells how many units are done in all; metrics are shown until the next update."""
+        """Sets the number of units done in all; metrics are shown until the next update."""
         self._now = (self._clock(), done)
         if self._first is None:
             self._first = self._now
@@ -132,14 +132,14 @@ class Phase:
 
     @property
     def rate(self) -> float | None:
-        """Units a second since the first update, so without compilation; None before two."""
+        """Units per second since the first update, so without compilation; None before two."""
         if self._first is None or self._now[1] <= self._first[1]:
             return None
         return (self._now[1] - self._first[1]) / max(self._now[0] - self._first[0], 1e-9)
 
     @property
     def left_s(self) -> float | None:
-        """Seconds to go at this rate, or None while there is no rate."""
+        """Seconds left at this rate, or None while there is no rate."""
         return None if self.rate is None else max(self.total - self._now[1], 0) / self.rate
 
     def line(self) -> str:
@@ -157,7 +157,7 @@ class Phase:
 
 
 def duration(seconds: int | float) -> str:
-    """`0:05`, `12:40` or `3:02:10`."""
+    """Formats a duration as `0:05`, `12:40` or `3:02:10`."""
     minutes, rest = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -80,7 +80,7 @@ class RunDir:
 
     @property
     def experiment(self) -> str | None:
-        """The experiment that can go on with the run."""
+        """The experiment that can resume the run."""
         return self._phases.experiment
 
     def log(self, **metrics: Any) -> None:
@@ -96,11 +96,11 @@ class RunDir:
         self._count += 1
 
     def sync_metrics(self) -> None:
-        """Returns once the metrics so far are on the disk."""
+        """Returns once the metrics so far are on disk."""
         self._rows.sync()
 
     def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
-        """Leaves the first `count` rows of a phase, and of other phases what came before.
+        """Keeps the first `count` rows of a phase, and the rows of other phases before them.
 
         Returns:
           The rows that are left.
@@ -120,18 +120,18 @@ class RunDir:
         return self._phases.finished.get(name)
 
     def finish_phase(self, name: str, results: Mapping[str, Any]) -> None:
-        """Notes that a phase has finished, so that a resumed run does not repeat it."""
+        """Records that a phase has finished, so that a resumed run does not repeat it."""
         finished = self._phases.finished | {name: dict(results)}
         self._phases = dataclasses.replace(self._phases, finished=finished)
         write_phases(self.path, self._phases)
 
     def finish(self, results: Mapping[str, Any]) -> None:
-        """Writes results.json, which says that the run has finished."""
+        """Writes results.json, which marks the run as finished."""
         with writing(self.path):
             write_whole(self.path / "results.json", json.dumps(plain(results), indent=2) + "\n")
 
     def close(self) -> None:
-        """Gives the lock back; closing twice is harmless."""
+        """Releases the lock; closing twice is harmless."""
         while self._sinks:
             self._sinks.pop().close()
         self._rows.close()
@@ -145,7 +145,7 @@ class RunDir:
 
 
 def default_path(seed: int) -> Path:
-    """A folder under `runs/`, named after the time and the seed, that does not exist yet."""
+    """A path under `runs/`, named after the time and the seed, that does not exist yet."""
     stem = f"{time.strftime('%Y%m%d-%H%M%S')}-seed{seed}"
     path, count = Path("runs") / stem, 1
     while path.exists():
@@ -214,7 +214,7 @@ def resume(path: Path) -> RunDir:
 
 
 def require_resumable(path: Path, experiment: str) -> RunConfig:
-    """The configuration of a run that an experiment can go on with.
+    """The configuration of a run that an experiment can resume.
 
     Raises:
       RunError: it is no run, has finished, is of another experiment, was changed, or is being
@@ -251,7 +251,7 @@ def create_or_resume(
     experiment: str,
     begun: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> RunDir:
-    """The run in a folder, opened to go on with; a new one at `config.run.out` where that is None.
+    """Resumes the run in a folder, or creates one at `config.run.out` if the folder is None.
 
     A run that goes on has its own `begun`.
 
@@ -266,7 +266,7 @@ def create_or_resume(
 
 
 def require_new(path: Path) -> None:
-    """Raises RunError where something is in the way of a new folder."""
+    """Raises RunError if something exists at the path of a new folder."""
     if path.exists() or path.is_symlink():
         raise RunError(f"{path} exists already, but the output must be a new folder")
     above = next(p for p in path.absolute().parents if p.exists())
@@ -275,7 +275,7 @@ def require_new(path: Path) -> None:
 
 
 def read_config(path: Path) -> RunConfig:
-    """A run's configuration.
+    """Reads a run's configuration.
 
     Raises:
       RunError: it is not a run's folder, or its configuration is damaged.
@@ -298,7 +298,7 @@ def _config_file(path: Path) -> Path:
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
-    """A run's metrics so far, oldest first; a last line that was cut short is left out.
+    """Reads a run's metrics so far, oldest first; an incomplete last line is left out.
 
     Raises:
       RunError: it is not a run's folder, the file is missing, or a line before the last is damaged.

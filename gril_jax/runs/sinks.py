@@ -27,13 +27,13 @@ class Sink(Protocol):
     """A place that metrics are copied to, of `open_sink`."""
 
     def begin(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """These rows are all that there is; called first, and whenever rows have been cut."""
+        """Replaces all rows; called first, and whenever rows have been cut."""
 
     def log(self, index: int, row: Mapping[str, Any]) -> None:
-        """One more row, with its number in the file from 0."""
+        """Sends one more row, with its number in the file from 0."""
 
     def close(self) -> None:
-        """Sends what is left."""
+        """Sends the remaining rows."""
 
 
 def require_installed(names: Sequence[str]) -> None:
@@ -98,7 +98,7 @@ class _TensorBoard:
 
 
 class _Wandb:
-    """A resumed run goes on under its old identity; rows sent already are not sent again."""
+    """The W&B sink; a resumed run keeps its identity, and no row is sent twice."""
 
     def __init__(self, folder: Path, config: Mapping[str, Any]):
         package = importlib.import_module(PACKAGES["wandb"])

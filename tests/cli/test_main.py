@@ -13,7 +13,7 @@ from gril_jax.cli import heavy_imports, main
 # Runs a command line as `gril` does, then tells which of the slow packages it loaded.
 _RUNNER = """
 import sys
-from gril_jax.cli import main
+from gril_jax.cli.main import main
 code = main(sys.argv[1:])
 heavy = [m for m in ("jax", "mujoco", "brax", "orbax", "numpy", "rich") if m in sys.modules]
 print("HEAVY", *heavy)
@@ -101,13 +101,13 @@ def test_the_installed_command_runs(tmp_path):
     if not gril.exists():
         pytest.skip("the package is on the path without having been installed")
     done = subprocess.run([gril, "--help"], capture_output=True, text=True, cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (0, main._HELP)
+    assert (done.returncode, done.stdout) == (0, main.help_page())
 
 
 def test_a_reader_that_has_had_enough_causes_no_traceback(tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
-    code = [sys.executable, "-m", "gril_jax.cli", "train", "--help"]
+    code = [sys.executable, "-m", "gril_jax.cli.main", "train", "--help"]
     done = subprocess.run(code, stdout=writer, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     os.close(writer)
     assert (done.returncode, done.stderr) == (1, "")

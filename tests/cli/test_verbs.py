@@ -2,14 +2,17 @@
 
 import sys
 import types
+from pathlib import Path
 
 import pytest
 
-from gril_jax.cli import arguments, doctor, main
+from gril_jax.cli import arguments, doctor, main, verbs
 from gril_jax.config import MakeDemosConfig, RunConfig
 from gril_jax.config.files import load
 from gril_jax.errors import DemoError, RunError
 from gril_jax.runs import run_dir
+
+_PIPELINE = "gril_jax.experiments.pipeline"
 
 
 @pytest.fixture
@@ -135,6 +138,11 @@ def test_quickstart_trains_its_own_configuration(experiment, demo_set):
     assert calls == [((load("quickstart", overrides),), {"echo": arguments.echo})]
 
 
+def test_the_results_of_an_experiment_are_no_exit_code(experiment):
+    experiment("train", main=lambda *_, **__: {"success": 0.9})
+    assert main.main(["train"]) == 0
+
+
 def test_train_takes_a_configuration_by_name(experiment, tmp_path):
     calls = experiment("train")
     out = str(tmp_path / "new")
@@ -155,7 +163,7 @@ def test_pretrain_calls_its_experiment(experiment):
 
 
 def test_demos_make_hands_on_the_folder(experiment, tmp_path):
-    calls = experiment("make_demos")
+    calls = experiment("make_demos", _PIPELINE)
     out = tmp_path / "set"
     short = ["--num", "9", "--failures=5", "--variant", "demo", "--seed", "3"]
     assert main.main(["demos", "make", "quickstart", f"--out={out}", *short]) == 0
@@ -166,7 +174,7 @@ def test_demos_make_hands_on_the_folder(experiment, tmp_path):
 
 
 def test_a_demo_set_may_be_replaced(experiment, demo_set):
-    calls = experiment("make_demos")
+    calls = experiment("make_demos", _PIPELINE)
     assert main.main(["demos", "make", "--out", str(demo_set)]) == 0
     assert calls[0][0][1] == demo_set
 
@@ -205,13 +213,14 @@ def test_report_refuses_the_runs_of_other_tables_before_work_starts(experiment, 
 
 
 def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
-    experiment("setup", make_env=lambda config, training: ("env", config, training))
+    experiment("setup", _PIPELINE, make_env=lambda config, training: ("env", config, training))
     experiment(
         "policy_setup",
+        _PIPELINE,
         make_algorithm=lambda config, env: ("ppo", config, env),
         algorithm_hyper=lambda config: ("hyper", config),
     )
-    calls = experiment("export_policy", "gril_jax")
+    calls = experiment("policy_file", "gril_jax.interop")
     out = tmp_path / "policy.npz"
     assert main.main(["export-policy", str(trained), f"--out={out}"]) == 0
     config = RunConfig()
@@ -258,7 +267,7 @@ def test_imports_hand_on_their_folders_and_tell_their_progress(
         calls.append((args, kwargs))
 
     both = {"import_magical": importer, "import_videos": importer}
-    experiment("import_demos", "gril_jax.interop", **both)
+    experiment("importing", "gril_jax.demos", **both)
     out = tmp_path / "out"
     assert main.main(["demos", "import-magical", str(tmp_path), "--out", str(out)]) == 0
     args = ["demos", "import-videos", str(tmp_path), "--out", str(out), "--half-extent", "1.5"]
@@ -322,3 +331,36 @@ def test_the_doctor_s_verdict_is_the_exit_code(monkeypatch, capsys):
     monkeypatch.setattr(doctor, "check_all", lambda timeout_s: [row])
     assert main.main(["doctor"]) == 1
     assert capsys.readouterr().out == "jax  BROKEN    missing\n"
+
+
+# --- a new verb
+
+
+def test_a_verb_is_one_file_and_its_name_in_the_table(tmp_path, monkeypatch, capsys):
+    (tmp_path / "greet_all.py").write_text(
+        "from gril_jax.cli.verb import Verb\n"
+        "def plan(args):\n"
+        "    return lambda: print('hello', *args)\n"
+        "VERB = Verb('greet-all NAME', 'says hello', plan)\n"
+    )
+    monkeypatch.setattr(verbs, "__path__", [*verbs.__path__, str(tmp_path)])
+    monkeypatch.setitem(verbs.TABLE, "Manners", ("greet-all",))
+    assert main.main(["greet-all", "you"]) == 0
+    assert capsys.readouterr().out == "hello you\n"
+    assert main.main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "\nManners:\n  greet-all NAME              says hello\n" in shown
+    assert main.main(["greet-al"]) == 2
+    assert "(did you mean greet-all?)" in capsys.readouterr().err
+    sys.modules.pop("gril_jax.cli.verbs.greet_all")
+
+
+@pytest.mark.parametrize("name", verbs.names())
+def test_the_help_of_a_verb_begins_with_its_name(name):
+    assert f"{verbs.find(name).usage} ".startswith(f"{name} ")
+
+
+def test_every_file_of_a_verb_is_in_the_table():
+    folder = next(iter(verbs.__path__))
+    files = {p.relative_to(folder).with_suffix("") for p in Path(folder).rglob("[!_]*.py")}
+    assert {" ".join(p.parts).replace("_", "-") for p in files} == {*verbs.names()}

@@ -238,15 +238,14 @@ def test_every_field_is_an_option():
 
 
 def test_the_blocks_and_the_defaults_are_those_of_the_task():
-    from gril_jax.envs.magical import layout
-    from gril_jax.envs.magical.match_regions import task
+    from gril_jax.envs.magical.match_regions import start, task
 
     blocks = {f"{c} {s}" for c in schema.BLOCK_COLOURS for s in schema.BLOCK_SHAPES}
     assert blocks == set(task.CLASSES) - {"goal", "robot"}
     assert EnvConfig().targets == task.TARGETS
     assert EnvConfig().distractors == task.DISTRACTORS
     placed = {*EnvConfig().targets, *EnvConfig().distractors}
-    assert placed == set(layout.DEMO_BLOCKS)
+    assert placed == set(start.DEMO_BLOCKS)
 
 
 def test_the_schema_imports_nothing_heavy():

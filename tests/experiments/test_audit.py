@@ -81,7 +81,9 @@ def test_a_reward_of_pictures_is_refused(tmp_path):
 
 def test_another_task_is_refused(tmp_path):
     reward = _save(tmp_path / "reward.npz")
-    with pytest.raises(ConfigError, match="--task is 'sorting', but must be one of match_regions"):
+    with pytest.raises(
+        ConfigError, match="there is no task 'sorting': the tasks are match_regions"
+    ):
         audit.main(reward, task="sorting")
     run = save_run(tmp_path / "run")
     with pytest.raises(ConfigError, match="was trained for match_regions, but --task is sorting"):

@@ -11,6 +11,7 @@ import weakref
 import pytest
 
 from gril_jax.cli import main
+from gril_jax.cli.verb import Verb
 from gril_jax.errors import RunError
 from gril_jax.runs.interrupt import Interrupted, heard, noticed
 
@@ -59,7 +60,8 @@ def test_the_command_line_says_one_sentence_and_exits_as_shells_expect(
     def interrupted(_):
         raise Interrupted("it came, and the run is saved", number)
 
-    monkeypatch.setitem(main.VERBS, "train", lambda args: lambda: interrupted(args))
+    verb = Verb("train", "", lambda args: lambda: interrupted(args))
+    monkeypatch.setattr(main.verbs, "find", {"train": verb}.get)
     assert main.main(["train"]) == code
     assert capsys.readouterr().err == "gril: it came, and the run is saved.\n"
 

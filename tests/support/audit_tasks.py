@@ -2,7 +2,7 @@
 
 import jax
 import jax.numpy as jnp
-from gril_jax.envs.stages import Stage, Stages, share_done
+from gril_jax.envs.stages import Stage, Stages
 
 from gril_jax.audit.scene_reward import Scene
 
@@ -12,6 +12,11 @@ START = jnp.array([[-0.8, -0.8], [0.5, 0.8], [-0.5, 0.1], [-0.1, -0.5], [0.8, -0
 SIZE = jnp.full((5, 2), 0.2)
 BOX = jnp.array([0.5, 0.5])  # where shoes belong, within 0.25
 LABEL = jnp.arange(5)
+
+
+def _share_done(task, center, size):
+    """The score of a task without faults: the share of its stages that are done."""
+    return jnp.mean(task.done(center, size).astype(jnp.float32))
 
 
 def start():
@@ -43,7 +48,7 @@ def packing():
     """Lid open, then shoe A in, then shoe B in: stages that depend on each other."""
     first = Stage("shoe A in", (2,), _in_box(2), _into_box(2), ("lid open",))
     second = Stage("shoe B in", (3,), _in_box(3), _into_box(3), ("shoe A in",))
-    return Stages((LID, first, second), (1, 2, 3, 4), 1.0, share_done, robots=(0,))
+    return Stages((LID, first, second), (1, 2, 3, 4), 1.0, _share_done, robots=(0,))
 
 
 def one_shoe():
@@ -51,7 +56,7 @@ def one_shoe():
 
     def score(task, center, size):
         fault = task.faulty(center, size).any()
-        return jnp.where(fault, 0.5, 1.0) * share_done(task, center, size)
+        return jnp.where(fault, 0.5, 1.0) * _share_done(task, center, size)
 
     stage = Stage("shoe A in", (2,), _in_box(2), _into_box(2))
     fault = Stage("stone in", (4,), _in_box(4), _into_box(4))

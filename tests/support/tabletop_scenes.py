@@ -24,7 +24,7 @@ class InC:
         self.target, self.fixtures, self.contacts = data.target, data.fixtures, 0
 
     def step(self, action):
-        aim = _aim(self.env.controller, tuple(self.env.task.home), self.env.physics.dt)
+        aim = _aim(tuple(self.env.task.home), self.env.physics.dt)
         action = np.clip(np.asarray(action, np.float32), -1, 1)
         q = self.data.qpos[:7].astype(np.float32)
         self.target = np.asarray(aim(self.target, q, action))
@@ -41,7 +41,7 @@ class InC:
         return self.data.qpos
 
     def move(self, goal, grip, *, speed=0.25, yaw=0.0, settle=0):
-        """Linear motion of the tool centre point (controller "ee_delta_yaw")."""
+        """Linear motion of the tool centre point."""
         step, actions = speed * self.env.physics.dt, []
         for _ in range(200):
             now, turned = _tool(self.target)
@@ -60,9 +60,9 @@ class InC:
 
 
 @functools.cache
-def _aim(controller, rest, dt):
+def _aim(rest, dt):
     rest = jnp.array(rest, jnp.float32)
-    aim = functools.partial(control.aim, controller, rest=rest, dt=dt)
+    aim = functools.partial(control.aim, rest=rest, dt=dt)
     return jax.jit(aim)
 
 

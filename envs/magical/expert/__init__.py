@@ -1,1 +1,1 @@
-"""Scripted experts that make demonstrations."""
+"""Skills that scripted experts of MAGICAL's tasks share, and how their episodes are chosen."""

@@ -1,4 +1,4 @@
-"""From where a gripper takes hold of a block.
+"""Docks: the directions from which a gripper takes hold of a block.
 
 It closes its finger tips around the block and can then carry it any way, so it comes from where
 there is room. Distances are from centre to centre, arena units.
@@ -29,7 +29,7 @@ def choose_dock(
     *,
     arena: float,
 ) -> Float[Array, "2"]:
-    """The direction along which to drive up to a block: the cheapest of 24, as a unit vector.
+    """The direction from which to approach a block: the cheapest of 24, as a unit vector.
 
     Args:
       robot: where it is.

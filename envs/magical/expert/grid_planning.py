@@ -1,4 +1,4 @@
-"""Shortest ways around round obstacles, on a grid over the arena, inside jit.
+"""Shortest paths around round obstacles, on a grid over the arena, inside jit.
 
 The arena is a grid of 25 x 25 points. Going costs its length, and more the deeper it leads into
 an obstacle's margin, so that there always is a way, if only a bad one. `cost_to_go` relaxes the
@@ -32,7 +32,7 @@ def _grid(extent: float) -> Float[Array, "G G 2"]:
 
 
 def _price(points: Float[Array, "*P 2"], obstacles: Obstacles) -> Float[Array, "*P"]:
-    """Cost of a unit of length at each point."""
+    """Cost per unit of length at each point."""
     away = points[..., None, :] - obstacles.center
     distance = jnp.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + 1e-12)
     radius = jnp.maximum(obstacles.radius, 1e-6)
@@ -44,7 +44,7 @@ def _price(points: Float[Array, "*P 2"], obstacles: Obstacles) -> Float[Array, "
 def cost_to_go(
     target: Float[Array, "2"], obstacles: Obstacles, *, extent: float
 ) -> Float[Array, "G G"]:
-    """Cost of the best way from each grid point to `target`.
+    """Cost of the best path from each grid point to `target`.
 
     Args:
       target: where ways end, arena units.
@@ -83,7 +83,7 @@ def waypoint(
     reach: float = 0.4,
     near: float = 0.12,
 ) -> Float[Array, "2"]:
-    """Where to head from `start`: the best grid point about `reach` ahead, or the target itself.
+    """The point to head for: the best grid point about `reach` ahead, or the target itself.
 
     Args:
       start: where the robot is.

@@ -5,7 +5,7 @@ counts centres; a block that is put into the region is put wholly inside.
 """
 
 import jax.numpy as jnp
-from gril_jax.envs.magical import score as rewards
+from gril_jax.envs.magical.match_regions import score as rewards
 from gril_jax.envs.stages import Stage, Stages, free_place
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 

@@ -7,57 +7,48 @@ Action (3,), or (2,) for a stick, each in [-1, 1]:
   0  forward speed, clipped to +-0.8 units/s
   1  turn. "original": x-magical's law, bang-bang beyond 0.0625; "smooth": linear to +-2.5 rad/s
   2  grip: the fingers aim at clip(pi/8 - a, 0, pi/8) rad; 0 or less opens them, 0.393 closes them
-Observation: see `match_regions_observation`; `observation_names` says what each number is.
+Observation: see `observation`; the task's `observation_names` name each number.
 Objects: region, robot, targets, distractors, in that order.
-Score, success (score 1) and the dense rewards: see `match_regions_reward`.
-
-Physics presets:
-  "xmagical"  arena 1.1, block mass 0.01, drive force 5: blocks stop within a hundredth of a second
-  "magical"   the original MAGICAL's: arena 1.0, block mass 0.5, drive force 3, so blocks coast; the
-              action is rounded to its 18: forward 0.8, stop, or reverse 0.6; left, none or right;
-              open or closed. `magical_physics` says what else differs
-
-Engines: "impulse", our own solver (`planar_physics`), which follows the original closely and serves
-every option; or "mjx", MuJoCo's (`planar_mjx`), which serves the gripper, fixed shapes and
-"xmagical" physics.
+Score, success (score 1) and the dense rewards: see `score`.
+Physics and engines: see `magical.simulator`. With the physics "magical" an action is rounded to
+MAGICAL's 18: forward 0.8, stop, or reverse 0.6; left, none or right; open or closed.
 """
-
-import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.base import Outline, State
+from gril_jax.envs.checks import check_counts, check_known, check_shares
 from gril_jax.envs.magical import action as actions
-from gril_jax.envs.magical import layout as layouts
-from gril_jax.envs.magical import observation as observations
-from gril_jax.envs.magical import options, raster, scene
-from gril_jax.envs.magical import score as rewards
-from gril_jax.envs.magical import start as starts
-from gril_jax.envs.magical import state as states
-from gril_jax.envs.magical.options import CLASSES, COLOURS, DISTRACTORS, PRESETS, SHAPES, TARGETS
-from gril_jax.envs.magical.physics import MagicalPhysics
-from gril_jax.envs.magical.state import PlanarData
+from gril_jax.envs.magical import raster, scene, simulator
+from gril_jax.envs.magical.layout import CLASSES, COLOURS, RADII, VARIANTS
 from gril_jax.envs.planar import robots
 from gril_jax.envs.planar import shapes as block_shapes
 from gril_jax.envs.planar.joints import Command, Strengths
-from gril_jax.envs.planar.mjx_engine import MjxPhysics
-from gril_jax.envs.planar.physics import Physics
+from gril_jax.envs.planar.shapes import SHAPES
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from . import observation as observations
+from . import score as rewards
 from . import stages as definition
+from . import start as starts
+from . import state as states
+from .state import PlanarData
 
-__all__ = ["CLASSES", "DISTRACTORS", "PRESETS", "TARGETS", "MatchRegions", "PlanarData"]
+__all__ = ["DISTRACTORS", "TARGETS", "MatchRegions"]
+
+TARGETS = ("green star", "green square")
+DISTRACTORS = ("blue pentagon", "yellow circle", "yellow pentagon")
 
 
 class MatchRegions:
-    """The task; see the module's text for actions, observations and rewards.
+    """The MatchRegions task; see the module docstring for actions, observations and rewards.
 
     Args:
       robot: "gripper", or a stick: "short", "medium" or "long".
-      physics: the preset, "xmagical" or "magical"; see above.
-      engine: "impulse" or "mjx"; see above.
-      targets, distractors: block names, "<colour> <shape>", from `CLASSES`.
+      physics: the preset, "xmagical" or "magical".
+      engine: "impulse" or "mjx".
+      targets, distractors: block names, "<colour> <shape>", such as "green star".
       variant: what is drawn at reset: nothing ("demo"), a little of everything ("jitter",
         +-0.0275 and +-9 degrees), places ("layout"), colours ("color"), shapes ("shape"), forces
         ("dynamics"), or the last four together ("all").
@@ -66,7 +57,7 @@ class MatchRegions:
       on_the_way: in those, how likely a target that is not in the region is on its way there.
       facing: in those, how likely the robot stands before such a target and faces it.
       turn: "original" or "smooth"; see above.
-      observation: "rich", "sorted" or "xmagical"; see `match_regions_observation`.
+      observation: "rich", "sorted" or "xmagical"; see `observation`.
       reward: the task's own reward: "S4", "V5", "S3" or "sparse".
       substeps: physics steps a control step; the original's is 10. None is the engine's own
         choice: 10, or 5 with "mjx".
@@ -75,7 +66,7 @@ class MatchRegions:
 
     classes = CLASSES
     background = scene.BACKGROUND
-    control_hz = 8.0
+    control_hz = simulator.CONTROL_HZ
 
     def __init__(
         self,
@@ -96,22 +87,29 @@ class MatchRegions:
         substeps: int | None = None,
         iterations: int | None = None,
     ):
-        options.check_names(
-            robot=robot, physics=physics, engine=engine, variant=variant, turn=turn,
-            observation=observation, reward=reward,
-        )  # fmt: skip
-        options.check_engine(engine, robot, physics, variant)
-        options.check_blocks(targets, distractors, variant)
-        options.check_shares(varied_starts=varied_starts, on_the_way=on_the_way, facing=facing)
-        options.check_counts(episode_length=episode_length)
+        check_known("variant", variant, VARIANTS)
+        check_known("turn", turn, [*actions.TURN_GAIN])
+        check_known("observation", observation, observations.OBSERVATIONS)
+        check_known("reward", reward, rewards.REWARDS)
+        check_shares(varied_starts=varied_starts, on_the_way=on_the_way, facing=facing)
+        check_counts(episode_length=episode_length)
         self.blocks = (*targets, *distractors)
+        _check_blocks(targets, self.blocks, variant)
+        split = [name.split() for name in self.blocks]
+        self._colour = np.array([COLOURS.index(c) for c, _ in split], np.int32)
+        self._shape = np.array([SHAPES.index(s) for _, s in split], np.int32)
+        self._engine = simulator.engine(
+            engine, robot, physics, variant, tuple(self._shape.tolist()), substeps=substeps,
+            iterations=iterations,
+        )  # fmt: skip
+        self._rest = np.asarray(self._engine.rest())
         self.num_targets, self.variant = len(targets), variant
         self.varied_starts, self.on_the_way, self.facing = varied_starts, on_the_way, facing
         self.episode_length = episode_length
         self.turn_gain = actions.TURN_GAIN[turn]
         self.robot, self.physics = robots.robot(robot), physics
         self.action_size = 3 if self.robot.has_fingers else 2
-        self._preset = PRESETS[physics]
+        self._preset = simulator.PRESETS[physics]
         self.arena, self.half_extent = self._preset.arena, 1.02 * self._preset.arena
         self.stages = definition.stages(targets, distractors, arena=self.arena)
         self._reward, self._kind = reward, observation
@@ -121,32 +119,18 @@ class MatchRegions:
         )
         self.observation_size = len(self.observation_names)
         self.action_names = ("forward speed", "turn", "grip")[: self.action_size]
-        split = [name.split() for name in self.blocks]
-        self._colour = np.array([COLOURS.index(c) for c, _ in split], np.int32)
-        self._shape = np.array([SHAPES.index(s) for _, s in split], np.int32)
-        self._engine = self._make_engine(engine, *options.solving(engine, substeps, iterations))
-        self._rest = np.asarray(self._engine.rest())
-
-    def _make_engine(self, engine: str, substeps: int, iterations: int):
-        common = dict(arena=self.arena, control_hz=self.control_hz, substeps=substeps,
-                      iterations=iterations)  # fmt: skip
-        if engine == "mjx":
-            return MjxPhysics(tuple(SHAPES[s] for s in self._shape), **common)
-        kind = MagicalPhysics if self.physics == "magical" else Physics
-        mass = self._preset.block_mass
-        return _impulses(kind, self.robot.name, len(self.blocks), block_mass=mass, **common)
 
     # ---------------------------------------------------------------- episode
 
     def reset(self, key: PRNGKeyArray) -> State:
-        """A new episode of the task's variant."""
+        """Starts a new episode of the task's variant."""
         keys = jax.random.split(key, 6)
         shape, colour = starts.looks(
             keys[:2], self.variant, jnp.asarray(self._shape), jnp.asarray(self._colour),
             self.num_targets,
         )  # fmt: skip
         strengths = starts.strengths(keys[2], self.variant, self._preset)
-        radii = jnp.asarray(layouts.RADII)[shape]
+        radii = jnp.asarray(RADII)[shape]
         within = dict(robot=self.robot, radii=radii, arena=self.arena)
         layout = starts.places(keys[3], self.variant, self.blocks, **within)
         start = states.distances(layout.blocks[: self.num_targets], layout.goal[:2])
@@ -182,7 +166,7 @@ class MatchRegions:
           action: what brought the scene here. The solver then starts with the impulses that it
             would have given; None starts with none, as after a reset.
         """
-        goal = jnp.array(layouts.DEMO_GOAL) if goal is None else goal
+        goal = jnp.array(starts.DEMO_GOAL) if goal is None else goal
         targets = pose[self._parts : self._parts + self.num_targets]
         strengths = Strengths(*(jnp.float32(s) for s in self._preset.strengths))
         memory = jnp.asarray(self._rest)
@@ -203,7 +187,7 @@ class MatchRegions:
         return self._engine.clearance(pose, block_shapes.blocks(jnp.asarray(self._shape)))
 
     def step(self, state: State, action: Float[Array, "A"]) -> State:
-        """One control step: 1/8 s under a held action."""
+        """Advances one control step: 1/8 s under a held action."""
         data = state.data
         # Shapes that never change are constants of the compiled program.
         shape = data.shape if self.variant in ("shape", "all") else jnp.asarray(self._shape)
@@ -252,14 +236,18 @@ class MatchRegions:
         )  # fmt: skip
 
     def outlines(self, data: PlanarData) -> list[Outline]:
-        """What to paint for one moment (host side)."""
+        """The outlines of one moment, to be painted (host side)."""
         data = jax.tree.map(np.asarray, data)
         names = [(COLOURS[c], SHAPES[s]) for c, s in zip(data.colour, data.shape, strict=True)]
         exact = (f.astype(np.float64) for f in (data.pose, data.goal))
         return scene.outlines(self.robot, names, self.arena, *exact)
 
 
-@functools.cache
-def _impulses(kind: type[Physics], robot: str, num_blocks: int, **options) -> Physics:
-    """One engine for all tasks that move alike: it is the longest thing to trace."""
-    return kind(robots.robot(robot), num_blocks, **options)
+def _check_blocks(targets: tuple[str, ...], blocks: tuple[str, ...], variant: str) -> None:
+    """Raises ValueError without a target, or for a block that the variant cannot place."""
+    if not targets:
+        raise ValueError("targets is empty, but needs at least one block")
+    for name in blocks:
+        check_known("block", name, CLASSES[2:])
+        if variant not in ("layout", "all") and name not in starts.DEMO_BLOCKS:
+            raise ValueError(f"block {name!r} has no place in the {variant} layout")

@@ -1,4 +1,4 @@
-"""What shows that an episode of a scripted failure is one of its kind: the positions alone.
+"""Marks of scripted failures: positions alone show that an episode is one of its kind.
 
 Each mark reads the things' places (T, 2 shoes), the lid's angle (T,), and which shoes are in at the
 end. A script that slips makes another failure than it meant to; such episodes are not used.
@@ -24,7 +24,7 @@ def shows(
     inside: Bool[np.ndarray, "2"],
     box: Float[np.ndarray, "2"],
 ) -> bool:
-    """Whether an episode that is no success shows this kind of failure.
+    """True if an episode that is no success shows this kind of failure.
 
     Args:
       kind: of the failure.

@@ -5,7 +5,7 @@ table below the box's middle; the hinge is along its -y wall, and the lid opens 
 A shoe is one box for contacts: capsules roll out of a grasp. Lengths are metres.
 """
 
-from gril_jax.envs.panda.model import PADS, PALM, TIPS
+from gril_jax.envs.panda.model import PADS, PALM, TIPS, words
 from gril_jax.envs.tabletop.model import TABLE, Pair, Scene
 
 __all__ = [
@@ -32,20 +32,16 @@ _WALLS = {
 }
 
 
-def _words(numbers) -> str:
-    return " ".join(f"{x:.9g}" for x in numbers)
-
-
 def _box(name: str, center, half, mass: float = 0.0) -> str:
-    place = f'pos="{_words(center)}" size="{_words(half)}"'
+    place = f'pos="{words(center)}" size="{words(half)}"'
     return f'<geom name="{name}" type="box" {place} mass="{mass}"/>'
 
 
 def _lid() -> str:
     x, y, _ = LIP
     return (
-        f'<body name="{_LID}" pos="{_words(HINGE)}">'
-        f'<joint name="hinge" axis="1 0 0" range="{_words(LID_RANGE)}" damping="0.05"'
+        f'<body name="{_LID}" pos="{words(HINGE)}">'
+        f'<joint name="hinge" axis="1 0 0" range="{words(LID_RANGE)}" damping="0.05"'
         ' frictionloss="0.05" armature="0.002"/>'
         f"{_box(_LID, (0.0, 0.134, 0.0), (0.175, 0.134, 0.005), 0.38)}"
         f'<geom name="lip" type="capsule" size="0.006" mass="0.02"'
@@ -64,7 +60,7 @@ def _pairs() -> tuple[Pair, ...]:
 
 
 def scene() -> Scene:
-    """Joints after the arm's: the hinge (rad), then a free joint for each shoe."""
+    """The scene; joints after the arm's are the hinge (rad), then a free joint for each shoe."""
     walls = "".join(_box(name, *shape) for name, shape in _WALLS.items())
     shoes = "".join(
         f'<body name="{name}" pos="0 0 {SHOE_HALF[2]}"><freejoint name="{name}"/>'

@@ -1,4 +1,4 @@
-"""Manoeuvres of a hand at the shoe box: open its lid and close it, take a shoe, put it down.
+"""Manoeuvres of a hand at the shoe box: open and close its lid, take a shoe, put it down.
 
 Places are in the box's frame unless said otherwise: its origin on the table below its middle, the
 hinge along its -y wall, the shoes beyond its +y wall. Lengths are metres.
@@ -35,14 +35,14 @@ def box_yaw(hand: Hand) -> float:
 
 
 def out_of_box(hand: Hand, point) -> Float[np.ndarray, "3"]:
-    """A point of the box's frame, in the world."""
+    """Maps a point of the box's frame to the world."""
     yaw, (x, y, z) = box_yaw(hand), point
     c, s = np.cos(yaw), np.sin(yaw)
     return hand.fixtures[0, :3] + np.array([c * x - s * y, s * x + c * y, z])
 
 
 def shoe_place(hand: Hand, shoe: int) -> tuple[Float[np.ndarray, "3"], float]:
-    """Where a shoe is, in the world, and how far fingers turn for it: at most a quarter turn."""
+    """A shoe's place in the world, and the fingers' turn for it: at most a quarter turn."""
     pose = hand.qpos[_FIRST_SHOE + 7 * shoe : _FIRST_SHOE + 7 * (shoe + 1)]
     w, x, y, z = pose[3:]
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -50,13 +50,13 @@ def shoe_place(hand: Hand, shoe: int) -> tuple[Float[np.ndarray, "3"], float]:
 
 
 def open_lid(hand: Hand, style: Style) -> None:
-    """Lift the lid with closed fingers and push it over."""
+    """Lifts the lid with closed fingers and pushes it over."""
     _along(hand, _LIFT, style.lid_side, speed=style.lid_speed)
     hand.move(out_of_box(hand, (0.0, *_AFTER_LIFT)), speed=style.lid_speed)
 
 
 def close_lid(hand: Hand, style: Style) -> None:
-    """Push an open lid back from behind, until it falls shut."""
+    """Pushes an open lid back from behind, until it falls shut."""
     for y in (-0.1, -0.41):
         above = out_of_box(hand, (_SHUT_SIDE, y, 0.5))
         hand.move(above, speed=style.carry_speed, yaw=box_yaw(hand))
@@ -66,20 +66,20 @@ def close_lid(hand: Hand, style: Style) -> None:
 
 
 def _along(hand: Hand, path, x: float, *, speed: float) -> None:
-    """Along (y, z) with closed fingers."""
+    """Moves along (y, z) with closed fingers."""
     hand.grip = CLOSED
     for y, z in path:
         hand.move(out_of_box(hand, (x, y, z)), speed=speed, yaw=box_yaw(hand))
 
 
 def holds(hand: Hand, shoe: int) -> bool:
-    """Whether a shoe is off the ground and with the hand."""
+    """True if a shoe is off the ground and with the hand."""
     place, _ = shoe_place(hand, shoe)
     return bool(place[2] > 0.1 and np.linalg.norm(place - hand.place) < 0.1)
 
 
 def take(hand: Hand, style: Style, shoe: int) -> None:
-    """Take a shoe from the table and lift it; a shoe that slips is tried for once more."""
+    """Takes a shoe from the table and lifts it; tries again once if it slips."""
     for _ in range(2):
         _grasp(hand, style, shoe)
         if style.again[shoe] and holds(hand, shoe):  # think again: down with it, and once more
@@ -108,7 +108,7 @@ def _grasp(hand: Hand, style: Style, shoe: int) -> None:
 
 
 def carry(hand: Hand, style: Style, where) -> None:
-    """Over the box, or another place of its frame, and down to it."""
+    """Moves over the box, or another place in its frame, and down to it."""
     goal = out_of_box(hand, where)
     above = np.array([*goal[:2], style.arc])
     middle = (hand.place + above) / 2 + [*style.detour, 0.02]
@@ -119,14 +119,14 @@ def carry(hand: Hand, style: Style, where) -> None:
 
 
 def release(hand: Hand, style: Style, *, pause: int = 0) -> None:
-    """Let go and go up."""
+    """Opens the gripper and moves up."""
     hand.rest(pause)
     hand.open()
     hand.move((*hand.place[:2], style.arc), speed=style.carry_speed)
 
 
 def knock(hand: Hand, style: Style, shoe: int, way) -> None:
-    """Strike a shoe with closed fingers, along a direction (x, y) of the world, by 20 cm."""
+    """Strikes a shoe with closed fingers, along a direction (x, y) of the world, by 20 cm."""
     place, _ = shoe_place(hand, shoe)
     way = np.asarray(way) / np.linalg.norm(way)
     hand.grip = CLOSED

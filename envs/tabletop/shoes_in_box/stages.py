@@ -1,4 +1,4 @@
-"""The stages of shoes in the box by what a picture shows: boxes alone, no depth and no grip.
+"""The stages of shoes in the box as seen in a picture: boxes alone, no depth and no grip.
 
 Objects are left finger, right finger, hand, box, lid, shoe A, shoe B; lengths are those of the
 picture. Places are told in sizes of the box, from its middle. How the lid's box changes while it
@@ -74,7 +74,7 @@ def _curve():
 
 
 def _nearest(center, size):
-    """The curve's point nearest to the lid: its segment, and the share of it."""
+    """The curve's point nearest to the lid: its segment, and its share along it."""
     _, middle, _ = _curve()
     place = _relative(LID, center, size)
     way = middle[1:] - middle[:-1]

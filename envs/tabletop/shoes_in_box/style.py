@@ -1,4 +1,4 @@
-"""How a scripted episode of shoes in the box is played: what differs between two people.
+"""Styles of scripted episodes of shoes in the box: what differs between two people.
 
 Lengths are metres, speeds m/s, pauses control steps.
 """
@@ -11,7 +11,7 @@ __all__ = ["Style", "draw"]
 
 
 class Style(NamedTuple):
-    """One way to do it."""
+    """Parameters of one style."""
 
     order: tuple[int, int]  # of the shoes; 0 is the nearer one
     lid_speed: float
@@ -26,7 +26,7 @@ class Style(NamedTuple):
 
 
 def draw(rng: np.random.Generator) -> Style:
-    """A style: half of them take the farther shoe first, one shoe in ten is taken twice."""
+    """Samples a style: half take the farther shoe first, one shoe in ten is taken twice."""
     side = rng.choice([-1, 1])
     return Style(
         order=(0, 1) if rng.random() < 0.5 else (1, 0),

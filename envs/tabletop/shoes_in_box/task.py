@@ -1,4 +1,4 @@
-"""Put both shoes into the box: open its lid first. A Panda at a table; see `tabletop`.
+"""Put both shoes into the box, after opening its lid. A Panda at a table; see `tabletop`.
 
 Geometry after RLBench's put_shoes_in_box and the box of its open_box, built anew from primitives;
 resets after it too: all things are moved as a group by up to 4 cm and 22.5 degrees, each shoe by up
@@ -20,12 +20,13 @@ import jax.numpy as jnp
 from gril_jax.envs.panda.frames import Frame, compose, into, out_of, rotation
 from gril_jax.envs.tabletop.boxes import Boxes, box, free, lowest, touching
 from gril_jax.envs.tabletop.moments import Moments
+from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.reward import Progress, closeness
 from gril_jax.envs.tabletop.start import Footprint, Start, free_joint, group, place
 from gril_jax.envs.tabletop.task import Tabletop, Task, View
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from . import model, moments, stages
+from . import expert, model, stages
 
 __all__ = ["LAYOUT", "shoes_in_box", "task"]
 
@@ -67,8 +68,8 @@ def shoes_in_box(*, varied_starts: float = 0.0, **options) -> Tabletop:
 
 @functools.cache
 def _moments() -> Moments:
-    """Once in a process: what is recorded depends on no option of who begins there."""
-    return moments.moments(Tabletop(task()))
+    """Moments of the expert, recorded once a process: they depend on no option of an episode."""
+    return moments(Tabletop(task()), expert.perform)
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:
@@ -134,7 +135,7 @@ def _opening(view: View, things: Boxes) -> Float[Array, ""]:
 
 
 def _carrying(view: View, base: Frame, shoes: Boxes, inside: Bool[Array, "2"]) -> Float[Array, ""]:
-    """Progress of the others, for the shoe outside that is nearer to the box."""
+    """Progress of the later stages, for the shoe outside that is nearer to the box."""
     goal = out_of(base, jnp.array(_DROP))
     distance = jnp.sum((shoes.position - base.position)[:, :2] ** 2, axis=1)
     released = jax.vmap(functools.partial(free, view.pads))(shoes)

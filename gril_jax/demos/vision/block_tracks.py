@@ -1,4 +1,4 @@
-"""Following the blocks of one colour through a video.
+"""Tracks the blocks of one colour through a video.
 
 Pixels are measured between pixel centres, x right and y down; `scale` is pixels per world unit.
 """
@@ -44,7 +44,7 @@ class _Component(NamedTuple):
 def _components(
     mask: UInt8[np.ndarray, "H W"], scale: float
 ) -> tuple[list[_Component], UInt8[np.ndarray, "H W"]]:
-    """Parts of a mask that may be one whole block each, and the mask of all that is left."""
+    """Parts of a mask that may each be one whole block, and the mask of the rest."""
     left, top, width, height = cv2.boundingRect(mask)
     if width == 0:
         return [], mask
@@ -69,7 +69,7 @@ def _components(
 
 
 def _mismatch(component: _Component, shape: str, scale: float) -> float:
-    """0 for a perfect example of the shape, 1 at the limit of what passes for one."""
+    """Mismatch of a shape: 0 for a perfect example, 1 at the limit of acceptance."""
     area = abs(component.area / (expected_area(shape) * scale**2) - 1) / _AREA_SLACK
     roundness = abs(component.roundness - true_roundness(shape)) / _ROUNDNESS_SLACK
     return max(area, roundness)
@@ -98,7 +98,7 @@ def count_shapes(masks: Sequence[UInt8[np.ndarray, "H W"]], scale: float) -> dic
 
 
 class BlockTracker:
-    """The blocks of one colour: which mask is whose, from frame to frame.
+    """Tracks the blocks of one colour: assigns masks to blocks, from frame to frame.
 
     Whole masks are paired with blocks by distance from the last position, and by shape. Blocks
     that find none look for their outline in what is left of the mask, where blocks that touch
@@ -120,7 +120,7 @@ class BlockTracker:
         self._last: list[np.ndarray | None] = [None] * len(shapes)
 
     def update(self, mask: UInt8[np.ndarray, "H W"]) -> list[Sighting | None]:
-        """Takes the next frame's mask; None for a block that cannot be seen."""
+        """Reads the next frame's mask; None for a block that cannot be seen."""
         components, rest = _components(mask, self.scale)
         sightings: list[Sighting | None] = [None] * len(self.shapes)
         for i, component in self._pairs(components):
@@ -143,7 +143,7 @@ class BlockTracker:
         ]
 
     def _cost(self, i: int, component: _Component) -> float:
-        """World units from the last position, plus up to a block's width for a wrong shape."""
+        """World units from the last position; a wrong shape adds up to a block's width."""
         area = component.area / (expected_area(self.shapes[i]) * self.scale**2)
         if abs(area - 1) > _AREA_SLACK:
             return _FAR
@@ -153,7 +153,7 @@ class BlockTracker:
         return travel / self.scale + 0.1 * unlike
 
     def _measure(self, i: int, component: _Component) -> Sighting:
-        """A block that stands alone: its centroid, or its fitted outline beside dashes."""
+        """Measures a separate block: its centroid, or its fitted outline beside dashes."""
         angle = angle_of(component.mask, self.shapes[i])
         self._poses[i] = Pose(*component.center.tolist(), angle, 1.0)
         height, width = component.mask.shape
@@ -195,7 +195,7 @@ class BlockTracker:
             sightings[i] = Sighting(center, self._box(i, pose.angle))
 
     def _box(self, i: int, angle: float) -> Float[np.ndarray, "2"]:
-        """The turned outline's box: the pixels at a tip, few and mixed, would make it jump."""
+        """Box of the turned outline, since the few mixed pixels at a tip would make it jump."""
         corners = shape_outline(self.shapes[i]) * self.scale
         cos, sin = math.cos(angle), math.sin(angle)
         return np.ptp(corners @ np.array([[cos, sin], [-sin, cos]]), axis=0)

@@ -1,4 +1,4 @@
-"""Frames to object boxes in world units.
+"""Detects object boxes in world units from frames.
 
 `ColourDetector` reads the flat palette of MAGICAL and x-magical; anything else that implements
 `Detector` (`gril_jax.demos.boxes_csv` for a general detector's output) can take its place.
@@ -140,7 +140,7 @@ def _mask(
 def _follow(
     frames: np.ndarray, objects: list[str], goal: Goal, scale: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres and sizes in pixels, and where they were seen; zeros elsewhere."""
+    """Centres and sizes in pixels, and a mask of the frames with a sighting; zeros elsewhere."""
     center = np.zeros((len(frames), len(objects), 2))
     size = np.zeros_like(center)
     seen = np.zeros(center.shape[:2], bool)
@@ -175,13 +175,13 @@ def _follow(
 
 
 def _carry(track: np.ndarray, seen: np.ndarray) -> None:
-    """Fills unseen frames with the last sighting, those before the first with the first."""
+    """Fills unseen frames with the last sighting; frames before the first get the first."""
     source = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), -1))
     track[:] = track[np.where(source < 0, seen.argmax(), source)]
 
 
 def _hold(track: np.ndarray, slack: float) -> None:
-    """Lets a track follow its values like a cart on a slack rope: at rest until it is taut.
+    """Smooths a track like a cart on a slack rope: it rests until the rope is taut.
 
     A plain dead band would jump by its whole width when noise crosses it.
     """

@@ -1,4 +1,4 @@
-"""The goal region and the robot in palette codes: one still for a whole video, one moving.
+"""Finds the goal region, fixed for a whole video, and the moving robot, in palette codes.
 
 Positions and boxes are in pixels between pixel centres, x right and y down; `scale` is pixels
 per world unit.
@@ -25,7 +25,7 @@ _THIN = 0.035  # world units: half width under which grey is finger, outline or 
 
 
 class Goal(NamedTuple):
-    """A goal region: rectangle with a dashed border, at rest for a whole video."""
+    """A goal region: rectangle with a dashed border, fixed for a whole video."""
 
     colour: str
     center: Float[np.ndarray, "2"]  # pixels
@@ -94,7 +94,7 @@ def _band(
 def without_dashes(
     mask: UInt8[np.ndarray, "H W"], goal: Goal, scale: float
 ) -> UInt8[np.ndarray, "H W"]:
-    """A mask of the goal's colour less the dashed border, which has the same colour.
+    """A mask of the goal's colour without the dashed border, which has the same colour.
 
     A dash pixel says nothing about blocks: it is kept where most of the pixels around it that
     are not dash are block.
@@ -132,7 +132,7 @@ def find_robot(codes: UInt8[np.ndarray, "H W"], scale: float) -> Sighting | None
 
 
 def _opened(mask: UInt8[np.ndarray, "H W"], radius: float) -> UInt8[np.ndarray, "H W"]:
-    """Morphological opening: all that a disc of this radius can cover inside the mask."""
+    """Morphological opening: the union of all discs of this radius inside the mask."""
     bordered = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
     core = cv2.distanceTransform(bordered, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) > radius
     if not core.any():

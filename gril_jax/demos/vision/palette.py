@@ -1,4 +1,4 @@
-"""The MAGICAL and x-magical palette: which pixels of a frame are which colour.
+"""The MAGICAL and x-magical palette: classifies a frame's pixels by colour.
 
 Both simulators draw flat colours, one fill and one slightly darker outline a colour. A pixel
 takes the nearest colour of the palette within a tolerance, so frames that went through a
@@ -45,12 +45,12 @@ _BITS = 6  # per channel in the look-up table
 
 
 def block_code(colour: str) -> int:
-    """The code that `classify` gives to a block colour, fill and outline alike."""
+    """The code of a block colour in `classify`, for fill and outline alike."""
     return 2 + BLOCK_COLOURS.index(colour)
 
 
 def goal_code(colour: str) -> int:
-    """The code that `classify` gives to the pale fill of a goal region of that colour."""
+    """The code in `classify` of the pale fill of a goal region of that colour."""
     return 6 + BLOCK_COLOURS.index(colour)
 
 

@@ -1,4 +1,4 @@
-"""Outlines to pictures: a task says what to paint, this paints it from above.
+"""Draws pictures from a task's outlines, seen from above.
 
 Any object with the fields of `gril_jax.envs.base.Outline` will do: this module knows no task.
 """
@@ -14,7 +14,7 @@ _SHIFT = 6  # cv2 takes fixed-point coordinates: this many bits behind the point
 
 
 def _to_pixels(vertices: np.ndarray, half_extent: float, pixels: int) -> np.ndarray:
-    """World (x right, y up) to fixed-point pixels (x right, y down, centres at integers)."""
+    """Maps world (x right, y up) to fixed-point pixels (x right, y down, centres at integers)."""
     scale = pixels / (2 * half_extent)
     xy = (np.asarray(vertices) * [1, -1] + half_extent) * scale - 0.5
     return np.round(xy * 2**_SHIFT).astype(np.int32)
@@ -42,7 +42,7 @@ def paint(
     background: tuple[int, int, int],
     pixels: int = 384,
 ) -> np.ndarray:
-    """Paint outlines in order, with smooth edges.
+    """Paints outlines in order, with smooth edges.
 
     Args:
       outlines: what to paint; line widths and dashes are in pixels of a 384-pixel picture.

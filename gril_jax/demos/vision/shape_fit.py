@@ -71,7 +71,7 @@ def true_roundness(shape: str) -> float:
 
 
 def roundness_of(mask: UInt8[np.ndarray, "H W"]) -> float:
-    """`true_roundness`, measured on a mask; mean over the four farthest parts of its rim."""
+    """`true_roundness` measured on a mask: mean over the four farthest parts of its rim."""
     rims, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     rim = max(rims, key=len)[:, 0].astype(np.float64)
     moments = cv2.moments(mask, binaryImage=True)
@@ -136,7 +136,7 @@ def fit_blob(
 
 
 class _Field:
-    """A mask that shapes are laid on: covering mask counts +1, unknown 0, anything else -1."""
+    """Scores of a mask to lay shapes on: +1 in the mask, 0 where unknown, -1 elsewhere."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class _Field:
         self.value = cv2.copyMakeBorder(value, *[self.pad] * 4, cv2.BORDER_CONSTANT, value=-1.0)
 
     def search(self, shape: str, others: list[tuple[str, Pose]]) -> Pose:
-        """The best pose anywhere in the mask: every position at a few angles, then refined."""
+        """Finds the best pose in the mask: every position at a few angles, then refined."""
         value = self._without(others)
         fold = _FOLD[shape]
         best = (-np.inf, 0.0, 0.0, 0.0)
@@ -166,7 +166,7 @@ class _Field:
         return self.refine(shape, Pose(best[1], best[2], best[3], 0.0), others)
 
     def refine(self, shape: str, pose: Pose, others: list[tuple[str, Pose]]) -> Pose:
-        """Pattern search from a pose: 2 pixels and 8 degrees down to an eighth of a pixel."""
+        """Refines a pose by pattern search, from 2 pixels and 8 degrees to an eighth of a pixel."""
         value = self._without(others)
         at = np.array([pose.x, pose.y, pose.angle])
         unit = np.array([1.0, 1.0, np.radians(4.0) if _FOLD[shape] else 0.0])
@@ -188,7 +188,7 @@ class _Field:
         return Pose(float(at[0]), float(at[1]), float(at[2]), float(match))
 
     def _without(self, others: list[tuple[str, Pose]]) -> Float32[np.ndarray, "H W"]:
-        """The field in which mask that other shapes cover is as bad as no mask."""
+        """The field with pixels that other shapes cover counted as outside the mask."""
         value = self.value.copy()
         for shape, pose in others:
             window, x, y = self._window(pose.x, pose.y)

@@ -1,4 +1,4 @@
-"""Frames to H.264 files and back.
+"""Reads and writes H.264 video files.
 
 A frame is (H, W, 3) RGB, 8 bits a channel. Files are written as yuv420p, which every browser
 plays, at a quality where the codec moves a block's edge by a fraction of a pixel.
@@ -28,7 +28,7 @@ _OPTIONS = {
 def write_video(
     path: str | os.PathLike, frames: Iterable[UInt8[np.ndarray, "H W 3"]], fps: float
 ) -> None:
-    """Writes frames as H.264 in MP4; the file appears whole or not at all.
+    """Writes frames as H.264 in MP4; the file appears complete or not at all.
 
     Args:
       path: file to write or replace; its folder must exist.

@@ -54,7 +54,7 @@ class Findings(NamedTuple):
         return (*self.task.movable, *self.task.robots)
 
     def numbers(self) -> dict[str, float]:
-        """The measures that are one number."""
+        """The scalar measures."""
         found = self.audit.measures._asdict()
         return {k: float(v) for k, v in found.items() if v.ndim == 0 and k != "finite"}
 
@@ -73,8 +73,8 @@ class Findings(NamedTuple):
         return how, _pick(scenes, at), float(reward[at])
 
     def worst_pair(self) -> tuple[str, Scene, Scene, tuple[float, float], tuple[float, float]]:
-        """The pair of states most out of order: its factor, the lesser and the better state, and
-        the true progress and the reward of both."""
+        """The worst-ordered pair of states: its factor, the lesser and the better state, and the
+        true progress and the reward of both."""
         start, lesser, better = (int(i) for i in self.audit.measures.worst_pair)
         made, paid = self.states.battery, self.audit.rewards.battery
         kind = FACTORS[int(made.factor[start, max(lesser, better)])]
@@ -83,7 +83,7 @@ class Findings(NamedTuple):
         return kind, *pair, score, tuple(float(paid[start, i]) for i in (lesser, better))
 
     def as_json(self) -> dict[str, Any]:
-        """Everything as JSON; what is undefined is null."""
+        """Everything as JSON; undefined values are null."""
         found = self.audit.measures
         numbers = self.numbers()
         how, scene, reward = self.best_unearned()
@@ -105,7 +105,7 @@ class Findings(NamedTuple):
         }
 
     def in_words(self) -> list[str]:
-        """One line a measure that is asked for."""
+        """One line for each measure with a requirement."""
         numbers, lines = self.numbers(), []
         for name, asked in ASKED.items():
             fault = "" if asked.holds(numbers[name]) else "   NOT SOUND"
@@ -113,7 +113,7 @@ class Findings(NamedTuple):
         return lines
 
     def view(self, title: str, scene: Scene) -> View:
-        """A state to be drawn."""
+        """A state to draw."""
         return View(title, scene.center, scene.size, scene.active)
 
     def _state(self, scene: Scene) -> dict[str, Any]:

@@ -21,7 +21,7 @@ _MOST = 6  # maps in a row
 
 
 class View(NamedTuple):
-    """One state to be drawn."""
+    """One state to draw."""
 
     title: str
     center: Float[np.ndarray, "N 2"]
@@ -30,7 +30,7 @@ class View(NamedTuple):
 
 
 class Situation(NamedTuple):
-    """Maps of one situation: where the others are while one object is swept."""
+    """Maps of one situation: the places of the other objects while one is swept."""
 
     view: View
     reward: Float[np.ndarray, "M G G"]  # rows go up in y
@@ -44,7 +44,7 @@ def reward_maps(
     *,
     half_extent: float,
 ) -> Figure:
-    """A heat map for each swept object and situation, in one scale of colours.
+    """A heat map for each swept object and situation, with one colour scale.
 
     Args:
       situations: rows of maps.
@@ -77,7 +77,7 @@ def reward_maps(
 
 
 def _map(axes: Axes, situation: Situation, row: int, index: int, low, high, half_extent):
-    """One object's map: its centre reaches as far as its box fits into the plane."""
+    """One object's map; its centre stays where its box fits into the plane."""
     view = situation.view
     x, y = np.maximum(half_extent - view.size[index] / 2, 0)
     image = axes.imshow(
@@ -94,7 +94,7 @@ def _map(axes: Axes, situation: Situation, row: int, index: int, low, high, half
 
 @styled
 def state_pictures(views: Sequence[View], names: Sequence[str], *, half_extent: float) -> Figure:
-    """States side by side as boxes; thick ones have their activity bit set."""
+    """States side by side as boxes; thick boxes have their activity bit set."""
     figure = Figure(figsize=(HALF, 0.43 * HALF), layout="constrained")
     for axes, view in zip(figure.subplots(1, len(views), squeeze=False)[0], views, strict=True):
         for i in range(len(names)):
@@ -109,7 +109,7 @@ def state_pictures(views: Sequence[View], names: Sequence[str], *, half_extent: 
 
 
 def _look(index: int) -> dict[str, str]:
-    """Colour and line of an object's box, distinct for twice as many as there are colours."""
+    """Colour and line style of an object's box; distinct for twice as many objects as colours."""
     line = "--" if index // len(COLOURS) % 2 else "-"
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": line}
 

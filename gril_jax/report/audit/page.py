@@ -17,7 +17,7 @@ __all__ = ["write_report"]
 
 
 def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, title: str) -> Path:
-    """Writes `report.html`, which needs no other file, and its pictures beside it.
+    """Writes `report.html`, a self-contained page, and its pictures beside it.
 
     Args:
       folder: an existing one.

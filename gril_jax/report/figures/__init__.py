@@ -1,4 +1,4 @@
-"""Figures, one kind a file."""
+"""Figures, one module for each kind."""
 
 from gril_jax.lazy import offer
 

@@ -72,7 +72,7 @@ def reward_profile(
 
 
 def _to_show(ends: Int[np.ndarray, "S"], length: int) -> Int[np.ndarray, "K"]:
-    """First frame, stage ends (evenly thinned out if there are many), last frame."""
+    """Frames to show: the first, stage ends (evenly thinned out if there are many), the last."""
     inner = ends[(ends > 0) & (ends < length - 1)]
     room = _MOST - 2
     if len(inner) > room:
@@ -81,7 +81,7 @@ def _to_show(ends: Int[np.ndarray, "S"], length: int) -> Int[np.ndarray, "K"]:
 
 
 def _stages(axes: Axes, reward: np.ndarray, ends: np.ndarray) -> None:
-    """The curve, on bands that tell the stages apart; each stage's end has a number."""
+    """Draws the curve on bands for the stages; each stage's end has a number."""
     last = len(reward) - 1
     edges = np.unique([0, *ends, last])
     for start, end in list(itertools.pairwise(edges))[1::2]:
@@ -97,7 +97,7 @@ def _stages(axes: Axes, reward: np.ndarray, ends: np.ndarray) -> None:
 
 
 def _strip(figure, axes, frames, reward, ends, shown, side) -> None:
-    """Pictures above the axes, each tied to its point of the curve by a thin line."""
+    """Draws pictures above the axes, each joined to its point of the curve by a thin line."""
     width, height = figure.get_size_inches()
     bottom = _BELOW + _CURVE + _TIES
     gap = (width - side * len(shown)) / (len(shown) + 1)

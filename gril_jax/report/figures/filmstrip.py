@@ -29,7 +29,7 @@ _ROW = 0.58  # inches: a demonstration's name and its frames' numbers
 
 
 class Film(NamedTuple):
-    """One demonstration, to be drawn."""
+    """One demonstration to draw."""
 
     name: str
     frames: UInt8[np.ndarray, "T H W 3"]
@@ -72,7 +72,7 @@ def contact_sheet(films: Sequence[Film], classes: Sequence[str], half_extent: fl
 
 
 def with_boxes(film: Film, classes: Sequence[str], half_extent: float) -> Iterator[np.ndarray]:
-    """The frames of a demonstration with their boxes, and beside them which object is which.
+    """The frames of a demonstration with their boxes, and a legend of the objects beside them.
 
     Names turn bold once their object has moved.
 
@@ -110,7 +110,7 @@ def _legend(names, colours, height: int, moved: bool) -> UInt8[np.ndarray, "H W 
 
 
 def _classes_shown(films: Sequence[Film]) -> list[int]:
-    """Labels that occur; their place in this list is the number on their boxes."""
+    """Labels that occur; their index in this list is the number on their boxes."""
     return sorted({int(label) for film in films for label in film.tracks.label})
 
 
@@ -223,12 +223,12 @@ def _empty_axes(
 
 
 def _figure(width: int, height: int) -> Figure:
-    """A figure of so many pixels; the half keeps rounding in inches from losing one."""
+    """A figure of this size in pixels; the half prevents rounding in inches from losing one."""
     return Figure(figsize=((width + 0.5) / 100, (height + 0.5) / 100), dpi=100)
 
 
 def _even(length: int) -> int:
-    """Video codecs halve the resolution of colours: sides must be even."""
+    """The length rounded up to even: video codecs halve the resolution of colours."""
     return 2 * -(-length // 2)
 
 

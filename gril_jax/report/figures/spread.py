@@ -1,4 +1,4 @@
-"""A number for each of several cases, with all its seeds: one row a case."""
+"""A number for each of several cases, with all its seeds: one row per case."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""The look of every figure: colours, fonts, line widths, and how a figure becomes pixels.
+"""Style of every figure: colours, fonts, line widths, and rendering to pixels.
 
 Figures are drawn with Agg and belong to whoever asked for them: pyplot's global list of
 figures, the user's matplotlibrc and the display play no part. Text is never read as
@@ -54,7 +54,7 @@ _STYLE = {
 
 
 def styled(draw: Callable) -> Callable:
-    """Lets a function draw in this style, whatever style the caller has set; that one stays."""
+    """Context in which functions draw in this style; the caller's style is restored afterwards."""
 
     @functools.wraps(draw)
     def drawn(*args: Any, **kwargs: Any) -> Any:
@@ -85,6 +85,6 @@ def pixels(figure: Figure) -> UInt8[np.ndarray, "H W 3"]:
 
 
 def shortened(name: str, limit: int = 48) -> str:
-    """A name on one line, without what cannot be printed, cut to `limit` characters."""
+    """A name on one line, without unprintable characters, cut to `limit` characters."""
     name = " ".join("".join(c if c.isprintable() else " " for c in name).split())
     return name if len(name) <= limit else f"{name[: limit - 1]}…"

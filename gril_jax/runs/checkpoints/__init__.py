@@ -1,4 +1,4 @@
-"""Checkpoints of a run, written whole or not at all."""
+"""Checkpoints of a run, written completely or not at all."""
 
 from gril_jax.lazy import offer
 

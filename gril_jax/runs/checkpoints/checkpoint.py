@@ -62,7 +62,7 @@ def save(folder: Path, step: int, state: Any, *, keep: int | None = None) -> Pat
 
 
 def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None = None) -> Path:
-    """`save` from a copy on the host, for a thread; one writer a folder at a time."""
+    """`save` from a copy on the host, for a thread; one writer per folder at a time."""
     final, part = folder / f"{step:012d}", folder / f".{step:012d}.part"
     if (final / "manifest.json").exists():
         raise RunError(f"checkpoint {final} exists already, but a step is saved once")
@@ -131,7 +131,7 @@ def steps(folder: Path) -> list[int]:
 
 
 def latest(folder: Path) -> Path | None:
-    """The newest complete checkpoint in a folder, or None where there is none."""
+    """The newest complete checkpoint in a folder, or None if there is none."""
     found = steps(folder)
     return folder / f"{found[-1]:012d}" if found else None
 
@@ -155,7 +155,7 @@ def newest(run: Path, part: str) -> Path:
 
 
 def discard(path: Path) -> Path:
-    """Sets a damaged checkpoint aside, so that it is no longer listed; returns where it is."""
+    """Renames a damaged checkpoint so that it is no longer listed; returns its new path."""
     aside = path.with_name(f"{path.name}.damaged")
     with writing(path.parent):
         shutil.rmtree(aside, ignore_errors=True)
@@ -230,7 +230,7 @@ def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> No
 
 
 def _files(path: Path) -> dict[str, str]:
-    """The digest of every file below a folder, by its path from there."""
+    """The digest of every file below a folder, by relative path."""
     files = sorted(p for p in path.rglob("*") if p.is_file())
     return {
         p.relative_to(path).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files
@@ -305,7 +305,7 @@ def _checkpointer() -> ocp.Checkpointer:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Orbax logs each step of its work, and its errors before it raises them."""
+    """Silences Orbax, which logs each step, and its errors before it raises them."""
     logger = absl_logging.get_absl_logger()
     before = logger.level
     logger.setLevel(logging.CRITICAL)

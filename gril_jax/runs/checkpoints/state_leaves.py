@@ -1,4 +1,4 @@
-"""The leaves of a state on the host: their names, their arrays, one digest of them all.
+"""The leaves of a state on the host: their names, their arrays, and one digest of them all.
 
 Typed keys count as their data, beside the name of their generator.
 """
@@ -60,14 +60,14 @@ def like_of(leaf: Any) -> tuple[str | None, str, tuple[int, ...]]:
 
 
 def to_device(array: np.ndarray, like: Any) -> jax.Array:
-    """The leaf of an array on the default device; a key where `like` is one."""
+    """Puts a leaf's array on the default device; as a key if `like` is one."""
     if _is_key(like):
         return jax.random.wrap_key_data(jnp.asarray(array), impl=jax.random.key_impl(like))
     return jnp.array(array)  # a copy: a donated buffer must not be NumPy's
 
 
 def leaf_name(path: Sequence[Any]) -> str:
-    """A leaf's path in words, such as "params.policy.0"."""
+    """A leaf's path as text, such as "params.policy.0"."""
     return jax.tree_util.keystr(tuple(path), simple=True, separator=".") or "(root)"
 
 

@@ -1,4 +1,4 @@
-"""Checkpoints written in a thread, while the training goes on.
+"""Writes checkpoints in a thread while training goes on.
 
 Only the copy to the host holds the training up. At most one checkpoint is being written at a time.
 """
@@ -17,7 +17,7 @@ __all__ = ["CheckpointWriter"]
 
 
 class CheckpointWriter:
-    """Writes a state's checkpoints to one folder; closed by `with`, which waits for the last.
+    """Writes a state's checkpoints to one folder; closed by `with`, which waits for the last one.
 
     What goes wrong in the thread is raised by the next call of any of its functions.
 
@@ -41,7 +41,7 @@ class CheckpointWriter:
         return self._last is not None
 
     def save(self, step: int, state: Any) -> None:
-        """Copies the state, then writes it in the thread; waits for the one before, if need be.
+        """Copies the state, then writes it in the thread; waits for the previous one if necessary.
 
         Raises:
           RunError: the checkpoint before could not be written.

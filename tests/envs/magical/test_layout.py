@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs.magical import layout as layouts
+from gril_jax.envs.magical.match_regions import start as starts
 from gril_jax.envs.planar import robots
 from gril_jax.envs.planar import shapes as block_shapes
 from support import planar_scenes, scenes
@@ -157,8 +158,8 @@ def test_rim_goes_all_around_the_robot_in_small_steps(robot):
 
 def test_jitter_stays_within_its_bounds():
     demo = layouts.Layout(
-        jnp.array(layouts.DEMO_ROBOT), jnp.array(list(layouts.DEMO_BLOCKS.values())),
-        jnp.array(layouts.DEMO_GOAL), jnp.zeros((), bool),
+        jnp.array(starts.DEMO_ROBOT), jnp.array(list(starts.DEMO_BLOCKS.values())),
+        jnp.array(starts.DEMO_GOAL), jnp.zeros((), bool),
     )  # fmt: skip
     moved = jax.jit(jax.vmap(lambda k: layouts.jitter(k, demo, arena=ARENA)))(_keys())
     off = np.abs(np.asarray(moved.blocks) - np.asarray(demo.blocks))

@@ -13,44 +13,35 @@ TARGET = np.array([*HOME, 0.04], np.float32)
 
 
 @functools.cache
-def _aim(controller):
-    return jax.jit(functools.partial(control.aim, controller, rest=jnp.asarray(HOME), dt=0.05))
+def _aim():
+    return jax.jit(functools.partial(control.aim, rest=jnp.asarray(HOME), dt=0.05))
 
 
 def _tool(target):
     return kinematics.tcp(jnp.asarray(target)[:7])
 
 
-@pytest.mark.parametrize("controller", control.CONTROLLERS)
-def test_rest_holds_the_hand_for_a_whole_episode(controller):
-    action = np.zeros(len(control.ACTION_NAMES[controller]), np.float32)
+def test_rest_holds_the_hand_for_a_whole_episode():
+    action = np.zeros(len(control.ACTION_NAMES), np.float32)
     target = TARGET
     for _ in range(100):
-        target = _aim(controller)(target, target[:7], action)
+        target = _aim()(target, target[:7], action)
     np.testing.assert_allclose(_tool(target).position, _tool(TARGET).position, atol=2e-3)
 
 
-def test_joint_steps_add_up_from_the_last_aim():
-    action = np.array([1, -0.5, 0, 0, 0, 0, 0.2, 1], np.float32)
-    found = _aim("joint_delta")(TARGET, HOME, action)
-    np.testing.assert_allclose(found[:7] - HOME, 0.1 * action[:7], atol=1e-6)
-
-
-@pytest.mark.parametrize("controller", ["ee_delta", "ee_delta_yaw"])
-def test_the_tool_moves_along_the_worlds_axes(controller):
-    action = np.zeros(len(control.ACTION_NAMES[controller]), np.float32)
+def test_the_tool_moves_along_the_worlds_axes():
+    action = np.zeros(len(control.ACTION_NAMES), np.float32)
     action[:3] = [0.8, -0.4, 0.4]
-    found = _tool(_aim(controller)(TARGET, HOME, action))
+    found = _tool(_aim()(TARGET, HOME, action))
     move = np.asarray(found.position - _tool(TARGET).position)
     np.testing.assert_allclose(move, 0.025 * action[:3], atol=5e-4)
     np.testing.assert_allclose(found.rotation[:, 2], [0, 0, -1], atol=5e-3)
 
 
-@pytest.mark.parametrize(("controller", "index"), [("ee_delta", 5), ("ee_delta_yaw", 3)])
-def test_yaw_turns_the_hand_about_the_vertical(controller, index):
-    action = np.zeros(len(control.ACTION_NAMES[controller]), np.float32)
-    action[index] = 1.0
-    found = _tool(_aim(controller)(TARGET, HOME, action))
+def test_yaw_turns_the_hand_about_the_vertical():
+    action = np.zeros(len(control.ACTION_NAMES), np.float32)
+    action[3] = 1.0
+    found = _tool(_aim()(TARGET, HOME, action))
     forward = np.asarray(found.rotation[:, 0] @ _tool(TARGET).rotation)
     assert np.arctan2(found.rotation[1, 0], found.rotation[0, 0]) == pytest.approx(0.1, abs=5e-3)
     assert forward[0] == pytest.approx(np.cos(0.1), abs=1e-3)
@@ -60,18 +51,17 @@ def test_a_tilted_hand_is_brought_upright_by_the_yaw_controller():
     tilted = TARGET + np.array([0, 0.1, 0, 0, 0, 0.1, 0, 0], np.float32)
     target = tilted
     for _ in range(5):
-        target = _aim("ee_delta_yaw")(target, target[:7], np.zeros(5, np.float32))
+        target = _aim()(target, target[:7], np.zeros(5, np.float32))
     np.testing.assert_allclose(_tool(target).rotation[:, 2], [0, 0, -1], atol=2e-3)
 
 
-@pytest.mark.parametrize("controller", control.CONTROLLERS)
-def test_aims_keep_to_speeds_ranges_and_near_a_blocked_arm(controller):
+def test_aims_keep_to_speeds_ranges_and_near_a_blocked_arm():
     rng = np.random.default_rng(0)
     target = TARGET
     low, high = kinematics.JOINT_RANGE.astype(np.float32).T
     for _ in range(50):
-        action = np.sign(rng.uniform(-1, 1, len(control.ACTION_NAMES[controller])))
-        after = np.asarray(_aim(controller)(target, HOME, action.astype(np.float32)))
+        action = np.sign(rng.uniform(-1, 1, len(control.ACTION_NAMES)))
+        after = np.asarray(_aim()(target, HOME, action.astype(np.float32)))
         assert (np.abs(after - target)[:7] <= 0.05 * kinematics.JOINT_SPEED + 1e-5).all()
         assert (np.abs(after[:7] - HOME) <= 0.3 + 1e-5).all()
         assert ((after[:7] >= low) & (after[:7] <= high)).all()
@@ -80,5 +70,5 @@ def test_aims_keep_to_speeds_ranges_and_near_a_blocked_arm(controller):
 
 def test_the_gripper_opens_at_one_and_presses_at_minus_one():
     for a, opening in ((-1, -0.01), (0, 0.015), (1, 0.04)):
-        action = np.array([0] * 7 + [a], np.float32)
-        assert _aim("joint_delta")(TARGET, HOME, action)[7] == pytest.approx(opening, abs=1e-6)
+        action = np.array([0] * 4 + [a], np.float32)
+        assert _aim()(TARGET, HOME, action)[7] == pytest.approx(opening, abs=1e-6)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from gril_jax.envs.panda.saturated_servos import constant_where_spent, driven
+from gril_jax.envs.panda.saturated_servos import constant_where_saturated, driven
 
 with contextlib.redirect_stdout(io.StringIO()):
     from mujoco import mjx
@@ -46,7 +46,7 @@ def _in_mjx(model, aims, steps, *, own):
         def step(data, _):
             held = compiled
             if not own:
-                held = constant_where_spent(compiled, at, data.qpos, data.qvel, aim)
+                held = constant_where_saturated(compiled, at, data.qpos, data.qvel, aim)
             return mjx.step(held, data), None
 
         return jax.lax.scan(step, blank.replace(ctrl=aim), length=steps)[0].qpos
@@ -61,7 +61,7 @@ def test_a_step_is_that_of_c_mujoco_at_the_limit_and_below_it():
 
 
 def test_mjx_alone_is_behind():
-    """If this fails, MJX has learned it, and `spent_servos` has done its work."""
+    """If this fails, MJX has learned it, and `saturated_servos` has done its work."""
     model = mujoco.MjModel.from_xml_string(ARM)
     true = np.stack([_in_c(model, aim, 20) for aim in AIMS])
     gap = np.abs(_in_mjx(model, AIMS, 20, own=True) - true).max(axis=1)
@@ -69,14 +69,14 @@ def test_mjx_alone_is_behind():
     assert gap[3:].min() > 0.05
 
 
-def test_only_spent_servos_change():
+def test_only_saturated_servos_change():
     model = mujoco.MjModel.from_xml_string(ARM)
     compiled, at = mjx.put_model(model), driven(model)
     state = jnp.array([0.1, 0.0]), jnp.array([0.0, 0.02])  # forces 4500 (aim - 0.1), 2000 aim - 4
-    held = constant_where_spent(compiled, at, *state, jnp.array([0.5, 0.003]))
+    held = constant_where_saturated(compiled, at, *state, jnp.array([0.5, 0.003]))
     assert held.actuator_gainprm[:, 0].tolist() == [0.0, 2000.0]
     np.testing.assert_allclose(held.actuator_biasprm[:, :3], [[87, 0, 0], [0, -2000, -200]])
-    beyond = constant_where_spent(compiled, at, *state, jnp.array([-9.0, -0.005]))
+    beyond = constant_where_saturated(compiled, at, *state, jnp.array([-9.0, -0.005]))
     np.testing.assert_allclose(beyond.actuator_biasprm[:, :3], [[-87, 0, 0], [-12, 0, 0]])
 
 

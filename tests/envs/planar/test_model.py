@@ -15,7 +15,7 @@ OPEN = math.pi / 8
 
 @pytest.fixture(scope="module")
 def model():
-    return planar_model.build(SHAPES, timestep=0.025, iterations=2, max_contacts=16)
+    return planar_model.build(SHAPES, timestep=0.025, iterations=2)
 
 
 def _body(model, geom):
@@ -140,8 +140,8 @@ def test_a_blocked_finger_motor_grips_with_its_full_torque():
 
 
 def test_the_model_takes_the_options_it_is_given():
-    model = planar_model.build(("circle", "star"), timestep=0.01, iterations=3, max_contacts=4)
+    model = planar_model.build(("circle", "star"), timestep=0.01, iterations=3)
     assert model.nv == 5 + 6
     assert model.npair == 5 * (1 + 5) + 5
     assert (model.opt.timestep, model.opt.iterations) == (0.01, 3)
-    assert model.numeric("max_contact_points").data[0] == 4
+    assert model.numeric("max_contact_points").data[0] == 16

@@ -1,4 +1,4 @@
-"""Boxes read from pictures whose things are known, and the errors put on them."""
+"""Boxes read from pictures whose things are known."""
 
 import numpy as np
 import pytest
@@ -35,35 +35,6 @@ def test_what_is_hidden_but_for_a_few_pixels_is_not_seen():
     assert detector.detect(hidden, 3, least=3).seen.all()
 
 
-def test_an_exact_detector_is_left_as_it_is():
-    exact = _video()
-    same = detector.disturbed(exact, detector.EXACT, np.random.default_rng(1), pixels=256)
-    for a, b in zip(exact, same, strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-6)
-
-
-def test_jitter_moves_each_edge_by_as_many_pixels_as_it_says():
-    exact, noise = _video(), detector.Noise(jitter=0.7)
-    noisy = detector.disturbed(exact, noise, np.random.default_rng(1), pixels=256)
-    for side in (-0.5, 0.5):
-        moved = noisy.center + side * noisy.size - exact.center - side * exact.size
-        assert moved.std() * 128 == pytest.approx(0.7, rel=0.1)
-    assert (noisy.size > 0).all()
-    assert noisy.center.dtype == noisy.size.dtype == np.float32
-
-
-def test_dropout_and_switches_come_as_often_as_they_should():
-    noise = detector.Noise(dropout=0.1, switch=0.02)
-    exact = _video(4000)
-    noisy = detector.disturbed(exact, noise, np.random.default_rng(1), pixels=256, twins=((1, 2),))
-    assert 1 - noisy.seen.mean() == pytest.approx(0.1, abs=0.01)
-    np.testing.assert_allclose(noisy.center[:, 0], exact.center[:, 0], atol=1e-6)
-    changed = np.abs(noisy.center[:, 1] - exact.center[:, 1]).max(axis=1) > 1e-5
-    np.testing.assert_allclose(noisy.center[changed, 1], exact.center[changed, 2], atol=1e-6)
-    np.testing.assert_allclose(noisy.center[changed, 2], exact.center[changed, 1], atol=1e-6)
-    assert np.abs(np.diff(changed.astype(int))).sum() == pytest.approx(80, rel=0.3)
-
-
 def test_what_is_not_seen_keeps_its_last_box_or_takes_its_first():
     exact = _video(6)
     exact.seen[:, 0] = [False, True, True, False, False, True]
@@ -78,19 +49,6 @@ def test_what_is_never_seen_is_named():
     exact.seen[:, 2] = False
     with pytest.raises(ValueError, match="thing 2 is seen in none of 5 frames"):
         detector.carried(exact)
-
-
-@pytest.mark.parametrize(
-    ("noise", "words"),
-    [
-        (detector.Noise(jitter=-1.0), "noise.jitter is -1.0, but must be at least 0"),
-        (detector.Noise(dropout=1.0), "noise.dropout is 1.0, but must be from 0 to below 1"),
-        (detector.Noise(switch=-0.1), "noise.switch is -0.1"),
-    ],
-)
-def test_noise_out_of_range_is_named(noise, words):
-    with pytest.raises(ValueError, match=words):
-        detector.disturbed(_video(3), noise, np.random.default_rng(0), pixels=64)
 
 
 def test_frames_are_stacked_in_order():

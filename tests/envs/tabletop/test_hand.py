@@ -55,9 +55,3 @@ def test_nothing_happens_beyond_the_limit(scene):
     hand.rest(5)
     hand.move((0.5, 0.2, 0.3), speed=0.1)
     assert hand.steps == 3
-
-
-def test_another_controller_is_named(scene):
-    env = envs.make("shoes_in_box", controller="joint_delta")
-    with pytest.raises(ValueError, match="controller is 'joint_delta', but must be 'ee_delta_yaw'"):
-        Hand(env, scene[1])

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.panda import control
 from gril_jax.envs.tabletop import camera as cameras
 
 from gril_jax import envs
@@ -13,7 +12,6 @@ from gril_jax import envs
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"controller": "torque"}, "controller is 'torque', but must be one of joint_delta"),
         ({"reward": "dense"}, "reward is 'dense', but must be one of staged"),
         ({"jitter": 1.5}, "jitter is 1.5, but must be between 0 and 1"),
         ({"substeps": 0}, "substeps is 0, but must be at least 1"),
@@ -25,9 +23,8 @@ def test_options_out_of_range_are_named(options, words):
         envs.make("shoes_in_box", **options)
 
 
-@pytest.mark.parametrize("controller", control.CONTROLLERS)
-def test_each_number_has_a_name_and_reset_keeps_its_types(controller):
-    env = envs.make("shoes_in_box", controller=controller)
+def test_each_number_has_a_name_and_reset_keeps_its_types():
+    env = envs.make("shoes_in_box")
     assert isinstance(env, envs.Env)
     first = jax.eval_shape(env.reset, jax.random.key(0))
     assert first.obs.shape == (env.observation_size,) == (len(env.observation_names),)

@@ -13,7 +13,7 @@ from gril_jax.experiments.bench.known_settings import GROUND
 from gril_jax.experiments.bench.known_tasks import InvertedPendulum, Reacher
 from gril_jax.experiments.bench.pendulum import Pendulum, SacSetting, Setting
 
-from gril_jax.cli import arguments, main
+from gril_jax.cli import main
 from gril_jax.errors import RunError
 
 
@@ -104,12 +104,11 @@ def test_both_sides_stand_beside_what_is_published():
 def test_every_task_algorithm_and_side_is_measured_once(monkeypatch):
     from gril_jax.experiments.bench import known as bench_known
 
-    seen, lines = [], []
+    seen = []
     monkeypatch.setattr(bench_known, "_child", lambda x: seen.append(x) or {"returns": [len(x[2])]})
     options = {"tasks": ("reacher",), "algorithms": ("ppo", "sac"), "seeds": 2, "jobs": 2}
-    bench_known.main(**options, echo=lines.append)
+    rows = bench_known.main(**options)["rows"]
     assert len(seen) == len({*seen}) == 4
-    rows = json.loads(lines[0])["rows"]
     assert [row["algorithm"] for row in rows] == ["ppo", "sac"]
     assert rows[1]["mean_return"] == {"ours": 4, "stock": 5}
 
@@ -136,16 +135,17 @@ def test_options_of_the_verb_have_ranges(capsys, args, fault):
     assert fault in capsys.readouterr().err
 
 
-def test_the_verb_offers_what_there_is_and_hands_on_its_options(monkeypatch):
+def test_the_verb_offers_what_there_is_and_prints_the_figures(monkeypatch, capsys):
     name, calls = "gril_jax.experiments.bench.known", []
     module = types.ModuleType(name)
-    module.main = lambda **options: calls.append(options)
+    module.main = lambda **options: calls.append(options) or {"rows": []}
     monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(name, module, raising=False)
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
     assert main.main(["bench", "known", "--algorithms", "sac", "--seeds", "2"]) == 0
-    shared = {"seeds": 2, "jobs": None, "echo": arguments.echo}
+    shared = {"seeds": 2, "jobs": None}
     assert calls == [{"tasks": tuple(GROUND), "algorithms": ("sac",)} | shared]
+    assert json.loads(capsys.readouterr().out).keys() == {"device", "jax", "rows"}
 
 
 _TINY = {

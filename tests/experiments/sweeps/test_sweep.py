@@ -61,7 +61,10 @@ def test_what_a_row_says_is_no_option_beside_it(capsys):
     for more, fault in (
         (["--rows", "environmental", "--reward", "learned,sum"], "--run.reward is given, but each"),
         (["--rows", "enviromental"], "did you mean environmental?"),
-        (["shoes_in_box", "--rows", "environmental"], "must be 'match_regions' here"),
+        (
+            ["shoes_in_box", "--rows", "environmental"],
+            "must be a task with the rewards S4, V5",
+        ),
     ):
         assert main.main(["sweep", *more]) == 2
         assert fault in capsys.readouterr().err

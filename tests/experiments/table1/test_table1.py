@@ -48,7 +48,9 @@ def test_a_mistake_on_the_command_line_has_exit_code_2(tmp_path, capsys):
         capsys, "--resume", tmp_path, "--seeds", "2"
     )
     assert "has no config.yaml" in _fault(capsys, "--resume", tmp_path)
-    assert "must be 'match_regions' here" in _fault(capsys, "shoes_in_box")
+    assert "must be a task with the rewards S4, V5, sparse, which the rows set" in _fault(
+        capsys, "shoes_in_box"
+    )
 
 
 def test_unfit_demonstrations_are_refused_before_work_starts(tmp_path, capsys):

@@ -93,37 +93,6 @@ def test_every_variant_keeps_its_structure_and_names_each_number(robot, variant)
     _same_types(first, jax.eval_shape(env.step, first, jnp.zeros(env.action_size)))
 
 
-@pytest.fixture(params=envs.names())
-def task(request):
-    return envs.make(request.param)
-
-
-def test_task_keeps_the_contract(task):
-    assert isinstance(task, envs.Env)
-    key, action = jax.random.key(0), jnp.zeros(task.action_size)
-    first = jax.eval_shape(task.reset, key)
-    after = jax.eval_shape(task.step, first, action)
-    _same_types(first, after)
-    assert first.obs.shape == (task.observation_size,)
-    count = first.objects.label.shape[0]
-    assert first.moved.shape == first.objects.is_robot.shape == (count,)
-    assert first.objects.center.shape == first.objects.size.shape == (count, 2)
-    assert {"score", "success"} <= set(first.metrics)
-    assert task.episode_length > 0
-    assert task.control_hz > 0
-    assert task.half_extent > 0
-
-
-def test_task_starts_where_its_key_says(task):
-    reset = jax.jit(task.reset)
-    a, b = reset(jax.random.key(3)), reset(jax.random.key(3))
-    chex.assert_trees_all_equal(a, b)
-    label = np.asarray(a.objects.label)
-    assert label.min() >= 0
-    assert label.max() < len(task.classes)
-    assert tuple(np.flatnonzero(a.objects.is_robot)) == task.stages.robots != ()
-
-
 # ---------------------------------------------------------------- what a step does
 
 

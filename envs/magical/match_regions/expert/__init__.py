@@ -1,0 +1,1 @@
+"""The scripted expert of MatchRegions, which makes demonstrations."""

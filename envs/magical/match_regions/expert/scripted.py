@@ -1,0 +1,158 @@
+"""A scripted expert for MatchRegions: the source of demonstrations, and of failed attempts.
+
+It sees the simulator's state and is a pure function, so that hundreds of demonstrations run under
+one vmap. For each block of its plan it drives to where it can take hold of it, docks, brings the
+block to its place, lets go and backs off (`phases`). A block that slips away is fetched
+again, and a distractor that got into the region is taken out. All this is a gripper's way, which
+holds a block between the tips of its fingers and carries it anywhere. A stick can only push, and
+finds out by trials in the simulator how (`sampling_planner`), 170 steps of it for each of its own.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from gril_jax.envs.base import State
+from gril_jax.envs.magical.expert.docks import choose_dock
+from gril_jax.envs.magical.match_regions.task import MatchRegions
+from gril_jax.envs.planar.robots import FINGER_OPEN
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from . import phases, plans, sampling_planner
+from .plans import FAILURES, Job, Plan, Style, plan
+from .sampling_planner import Search
+
+__all__ = ["FAILURES", "Memory", "Plan", "Style", "act", "init", "plan", "rollout"]
+
+_STILL, _STILL_TURN = 0.004, 0.03  # units and rad a control step: slower is standing
+
+
+class Memory(NamedTuple):
+    """The state of a gripper expert."""
+
+    plan: Plan
+    job: Job
+    dock: Float[Array, "2"]  # unit vector along which to drive up to the block; zero for none yet
+    phase: Int[Array, ""]
+    timer: Int[Array, ""]  # control steps since the phase began
+    pose: Float[Array, "3"]  # the robot's, a control step ago
+    stuck: Int[Array, ""]  # control steps that the robot has not moved
+    roamed: Bool[Array, ""]  # the stage's detour is over
+    time: Int[Array, ""]
+
+
+def init(drawn: Plan) -> Memory:
+    """Initial memory of an expert that is about to begin its plan."""
+    zero = jnp.zeros((), jnp.int32)
+    return Memory(
+        plan=drawn, job=plans.first_job(drawn), dock=jnp.zeros(2), phase=zero, timer=zero,
+        pose=jnp.zeros(3), stuck=zero, roamed=zero > 0, time=zero,
+    )  # fmt: skip
+
+
+def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "A"], Memory]:
+    """A gripper expert's action for this step, and its updated memory."""
+    drawn, job, phase, timer = memory.plan, memory.job, memory.phase, memory.timer
+    seen = _look(env, memory, state)
+    last = len(drawn.blocks)
+    at = jnp.minimum(job.stage, last - 1)
+    free = (phase == phases.GO) & ~memory.roamed
+    waiting = free & (timer < drawn.pauses[at])
+    roaming = free & (timer < drawn.pauses[at] + drawn.via_steps[at])
+    idle = (job.stage >= last) | (memory.time >= drawn.steps) | waiting
+
+    way = phases.unit(seen.job.slot - seen.block)
+    dock = choose_dock(
+        seen.robot, seen.block, seen.blocks, seen.other, way, memory.dock, arena=env.arena
+    )
+    dock = jnp.where(phase == phases.GO, dock, memory.dock)
+    stand = phases.stand(env, seen, dock)
+    aim = phases.aim(env, seen, drawn, at, stand, roaming)
+    speed, turn, opening = phases.drive(seen, aim, stand, roaming)
+    grip = FINGER_OPEN - jnp.clip(opening, 0.0, FINGER_OPEN)
+    action = jnp.where(idle, 0.0, jnp.stack([speed, turn / env.turn_gain, grip]))
+
+    dropped = ~drawn.retry & (job.stage == last - 1) & (timer >= drawn.drop)
+    ended, to = phases.leave(seen, dock, stand, roaming, dropped)
+    ended &= ~idle
+    following = plans.next_job(env, drawn, job, state)
+    # With the last block in place it just lets go.
+    finished = ended & (to == phases.BACK) & (following.stage >= last)
+    to = jnp.where(finished, phases.GO, to)
+    over = ended & (to == phases.GO)
+    moving = idle | ended | _moves(memory, state)
+    return action, Memory(
+        plan=drawn,
+        job=jax.tree.map(lambda new, old: jnp.where(over, new, old), following, job),
+        dock=jnp.where(over, 0.0, dock),
+        phase=jnp.where(ended, to, phase).astype(jnp.int32),
+        timer=jnp.where(ended, 0, timer + 1).astype(jnp.int32),
+        pose=state.data.pose[0],
+        stuck=jnp.where(moving, 0, memory.stuck + 1).astype(jnp.int32),
+        roamed=(memory.roamed | ended) & ~(over & (following.stage != job.stage)),
+        time=memory.time + 1,
+    )
+
+
+def _moves(memory: Memory, state: State) -> Bool[Array, ""]:
+    """True if the robot has moved since the last control step."""
+    step = jnp.abs(state.data.pose[0] - memory.pose)
+    return (step[:2].max() > _STILL) | (step[2] > _STILL_TURN)
+
+
+def _look(env: MatchRegions, memory: Memory, state: State) -> phases.View:
+    pose, job = state.data.pose, memory.job
+    robot, yaw = pose[0, :2], pose[0, 2]
+    blocks = pose[-len(env.blocks) :, :2]
+    away = blocks[job.block] - robot
+    return phases.View(
+        robot=robot,
+        yaw=yaw,
+        blocks=blocks,
+        block=blocks[job.block],
+        other=jnp.arange(len(env.blocks)) != job.block,
+        distance=jnp.sqrt(jnp.sum(away**2) + 1e-12),
+        ahead=phases.bearing(away, yaw),
+        aside=away[0] * jnp.cos(yaw) + away[1] * jnp.sin(yaw),
+        opening=(pose[1, 2] - pose[2, 2]) / 2,
+        job=job,
+        phase=memory.phase,
+        timer=memory.timer,
+        stuck=memory.stuck,
+    )
+
+
+def rollout(
+    env: MatchRegions,
+    key: PRNGKeyArray,
+    failure: Int[Array, ""] | int = 0,
+    style: Style = Style(),  # noqa: B008 -- a tuple of numbers
+    search: Search = Search(),  # noqa: B008 -- a tuple of numbers
+) -> tuple[State, Int[Array, "T1"]]:
+    """Plays one episode: states of T + 1 steps (the first is the reset), and the stage at each.
+
+    `search` says how much a stick tries out; a gripper needs none of it.
+    """
+    key_reset, key_plan = jax.random.split(key)
+    state = env.reset(key_reset)
+    drawn = plan(env, key_plan, state, failure, style)
+    if env.robot.has_fingers:
+        states, stages = _play(env, state, drawn)
+    else:
+        key_search = jax.random.fold_in(key_plan, 1)
+        states, stages = sampling_planner.play(env, key_search, state, drawn, search)
+    states = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states)
+    return states, jnp.concatenate([jnp.zeros(1, stages.dtype), stages])
+
+
+def _play(env: MatchRegions, state: State, drawn: Plan) -> tuple[State, Int[Array, "T"]]:
+    """Plays the rest of a gripper's episode: the states of T more steps, and the stage at each."""
+
+    def move(carry, _):
+        state, memory = carry
+        action, memory = act(env, memory, state)
+        state = env.step(state, action)
+        return (state, memory), (state, memory.job.stage)
+
+    _, played = jax.lax.scan(move, (state, init(drawn)), length=env.episode_length)
+    return played

@@ -1,0 +1,71 @@
+"""Scores and dense rewards of MatchRegions, in every version that published work may have used.
+
+Names are those of the table in which x-magical's history was collected: "S4" is the dense reward at
+the tip of its branches, "V5" the long-lived one before, "S3" the one with a term for the way to the
+blocks. Distances are in arena units.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from . import SPEC
+
+__all__ = ["REWARDS", "Progress", "reward", "score"]
+
+REWARDS = SPEC.rewards
+DIAGONAL = 2.8284271247461903  # by which V5 and S3 divide distances: of a +-1 arena
+
+
+class Progress(NamedTuple):
+    """Scoring inputs at one step; K targets, targets first among the B blocks."""
+
+    inside: Bool[Array, "B"]  # block's centre in the region
+    distance: Float[Array, "K"]  # of each target to the region's centre
+    start: Float[Array, "K"]  # the same at reset
+    reach: Float[Array, "K"]  # of each target to the robot
+    nearest: Float[Array, "K"]  # the least of that since reset
+
+
+def _counts(at: Progress) -> tuple[Array, Array]:
+    targets = len(at.distance)
+    inside = at.inside.astype(jnp.float32)
+    return inside[:targets].sum(), inside[targets:].sum()
+
+
+def score(at: Progress) -> Float[Array, ""]:
+    """(n_t / K) (1 - n_d / (n_t + n_d)) with n_t targets and n_d distractors in the region."""
+    n_t, n_d = _counts(at)
+    return n_t / len(at.distance) * (1.0 - n_d / jnp.maximum(n_t + n_d, 1.0))
+
+
+def _s4(at: Progress) -> Float[Array, ""]:
+    _, n_d = _counts(at)
+    left = jnp.where(at.inside[: len(at.distance)], 0.0, at.distance)
+    return 10.0 * jnp.tanh((jnp.sum(at.start - left) - n_d - 0.1) / 2)
+
+
+def _v5(at: Progress) -> Float[Array, ""]:
+    n_t, n_d = _counts(at)
+    share = 1.0 / jnp.maximum(n_t + n_d, 1.0)
+    far = -10.0 * jnp.mean(at.distance) / DIAGONAL * (1.0 + jnp.sqrt(n_d * share))
+    near = jnp.maximum(1.0 - at.nearest / DIAGONAL, 0.0)
+    near = jnp.sum(jnp.where(at.inside[: len(at.distance)], 0.0, near))
+    return far + 4.0 + near + 10.0 * n_t * share + 10.0 * n_t - 5.0 * n_d
+
+
+def _s3(at: Progress) -> Float[Array, ""]:
+    f = lambda d: -0.006 * d**2 - 500.0 * jnp.log(d**2 + 0.001)  # noqa: E731
+    _, n_d = _counts(at)
+    inside = at.inside[: len(at.distance)]
+    left = jnp.where(inside, 0.0, at.distance)
+    progress = jnp.sum((f(at.start) - f(left)) / f(at.start))
+    longest = f(jnp.float32(DIAGONAL))
+    near = jnp.sum(jnp.where(inside, 0.0, (longest - f(at.reach)) / longest))
+    return progress - 5.0 * n_d + 10.0 * near - 20.8
+
+
+def reward(name: str, at: Progress) -> Float[Array, ""]:
+    """The dense reward of the given name, one of `REWARDS`; "sparse" is the score."""
+    return {"S4": _s4, "V5": _v5, "S3": _s3, "sparse": score}[name](at)

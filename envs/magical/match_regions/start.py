@@ -1,0 +1,170 @@
+"""Starts of MatchRegions: those that a variant draws, and varied ones for training."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from gril_jax.envs.magical import layout as layouts
+from gril_jax.envs.magical.simulator import PRESETS, Preset
+from gril_jax.envs.planar import robots
+from gril_jax.envs.planar.joints import Strengths
+from gril_jax.envs.planar.robots import Robot
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+
+__all__ = [
+    "DEMO_BLOCKS", "DEMO_GOAL", "DEMO_ROBOT", "Varied", "looks", "places", "robot_pose",
+    "strengths", "varied",
+]  # fmt: skip
+
+# MAGICAL's Demo layout: x, y (arena units) and angle (rad).
+DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
+DEMO_BLOCKS = {
+    "green star": (0.80, -0.70, 2.37),
+    "green square": (-0.68, 0.72, 1.28),
+    "blue pentagon": (-0.05, -0.20, -1.09),
+    "yellow circle": (-0.75, -0.55, 2.78),
+    "yellow pentagon": (0.30, -0.82, -1.15),
+}
+DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
+
+_CANDIDATES = 16
+_ASIDE = 0.15  # arena units, standard deviation of a block's place from the straight way
+
+
+class Varied(NamedTuple):
+    """A start that may have been varied for training."""
+
+    layout: layouts.Layout
+    marked: Bool[Array, ""]  # whether it was
+    moved: Bool[Array, "B"]  # the blocks that were
+
+
+def looks(
+    keys: Key[Array, "2"],
+    variant: str,
+    shape: Int[Array, "B"],
+    colour: Int[Array, "B"],
+    targets: int,
+) -> tuple[Int[Array, "B"], Int[Array, "B"]]:
+    """Shapes and colours of the blocks: the given ones, or sampled with two keys.
+
+    The first `targets` blocks are the targets.
+    """
+    if variant in ("shape", "all"):
+        shape = layouts.shapes(keys[0], len(shape))
+    if variant in ("color", "all"):
+        colour = layouts.colours(keys[1], colour, targets)
+    return shape, colour
+
+
+def strengths(key: PRNGKeyArray, variant: str, preset: Preset) -> Strengths:
+    """The largest forces: the preset's, or sampled from its ranges."""
+    if variant not in ("dynamics", "all"):
+        return Strengths(*(jnp.float32(s) for s in preset.strengths))
+    drawn = layouts.dynamics(key)
+    (low, high), (least, most) = PRESETS["xmagical"].drives, preset.drives
+    if (least, most) == (low, high):
+        return drawn
+    return drawn._replace(drive=least + (drawn.drive - low) * (most - least) / (high - low))
+
+
+def places(
+    key: PRNGKeyArray,
+    variant: str,
+    blocks: tuple[str, ...],
+    *,
+    robot: Robot,
+    radii: Float[Array, "B"],
+    arena: float,
+) -> layouts.Layout:
+    """The places of a start: the Demo layout's, near them, or anywhere."""
+    if variant in ("layout", "all"):
+        return layouts.scatter(key, robot, radii, arena=arena)
+    layout = layouts.Layout(
+        jnp.array(DEMO_ROBOT),
+        jnp.array([DEMO_BLOCKS[b] for b in blocks]),
+        jnp.array(DEMO_GOAL),
+        jnp.zeros((), bool),
+    )
+    return layouts.jitter(key, layout, arena=arena) if variant == "jitter" else layout
+
+
+def varied(
+    keys: Key[Array, "2"],
+    layout: layouts.Layout,
+    *,
+    share: float,
+    on_the_way: float,
+    facing: float,
+    targets: int,
+    robot: Robot,
+    radii: Float[Array, "B"],
+    arena: float,
+) -> Varied:
+    """A start that in a `share` of the episodes has the robot anywhere and targets further on.
+
+    Two times in three one target is in the region; of the other targets each is somewhere on its
+    way there with probability `on_the_way`, so that what is left to do is short now and then; and
+    with probability `facing` the robot is not anywhere but before a target that is not in it.
+    Takes two keys; the first `targets` blocks are the targets.
+    """
+    never = jnp.zeros(len(radii), bool)
+    if not share:
+        return Varied(layout, jnp.zeros((), bool), never)
+    vary = jax.random.uniform(keys[0]) < share
+    key_robot, key_some, key_which, key_where = jax.random.split(keys[1], 4)
+    which = jax.random.randint(key_which, (), 0, targets, jnp.int32)
+    some = vary & (jax.random.uniform(key_some) < 2 / 3)
+    unit = jax.random.uniform(key_where, (3,), minval=-1.0)
+    goal = layout.goal
+    inside = jnp.concatenate([goal[:2] + 0.35 * goal[2:] * unit[:2], jnp.pi * unit[2:]])
+    blocks = jnp.where(some, layout.blocks.at[which].set(inside), layout.blocks)
+    moved = never.at[which].set(some)
+    for target in range(targets if on_the_way else 0):
+        key_use, key_way = jax.random.split(jax.random.fold_in(key_where, target))
+        pose, free = _on_its_way(key_way, target, blocks, goal, radii, arena)
+        there = vary & free & ~moved[target] & jax.random.bernoulli(key_use, on_the_way)
+        blocks = jnp.where(there, blocks.at[target].set(pose), blocks)
+        moved = moved.at[target].set(moved[target] | there)
+    pose, unplaced = layouts.place_robot(key_robot, robot, blocks, radii, None, arena=arena)
+    if facing:
+        key_use, key_left, key_pose = jax.random.split(jax.random.fold_in(key_robot, 1), 3)
+        left = jax.random.randint(key_left, (), 0, targets, jnp.int32)
+        left = jnp.where(some & (left == which), (left + 1) % targets, left)
+        stand, none = layouts.place_robot(
+            key_pose, robot, blocks, radii, None, arena=arena, facing=blocks[left, :2]
+        )
+        use = ~none & jax.random.bernoulli(key_use, facing)
+        pose, unplaced = jnp.where(use, stand, pose), unplaced & ~use
+    layout = layout._replace(
+        robot=jnp.where(vary, pose, layout.robot),
+        blocks=blocks,
+        unplaced=layout.unplaced | (vary & unplaced),
+    )
+    return Varied(layout, vary, moved)
+
+
+def _on_its_way(key, block, blocks, goal, radii, arena):
+    """A pose between a block's own and the region's middle, and whether it is free."""
+    key_share, key_aside, key_angle = jax.random.split(key, 3)
+    share = jax.random.uniform(key_share, (_CANDIDATES, 1))
+    aside = _ASIDE * jax.random.normal(key_aside, (_CANDIDATES, 2))
+    places = goal[:2] + share * (blocks[block, :2] - goal[:2]) + aside
+    limit = arena - radii[block]
+    away = jnp.sum((places[:, None] - blocks[:, :2]) ** 2, axis=-1)
+    clear = (away > (radii[block] + radii) ** 2) | (jnp.arange(len(radii)) == block)
+    free = clear.all(axis=1) & (jnp.abs(places) <= limit).all(axis=1)
+    angle = jax.random.uniform(key_angle, (1,), minval=-jnp.pi, maxval=jnp.pi)
+    pose = jnp.concatenate([places[jnp.argmax(free)], angle])
+    return pose, free.any()
+
+
+def robot_pose(robot: Robot, base: Float[Array, "3"]) -> Float[Array, "P 3"]:
+    """Poses of the robot's parts with open fingers, from the base's pose."""
+    if not robot.has_fingers:
+        return base[None]
+    c, s = jnp.cos(base[2]), jnp.sin(base[2])
+    pivots = jnp.asarray(robots.PIVOTS, jnp.float32) @ jnp.array([[c, s], [-s, c]])
+    angle = base[2] + robots.FINGER_OPEN * jnp.array([1.0, -1.0])
+    fingers = jnp.concatenate([base[:2] + pivots, angle[:, None]], axis=1)
+    return jnp.concatenate([base[None], fingers])

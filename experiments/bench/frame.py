@@ -1,0 +1,208 @@
+"""The frame of all benchmarks: the machine, calls in turn, ratios, compilations, new processes.
+
+The `main` of a benchmark takes its options and returns its figures; `gril bench` prints them with
+`machine` as JSON.
+"""
+
+import contextlib
+import io
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import jax
+from gril_jax.experiments.pipeline import setup
+from jax.experimental.compilation_cache import compilation_cache
+
+from gril_jax import envs
+from gril_jax.compilation.compiler import compiled
+from gril_jax.errors import RunError
+
+__all__ = [
+    "Compilations",
+    "InPlace",
+    "best",
+    "compile_timed",
+    "counted",
+    "machine",
+    "make_env",
+    "median_ms",
+    "new_process",
+    "ratios",
+    "rounded",
+    "staged",
+    "times_in_turn",
+    "without_cache",
+]
+
+
+def machine() -> dict[str, Any]:
+    """The devices and JAX's version."""
+    return {"device": setup.device_in_words(), "jax": jax.__version__}
+
+
+def make_env(name: str, **options: Any) -> envs.Env:
+    """A task, without the report of MJX on its optional parts."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        return envs.make(name, **options)
+
+
+# --- times
+
+
+def compile_timed(
+    function: Callable[..., Any], *args: Any, plain: bool = False, **options: Any
+) -> tuple[Any, float]:
+    """Compiles a function for these arguments; returns it and the seconds, tracing included."""
+    program, trace_s, compile_s = staged(jax.jit(function, **options), args, plain=plain)
+    return program, trace_s + compile_s
+
+
+def staged(
+    function: Any, args: tuple[Any, ...], *, plain: bool = False, brief: bool = False, **static: Any
+) -> tuple[Any, float, float]:
+    """A jitted function compiled, the seconds of tracing it, and those of XLA itself.
+
+    Args:
+      function: jitted.
+      args: shapes will do.
+      plain: compiled as JAX does by itself, and not as this project's large programs are.
+      brief: see `gril_jax.compilation.compiler`.
+      static: further arguments.
+    """
+    start = time.perf_counter()
+    lowered = function.lower(*args, **static)
+    traced = time.perf_counter()
+    program = lowered.compile() if plain else compiled(lowered, brief=brief)
+    return program, traced - start, time.perf_counter() - traced
+
+
+class InPlace:
+    """A compiled program that advances its state at each call, in place."""
+
+    def __init__(self, run: Callable[[Any], Any], state: Any):
+        self._run, _ = compile_timed(run, state, donate_argnums=0)
+        self._state = state
+
+    def __call__(self) -> Any:
+        self._state = self._run(self._state)
+        return self._state
+
+
+def times_in_turn(
+    calls: Mapping[Any, Callable[[], Any]], repeats: int, *, pause_s: float = 0.0
+) -> dict[Any, list[float]]:
+    """Seconds of `repeats` calls of each, interleaved, after one warm-up call.
+
+    They take turns so that a machine that is slow for a while is so for all of them. A pause lets
+    the thread pool of the last one stop spinning.
+    """
+    taken: dict[Any, list[float]] = {name: [] for name in calls}
+    for number in range(repeats + 1):
+        for name, call in calls.items():
+            time.sleep(pause_s)
+            start = time.perf_counter()
+            jax.block_until_ready(call())
+            if number:
+                taken[name].append(time.perf_counter() - start)
+    return taken
+
+
+def best(taken: Mapping[Any, list[float]]) -> dict[Any, float]:
+    """The shortest time of each."""
+    return {name: min(times) for name, times in taken.items()}
+
+
+def median_ms(taken: Mapping[Any, list[float]]) -> dict[Any, float]:
+    """The median time of each, in milliseconds."""
+    return {name: round(1e3 * statistics.median(times), 3) for name, times in taken.items()}
+
+
+def ratios(values: Mapping[str, int | float], peer: str) -> dict[str, float]:
+    """Each value as a multiple of that of the peer."""
+    return {name: round(value / values[peer], 2) for name, value in values.items()}
+
+
+def rounded(values: Mapping[str, int | float], digits: int = 2) -> dict[str, int | float]:
+    """Each value with so many digits after the point; with 0, whole numbers."""
+    return {name: round(value, digits or None) for name, value in values.items()}
+
+
+# --- compilations
+
+
+class Compilations:
+    """Counts of the programs given to XLA, and of those found in the persistent cache."""
+
+    def __init__(self) -> None:
+        self.requests = self.hits = 0
+        self.seconds = 0.0
+
+    @property
+    def made(self) -> int:
+        """Number of programs that XLA compiled."""
+        return self.requests - self.hits
+
+    def _on_duration(self, event: str, seconds: float, **_: Any) -> None:
+        if event == "/jax/core/compile/backend_compile_duration":
+            self.requests, self.seconds = self.requests + 1, self.seconds + seconds
+
+    def _on_event(self, event: str, **_: Any) -> None:
+        self.hits += event == "/jax/compilation_cache/cache_hits"
+
+
+@contextlib.contextmanager
+def counted() -> Iterator[Compilations]:
+    """Counts the compilations inside a `with` block."""
+    count = Compilations()
+    jax.monitoring.register_event_duration_secs_listener(count._on_duration)
+    jax.monitoring.register_event_listener(count._on_event)
+    try:
+        yield count
+    finally:
+        jax.monitoring.unregister_event_duration_listener(count._on_duration)
+        jax.monitoring.unregister_event_listener(count._on_event)
+
+
+@contextlib.contextmanager
+def without_cache() -> Iterator[None]:
+    """Disables the persistent cache inside a `with` block."""
+    before = jax.config.jax_enable_compilation_cache
+    jax.config.update("jax_enable_compilation_cache", False)
+    compilation_cache.reset_cache()
+    try:
+        yield
+    finally:
+        jax.config.update("jax_enable_compilation_cache", before)
+        compilation_cache.reset_cache()
+
+
+# --- processes
+
+
+def new_process(code: str, given: Any, whose: str, **environment: str | None) -> Any:
+    """The answer of Python code in a process of its own, which takes no GPU memory beforehand.
+
+    Args:
+      code: reads JSON from `sys.argv[1]`; the last line that it prints is its answer, as JSON.
+      given: what it reads.
+      whose: the work, for the error.
+      environment: variables to set, or with None to leave out.
+
+    Raises:
+      RunError: the process failed.
+    """
+    variables = {**os.environ, "XLA_PYTHON_CLIENT_PREALLOCATE": "false", **environment}
+    done = subprocess.run(
+        [sys.executable, "-c", code, json.dumps(given)], capture_output=True, text=True,
+        env={name: value for name, value in variables.items() if value is not None},
+    )  # fmt: skip
+    if done.returncode:
+        reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+        raise RunError(f"{whose} failed: {reason}")
+    return json.loads(done.stdout.splitlines()[-1])

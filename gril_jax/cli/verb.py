@@ -1,0 +1,52 @@
+"""A verb of the command line: its lines of the help, and what turns its arguments into work."""
+
+import importlib
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from gril_jax.config import MakeDemosConfig, RunConfig
+
+from .arguments import Work, echo
+from .heavy_imports import heavy_imports
+
+__all__ = ["Verb", "experiment"]
+
+
+class Verb(NamedTuple):
+    """What the module of a verb defines as its `VERB`."""
+
+    usage: str  # "train [CONFIG]"
+    summary: str
+    plan: Callable[[list[str]], Work]  # from the arguments; imports nothing heavy
+    more: Mapping[str, str] = MappingProxyType({})  # further lines of the help: usage, summary
+
+    @property
+    def lines(self) -> dict[str, str]:
+        """Everything that `gril --help` says of the verb."""
+        return {self.usage: self.summary, **self.more}
+
+
+def experiment(
+    name: str,
+    *args: Any,
+    config: RunConfig | MakeDemosConfig | None = None,
+    devices: bool = False,
+    **options: Any,
+) -> Work:
+    """The work of `gril_jax.experiments.NAME`: its `main` with these arguments and `echo`.
+
+    Args:
+      name: of the module.
+      args: of its `main`.
+      config: see `heavy_imports`.
+      devices: see `heavy_imports`.
+      options: of its `main`.
+    """
+
+    def work() -> None:
+        with heavy_imports(config, devices=devices):
+            module = importlib.import_module(f"gril_jax.experiments.{name}")
+        module.main(*args, **options, echo=echo)
+
+    return work

@@ -1,0 +1,1 @@
+"""`gril bench`: verbs that measure what is fast on this machine."""

@@ -1,0 +1,21 @@
+"""`gril bench brax`: our PPO beside brax's own."""
+
+from dataclasses import dataclass, field
+
+from gril_jax.config.rules import count
+
+from ...bench import benchmark
+
+__all__ = ["VERB"]
+
+
+@dataclass(frozen=True)
+class _Options:
+    seeds: int = field(default=3, metadata=count())
+    """Long runs of each."""
+
+
+VERB = benchmark(
+    "brax", "our PPO beside brax's own", "Our PPO beside brax's own on one pendulum, as JSON.",
+    _Options,
+)  # fmt: skip

@@ -1,0 +1,21 @@
+"""`gril bench compile`: what a run compiles."""
+
+from dataclasses import dataclass
+
+from ...bench import benchmark
+
+__all__ = ["VERB"]
+
+
+@dataclass(frozen=True)
+class _Options:
+    config: str = "quickstart"
+    """Configuration whose programs are compiled."""
+
+
+VERB = benchmark(
+    "compile",
+    "seconds to compile each program of a run, and how many there are",
+    "Seconds to compile each program of a run, and how many there are, as JSON.",
+    _Options,
+)

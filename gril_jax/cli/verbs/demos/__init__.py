@@ -1,0 +1,1 @@
+"""`gril demos`: verbs that make demonstration sets."""

@@ -1,0 +1,14 @@
+"""`gril pretrain`: a learned reward."""
+
+from ..arguments import Work, positional
+from ..new_run import new_run
+from ..verb import Verb
+
+__all__ = ["VERB"]
+
+
+def _plan(args: list[str]) -> Work:
+    return new_run("pretrain", positional(args), args, "gril pretrain", "Learn a reward.")
+
+
+VERB = Verb("pretrain [CONFIG]", "the learned reward alone", _plan)

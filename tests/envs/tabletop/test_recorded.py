@@ -1,0 +1,113 @@
+"""Training episodes that begin within one of the expert's: what they take over, and how many do."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.envs.tabletop.recorded import moments
+from gril_jax.envs.tabletop.shoes_in_box import expert
+from gril_jax.envs.tabletop.shoes_in_box.task import shoes_in_box, task
+from gril_jax.envs.tabletop.task import Tabletop
+from gril_jax.experiments.pipeline import setup
+
+from gril_jax import envs
+from gril_jax.config import EnvConfig
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return shoes_in_box()
+
+
+@pytest.fixture(scope="module")
+def found(plain):
+    return moments(plain, expert.perform, episodes=3)
+
+
+@pytest.fixture(scope="module")
+def begun(found):
+    """Many starts, all of them within an episode."""
+    env = Tabletop(task(), varied_starts=1.0, moments=found)
+    return jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(1), 256))
+
+
+def test_moments_are_those_of_successes_before_they_succeed(plain, found):
+    assert len(found.best) > 100
+    assert set(found.best) <= {0, 1, 2, 3}
+    assert (found.reached.sum(axis=1) >= found.best).all()
+    first = found.best == 0
+    assert not found.reached[first].any()
+    # The box stands still; both shoes have moved once they are in.
+    names = plain.classes
+    assert not found.moved[:, names.index("box")].any()
+    inside = found.reached[:, 1] & found.reached[:, 2]
+    assert found.moved[inside][:, [names.index("shoe A"), names.index("shoe B")]].all()
+
+
+def test_an_episode_takes_over_where_things_are_and_what_has_been_done(found, begun):
+    known = {row.tobytes(): i for i, row in enumerate(np.asarray(found.qpos))}
+    at = [known[row.tobytes()] for row in np.asarray(begun.data.motion.qpos)]
+    assert len(set(at)) > 50
+    np.testing.assert_array_equal(begun.data.motion.qvel, found.qvel[at])
+    np.testing.assert_array_equal(begun.data.target, np.asarray(found.target)[at])
+    np.testing.assert_array_equal(begun.data.fixtures, found.fixtures[at])
+    np.testing.assert_array_equal(begun.moved, found.moved[at])
+    np.testing.assert_array_equal(begun.data.record.stage_time >= 0, found.reached[at])
+    np.testing.assert_array_equal(begun.data.record.best, found.best[at])
+    assert (begun.data.time == 0).all()
+    assert not begun.metrics["success"].any()
+
+
+def test_what_was_done_before_is_not_paid_again(begun):
+    done = sum(begun.metrics[f"stage {name}"] for name in task().stages)
+    assert (begun.reward <= (done + 1) / 3 + 1e-6).all()  # each bonus would be 1
+
+
+def test_the_rest_of_the_episodes_begin_as_the_task_does(plain, found):
+    keys = jax.random.split(jax.random.key(2), 256)
+    half = Tabletop(task(), varied_starts=0.5, moments=found)
+    drawn = jax.jit(jax.vmap(half.reset))(keys)
+    moved = drawn.moved.any(axis=1)
+    assert 0.4 < moved.mean() < 0.6
+    own = jax.jit(jax.vmap(plain.reset))(keys)
+    # Training counts success only where an episode began as the task does.
+    varied = drawn.metrics["varied"] == 1
+    assert moved[varied].any()
+    assert not moved[~varied].any()
+    assert not own.metrics["varied"].any()
+    none = jax.jit(jax.vmap(Tabletop(task(), moments=found).reset))(keys)
+    jax.tree.map(np.testing.assert_array_equal, own, none)
+
+
+def test_the_expert_s_aims_are_those_at_its_moments(plain):
+    start = jax.jit(plain.reset)(jax.random.key(3))
+    hand = expert.perform(plain, start, np.random.default_rng(0), "lid only")
+    assert len(hand.targets) == len(hand.positions)
+    np.testing.assert_array_equal(hand.targets[0], start.data.target)
+    # Servos lag behind their aims, but not by much.
+    gap = np.stack(hand.positions)[:, :7] - np.stack(hand.targets)[:, :7]
+    assert np.abs(gap).max() < 0.3
+
+
+@pytest.mark.slow
+def test_physics_goes_on_from_a_moment(plain, found):
+    """Under the aim that was held, a control step moves no thing further than the hand does."""
+    step = jax.jit(jax.vmap(plain.physics.step))
+    some = jax.tree.map(lambda x: jnp.asarray(x)[::20], found)
+    before = jax.vmap(plain.physics.start)(some.qpos)._replace(qvel=some.qvel)
+    after = step(before, some.target, some.fixtures)
+    assert np.isfinite(after.qpos).all()
+    assert np.abs(after.qpos[:, 10:13] - some.qpos[:, 10:13]).max() < 0.03
+
+
+def test_only_training_has_varied_starts_and_they_must_come_from_somewhere(monkeypatch, plain):
+    asked = []
+    monkeypatch.setattr(envs, "make", lambda name, **options: asked.append(options) or plain)
+    config = EnvConfig(name="shoes_in_box", reward="staged", varied_starts=0.3)
+    setup.make_env(config, training=True)
+    setup.make_env(config, training=False)
+    assert [options["varied_starts"] for options in asked] == [0.3, 0.0]
+    with pytest.raises(ValueError, match=r"varied_starts is 0\.3, but there are no moments"):
+        Tabletop(task(), varied_starts=0.3)
+    with pytest.raises(ValueError, match=r"varied_starts is 2\.0, but must be between 0 and 1"):
+        Tabletop(task(), varied_starts=2.0)
