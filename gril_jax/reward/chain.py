@@ -32,7 +32,7 @@ from gril_jax.encoders.ensemble import split, worst_distance
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs.scene import safe_norm
 
-__all__ = ["ChainParams", "Progress", "from_latents", "init", "step", "trajectory"]
+__all__ = ["ChainParams", "ChainProgress", "from_latents", "init", "step", "trajectory"]
 
 
 class ChainParams(NamedTuple):
@@ -48,7 +48,7 @@ class ChainParams(NamedTuple):
 Mode = Literal["continuous", "stepped"]
 
 
-class Progress(NamedTuple):
+class ChainProgress(NamedTuple):
     """State of an episode's chain, to be reset when the episode ends."""
 
     index: Int[Array, ""]  # subtasks finished; `count` when all are
@@ -56,21 +56,21 @@ class Progress(NamedTuple):
     entry: Float[Array, ""]  # the distance to its goal at that moment
 
 
-def init() -> Progress:
+def init() -> ChainProgress:
     """Progress before an episode's first frame, at a level of -1 and a distance of 1."""
     zero = jnp.zeros((), jnp.int32)
-    return Progress(zero, jnp.full((), -1.0), jnp.ones(()))
+    return ChainProgress(zero, jnp.full((), -1.0), jnp.ones(()))
 
 
 def step(
     params: ChainParams,
-    progress: Progress,
+    progress: ChainProgress,
     latent: Float[Array, "D"],
     *,
     mode: Mode = "continuous",
     bonus: Float[Array, ""] | float | None = None,
     fallback: Float[Array, ""] | float | None = None,
-) -> tuple[Progress, Float[Array, ""]]:
+) -> tuple[ChainProgress, Float[Array, ""]]:
     """The progress after the next frame, and that frame's reward.
 
     At most one subtask is finished in a frame. After the last one the reward stays what it is:
@@ -109,7 +109,7 @@ def step(
 
     index, towards = _next_stage(params, progress, distance, stage, last, fallback)
     changed = towards != stage
-    progress = Progress(
+    progress = ChainProgress(
         index,
         jnp.where(changed, value, progress.level),
         # A stage that begins at its goal has no length, so its radius stands in.

@@ -80,7 +80,7 @@ def test_steps_of_a_rollout_equal_the_whole_trajectory():
 
 
 def test_the_gradient_of_a_step_equals_finite_differences():
-    progress = subtask_chain.Progress(jnp.array(1), jnp.array(-0.7), jnp.array(0.8))
+    progress = subtask_chain.ChainProgress(jnp.array(1), jnp.array(-0.7), jnp.array(0.8))
     point, shift = jnp.array([1.4, 0.3]), 1e-2 * jnp.eye(2)
     for mode in ("continuous", "stepped"):
 
