@@ -1,10 +1,8 @@
 """The options of `gril subtasks`; JAX is not imported here."""
 
 from dataclasses import dataclass, field
-from typing import Annotated
 
-import tyro
-
+from gril_jax.config.command_line import RunFolder
 from gril_jax.config.rules import count, optional, rule
 
 __all__ = ["Options"]
@@ -14,7 +12,7 @@ __all__ = ["Options"]
 class Options:
     """The run, and how its stages are found; see `gril_jax.subtasks.agreement`."""
 
-    run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    run: RunFolder
     """Folder of a run that has learned a reward."""
     out: str | None = None
     """New folder for the results; None for `subtasks` in the run's folder."""

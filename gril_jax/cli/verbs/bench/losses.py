@@ -4,8 +4,4 @@ from ...bench import benchmark
 
 __all__ = ["VERB"]
 
-VERB = benchmark(
-    "losses",
-    "the losses and encoders beside those of others, as JSON",
-    "The losses and encoders beside those of other libraries, value plus gradient, as JSON.",
-)
+VERB = benchmark("losses", "the losses and encoders beside those of other libraries")
