@@ -1,7 +1,7 @@
-"""`gril bench losses`: the losses and encoders beside those of other libraries."""
+"""`gril bench losses`: the losses beside those of other libraries."""
 
 from ...bench import benchmark
 
 __all__ = ["VERB"]
 
-VERB = benchmark("losses", "the losses and encoders beside those of other libraries")
+VERB = benchmark("losses", "the losses beside those of other libraries")
