@@ -76,4 +76,6 @@ def measure(repeats: int) -> dict[str, Any]:
         for name, own in figures.items()
         if own is not peer
     }
+    for name, program in compiled.items():
+        figures[name]["value"] = float(program(*args)[0])
     return {"videos": num_videos, "frames": num_frames, "width": width, **figures, **over}
