@@ -78,14 +78,7 @@ print(json.dumps(known.measure(*json.loads(sys.argv[1]))))
 def main(
     *, tasks: Sequence[str], algorithms: Sequence[str], seeds: int, jobs: int | None
 ) -> dict[str, Any]:
-    """The figures of both sides.
-
-    Args:
-      tasks: of `GROUND`.
-      algorithms: of "ppo" and "sac".
-      seeds: runs of each, from 0 on.
-      jobs: processes at a time; None is one for each two cores.
-    """
+    """The figures of both sides."""
     start = time.perf_counter()
     pairs = [(task, algorithm) for task in tasks for algorithm in algorithms]
     # Those that take longest come first.
@@ -101,12 +94,7 @@ def measure(
 ) -> dict[str, Any]:
     """One side's returns at the last and the first evaluation, for each seed, and its seconds.
 
-    Args:
-      task: of `GROUND`.
-      algorithm: "ppo" or "sac".
-      side: "ours" or "stock".
-      seeds: runs, from 0 on.
-      setting: instead of the task's own.
+    `setting` stands in for the task's own.
     """
     ground = GROUND[task]
     start = time.perf_counter()

@@ -63,11 +63,8 @@ def train(
 ) -> list[float]:
     """Returns of PPO's sampled actions on the pendulum at each evaluation.
 
-    Args:
-      seed: of the run.
-      setting: hyper-parameters and length.
-      progress: called after each evaluation with the steps so far, the return, and the steps a
-        second of the part before it, evaluation included.
+    `progress` gets the steps so far, the return, and the steps a second of the part before it,
+    evaluation included.
     """
     init, run = chunks(setting)
     with ThreadPoolExecutor(1) as thread:  # as `gril_jax.compilation.sharding` does

@@ -87,14 +87,9 @@ def train(
 ) -> list[float]:
     """Returns at each evaluation; of PPO or SAC, after the kind of setting.
 
-    Args:
-      seed: of the run.
-      setting: hyper-parameters and length.
-      progress: called after each evaluation with the steps so far, the return, and the steps a
-        second of the part before it, as brax reports them: without the evaluation.
-      task: what to train on; None is the pendulum.
-      eval_envs: episodes of an evaluation; None is as many as there are environments.
-      mean_actions: whether those are played with mean actions, and not with samples.
+    `progress` gets the steps so far, the return, and the steps a second of the part before it,
+    as brax reports them: without the evaluation. Without a task it is the pendulum; an
+    evaluation has as many episodes as there are environments, unless told otherwise.
     """
     task = Pendulum() if task is None else task
     returns: list[float] = []

@@ -62,12 +62,6 @@ def main(
 ) -> None:
     """Writes figures, scores and cut demonstrations into a new folder.
 
-    Args:
-      folder: of the run.
-      out: to create.
-      options: how stages are found, and whether to write the subtasks' demonstration sets.
-      echo: takes what is said.
-
     Raises:
       RunError: the run has no reward, its demonstrations are gone, or there are no stages to tell
         apart.

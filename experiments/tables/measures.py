@@ -49,15 +49,9 @@ def tasks(
 ) -> list[ahead.Task]:
     """A task for each measure of each row that is not among the run's phases.
 
-    Args:
-      measures: what to measure; a measure with a program is made of rewards of boxes alone.
-      rows: of the table, of which those that learn a reward are measured.
-      learned: by `reward_key`, filled while other tasks are carried out.
-      needs: of some rows, the names of the tasks that learn their rewards.
-      run: keeps what is found.
-      pool: to compile in.
-      progress: shows a phase for each.
-      then: is called after each.
+    Rows that learn no reward are not measured, and those of pictures not by a program.
+    `learned` is filled, by `reward_key`, while other tasks are carried out; `needs` names the
+    tasks that learn some rows' rewards; `then` is called after each.
     """
     begun: dict[Hashable, Future[Any]] = {}
     found = []

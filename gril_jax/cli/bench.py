@@ -21,10 +21,7 @@ class NoOptions:
 def benchmark(name: str, summary: str, options: type = NoOptions) -> Verb:
     """The verb of `gril_jax.experiments.bench.NAME`, whose `main` returns the figures.
 
-    Args:
-      name: of the module, and of the verb after `gril bench`.
-      summary: for the help of `gril`, and for the verb's own.
-      options: those of `main`, a dataclass; one named `task` or `config` names a configuration.
+    An option named `task` or `config` names a configuration.
     """
 
     def plan(args: list[str]) -> Work:

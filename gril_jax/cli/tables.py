@@ -85,12 +85,8 @@ def made(
 ) -> Work:
     """The table of a new run, or of one to go on with.
 
-    Args:
-      name: of the table.
-      config: what its rows have in common.
-      settings: makes the rest, when JAX may be imported.
-      resume: folder of the run to go on with.
-      connect: connects the processes of a job, before anything else touches JAX.
+    `settings` makes what rows do not have in common, when JAX may be imported; `connect`
+    connects the processes of a job, before anything else touches JAX.
     """
 
     def work() -> None:
