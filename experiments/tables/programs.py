@@ -22,15 +22,9 @@ from .rewards import keys, stack
 from .rows import Row
 
 __all__ = [
-    "Program",
-    "Ready",
-    "arguments",
-    "get_ready",
-    "programs",
-    "tasks",
-    "tasks_of_parts",
+    "Program", "Ready", "arguments", "get_ready", "programs", "tasks", "tasks_of_parts",
     "updates_of_chunks",
-]
+]  # fmt: skip
 
 
 class Program(NamedTuple):
