@@ -52,13 +52,7 @@ class Traces(NamedTuple):
     length: Int[np.ndarray, "B"]
 
 
-def main(
-    folder: Path,
-    out: Path,
-    options: Options,
-    *,
-    echo: Callable[[str], None] = print,
-) -> None:
+def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], None] = print) -> None:
     """Writes figures, scores and cut demonstrations into a new folder.
 
     Raises:

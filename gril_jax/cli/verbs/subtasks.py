@@ -25,7 +25,5 @@ def _plan(args: list[str]) -> Work:
 
 
 VERB = Verb(
-    "subtasks RUN",
-    "stages found in a run's learned reward, and demonstrations cut at them",
-    _plan,
+    "subtasks RUN", "stages found in a run's learned reward, and demonstrations cut at them", _plan
 )
