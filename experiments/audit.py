@@ -60,15 +60,10 @@ def main(
 ) -> dict[str, Any]:
     """Audits a reward; writes `audit.json`, `report.html` and its pictures.
 
-    Args:
-      source: a run's folder, or a file of `gril_jax.interop.reward_file.save_reward`.
-      task: the task's name; a run's own if left out.
-      out: folder for the results, made if need be; `audit` in the run's folder, or beside the file
-        under its name with "-audit", if left out.
-      variant: of the starts; the run's or the task's own if left out.
-      ascents: of the adversary, shared by the starts.
-      starts: episodes whose first frames everything begins from.
-      seed: of all random choices.
+    The source is a run's folder or a file of `gril_jax.interop.reward_file.save_reward`; task
+    and variant of a run are its own if left out. Results go to `audit` in the run's folder, or
+    beside the file under its name with "-audit". The starts, episodes whose first frames
+    everything begins from, share the ascents.
 
     Returns:
       What `audit.json` holds.

@@ -3,7 +3,7 @@
 gril eval RUN --episodes 100       under a minute on two CPU cores
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,31 +39,16 @@ def main(
     env = setup.make_env(config.env, training=False, variant=variant)
     algorithm = policy_setup.make_algorithm(config, env)
     reward_params = saved.policy_reward(folder, config, env)
-    found = evaluate(
-        algorithm,
-        policy_setup.restore_policy(folder, config, algorithm),
-        reward_params,
-        jax.random.key(seed),
-        tau=config.pool.tau,
-        episodes=episodes,
-    )
-    numbers = {
-        "success": float(found.success.mean()),
-        "success_ever": float(found.success_ever.mean()),
-        "score": float(found.score.mean()),
-        "reward": float(found.reward.mean()),
-    }
+    policy, key = policy_setup.restore_policy(folder, config, algorithm), jax.random.key(seed)
+    rest = {"tau": config.pool.tau, "episodes": episodes}
+    found = evaluate(algorithm, policy, reward_params, key, **rest)
+    numbers = _means(found, ("success", "success_ever", "score", "reward"))
     echo("  ".join(f"{name} {value:.4f}" for name, value in numbers.items()))
     return numbers
 
 
 def play(
-    config: RunConfig,
-    env,
-    policy: Policy,
-    reward_params: Any,
-    folder: Path,
-    progress: Progress,
+    config: RunConfig, env, policy: Policy, reward_params: Any, folder: Path, progress: Progress
 ) -> dict[str, Any]:
     """Evaluates the trained policy beside an untrained one, and films one episode."""
     algorithm = policy_setup.make_algorithm(config, env)
@@ -72,40 +57,29 @@ def play(
     keys = jax.random.split(jax.random.fold_in(jax.random.key(config.run.seed), 2), 3)
 
     def run(policy: Policy, key, deterministic: bool) -> Evaluation:
-        return evaluate(
-            algorithm,
-            policy,
-            reward_params,
-            key,
-            tau=config.pool.tau,
-            episodes=episodes,
-            deterministic=jnp.asarray(deterministic),
-        )
+        rest = {"tau": config.pool.tau, "episodes": episodes}
+        drawn = jnp.asarray(deterministic)
+        return evaluate(algorithm, policy, reward_params, key, **rest, deterministic=drawn)
 
     trained = jax.block_until_ready(run(policy, keys[0], True))
     phase.update(episodes)
     # From one fixed start deterministic actions succeed always or never; sampled ones tell more.
     sampled = run(policy, keys[0], False)
     # Through the host it loses its weak types, or the program would be compiled once more.
-    random = run(
-        jax.device_get(policy_setup.fresh_policy(config, algorithm, keys[1])), keys[2], False
-    )
+    untrained = jax.device_get(policy_setup.fresh_policy(config, algorithm, keys[1]))
+    random = run(untrained, keys[2], False)
     shown = int(np.argmax(np.asarray(trained.success)))  # the first success, if there is one
     film = filming.episode(env, jax.tree.map(lambda x: x[shown], trained.states))
     video.write_video(folder / "rollout.mp4", film, env.control_hz)
-    np.savez(
-        folder / "rollouts.npz",
-        reward=np.asarray(trained.reward),
-        success=np.asarray(trained.success),
-        score=np.asarray(trained.score),
-        shown=shown,
-    )
+    arrays = {name: np.asarray(getattr(trained, name)) for name in ("reward", "success", "score")}
+    np.savez(folder / "rollouts.npz", **arrays, shown=shown)
     phase.update(3 * episodes)
-    return {
-        "success": float(trained.success.mean()),
-        "success_ever": float(trained.success_ever.mean()),
-        "score": float(trained.score.mean()),
+    return _means(trained, ("success", "success_ever", "score")) | {
         "success_sampled": float(sampled.success.mean()),
         "success_random": float(random.success.mean()),
         "eval_episodes": episodes,
     }
+
+
+def _means(found: Evaluation, names: Sequence[str]) -> dict[str, float]:
+    return {name: float(getattr(found, name).mean()) for name in names}

@@ -21,6 +21,8 @@ from gril_jax.runs import run_dir
 
 __all__ = ["main"]
 
+_ACTIVITY = ("tau", "window", "smoothing", "noise")
+
 
 def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> None:
     """Writes the reward of a run to a new file.
@@ -42,12 +44,7 @@ def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> Non
         classes=env.classes,
         robots=sorted(robots),
         objects=names,
-        activity={
-            "tau": config.pool.tau,
-            "window": config.pool.window,
-            "smoothing": config.pool.smoothing,
-            "noise": config.pool.noise,
-        },
+        activity={name: getattr(config.pool, name) for name in _ACTIVITY},
         half_extent=_half_extent(config, env),
         unit=f"world units of {config.env.name}",
         provenance=_provenance(folder, config),

@@ -10,7 +10,7 @@ Writes a run folder with the demonstrations, the reward, and its profile along e
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -72,19 +72,14 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
     return results
 
 
-class _Programs(NamedTuple):
-    """Programs of an encoder's training, being compiled: (state, data, hyper) -> ..."""
-
-    init: Future[Any]  # (key, data) -> state
-    step: Future[Any]
-    reward: Future[Any]
-    measure: Future[Any]
-    profiles: Future[Any]  # (reward, films, hyper) -> rewards, ends of stages
-
-
 def _compiled(
     config: RunConfig, learner: learners.Learner, key, films, successes: int, hyper, pool: Executor
-) -> _Programs:
+) -> dict[str, Future[Any]]:
+    """Programs of an encoder's training, being compiled: (state, data, hyper) -> ...
+
+    But "init" is (key, data) -> state, and "profiles" is (reward, films, hyper) -> rewards, ends of
+    stages.
+    """
     boxes = config.encoder.kind != "pixels"  # brief convolutions have not been measured
     data = learner.data
     state = jax.eval_shape(learner.init, key, data)
@@ -107,13 +102,13 @@ def _compiled(
     def after_reward():
         return jax.eval_shape(learner.reward, *after_training()), films, hyper
 
-    return _Programs(  # in this order: the first ones take longest
-        step=ready(learner.step, after_training, brief=boxes and setup.few_updates(config)),
-        init=ready(learner.init, lambda: (key, data)),
-        profiles=ready(profiles, after_reward),
-        measure=ready(learner.measure, after_training),
-        reward=ready(learner.reward, after_training),
-    )
+    return {  # in this order: the first ones take longest
+        "step": ready(learner.step, after_training, brief=boxes and setup.few_updates(config)),
+        "init": ready(learner.init, lambda: (key, data)),
+        "profiles": ready(profiles, after_reward),
+        "measure": ready(learner.measure, after_training),
+        "reward": ready(learner.reward, after_training),
+    }
 
 
 def _learn(
@@ -129,13 +124,13 @@ def _learn(
         successes = len(owners) - len(demos.names["failure"])
         programs = _compiled(config, learner, key, films, successes, hyper, compilers)
         data = learner.data
-        fresh, step = programs.init.result()(key, data), programs.step.result()
+        fresh, step = programs["init"].result()(key, data), programs["step"].result()
         state = _train_encoder(
             run, learner.static.updates, fresh, lambda state: step(state, data, hyper)
         )
-        params = programs.reward.result()(state, data, hyper)
-        measured = programs.measure.result()(state, data, hyper)
-        profiles = programs.profiles.result()(params, films, hyper)
+        params = programs["reward"].result()(state, data, hyper)
+        measured = programs["measure"].result()(state, data, hyper)
+        profiles = programs["profiles"].result()(params, films, hyper)
     checkpoint.save_part(run.path, "reward", config.pretrain.steps, params)
     _save_profiles(run.path, owners, films.length, profiles)
     return {name: float(value) for name, value in measured.items()} | {

@@ -16,13 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import (
-    demonstrations,
-    policy_rewards,
-    policy_setup,
-    saved,
-    setup,
-)
+from gril_jax.experiments.pipeline import demonstrations, policy_rewards, policy_setup, saved, setup
 from gril_jax.experiments.pipeline.open_run import Echo, OpenRun, opened
 from jaxtyping import Array, Bool, Int
 

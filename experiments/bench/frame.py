@@ -24,21 +24,9 @@ from gril_jax.compilation.compiler import compiled
 from gril_jax.errors import RunError
 
 __all__ = [
-    "Compilations",
-    "InPlace",
-    "best",
-    "compile_timed",
-    "counted",
-    "machine",
-    "make_env",
-    "median_ms",
-    "new_process",
-    "ratios",
-    "rounded",
-    "staged",
-    "times_in_turn",
-    "without_cache",
-]
+    "Compilations", "InPlace", "best", "compile_timed", "counted", "machine", "make_env",
+    "median_ms", "new_process", "ratios", "rounded", "staged", "times_in_turn", "without_cache",
+]  # fmt: skip
 
 
 def machine() -> dict[str, Any]:
@@ -68,12 +56,8 @@ def staged(
 ) -> tuple[Any, float, float]:
     """A jitted function compiled, the seconds of tracing it, and those of XLA itself.
 
-    Args:
-      function: jitted.
-      args: shapes will do.
-      plain: compiled as JAX does by itself, and not as this project's large programs are.
-      brief: see `gril_jax.compilation.compiler`.
-      static: further arguments.
+    `plain` compiles as JAX does by itself, and not as this project's large programs are;
+    `brief` is that of `gril_jax.compilation.compiler`. Shapes will do as arguments.
     """
     start = time.perf_counter()
     lowered = function.lower(*args, **static)
@@ -188,11 +172,9 @@ def without_cache() -> Iterator[None]:
 def new_process(code: str, given: Any, whose: str, **environment: str | None) -> Any:
     """The answer of Python code in a process of its own, which takes no GPU memory beforehand.
 
-    Args:
-      code: reads JSON from `sys.argv[1]`; the last line that it prints is its answer, as JSON.
-      given: what it reads.
-      whose: the work, for the error.
-      environment: variables to set, or with None to leave out.
+    The code reads what is given as JSON from `sys.argv[1]`, and the last line that it prints is
+    its answer, as JSON. A variable of the environment that is None is left out; `whose` names
+    the work in the error.
 
     Raises:
       RunError: the process failed.

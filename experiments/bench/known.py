@@ -2,25 +2,68 @@
 
     gril bench known                    about 20 minutes on 2 CPU cores
 
-Both sides train on the same tasks with the same hyper-parameters (`known_settings`), and
-returns are those of mean actions at the end of training. Tasks, algorithms and sides have processes
-of their own, some at a time, because compiling takes most of the time.
+Both sides train on the same tasks with the same hyper-parameters, and returns are those of mean
+actions at the end of training. What brax's SAC has fixed is fixed for ours too: the temperature
+begins at 1 and learns with 3e-4, towards -0.5 nats for each number of an action. Tasks, algorithms
+and sides have processes of their own, some at a time, because compiling takes most of the time.
 """
 
 import statistics
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 from gril_jax import threads
 
 from . import ours, stock
 from .frame import new_process, rounded
-from .known_settings import GROUND
-from .pendulum import SacSetting, Setting
+from .gymnasium_tasks import InvertedPendulum, Reacher
+from .pendulum import Pendulum, SacSetting, Setting
 
-__all__ = ["compared", "main", "measure"]
+__all__ = ["GROUND", "compared", "main", "measure"]
+
+
+class Published(NamedTuple):
+    """A published return to compare with."""
+
+    mean: float
+    spread: float  # one standard deviation, over episodes or over runs: see `source`
+    source: str
+
+
+class Ground(NamedTuple):
+    """One task with its settings for training."""
+
+    task: type[Any]
+    settings: dict[str, Setting | SacSetting]  # of each algorithm
+    published: dict[str, Published]
+
+
+_ZOO = "RL Baselines3 Zoo, benchmark.md: one run, spread over 750 episodes; steps {}"
+_TIANSHOU = "Tianshou, examples/mujoco: best of 1M steps, mean and spread over 10 runs"
+
+GROUND = {
+    "pendulum": Ground(
+        Pendulum,
+        {"ppo": Setting(num_timesteps=204_800, num_epochs=8), "sac": SacSetting()},
+        {"ppo": Published(-172.2, 104.2, _ZOO.format("100k")),
+         "sac": Published(-157.0, 88.7, _ZOO.format("20k"))},
+    ),
+    "inverted_pendulum": Ground(
+        InvertedPendulum,
+        {"ppo": Setting(num_timesteps=307_200, learning_rate=5e-4, discounting=0.99),
+         "sac": SacSetting(num_timesteps=40_960, discounting=0.99, reward_scaling=0.1)},
+        {name: Published(1000.0, 0.0, _TIANSHOU) for name in ("ppo", "sac")},
+    ),
+    "reacher": Ground(
+        Reacher,
+        {"ppo": Setting(num_timesteps=512_000, unroll_length=10, num_minibatches=16,
+                        num_epochs=8, entropy_cost=0.0, reward_scaling=1.0),
+         "sac": SacSetting(num_timesteps=40_960, discounting=0.95, reward_scaling=10.0)},
+        {"ppo": Published(-4.1, 0.3, _TIANSHOU), "sac": Published(-2.6, 0.2, _TIANSHOU)},
+    ),
+}  # fmt: skip
 
 EPISODES = 256  # of mean actions: starts differ, and the mean over a few does, too
 SIDES = {"ours": ours.all_returns, "stock": stock.all_returns}
@@ -35,14 +78,7 @@ print(json.dumps(known.measure(*json.loads(sys.argv[1]))))
 def main(
     *, tasks: Sequence[str], algorithms: Sequence[str], seeds: int, jobs: int | None
 ) -> dict[str, Any]:
-    """The figures of both sides.
-
-    Args:
-      tasks: of `GROUND`.
-      algorithms: of "ppo" and "sac".
-      seeds: runs of each, from 0 on.
-      jobs: processes at a time; None is one for each two cores.
-    """
+    """The figures of both sides."""
     start = time.perf_counter()
     pairs = [(task, algorithm) for task in tasks for algorithm in algorithms]
     # Those that take longest come first.
@@ -58,12 +94,7 @@ def measure(
 ) -> dict[str, Any]:
     """One side's returns at the last and the first evaluation, for each seed, and its seconds.
 
-    Args:
-      task: of `GROUND`.
-      algorithm: "ppo" or "sac".
-      side: "ours" or "stock".
-      seeds: runs, from 0 on.
-      setting: instead of the task's own.
+    `setting` stands in for the task's own.
     """
     ground = GROUND[task]
     start = time.perf_counter()

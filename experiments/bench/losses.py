@@ -4,11 +4,9 @@
 
 All forms of one case take turns, so that a busy machine slows them alike; times are medians in
 milliseconds, and a ratio above 1 says how many times longer, or how much more memory, the other
-form takes. Peers that are not installed (ott-jax, tslearn) are left out. Each section is one
-function that returns a dict, listed in `_SECTIONS`.
+form takes. Peers that are not installed (ott-jax, tslearn) are left out.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -18,8 +16,7 @@ import numpy as np
 
 from gril_jax.losses import expected_alignment, soft_dtw_between
 
-from . import encoder as bench_encoder
-from . import tcc as bench_tcc
+from . import tcc
 from .frame import median_ms, ratios, times_in_turn
 
 try:
@@ -41,23 +38,16 @@ _REPEATS = 15  # timed calls of each form
 
 
 def main() -> dict[str, Any]:
-    """Every section's figures."""
-    return {name: section(_REPEATS) for name, section in _SECTIONS.items()}
-
-
-# --- soft-DTW
-
-
-def soft_dtw(repeats: int) -> list[dict]:
-    """Soft-DTW from features: time, temporary memory and the float32 gradient's error."""
+    """The figures of soft-DTW at each size, and of cycle-consistency."""
     gpu = jax.default_backend() == "gpu"
-    return [_soft_dtw_case(*shape, repeats) for shape in (_GPU_SHAPES if gpu else _SHAPES)]
+    cases = [soft_dtw(*shape, _REPEATS, gpu=gpu) for shape in (_GPU_SHAPES if gpu else _SHAPES)]
+    return {"soft_dtw": cases, "tcc": tcc.measure(_REPEATS)}
 
 
-def _soft_dtw_case(pairs, frames, repeats):
+def soft_dtw(pairs: int, frames: int, repeats: int, *, gpu: bool) -> dict[str, Any]:
+    """Soft-DTW from features: time, temporary memory and the float32 gradient's error."""
     rng = np.random.default_rng(0)
     query, other = 0.3 * rng.normal(size=(2, pairs, frames, _FEATURES)).astype(np.float32)
-    gpu = jax.default_backend() == "gpu"
     ours = partial(soft_dtw_between, gamma=_GAMMA)
     programs = {"ours": ours} | ({"scan": partial(ours, implementation="scan")} if gpu else {})
     if ott_costs is not None:
@@ -154,10 +144,3 @@ def _textbook(cost):
                 weight = np.exp((sums[a, b] - sums[i, j] - padded[a, b]) / gamma)
                 flow[i, j] += weight * flow[a, b]
     return flow[1:-1, 1:-1].transpose(2, 0, 1)
-
-
-_SECTIONS: dict[str, Callable[[int], Any]] = {
-    "soft_dtw": soft_dtw,
-    "tcc": lambda repeats: bench_tcc.measure(repeats=repeats),
-    "encoder": lambda repeats: bench_encoder.measure(repeats=repeats),
-}

@@ -5,7 +5,7 @@ Seeds can be vmapped over: `chunks` hands out pure functions.
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -22,7 +22,7 @@ __all__ = ["all_returns", "chunks", "train"]
 
 _SEEING = {"observe_activity": False, "window": 1}
 _FIXED = {  # brax's SAC has no options for these
-    "unroll_length": 1, "alpha_learning_rate": 3e-4, "initial_alpha": 1.0, "target_entropy": -0.5,
+    "alpha_learning_rate": 3e-4, "initial_alpha": 1.0, "target_entropy": -0.5,
     "max_grad_norm": float("inf"),
 }  # fmt: skip
 
@@ -30,13 +30,14 @@ _FIXED = {  # brax's SAC has no options for these
 def chunks(setting: Setting | SacSetting, task: Any = None):
     """Two programs: seed -> state, and (state, count, examine) -> what `chunk` returns."""
     task = Pendulum() if task is None else task
-    chosen = vars(setting) | _SEEING
     if isinstance(setting, SacSetting):
-        static, hyper = _of(sac.Static, chosen | _FIXED), _of(sac.Hyper, chosen | _FIXED)
-        algorithm = sac.SAC(task, rewards.environmental, static)
+        of, make, fixed = sac, sac.SAC, _FIXED
     else:
-        static, hyper = _of(ppo.Static, chosen), _of(ppo.Hyper, chosen)
-        algorithm = ppo.PPO(task, rewards.environmental, static)
+        of, make, fixed = ppo, ppo.PPO, {}
+    chosen = vars(setting) | _SEEING | fixed
+    hyper = _of(of.Hyper, of.Hyper._fields, chosen)
+    fields = [field.name for field in dataclasses.fields(of.Static)]
+    algorithm = make(task, rewards.environmental, _of(of.Static, fields, chosen))
 
     @partial(jax.jit, donate_argnums=0)
     def run(state, count, examine):
@@ -52,10 +53,8 @@ def chunks(setting: Setting | SacSetting, task: Any = None):
     return init, run
 
 
-def _of(kind: Any, chosen: dict[str, Any]) -> Any:
+def _of(kind: Any, names: Sequence[str], chosen: dict[str, Any]) -> Any:
     """The type's fields that were chosen; the others have their defaults."""
-    is_static = dataclasses.is_dataclass(kind)
-    names = [field.name for field in dataclasses.fields(kind)] if is_static else kind._fields
     return kind(**{name: chosen[name] for name in names if name in chosen})
 
 
@@ -64,11 +63,8 @@ def train(
 ) -> list[float]:
     """Returns of PPO's sampled actions on the pendulum at each evaluation.
 
-    Args:
-      seed: of the run.
-      setting: hyper-parameters and length.
-      progress: called after each evaluation with the steps so far, the return, and the steps a
-        second of the part before it, evaluation included.
+    `progress` gets the steps so far, the return, and the steps a second of the part before it,
+    evaluation included.
     """
     init, run = chunks(setting)
     with ThreadPoolExecutor(1) as thread:  # as `gril_jax.compilation.sharding` does

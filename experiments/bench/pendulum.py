@@ -74,35 +74,29 @@ class Pendulum(Bare):
 
 
 @dataclasses.dataclass(frozen=True)
-class Setting:
-    """PPO's hyper-parameters, and how long both sides train."""
+class _Training:
+    """How long both sides train, and the hyper-parameters that both algorithms have."""
 
-    num_timesteps: int = 51_200
+    num_timesteps: int
     """Steps of one run; both sides round it up to whole updates between two evaluations."""
+    num_envs: int
+    unroll_length: int
+    discounting: float
+    reward_scaling: float
     num_evals: int = 3
     """Evaluations, of which the first is that of the untrained policy."""
-    num_envs: int = 128
-    unroll_length: int = 20
-    num_minibatches: int = 4
-    num_epochs: int = 4
     hidden: tuple[int, ...] = (64, 64)
     learning_rate: float = 1e-3
-    discounting: float = 0.95
-    gae_lambda: float = 0.95
-    entropy_cost: float = 1e-3
-    clipping_epsilon: float = 0.2
-    reward_scaling: float = 0.1
-    max_grad_norm: float = 1.0
-
-    @property
-    def updates(self) -> int:
-        """Number of updates between two evaluations."""
-        return -(-self.num_timesteps // (self.num_envs * self.unroll_length * self.parts))
 
     @property
     def parts(self) -> int:
         """Number of parts of the training, each with an evaluation at its end."""
         return self.num_evals - 1
+
+    @property
+    def updates(self) -> int:
+        """Number of updates between two evaluations."""
+        return -(-self.num_timesteps // (self.num_envs * self.unroll_length * self.parts))
 
     @property
     def steps(self) -> int:
@@ -111,26 +105,34 @@ class Setting:
 
 
 @dataclasses.dataclass(frozen=True)
-class SacSetting:
+class Setting(_Training):
+    """PPO's hyper-parameters, and how long both sides train."""
+
+    num_timesteps: int = 51_200
+    num_envs: int = 128
+    unroll_length: int = 20
+    discounting: float = 0.95
+    reward_scaling: float = 0.1
+    num_minibatches: int = 4
+    num_epochs: int = 4
+    gae_lambda: float = 0.95
+    entropy_cost: float = 1e-3
+    clipping_epsilon: float = 0.2
+    max_grad_norm: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class SacSetting(_Training):
     """Soft actor-critic's hyper-parameters, and how long both sides train."""
 
     num_timesteps: int = 20_480
-    """Steps of one run, including those before learning begins."""
-    num_evals: int = 3
-    """Evaluations, of which the first is that of the untrained policy."""
     num_envs: int = 32
+    unroll_length: int = 1
+    discounting: float = 0.98
+    reward_scaling: float = 1.0
     updates_per_step: int = 32
     """Gradient steps for each control step of all environments."""
     batch_size: int = 256
     replay_size: int = 2**17
     min_replay: int = 1024
-    hidden: tuple[int, ...] = (64, 64)
-    learning_rate: float = 1e-3
-    discounting: float = 0.98
     soft_update: float = 0.005
-    reward_scaling: float = 1.0
-
-    @property
-    def updates(self) -> int:
-        """Control steps of each environment between two evaluations."""
-        return -(-self.num_timesteps // (self.num_envs * (self.num_evals - 1)))

@@ -35,11 +35,7 @@ def main() -> dict[str, Any]:
 def measure(seeds: int, repeats: int, *, full: bool, capacity: int = _CAPACITY) -> dict[str, Any]:
     """Milliseconds of a step with this many seeds, ours and brax's.
 
-    Args:
-      seeds: 1 is without a vmap.
-      repeats: timed calls of each form, whose median counts.
-      full: whether the replays are full, or nearly empty.
-      capacity: rows of each seed's replay.
+    With one seed there is no vmap; replays that are not full are nearly empty.
     """
     steps = {"ours": 200, "brax": 2 if full or seeds > 1 else 200}  # 2 where all is copied
     forms = {"ours": _ours(capacity, full), "brax": _brax(capacity, full)}

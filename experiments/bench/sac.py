@@ -34,9 +34,7 @@ _LIMIT_S = 600.0  # after which either gives up
 def main(*, num_envs: int, target: float | None) -> dict[str, Any]:
     """The figures of both.
 
-    Args:
-      num_envs: environments of ours.
-      target: success of the last episodes at which learning is over; None leaves this out.
+    Without a target, the success of the last episodes at which learning is over, speeds alone.
     """
     static = sac.Static(num_envs=num_envs, min_replay=2**12)
     hyper = sac.Hyper(learning_rate=1e-3, alpha_learning_rate=1e-3, discounting=0.97)

@@ -23,11 +23,7 @@ __all__ = ["devices", "seeds"]
 def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:
     """Times seeds in one program, and one by one, each compiled anew.
 
-    Args:
-      algorithm: of one seed.
-      num: seeds side by side.
-      updates: of each seed's whole training.
-      separate: seeds that are really run one by one; the time of all follows from theirs.
+    The first `separate` seeds are really run one by one; the time of all follows from theirs.
     """
     keys = jax.random.split(jax.random.key(0), num)
     jax.block_until_ready(keys)
@@ -69,14 +65,7 @@ def _whole(
 def devices(
     make: Callable[[int], training.Algorithm], num_envs: int, updates: int, repeats: int
 ) -> dict[str, Any] | None:
-    """One device and all, with as many environments on each; None where there is only one.
-
-    Args:
-      make: the algorithm with so many environments.
-      num_envs: environments on each device.
-      updates: of a timed call.
-      repeats: timed calls, of which the best counts.
-    """
+    """One device and all, with as many environments on each; None where there is only one."""
     every = jax.devices()
     if len(every) == 1:
         return None

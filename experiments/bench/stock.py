@@ -6,8 +6,9 @@ for as long as brax trains here; the rest is stock.
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -29,8 +30,11 @@ __all__ = ["BraxTask", "all_returns", "stand_in", "train"]
 class BraxTask(Env):
     """One of our tasks behind brax's interface; its state is ours."""
 
+    observation_size, action_size, backend = 0, 0, "none"  # the sizes are each task's own
+
     def __init__(self, task: Any) -> None:
         self._task = task
+        self.observation_size, self.action_size = task.observation_size, task.action_size
 
     def reset(self, rng: jax.Array) -> BraxState:
         state = self._task.reset(rng)
@@ -42,18 +46,6 @@ class BraxTask(Env):
             pipeline_state=after, obs=after.obs, reward=after.reward, done=after.done
         )
 
-    @property
-    def observation_size(self) -> int:
-        return self._task.observation_size
-
-    @property
-    def action_size(self) -> int:
-        return self._task.action_size
-
-    @property
-    def backend(self) -> str:
-        return "none"
-
 
 def _replicated(tree: Any, devices: Any) -> Any:
     """Copies a tree along a new axis, named as in brax's pmap to avoid compiling twice."""
@@ -61,19 +53,9 @@ def _replicated(tree: Any, devices: Any) -> Any:
     return jax.tree.map(lambda x: jax.device_put(jnp.stack([x] * len(devices)), placed), tree)
 
 
-@contextlib.contextmanager
-def stand_in() -> Iterator[None]:
+def stand_in() -> contextlib.AbstractContextManager[Any]:
     """Provides `jax.device_put_replicated` inside a `with` block."""
-    missing = object()
-    before = vars(jax).get("device_put_replicated", missing)
-    jax.device_put_replicated = _replicated  # ty: ignore
-    try:
-        yield
-    finally:
-        if before is missing:
-            del jax.device_put_replicated
-        else:
-            jax.device_put_replicated = before
+    return mock.patch.object(jax, "device_put_replicated", _replicated, create=True)
 
 
 def train(
@@ -87,14 +69,9 @@ def train(
 ) -> list[float]:
     """Returns at each evaluation; of PPO or SAC, after the kind of setting.
 
-    Args:
-      seed: of the run.
-      setting: hyper-parameters and length.
-      progress: called after each evaluation with the steps so far, the return, and the steps a
-        second of the part before it, as brax reports them: without the evaluation.
-      task: what to train on; None is the pendulum.
-      eval_envs: episodes of an evaluation; None is as many as there are environments.
-      mean_actions: whether those are played with mean actions, and not with samples.
+    `progress` gets the steps so far, the return, and the steps a second of the part before it,
+    as brax reports them: without the evaluation. Without a task it is the pendulum; an
+    evaluation has as many episodes as there are environments, unless told otherwise.
     """
     task = Pendulum() if task is None else task
     returns: list[float] = []
@@ -103,16 +80,26 @@ def train(
         returns.append(float(metrics["eval/episode_reward"]))
         progress(int(steps), returns[-1], float(metrics.get("training/sps", 0.0)))
 
-    is_sac = isinstance(setting, SacSetting)
-    run, options = (stock_sac.train, _SAC) if is_sac else (stock.train, _PPO)
-    given = {name: getattr(setting, own) for name, own in (_BOTH | options).items()}
-    own = _sac_options(setting) if is_sac else _ppo_options(setting)
+    hidden = setting.hidden
+    if isinstance(setting, SacSetting):
+        run, options, given = stock_sac.train, _SAC, {}
+        make = functools.partial(
+            sac_networks.make_sac_networks, hidden_layer_sizes=hidden, activation=linen.swish
+        )
+    else:
+        run, options = stock.train, _PPO
+        given = {"batch_size": setting.num_envs // setting.num_minibatches}
+        make = functools.partial(
+            networks.make_ppo_networks,
+            policy_hidden_layer_sizes=hidden, value_hidden_layer_sizes=hidden,
+        )  # fmt: skip
+    given |= {name: getattr(setting, own) for name, own in (_BOTH | options).items()}
     with stand_in():
         run(
             BraxTask(task), num_eval_envs=eval_envs or setting.num_envs,
             deterministic_eval=mean_actions, max_devices_per_host=1,
             episode_length=task.episode_length, normalize_observations=True, seed=seed,
-            progress_fn=note, **given, **own,
+            progress_fn=note, network_factory=make, **given,
         )  # fmt: skip
     return returns
 
@@ -130,21 +117,6 @@ _SAC = {
     "grad_updates_per_step": "updates_per_step", "batch_size": "batch_size",
     "max_replay_size": "replay_size", "min_replay_size": "min_replay", "tau": "soft_update",
 }  # fmt: skip
-
-
-def _ppo_options(setting: Setting) -> dict[str, Any]:
-    make = functools.partial(
-        networks.make_ppo_networks,
-        policy_hidden_layer_sizes=setting.hidden,
-        value_hidden_layer_sizes=setting.hidden,
-    )
-    return {"batch_size": setting.num_envs // setting.num_minibatches, "network_factory": make}
-
-
-def _sac_options(setting: SacSetting) -> dict[str, Any]:
-    make = sac_networks.make_sac_networks
-    sizes = {"hidden_layer_sizes": setting.hidden, "activation": linen.swish}
-    return {"network_factory": functools.partial(make, **sizes)}
 
 
 def all_returns(

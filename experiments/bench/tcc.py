@@ -7,7 +7,6 @@ most of it the compilation of the loop.
 
 import functools
 import statistics
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -20,9 +19,8 @@ from .frame import median_ms, staged, times_in_turn, without_cache
 
 __all__ = ["measure", "pair_loop"]
 
-# Videos, frames, width of the latent. The loop is for the first alone: 992 pairs do not compile
-# in any useful time.
-_SMALL, _LARGE = (8, 32, 32), (32, 64, 32)
+_SIZE = (8, 32, 32)  # videos, frames, width of the latent
+_COMPILATIONS = 3  # of each, whose median counts
 
 
 def pair_loop(latents: Float[Array, "B T D"], times: Float[Array, "B T"]) -> Float[Array, ""]:
@@ -46,24 +44,15 @@ def pair_loop(latents: Float[Array, "B T D"], times: Float[Array, "B T"]) -> Flo
     return jnp.mean(jnp.square(error))
 
 
-def measure(compile_repeats: int = 3, repeats: int = 30) -> dict[str, Any]:
-    """Times, memory and ratios at both sizes; a ratio above 1 favours the library."""
+def measure(repeats: int) -> dict[str, Any]:
+    """Times, memory and the loop's over the others'; a ratio above 1 favours the library."""
     at_once = functools.partial(mean_cycle_consistency, at_once=True)
-    small = {"pair_loop": pair_loop, "mapped": mean_cycle_consistency, "at_once": at_once}
-    large = {"at_once": at_once, "mapped": mean_cycle_consistency}
-    return {
-        "tcc_8_32_32": _compare(small, _SMALL, compile_repeats, repeats),
-        "tcc_32_64_32": _compare(large, _LARGE, 1, repeats),
-    }
-
-
-def _compare(losses: dict[str, Callable], size, compile_repeats, repeats) -> dict[str, Any]:
-    """The figures of each loss, and those of the first over the others'."""
-    num_videos, num_frames, width = size
+    losses = {"pair_loop": pair_loop, "mapped": mean_cycle_consistency, "at_once": at_once}
+    num_videos, num_frames, width = _SIZE
     times = jnp.tile(jnp.arange(num_frames) / num_frames, (num_videos, 1))
-    args = jax.random.normal(jax.random.key(0), size), times
+    args = jax.random.normal(jax.random.key(0), _SIZE), times
     compiled, taken = {}, {name: [] for name in losses}
-    for _ in range(compile_repeats):
+    for _ in range(_COMPILATIONS):
         for name, loss in losses.items():
             # A new function each time: one that has been traced before is not traced again.
             fresh = jax.jit(jax.value_and_grad(functools.partial(loss)))
@@ -72,20 +61,21 @@ def _compare(losses: dict[str, Callable], size, compile_repeats, repeats) -> dic
             taken[name].append(seconds)
     calls = {name: functools.partial(program, *args) for name, program in compiled.items()}
     run_ms = median_ms(times_in_turn(calls, repeats))
-    figures = {
-        name: {
+    figures = {}
+    for name, program in compiled.items():
+        trace_s, compile_s = (statistics.median(x) for x in zip(*taken[name], strict=True))
+        figures[name] = {
             "run_ms": run_ms[name],
-            "trace_s": round(statistics.median(trace for trace, _ in taken[name]), 3),
-            "compile_s": round(statistics.median(compiling for _, compiling in taken[name]), 3),
+            "trace_s": round(trace_s, 3),
+            "compile_s": round(compile_s, 3),
             "temporary_mb": round(program.memory_analysis().temp_size_in_bytes / 1e6, 3),
-            "value": float(program(*args)[0]),
         }
-        for name, program in compiled.items()
-    }
-    peer, *others = figures
-    keys = ("run_ms", "trace_s", "compile_s", "temporary_mb")
+    peer = figures["pair_loop"]
     over = {
-        f"{peer}_over_{name}": {k: round(figures[peer][k] / figures[name][k], 2) for k in keys}
-        for name in others
+        f"pair_loop_over_{name}": {key: round(peer[key] / own[key], 2) for key in peer}
+        for name, own in figures.items()
+        if own is not peer
     }
+    for name, program in compiled.items():
+        figures[name]["value"] = float(program(*args)[0])
     return {"videos": num_videos, "frames": num_frames, "width": width, **figures, **over}

@@ -48,14 +48,7 @@ _GPU = Sizes(8192, updates=5, hidden=(256, 256), seed_num_envs=512, seed_updates
 def main(
     *, num_envs: int | None, variant: str, parts: Sequence[str], repeats: int
 ) -> dict[str, Any]:
-    """The figures of some parts: "training", "starts", "seeds" and "devices".
-
-    Args:
-      num_envs: environments; None has the platform's own number.
-      variant: of MatchRegions.
-      parts: what to measure; `devices` only where there are several.
-      repeats: timed calls of each program, of which the best counts.
-    """
+    """The figures of some parts: "training", "starts", "seeds" and "devices"."""
     sizes = Sizes() if jax.default_backend() == "cpu" else _GPU
     sizes = sizes._replace(num_envs=num_envs or sizes.num_envs)
     env = make_env("match_regions", variant=variant, varied_starts=0.5)

@@ -16,7 +16,6 @@ are distances to them in arena units, "blocks" those of blocks that have been mo
 
 import json
 import sys
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -31,6 +30,8 @@ from jaxtyping import Float, Int
 from gril_jax import envs
 from gril_jax.demos.magical_pickles import list_magical, read_actions
 from gril_jax.errors import DemoError, GrilError
+
+from .physics_parity import arrays_of, figures_of
 
 __all__ = ["main", "measure"]
 
@@ -71,13 +72,7 @@ def _load(paths: tuple[Path, ...]) -> dict[str, Int[np.ndarray, "T"]]:
 
 
 def _recorded(path: Path, names: list[str], steps: int) -> Float[np.ndarray, "D T1 6 3"]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in names if name in file}
-    except FileNotFoundError:
-        raise DemoError(f"{path} does not exist, but must be an .npz file of poses") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise DemoError(f"{path} is not a whole .npz file of plain arrays ({error})") from error
+    arrays = arrays_of(path, "poses")
     for name in names:
         if name not in arrays:
             raise DemoError(f"{path} has no poses of the demonstration {name}")
@@ -109,13 +104,6 @@ def _replay(env: envs.Env, actions: Float[np.ndarray, "D T 3"], aside: Float[np.
     return np.asarray(places), np.asarray(scores)
 
 
-def _figures(errors: np.ndarray) -> dict[str, float | int | None]:
-    if not errors.size:
-        return {"median": None, "p95": None, "count": 0}
-    median, p95 = np.percentile(errors, [50, 95])
-    return {"median": round(float(median), 5), "p95": round(float(p95), 5), "count": errors.size}
-
-
 def _errors(places: np.ndarray, recorded: np.ndarray) -> dict:
     """Errors of replays (D, T, 6, 2) against recorded poses, over the first steps."""
     theirs = recorded[:, 1:, :, :2]
@@ -123,8 +111,8 @@ def _errors(places: np.ndarray, recorded: np.ndarray) -> dict:
     moved = np.linalg.norm(theirs - recorded[:, :1, :, :2], axis=-1) > _MOVED
     return {
         f"first_{n}": {
-            "robot": _figures(apart[:, :n, 0]),
-            "blocks": _figures(apart[:, :n, 1:][moved[:, :n, 1:]]),
+            "robot": figures_of(apart[:, :n, 0]),
+            "blocks": figures_of(apart[:, :n, 1:][moved[:, :n, 1:]]),
         }
         for n in _AHEAD
         if n <= places.shape[1]

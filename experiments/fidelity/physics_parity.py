@@ -14,8 +14,6 @@ steps in which nothing touches the robot, "contact" those in which a block moves
 a block or a wall.
 """
 
-import contextlib
-import io
 import json
 import sys
 import zipfile
@@ -27,12 +25,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
+from gril_jax.experiments.bench.frame import make_env
 from jaxtyping import Float
 
 from gril_jax import envs
 from gril_jax.errors import DemoError, GrilError
 
-__all__ = ["main", "measure"]
+__all__ = ["arrays_of", "figures_of", "main", "measure"]
 
 ROBOTS = ("gripper", "short", "medium", "long")
 _MOVED = 1e-4  # arena units: a block that goes further in a control step has moved
@@ -56,15 +55,24 @@ class _Options:
     """Sweeps of the contact solver for each physics step; None is the engine's default."""
 
 
-def _load(path: Path, robot: str | None) -> dict[str, dict[str, np.ndarray]]:
-    """Loads and checks the arrays of each robot in the file."""
+def arrays_of(path: Path, contents: str) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file.
+
+    Raises:
+      DemoError: there is none, or it is damaged; `contents` says what it should hold.
+    """
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = dict(file)
+            return dict(file)
     except FileNotFoundError:
-        raise DemoError(f"{path} does not exist, but must be an .npz file of recordings") from None
+        raise DemoError(f"{path} does not exist, but must be an .npz file of {contents}") from None
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise DemoError(f"{path} is not a whole .npz file of plain arrays ({error})") from error
+
+
+def _load(path: Path, robot: str | None) -> dict[str, dict[str, np.ndarray]]:
+    """Loads and checks the arrays of each robot in the file."""
+    arrays = arrays_of(path, "recordings")
     present = [r for r in ROBOTS if f"{r}_states" in arrays]
     wanted = [robot] if robot else present
     if not wanted:
@@ -133,11 +141,16 @@ def _open_loop(env: envs.Env, states, actions):
     return np.asarray(poses), np.asarray(rewards)
 
 
-def _figures(errors: np.ndarray) -> dict[str, float | int | None]:
+def figures_of(errors: np.ndarray) -> dict[str, float | int | None]:
+    """Median, 95th percentile and count."""
     if not errors.size:
         return {"median": None, "p95": None, "count": 0}
     median, p95 = np.percentile(errors, [50, 95])
     return {"median": round(float(median), 5), "p95": round(float(p95), 5), "count": errors.size}
+
+
+def _each(errors: dict[str, dict[str, np.ndarray]]) -> dict[str, dict]:
+    return {k: {name: figures_of(e) for name, e in of.items()} for k, of in errors.items()}
 
 
 def _apart(ours: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,7 +179,7 @@ def _compare(env, poses, rewards, states, recorded) -> dict:
         "blocks_moved": {"position": place[..., parts:][moved], "angle": angle[..., parts:][moved]},
         "blocks_still": {"position": place[..., parts:][~moved]},
     }
-    result = {k: {n: _figures(e) for n, e in v.items()} for k, v in result.items()}
+    result = _each(result)
     if recorded is not None:
         result["reward_within_0.05"] = round(float((np.abs(rewards - recorded) < 0.05).mean()), 4)
     return result
@@ -179,8 +192,7 @@ def measure(
     **options,
 ) -> dict:
     """Errors of one robot's recordings; `options` make the task."""
-    with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
-        env = envs.make("match_regions", **options)
+    env = make_env("match_regions", **options)
     poses, reward = _one_step(env, states, actions)
     one_step = _compare(env, poses, reward, states, rewards)
     poses, reward = _open_loop(env, states, actions)
@@ -191,25 +203,24 @@ def measure(
     last = np.maximum(free.sum(axis=1) - 1, 0)
     rows = np.flatnonzero(free[:, 0])
     open_loop["robot_at_the_end_of_free_driving"] = {
-        "position": _figures(place[rows, last[rows], 0]),
-        "angle": _figures(angle[rows, last[rows], 0]),
+        "position": figures_of(place[rows, last[rows], 0]),
+        "angle": figures_of(angle[rows, last[rows], 0]),
         "median_steps": int(np.median(last[rows] + 1)) if len(rows) else None,
     }
     place, angle = place[:, -1], angle[:, -1]
-    open_loop["final_robot"] = {"position": _figures(place[:, 0]), "angle": _figures(angle[:, 0])}
-    open_loop["final_blocks"] = {"position": _figures(place[:, parts:])}
+    open_loop["final_robot"] = {
+        "position": figures_of(place[:, 0]),
+        "angle": figures_of(angle[:, 0]),
+    }
+    open_loop["final_blocks"] = {"position": figures_of(place[:, parts:])}
     return {"one_step": one_step, "open_loop": open_loop}
 
 
 def main(argv: list[str] | None = None) -> int:
     """Prints the figures; returns 0 on success, 2 if the file is not of that layout."""
     options = tyro.cli(_Options, args=argv)
-    chosen = {
-        "physics": options.physics,
-        "engine": options.engine,
-        "substeps": options.substeps,
-        "iterations": options.iterations,
-    }
+    given = ("physics", "engine", "substeps", "iterations")
+    chosen = {name: getattr(options, name) for name in given}
     try:
         recordings = _load(options.file, options.robot)
         figures = {

@@ -6,15 +6,7 @@ import numpy as np
 from gril_jax.experiments.tables.audits import FIGURES, VARIANTS
 from gril_jax.experiments.tables.curves import LAST
 from gril_jax.experiments.tables.table import Found
-from gril_jax.experiments.tables.written import (
-    SEEDS,
-    Column,
-    Line,
-    Section,
-    column,
-    markdown,
-    same,
-)
+from gril_jax.experiments.tables.written import SEEDS, Column, Line, Section, column, markdown, same
 from jaxtyping import Float
 
 from .correlation import Correlation, correlation

@@ -44,13 +44,10 @@ def correlation(
 ) -> Correlation:
     """A figure's correlation with success, beside that of a rival that should be positive.
 
-    Args:
-      figure: of each encoder. One that is undefined, as a share is where success is paid no more
-        than the start, ranks as the worst.
-      success: of each encoder's policy; an encoder without one is left out.
-      rival: the figure to compare with, in the same samples.
-      sign: 1 where a high figure should mean success, -1 where a low one should.
-      draws: R, samples of n encoders with replacement.
+    A figure that is undefined, as a share is where success is paid no more than the start,
+    ranks as the worst; an encoder without a policy is left out. The sign is 1 where a high
+    figure should mean success, and -1 where a low one should; draws are samples of n encoders
+    with replacement.
     """
     figure = np.where(np.isnan(figure), -sign * np.inf, figure)
     known = np.isfinite(success) & np.isfinite(rival)

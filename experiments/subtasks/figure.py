@@ -26,13 +26,7 @@ def stages_figure(
 ) -> Figure:
     """The profile with the frames at the found ends; true ends are dashed lines.
 
-    Args:
-      reward: of each frame.
-      ends: last frames of the stages that were found.
-      frames: the film.
-      stages: true ones, by name: frame, or -1 for never; None if they are not known.
-      name: of the demonstration.
-      fps: frames per second.
+    The found ends are last frames of stages; true ones have names, and are -1 for never.
 
     Raises:
       ShapeError: film and reward differ in length.

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, learners, setup
+from gril_jax.experiments.pipeline import demonstrations, learners, saved, setup
 from jaxtyping import Float, Int
 
 from gril_jax import reward
@@ -28,7 +28,6 @@ from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError, RunError
 from gril_jax.report.figures.style import png
 from gril_jax.runs import run_dir
-from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.metric_rows import plain
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
@@ -53,20 +52,8 @@ class Traces(NamedTuple):
     length: Int[np.ndarray, "B"]
 
 
-def main(
-    folder: Path,
-    out: Path,
-    options: Options,
-    *,
-    echo: Callable[[str], None] = print,
-) -> None:
+def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], None] = print) -> None:
     """Writes figures, scores and cut demonstrations into a new folder.
-
-    Args:
-      folder: of the run.
-      out: to create.
-      options: how stages are found, and whether to write the subtasks' demonstration sets.
-      echo: takes what is said.
 
     Raises:
       RunError: the run has no reward, its demonstrations are gone, or there are no stages to tell
@@ -77,16 +64,14 @@ def main(
     with Progress() as progress:
         demos = _demos(config, folder, progress)
         traces = traces_of(config, folder, demos)
-        found, patience = discover(traces, options)
+        found, alone, rule = discover(traces, options)
         agreed = np.asarray(found.frames)[:, : int(np.sum(found.kept))]
-        _require_stages(folder, traces, options, patience, agreed.shape[1])
+        _require_stages(folder, traces, rule, agreed.shape[1])
         tolerance = round(demos.demo_set.fps)  # one second, in frames
-        alone = _alone(traces, options, patience)
         measured = _scores(traces, {"agreed": agreed, "each alone": alone}, tolerance)
         with run_dir.writing(out):
             out.mkdir(parents=True)
-            rule = {name: getattr(options, name) for name in ("prominence", "smoothing", "support")}
-            about = {"rule": rule | {"patience": patience}, "tolerance": tolerance}
+            about = {"rule": rule, "tolerance": tolerance}
             text = json.dumps(plain(about | _json(traces, found, agreed, measured)), indent=1)
             write_whole(out / "subtasks.json", text + "\n")
         drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
@@ -106,10 +91,8 @@ def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrati
     Raises:
       RunError: there is no reward yet.
     """
-    last = checkpoint.latest(folder / "reward")
-    if last is None:
-        raise RunError(f"{folder} has no reward, so its run has not got that far yet")
-    params = checkpoint.restore(last, setup.blank_reward(config, len(demos.demo_set.classes)))
+    env = setup.make_env(config.env, training=False)
+    params = saved.learned_reward(folder, config, env)
     entries = {entry.name: entry for entry in demos.demo_set.entries}
     owners = [(name, split) for split in ("train", "validation") for name in demos.names[split]]
     names = [name for name, _ in owners]
@@ -123,26 +106,24 @@ def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrati
     )
 
 
-def discover(traces: Traces, options: Options) -> tuple[agreement.AgreedBoundaries, int]:
-    """Boundaries on which all demonstrations agree, and the patience that found them."""
-    values, length = jnp.asarray(traces.reward), jnp.asarray(traces.length)
-    rule = {name: getattr(options, name) for name in ("prominence", "smoothing", "support")}
+def discover(
+    traces: Traces, options: Options
+) -> tuple[agreement.AgreedBoundaries, Int[np.ndarray, "B M"], dict[str, Any]]:
+    """Boundaries on which all demonstrations agree, those that each shows alone, and the rule."""
+    given = jnp.asarray(traces.reward), jnp.asarray(traces.length)
+    rule: dict[str, Any] = {"prominence": options.prominence, "smoothing": options.smoothing}
     if (patience := options.patience) is None:
-        patience, found = _stages(values, length, **rule)
+        patience, found = _stages(*given, **rule, support=options.support)
     else:
-        found = _agreed(values, length, **rule, patience=patience)
-    return jax.device_get(found), int(patience)
+        found = _agreed(*given, **rule, support=options.support, patience=patience)
+    alone = _each_alone(*given, **rule, patience=int(patience))
+    rule |= {"support": options.support, "patience": int(patience)}
+    return jax.device_get(found), np.asarray(alone), rule
 
 
 _stages = jax.jit(agreement.agreed_stages, static_argnames="smoothing")
 _agreed = jax.jit(agreement.agreed_boundaries, static_argnames="smoothing")
 _each_alone = jax.jit(agreement.each_alone, static_argnames="smoothing")
-
-
-def _alone(traces: Traces, options: Options, patience: int) -> Int[np.ndarray, "B M"]:
-    rule = {"prominence": options.prominence, "smoothing": options.smoothing, "patience": patience}
-    values, length = jnp.asarray(traces.reward), jnp.asarray(traces.length)
-    return np.asarray(_each_alone(values, length, **rule))
 
 
 def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstrations.Demonstrations:
@@ -153,19 +134,17 @@ def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstration
     return demonstrations.gather(config, env, folder / "demos", progress)
 
 
-def _require_stages(
-    folder: Path, traces: Traces, options: Options, patience: int, count: int
-) -> None:
+def _require_stages(folder: Path, traces: Traces, rule: Mapping[str, Any], count: int) -> None:
     """Two boundaries or more; else says what the rewards look like and which option helps."""
     if count >= 2:
         return
     climbs, pauses = zip(*map(_shape, traces.reward, traces.length.tolist()), strict=True)
     climb, pause = float(np.median(climbs)), int(np.median(pauses))
-    knob = f"a --patience below {pause} frames (it was {patience})"
-    if climb < 2 * options.prominence:
-        knob = f"a --prominence below half of that (it was {options.prominence:g})"
-    elif pause > patience:
-        knob = f"a --support below {options.support:g}, since few agree on where it pauses"
+    knob = f"a --patience below {pause} frames (it was {rule['patience']})"
+    if climb < 2 * rule["prominence"]:
+        knob = f"a --prominence below half of that (it was {rule['prominence']:g})"
+    elif pause > rule["patience"]:
+        knob = f"a --support below {rule['support']:g}, since few agree on where it pauses"
     raise RunError(
         f"{folder}: {count} of the stages' ends is agreed on by the demonstrations, but at least 2 "
         f"are needed: their reward climbs by {climb:.2f} with {pause} frames at most between two "

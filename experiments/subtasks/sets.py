@@ -30,12 +30,8 @@ def write_sets(
     this subtask would begin, and ends with its own; the last subtask's goes on to the film's end,
     where the task is done for certain. Those of fewer than 2 frames are left out.
 
-    Args:
-      out: a folder.
-      demo_set: with all frames that the films have.
-      entries: of the demonstrations to cut, in their order.
-      ends: the last frame of each of their stages.
-      progress: shows a phase.
+    The ends are the last frames of each entry's stages, and the set has all frames of the
+    films.
 
     Raises:
       DemoError: a film cannot be read, or nothing is left of a subtask.

@@ -40,6 +40,7 @@ __all__ = ["TABLE", "Sweep", "read_cells"]
 
 _COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
 _WHOLE = ("env_steps", "steps_80")
+_REACHED = median_reached(unit=1e-6, digits=2)
 _SECTIONS = (
     Section(
         "Mean; interquartile mean with its 95 % bootstrap interval over seeds. Steps are those at "
@@ -49,12 +50,7 @@ _SECTIONS = (
             SEEDS,
             Column("success", "success (deterministic actions)", mean_interval()),
             Column("success_sampled", "success (sampled actions)", mean_interval()),
-            Column(
-                "steps_80",
-                "M env steps to 80 %",
-                median_reached(unit=1e-6, digits=2),
-                among="env_steps",
-            ),
+            Column("steps_80", "M env steps to 80 %", _REACHED, among="env_steps"),
         ),
     ),
     Section(

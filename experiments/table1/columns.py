@@ -1,13 +1,10 @@
 """The columns of Table I: the numbers of a policy, and the sections that people read."""
 
-from collections.abc import Sequence
-
 from gril_jax.experiments.tables.curves import Curve, first_at, in_last_tenth
 from gril_jax.experiments.tables.table import Found
 from gril_jax.experiments.tables.written import (
     SEEDS,
     Column,
-    Line,
     Section,
     markdown,
     mean_interval,
@@ -18,7 +15,7 @@ from gril_jax.experiments.tables.written import (
 
 from .rows import PAPER
 
-__all__ = ["COLUMNS", "SECTIONS", "STARTS", "columns", "policy", "text"]
+__all__ = ["COLUMNS", "SECTIONS", "STARTS", "policy", "text"]
 
 STARTS = ("demo", "jitter", "layout")
 _LEVELS = (50, 80, 95)  # percent of success
@@ -92,11 +89,6 @@ SECTIONS = (
         _reached("seconds", 1.0, 0),
     ),
 )
-
-
-def columns(lines: Sequence[Line]) -> Sequence[str]:
-    """The columns of the CSV, the same for all lines."""
-    return COLUMNS
 
 
 def policy(curve: Curve) -> dict[str, float]:

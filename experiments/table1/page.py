@@ -22,12 +22,7 @@ __all__ = ["page"]
 
 
 def page(found: Found, figure: bytes) -> str:
-    """The page, as one self-contained file.
-
-    Args:
-      found: of the policies that have finished; at least one.
-      figure: Figure 2 as PNG.
-    """
+    """The page, as one self-contained file."""
     success, rewards, *others = (_table(found, section) for section in SECTIONS)
     of = by_row(found.lines, "success_sampled")
     dots = Part(

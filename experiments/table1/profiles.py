@@ -64,11 +64,8 @@ def measure(
 ) -> dict[str, list[Any]]:
     """Cycle consistency of each encoder, and rewards along demonstrations of the first.
 
-    Args:
-      programs: one for each batch, from `program`, jitted or compiled.
-      found: a row's S rewards.
-      hyper: of the row.
-      batches: demonstrations kept aside, then failures if there are any.
+    The programs, from `program`, are one for each batch: demonstrations kept aside, then
+    failures if there are any.
 
     Returns:
       `cycle`: two-way cycle consistency on demonstrations kept aside, S shares.

@@ -16,17 +16,9 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError
 
 __all__ = [
-    "EVALUATIONS",
-    "PAPER",
-    "QUICK",
-    "QUICK_SEEDS",
-    "QUICK_STEPS",
-    "ROWS",
-    "Settings",
-    "check",
-    "paths",
-    "with_steps",
-]
+    "EVALUATIONS", "PAPER", "QUICK", "QUICK_SEEDS", "QUICK_STEPS", "ROWS", "Settings", "check",
+    "paths", "with_steps",
+]  # fmt: skip
 
 # Every learned row says all that any of them changes, so that defaults may move without moving the
 # table. What trains policies, `ppo` or `sac`, and the task are the configuration's in all of them.

@@ -24,7 +24,7 @@ from gril_jax.experiments.tables.written import by_row
 
 from gril_jax.report.figures.style import png
 
-from .columns import REWARD, STARTS, columns, policy, text
+from .columns import COLUMNS, REWARD, STARTS, policy, text
 from .page import page
 from .profiles import profiles
 from .rows import ROWS, Settings
@@ -56,7 +56,7 @@ def _summary(found: Found) -> dict[str, Any]:
 
 TABLE = Table(
     "table1",
-    columns,
+    lambda lines: COLUMNS,
     text,
     _pictures,
     settings=Settings,

@@ -44,10 +44,7 @@ def measure(
 ) -> dict[str, float]:
     """Computes `MEASURES`, and for each kind of failure `auc KIND` and `last KIND`.
 
-    Args:
-      reward: of each frame.
-      length: frames before padding.
-      entries: what the demonstration set says of the recordings.
+    The length is that of each recording before padding.
 
     Returns:
       Numbers; the order of stages is the mean over successes, NaN if their stages are not known.

@@ -13,15 +13,8 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 
 __all__ = [
-    "PAPER",
-    "QUICK",
-    "QUICK_ROWS",
-    "QUICK_SEEDS",
-    "ROWS",
-    "USUAL",
-    "Settings",
-    "usable",
-]
+    "PAPER", "QUICK", "QUICK_ROWS", "QUICK_SEEDS", "ROWS", "USUAL", "Settings", "usable",
+]  # fmt: skip
 
 # Every row says all that any of them changes, so that defaults may move without moving the table.
 _PAPER: dict[str, Any] = {

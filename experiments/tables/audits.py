@@ -50,11 +50,7 @@ class Ground(NamedTuple):
 def audit(config: EnvConfig, chosen: Sequence[str], *, starts: int, ascents: int) -> Measure:
     """The audit as a measure of a table's rows.
 
-    Args:
-      config: of the task.
-      chosen: some of the variants.
-      starts: that an audit begins from, of each variant.
-      ascents: for each reward and variant, shared by the starts.
+    Each reward has so many ascents for each of the chosen variants, shared by its starts.
 
     Raises:
       ConfigError: see `tasks`.
@@ -111,10 +107,7 @@ def _states(env: envs.Env, reset_keys, state_keys) -> States:
 def program(encoder: GraphConfig, task: Any, *, ascents: int):
     """The jitted audit of many rewards, (parameters, states) -> measures; for any variant.
 
-    Args:
-      encoder: of all of them.
-      task: a `gril_jax.envs.stages.Stages`.
-      ascents: for each reward, shared by the starts.
+    The ascents are for each reward, shared by the starts.
     """
 
     @jax.jit
@@ -130,13 +123,7 @@ def program(encoder: GraphConfig, task: Any, *, ascents: int):
 
 
 def measure(run: Any, params: RewardParams, on: Ground) -> dict[str, Float[np.ndarray, "S"]]:
-    """The figures of S rewards, such as `hack_share_layout`.
-
-    Args:
-      run: from `program`, jitted or compiled.
-      params: with a leading axis S.
-      on: from `ground`.
-    """
+    """The figures of S rewards, such as `hack_share_layout`."""
     return {
         f"{name}_{variant}": np.asarray(getattr(found, field))
         for variant, found in ((v, run(params, states)) for v, states in on.states.items())

@@ -32,9 +32,8 @@ def curves(
 ) -> list[Curve]:
     """The policies that have finished, by row and seed.
 
-    Args:
-      finished: phases of the run, with what they came to.
-      metrics: lines of metrics.jsonl; a score has one number for each policy of the program.
+    The phases are those of a run, with what they came to; in its lines of metrics.jsonl a score
+    has one number for each policy of the program.
     """
     found = []
     for phase, done in finished.items():
@@ -62,11 +61,6 @@ def at_the_end(curve: Curve) -> dict[str, float]:
 
 def first_at(success: Float[np.ndarray, "E"], at: Float[np.ndarray, "E"], *, level: float) -> float:
     """The first evaluation at or above a level of success, without interpolation.
-
-    Args:
-      success: shares from 0 to 1.
-      at: env steps or seconds of each evaluation.
-      level: a share.
 
     Returns:
       A value of `at`; NaN where the level was never reached.

@@ -36,9 +36,7 @@ class _Line(NamedTuple):
 def learning_curves(names: Sequence[str], found: Sequence[Curve]) -> Figure:
     """The figure; each row is a line within its band, and many rows have a panel each.
 
-    Args:
-      names: of all rows; one without a policy is left out.
-      found: the policies.
+    A row without a policy is left out.
 
     Raises:
       ShapeError: there is no curve.
@@ -120,13 +118,7 @@ def draw_spread(
     The mean is left out: one seed that fails or excels can carry it outside of the quartiles, where
     the interquartile mean never is.
 
-    Args:
-      axes: to draw on.
-      x: of the points.
-      curves: one for each seed.
-      number: of the line; it has a colour, or a colour and a style, of its own up to 24.
-      label: for the legend.
-      shade: opacity of the band.
+    Each number has a colour, or a colour and a style, of its own up to 24.
     """
     colour = COLOURS[number % len(COLOURS)]
     style = ("-", "--", ":", "-.")[number // len(COLOURS) % 4]

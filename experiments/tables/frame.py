@@ -49,12 +49,8 @@ def make(
 
     Of several processes (`gril_jax.runs.hosts`) the first alone keeps what it writes, and speaks.
 
-    Args:
-      table: its family.
-      config: what all rows have in common; each changes fields of it.
-      settings: of the table's own kind: the rows, and how many seeds.
-      resume: folder of a run with this configuration and these settings.
-      echo: takes what is said on the way.
+    `config` is what all rows have in common, and `settings` the table's own kind: the rows, and
+    how many seeds. A run in the folder `resume` has both, too.
 
     Raises:
       ConfigError: a row's value is out of range, or a policy does not fit into memory.

@@ -10,7 +10,6 @@ from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 from gril_jax.experiments.pipeline import setup
 
 from gril_jax import reward
@@ -19,7 +18,7 @@ from gril_jax.config import RunConfig
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 
-from .rewards import LearnedReward, learns, reward_key
+from .rewards import LearnedReward, learns, reward_key, stack
 from .rows import Row
 
 __all__ = ["TAU", "Measure", "blank_rewards", "stacked", "tasks"]
@@ -49,15 +48,9 @@ def tasks(
 ) -> list[ahead.Task]:
     """A task for each measure of each row that is not among the run's phases.
 
-    Args:
-      measures: what to measure; a measure with a program is made of rewards of boxes alone.
-      rows: of the table, of which those that learn a reward are measured.
-      learned: by `reward_key`, filled while other tasks are carried out.
-      needs: of some rows, the names of the tasks that learn their rewards.
-      run: keeps what is found.
-      pool: to compile in.
-      progress: shows a phase for each.
-      then: is called after each.
+    Rows that learn no reward are not measured, and those of pictures not by a program.
+    `learned` is filled, by `reward_key`, while other tasks are carried out; `needs` names the
+    tasks that learn some rows' rewards; `then` is called after each.
     """
     begun: dict[Hashable, Future[Any]] = {}
     found = []
@@ -92,10 +85,10 @@ def tasks(
 
 def stacked(found: Sequence[LearnedReward]) -> reward.RewardParams:
     """Parameters of several rewards with a leading axis."""
-    return jax.tree.map(lambda *x: jnp.stack(x), *(one.params for one in found))
+    return stack([one.params for one in found])
 
 
 def blank_rewards(config: RunConfig, num_classes: int, count: int) -> reward.RewardParams:
     """Shapes of `stacked`, to compile for."""
     blank = setup.blank_reward(config, num_classes)
-    return jax.eval_shape(lambda: jax.tree.map(lambda x: jnp.stack([x] * count), blank))
+    return jax.eval_shape(lambda: stack([blank] * count))

@@ -22,15 +22,9 @@ from .rewards import keys, stack
 from .rows import Row
 
 __all__ = [
-    "Program",
-    "Ready",
-    "arguments",
-    "get_ready",
-    "programs",
-    "tasks",
-    "tasks_of_parts",
+    "Program", "Ready", "arguments", "get_ready", "programs", "tasks", "tasks_of_parts",
     "updates_of_chunks",
-]
+]  # fmt: skip
 
 
 class Program(NamedTuple):
@@ -53,12 +47,8 @@ def programs(
 ) -> list[Program]:
     """The rows grouped by the program that they compile, in parts that fit into device memory.
 
-    Args:
-      rows: the policies.
-      num_classes: of the task's objects.
-      devices: to train on.
-      starts: variants of the task to evaluate in; its own alone where there is none.
-      at_once: most policies in one program; as many as fit where None.
+    They are evaluated in the task's own variant unless `starts` names others; a program has at
+    most `at_once` policies, or as many as fit.
 
     Raises:
       ConfigError: one seed does not fit, the devices cannot share a part evenly, or the
@@ -153,11 +143,8 @@ def tasks(
 ) -> list[ahead.Task]:
     """A task for each program.
 
-    Args:
-      left: the programs.
-      ready: from `get_ready`; a program's compiled form is not kept any longer than it trains.
-      needs: of a program's rows, the names of the tasks that learn their rewards.
-      train: a program's policies.
+    `needs` names the tasks that learn some rows' rewards. A program's compiled form, from
+    `get_ready`, is not kept any longer than it trains.
     """
 
     def task(program: Program) -> ahead.Task:

@@ -108,12 +108,6 @@ def redraw(table: Table, folder: Path, echo: Echo = print) -> None:
 def join(table: Table, folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:
     """Writes the table of several runs, such as of runs with different rows, as one.
 
-    Args:
-      table: their family.
-      folders: of the runs, finished or not.
-      out: folder to create.
-      echo: takes the table.
-
     Raises:
       ConfigError: the runs differ in configuration or demonstrations, or have a row in common.
       RunError: a folder is no such run, or has nothing yet.

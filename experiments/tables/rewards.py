@@ -25,17 +25,9 @@ from gril_jax.types import DemoBatch
 from .rows import Row
 
 __all__ = [
-    "LearnedReward",
-    "Wanted",
-    "get_ready",
-    "keys",
-    "learns",
-    "needed",
-    "reward_key",
-    "stack",
-    "task_key",
-    "tasks",
-]
+    "LearnedReward", "Wanted", "get_ready", "keys", "learns", "needed", "reward_key", "stack",
+    "task_key", "tasks",
+]  # fmt: skip
 
 
 class LearnedReward(NamedTuple):
@@ -76,7 +68,6 @@ def stack(trees: Sequence[Any]) -> Any:
 class _Ready(NamedTuple):
     """Encoders that share one compiled program."""
 
-    seeds: int
     updates: int  # of a chunk
     arguments: tuple[Any, Any, Any]  # keys, data, hyper
     init: Callable[[Any, Any], Any]  # (keys, data) -> state
@@ -140,8 +131,30 @@ def _name(number: int) -> str:
     return f"reward-{number}"
 
 
-def _learned(name: str, one: Wanted, run, progress, echo) -> dict[Hashable, LearnedReward]:
-    params, tau = _encoders(name, one.config, one.ready.result(), run, progress, echo)
+def _learned(
+    name: str, one: Wanted, run: RunDir, progress: Progress, echo: Callable[[str], None]
+) -> dict[Hashable, LearnedReward]:
+    """Trains the encoders of a program."""
+    ready, chosen = one.ready.result(), one.config
+    keys, data, hyper = ready.arguments
+    steps, updates = chosen.pretrain.steps, ready.updates
+    phase = progress.phase(f"learning {len(one.keys)} rewards", total=steps)
+
+    def row(chunk, seconds, metrics):
+        phase.update(chunk * updates, loss=float(metrics.loss.mean()))
+        return {"step": chunk * updates, "loss": metrics.loss.mean(axis=-1)}
+
+    state = loop.run_chunks(
+        lambda state: ready.step(state, data, hyper),
+        loop.restore(run, name, ready.init(keys, data), tell=echo),
+        run=run,
+        name=name,
+        chunks=steps // updates,
+        row=row,
+        every_s=chosen.run.checkpoint_every,
+        keep=chosen.run.keep_checkpoints,
+    ).state
+    params, tau = jax.device_get(ready.finish(state, data, hyper))
     train, num_classes = one.demos.batch("train"), len(one.demos.demo_set.classes)
     return {
         key: LearnedReward(
@@ -156,7 +169,7 @@ def _compiled(configs: Sequence[RunConfig], demos) -> _Ready:
     # Several processes train the same encoders, each on devices of its own.
     devices = jax.local_devices()
     layout = sharding.mesh(devices, seeds=len(configs), num_envs=len(devices))
-    hyper = stack([_arrays(setup.pretrain_hyper(config)) for config in configs])
+    hyper = stack([jax.tree.map(jnp.float32, setup.pretrain_hyper(one)) for one in configs])
     hyper = sharding.place(layout, hyper)
     begin = sharding.place(layout, keys([config.run.seed for config in configs], 0))
     data = jax.device_put(learner.data, NamedSharding(layout, PartitionSpec()))
@@ -180,30 +193,7 @@ def _compiled(configs: Sequence[RunConfig], demos) -> _Ready:
             jax.jit(each(measured)).lower(state, data, hyper),
         )
     programs = map(compiled, lowered)
-    return _Ready(len(configs), learner.static.updates, (begin, data, hyper), *programs)
-
-
-def _encoders(name, config: RunConfig, ready: _Ready, run: RunDir, progress: Progress, echo):
-    """Stacked reward parameters and taus of encoders that share a program."""
-    keys, data, hyper = ready.arguments
-    steps, updates = config.pretrain.steps, ready.updates
-    phase = progress.phase(f"learning {ready.seeds} rewards", total=steps)
-
-    def row(chunk, seconds, metrics):
-        phase.update(chunk * updates, loss=float(metrics.loss.mean()))
-        return {"step": chunk * updates, "loss": metrics.loss.mean(axis=-1)}
-
-    state = loop.run_chunks(
-        lambda state: ready.step(state, data, hyper),
-        loop.restore(run, name, ready.init(keys, data), tell=echo),
-        run=run,
-        name=name,
-        chunks=steps // updates,
-        row=row,
-        every_s=config.run.checkpoint_every,
-        keep=config.run.keep_checkpoints,
-    ).state
-    return jax.device_get(ready.finish(state, data, hyper))
+    return _Ready(learner.static.updates, (begin, data, hyper), *programs)
 
 
 def _side_by_side(one: Callable) -> Callable:
@@ -232,7 +222,3 @@ def _one_by_one(layout: Mesh) -> Callable[[Callable], Callable]:
         return spread
 
     return each
-
-
-def _arrays(tree: Any) -> Any:
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree)

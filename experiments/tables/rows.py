@@ -17,17 +17,9 @@ from gril_jax.runs.phases import changed_fields
 from gril_jax.safe_files import write_whole, writing
 
 __all__ = [
-    "Row",
-    "Rows",
-    "Settings",
-    "changed",
-    "chosen_rows",
-    "differing",
-    "read_settings",
-    "require_learned",
-    "with_seeds",
-    "write_settings",
-]
+    "Row", "Rows", "Settings", "changed", "chosen_rows", "differing", "read_settings",
+    "require_learned", "with_seeds", "write_settings",
+]  # fmt: skip
 
 # Name to what it changes: dotted paths of the configuration, and their values.
 Rows = Mapping[str, Mapping[str, Any]]
@@ -105,10 +97,7 @@ def with_seeds(configs: Sequence[RunConfig], seeds: int) -> list[Row]:
 def differing(first: RunConfig, second: RunConfig, rows: Rows) -> list[str]:
     """Fields that keep the rows of two runs out of one table, as `changed_fields` describes them.
 
-    Args:
-      first: configuration of one run.
-      second: of another; where it writes to does not count.
-      rows: of both. What every one of them sets does not count either.
+    Where a run writes to does not count, nor what every row sets.
     """
     everywhere = set.intersection(*(set(change) for change in rows.values())) if rows else set()
     found = changed_fields(first, second)

@@ -11,24 +11,10 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError, RunError
 
 __all__ = [
-    "Work",
-    "check_surroundings",
-    "demo_set_to_write",
-    "echo",
-    "existing_folder",
-    "explained",
-    "hard_negatives",
-    "in_full",
-    "positional",
-    "require_left_to_options",
-    "require_made",
-    "require_new_file",
-    "resumed_config",
-    "run_config",
-    "run_config_of",
-    "take",
-    "whole_number",
-]
+    "Work", "check_surroundings", "demo_set_to_write", "echo", "existing_folder", "explained",
+    "hard_negatives", "in_full", "positional", "require_left_to_options", "require_made",
+    "require_new_file", "resumed_config", "run_config", "run_config_of", "take", "whole_number",
+]  # fmt: skip
 
 _ROUNDS = 2  # of hard negatives
 
@@ -61,12 +47,7 @@ def resumed_config(
 ) -> RunConfig:
     """The configuration of a run to resume; raises if the command line contradicts it.
 
-    Args:
-      folder: the run's.
-      name: of a configuration that was given beside it.
-      args: options that were given beside it.
-      prog: the command as it appears in the help.
-      experiment: what is to go on with the run.
+    `name` is that of a configuration given beside it, `args` are options given beside it.
 
     Raises:
       ConfigError: the command line says something else than the run; the fields are listed.
@@ -93,9 +74,7 @@ def resumed_config(
 def hard_negatives(names: str, config: RunConfig) -> list[Path]:
     """The folders of the runs whose policies give a new run hard negatives.
 
-    Args:
-      names: of one or two folders, with a comma between them.
-      config: the new run's.
+    They are one or two, with a comma between them; the configuration is the new run's.
 
     Raises:
       ConfigError: these are more than two, or a run is of another task or other blocks.

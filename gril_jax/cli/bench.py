@@ -18,19 +18,16 @@ class NoOptions:
     """Nothing to choose."""
 
 
-def benchmark(name: str, summary: str, about: str, options: type = NoOptions) -> Verb:
+def benchmark(name: str, summary: str, options: type = NoOptions) -> Verb:
     """The verb of `gril_jax.experiments.bench.NAME`, whose `main` returns the figures.
 
-    Args:
-      name: of the module, and of the verb after `gril bench`.
-      summary: for the help of `gril`.
-      about: for the verb's own.
-      options: those of `main`, a dataclass; one named `task` or `config` names a configuration.
+    An option named `task` or `config` names a configuration.
     """
 
     def plan(args: list[str]) -> Work:
         from gril_jax.config.files import load
 
+        about = f"{summary[0].upper()}{summary[1:]}, as JSON."
         given = vars(parse(options, args, prog=f"gril bench {name}", description=about))
         chosen = given.get("task", given.get("config"))
         config = None if chosen is None else load(chosen)  # XLA's options depend on the task

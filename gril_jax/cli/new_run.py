@@ -19,12 +19,7 @@ _OPTIONS = (
 def new_run(name: str, of: str | None, args: list[str], prog: str, about: str) -> Work:
     """A new run, or with --resume one that was cut off.
 
-    Args:
-      name: of the experiment, "train" or "pretrain".
-      of: name or path of the configuration; None has the defaults.
-      args: the other arguments.
-      prog: the command as it appears in the help.
-      about: the help's first sentence.
+    The configuration `of` has the defaults where None.
     """
     resume, negatives = take(args, "--resume"), take(args, "--hard-negatives")
     extra: dict[str, Any] = {}

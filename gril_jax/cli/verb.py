@@ -36,12 +36,7 @@ def experiment(
 ) -> Work:
     """The work of `gril_jax.experiments.NAME`: its `main` with these arguments and `echo`.
 
-    Args:
-      name: of the module.
-      args: of its `main`.
-      config: see `heavy_imports`.
-      devices: see `heavy_imports`.
-      options: of its `main`.
+    `config` and `devices` are those of `heavy_imports`.
     """
 
     def work() -> None:

@@ -13,7 +13,7 @@ import re
 import types
 import typing
 from collections.abc import Sequence
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import tyro
 
@@ -21,7 +21,9 @@ from gril_jax.errors import ConfigError
 
 from .rules import require
 
-__all__ = ["nearest", "options", "parse"]
+__all__ = ["RunFolder", "nearest", "options", "parse"]
+
+RunFolder = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
 
 Schema = TypeVar("Schema")
 

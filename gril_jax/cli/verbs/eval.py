@@ -2,12 +2,9 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from gril_jax.config import Variant
-from gril_jax.config.command_line import parse
+from gril_jax.config.command_line import RunFolder, parse
 from gril_jax.config.rules import between, count
 
 from ..arguments import Work, run_config_of
@@ -18,7 +15,7 @@ __all__ = ["VERB"]
 
 @dataclass(frozen=True)
 class _Options:
-    run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    run: RunFolder
     """The folder that a run made."""
     episodes: int = field(default=100, metadata=count())
     """Episodes to play."""

@@ -2,11 +2,8 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import tyro
-
-from gril_jax.config.command_line import parse
+from gril_jax.config.command_line import RunFolder, parse
 
 from ..arguments import Work, require_made, require_new_file, run_config_of
 from ..verb import Verb, experiment
@@ -16,7 +13,7 @@ __all__ = ["VERB"]
 
 @dataclass(frozen=True)
 class _Options:
-    run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    run: RunFolder
     """The folder that a run made."""
     out: str
     """File to create, such as reward.npz."""

@@ -1,19 +1,29 @@
 """`gril subtasks`: stages of a task in a run's learned reward."""
 
-from ..arguments import Work
-from ..verb import Verb
+from pathlib import Path
+
+from gril_jax.config.command_line import parse
+
+from ..arguments import Work, require_made, run_config_of
+from ..verb import Verb, experiment
 
 __all__ = ["VERB"]
 
 
 def _plan(args: list[str]) -> Work:
-    from ..subtasks import VERBS
+    from gril_jax.experiments.subtasks.options import Options
+    from gril_jax.runs import run_dir
 
-    return VERBS["subtasks"](args)
+    about = "Find the stages of a task in a learned reward, and cut its demonstrations at them."
+    options = parse(Options, args, prog="gril subtasks", description=about)
+    folder = Path(options.run)
+    run_config_of(folder)
+    require_made(folder, "reward")
+    out = Path(options.out) if options.out else folder / "subtasks"
+    run_dir.require_new(out)
+    return experiment("subtasks.report", folder, out, options, devices=True)
 
 
 VERB = Verb(
-    "subtasks RUN",
-    "stages found in a run's learned reward, and demonstrations cut at them",
-    _plan,
+    "subtasks RUN", "stages found in a run's learned reward, and demonstrations cut at them", _plan
 )

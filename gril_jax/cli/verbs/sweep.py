@@ -1,15 +1,114 @@
 """`gril sweep`: many policies at once."""
 
-from ..arguments import Work
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from gril_jax.config.grid import Cell, cells, take_axes
+from gril_jax.errors import RunError
+
+from ..arguments import (
+    Work,
+    in_full,
+    positional,
+    require_left_to_options,
+    run_config,
+    take,
+    whole_number,
+)
+from ..tables import made, not_beside
 from ..verb import Verb
 
 __all__ = ["VERB"]
 
+_ABOUT = (
+    "Train every combination of the values given, over --seeds N seeds (5 by default). An option "
+    "whose value has commas is an axis: --reward learned,environmental --lambda 0.1,1. --rows A,B "
+    "takes rows of gril table1 as one more. "
+    "--resume RUN goes on with a sweep that was cut off. --distributed makes one of all processes "
+    "of a SLURM or Kubernetes job: see docs/sweeps_and_clusters.md."
+)
+_PROG = "gril sweep"
+
+Connect = Callable[[], None]
+
 
 def _plan(args: list[str]) -> Work:
-    from ..sweep import VERBS
+    from gril_jax.config.files import load
 
-    return VERBS["sweep"](args)
+    connect = _connection(args)
+    resume = take(args, "--resume")
+    if resume is not None:
+        return _resume(Path(resume), args, connect)
+    name, seeds = positional(args), whole_number(args, "--seeds", 5)
+    rows = take(args, "--rows")
+    args[:] = in_full(args)
+    beside = _cells_of_rows(rows, args) if rows is not None else list
+    axes = take_axes(args)
+    config = run_config(name, args, _PROG, _ABOUT)
+    found = beside(cells(axes, args, lambda options: load(name, options, prog=_PROG)))
+
+    def settings():
+        from gril_jax.experiments.sweeps.sweep import Sweep
+
+        return Sweep(found, seeds)
+
+    return made("sweep", config, settings, connect=connect)
+
+
+def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[Cell]]:
+    """Makes of cells as many for each of these rows of Table I."""
+    from gril_jax.experiments.table1 import rows as table1_rows
+    from gril_jax.experiments.tables.rows import changed, chosen_rows
+
+    rows = chosen_rows(names, table1_rows.ROWS)
+    require_left_to_options(args, table1_rows.paths(rows))
+
+    def each(found: list[Cell]) -> list[Cell]:
+        table1_rows.check(found[0].config)
+        return [
+            Cell((("row", name), *cell.labels), changed(cell.config, change))
+            for name, change in rows.items()
+            for cell in found
+        ]
+
+    return each
+
+
+def _connection(args: list[str]) -> Connect | None:
+    """Takes --distributed off; returns what connects the processes of a job, if it was there."""
+    from gril_jax.runs.cluster import cluster_of
+
+    if "--distributed" not in args:
+        return None
+    args.remove("--distributed")
+    cluster = cluster_of(os.environ)
+
+    def connect() -> None:
+        from gril_jax.runs import hosts
+
+        hosts.initialize(cluster)
+
+    return connect
+
+
+def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
+    from gril_jax.runs import run_dir
+
+    not_beside(args, "--resume", f"its options from {folder}")
+    if connect is None:
+        config = run_dir.require_resumable(folder, "sweep")
+    else:  # processes that look at the same time are in each other's way: the first one will
+        config = run_dir.read_config(folder)
+    if not (folder / "sweep.json").is_file():
+        raise RunError(f"{folder} is not a sweep: it has no sweep.json")
+
+    def read():
+        from gril_jax.experiments.sweeps.sweep import read_cells
+
+        return read_cells(folder)
+
+    return made("sweep", config, read, folder, connect=connect)
 
 
 VERB = Verb(

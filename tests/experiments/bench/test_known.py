@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from gril_jax.experiments.bench.known_settings import GROUND
-from gril_jax.experiments.bench.known_tasks import InvertedPendulum, Reacher
+from gril_jax.experiments.bench.gymnasium_tasks import InvertedPendulum, Reacher
+from gril_jax.experiments.bench.known import GROUND
 from gril_jax.experiments.bench.pendulum import Pendulum, SacSetting, Setting
 
 from gril_jax.cli import main

@@ -84,10 +84,11 @@ def _traces(reward, held_out=None):
 def test_fewer_than_two_stages_is_a_sentence_that_names_the_knob(tmp_path, climb, words):
     ramp = np.linspace(-climb, 0, 60, dtype=np.float32)
     traces = _traces(np.tile(ramp, (4, 1)))
+    rule = vars(Options("run", patience=9))
     with pytest.raises(RunError, match=words) as fault:
-        subtask_report._require_stages(tmp_path, traces, Options("run"), 9, 1)
+        subtask_report._require_stages(tmp_path, traces, rule, 1)
     assert f"climbs by {climb:.2f}" in str(fault.value)
-    subtask_report._require_stages(tmp_path, traces, Options("run"), 9, 2)
+    subtask_report._require_stages(tmp_path, traces, rule, 2)
 
 
 def test_a_figure_marks_found_ends_and_true_ends():

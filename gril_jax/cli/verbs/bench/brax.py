@@ -15,7 +15,4 @@ class _Options:
     """Long runs of each."""
 
 
-VERB = benchmark(
-    "brax", "our PPO beside brax's own", "Our PPO beside brax's own on one pendulum, as JSON.",
-    _Options,
-)  # fmt: skip
+VERB = benchmark("brax", "our PPO beside brax's own on one pendulum", _Options)

@@ -14,8 +14,5 @@ class _Options:
 
 
 VERB = benchmark(
-    "compile",
-    "seconds to compile each program of a run, and how many there are",
-    "Seconds to compile each program of a run, and how many there are, as JSON.",
-    _Options,
+    "compile", "seconds to compile each program of a run, and how many there are", _Options
 )

@@ -22,9 +22,4 @@ class _Options:
     """Measure every setting of the solver, and other engines, instead of the default alone."""
 
 
-VERB = benchmark(
-    "env",
-    "how many control steps a second the task makes here, as JSON",
-    "Control steps per second of a task on this machine, as JSON.",
-    _Options,
-)
+VERB = benchmark("env", "how many control steps a second the task makes here", _Options)

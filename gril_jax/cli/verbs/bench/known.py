@@ -27,8 +27,5 @@ class _Options:
 
 
 VERB = benchmark(
-    "known",
-    "PPO and SAC where good returns are known, beside brax's and published",
-    "PPO and SAC where good returns are known, beside brax's own and published, as JSON.",
-    _Options,
+    "known", "PPO and SAC where good returns are known, beside brax's and published", _Options
 )

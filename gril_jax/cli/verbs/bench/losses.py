@@ -1,11 +1,7 @@
-"""`gril bench losses`: the losses and encoders beside those of other libraries."""
+"""`gril bench losses`: the losses beside those of other libraries."""
 
 from ...bench import benchmark
 
 __all__ = ["VERB"]
 
-VERB = benchmark(
-    "losses",
-    "the losses and encoders beside those of others, as JSON",
-    "The losses and encoders beside those of other libraries, value plus gradient, as JSON.",
-)
+VERB = benchmark("losses", "the losses beside those of other libraries")

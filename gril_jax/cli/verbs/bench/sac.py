@@ -17,9 +17,4 @@ class _Options:
     """Success rate of training episodes to reach; None measures speeds only."""
 
 
-VERB = benchmark(
-    "sac",
-    "our SAC beside a loop on the host",
-    "Our SAC beside a loop on the host, as users of Gymnasium write it, as JSON.",
-    _Options,
-)
+VERB = benchmark("sac", "our SAC beside a loop on the host, as with Gymnasium", _Options)

@@ -28,9 +28,4 @@ class _Options:
     """Timed calls of each program."""
 
 
-VERB = benchmark(
-    "train",
-    "training with and without the learned reward, as JSON",
-    "Training with either reward beside its environment alone, starts and seeds, as JSON.",
-    _Options,
-)
+VERB = benchmark("train", "training with and without the learned reward", _Options)

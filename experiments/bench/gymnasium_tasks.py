@@ -21,6 +21,8 @@ with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are 
 
 __all__ = ["InvertedPendulum", "Reacher"]
 
+_SUBSTEPS = 2  # of a control step
+
 # One Newton iteration needs no loop, and there is at most one limit of a joint to satisfy.
 _OPTION = """
 <option timestep="{timestep}" integrator="implicitfast" iterations="1" ls_iterations="4">
@@ -65,11 +67,13 @@ _ARM = """
 class _Simulated(Bare):
     """A task whose positions and velocities MJX moves on."""
 
-    def __init__(self, xml: str, *, timestep: float, substeps: int):
-        self.mj_model = mujoco.MjModel.from_xml_string(
-            xml.format(option=_OPTION.format(timestep=timestep))
-        )
-        self._model, self._substeps = mjx.put_model(self.mj_model), substeps
+    xml: str
+    control_hz: float
+
+    def __init__(self):
+        option = _OPTION.format(timestep=1 / (_SUBSTEPS * self.control_hz))
+        self.mj_model = mujoco.MjModel.from_xml_string(self.xml.format(option=option))
+        self._model = mjx.put_model(self.mj_model)
         self._blank = mjx.make_data(self._model)
 
     def _moved(self, position, velocity, control):
@@ -79,7 +83,7 @@ class _Simulated(Bare):
             return mjx.step(self._model, data), None
 
         begun = self._blank.replace(qpos=position, qvel=velocity, ctrl=control)
-        data, _ = jax.lax.scan(substep, begun, length=self._substeps)
+        data, _ = jax.lax.scan(substep, begun, length=_SUBSTEPS)
         return data.qpos, data.qvel
 
 
@@ -91,13 +95,8 @@ class InvertedPendulum(_Simulated):
     Hz, so that 1,000 is the best return.
     """
 
-    observation_size = 4
-    action_size = 1
-    control_hz = 25.0
-    episode_length = 1000
-
-    def __init__(self):
-        super().__init__(_CART, timestep=0.02, substeps=2)
+    xml, control_hz, episode_length = _CART, 25.0, 1000
+    observation_size, action_size = 4, 1
 
     def reset(self, key: PRNGKeyArray) -> State:
         """Starts nearly upright and nearly at rest: every number within 0.01."""
@@ -128,13 +127,8 @@ class Reacher(_Simulated):
     action; an idle arm gets about -10 in its 50 steps of 20 ms, and -4 is good.
     """
 
-    observation_size = 10
-    action_size = 2
-    control_hz = 50.0
-    episode_length = 50
-
-    def __init__(self):
-        super().__init__(_ARM, timestep=0.01, substeps=2)
+    xml, control_hz, episode_length = _ARM, 50.0, 50
+    observation_size, action_size = 10, 2
 
     def reset(self, key: PRNGKeyArray) -> State:
         """Starts nearly straight and at rest, with the target within 0.2 m of the shoulder."""
