@@ -37,8 +37,8 @@ _PULLS = (0.1, 0.0)
 _DAMPING = 0.03  # of the least squares: a singular arm moves less instead of wildly
 
 
-def _chain(q: Float[Array, "7"]) -> tuple[Float[Array, "7 3"], Float[Array, "7 3"], Frame]:
-    """Origins and axes of the joints, and the hand's frame."""
+def _links(q: Float[Array, "7"]) -> tuple[Float[Array, "7 3"], Float[Array, "7 3"], Frame]:
+    """Origins and axes of the joints, and the last link's frame."""
     x, y, z = jnp.eye(3)
     place = jnp.zeros(3)
     origins, axes = [], []
@@ -50,14 +50,19 @@ def _chain(q: Float[Array, "7"]) -> tuple[Float[Array, "7 3"], Float[Array, "7 3
         x, y = c * x + s * y, c * y - s * x
         origins.append(place)
         axes.append(z)
+    return jnp.stack(origins), jnp.stack(axes), Frame(place, jnp.stack([x, y, z], axis=1))
+
+
+def _on_flange(link: Frame) -> Frame:
+    x, y, z = link.rotation.T
     c, s = np.cos(HAND_TURN), np.sin(HAND_TURN)
     rotation = jnp.stack([c * x + s * y, c * y - s * x, z], axis=1)
-    return jnp.stack(origins), jnp.stack(axes), Frame(place + FLANGE * z, rotation)
+    return Frame(link.position + FLANGE * z, rotation)
 
 
 def hand(q: Float[Array, "7"]) -> Frame:
     """The hand's frame: z is its pointing direction, y the axis along which its fingers open."""
-    return _chain(q)[2]
+    return _on_flange(_links(q)[2])
 
 
 def tcp(q: Float[Array, "7"]) -> Frame:
@@ -84,8 +89,8 @@ def jacobian(q: Float[Array, "7"]) -> tuple[Float[Array, "6 7"], Frame]:
 
     Rows are its velocity (m/s) and its angular velocity (rad/s), world axes.
     """
-    origins, axes, hand = _chain(q)
-    point = _ahead(hand, TCP)
+    origins, axes, link = _links(q)
+    point = _ahead(_on_flange(link), TCP)
     linear = jnp.cross(axes, point.position - origins)
     return jnp.concatenate([linear.T, axes.T]), point
 

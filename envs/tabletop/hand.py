@@ -28,10 +28,7 @@ _TURN_WORTH = 0.1  # metres that a turn of 1 rad counts for
 class Hand:
     """A running episode; the hand points down and holds `grip` and `yaw` between moves.
 
-    Args:
-      env: a tabletop environment.
-      start: of its `reset`.
-      limit: control steps after which nothing happens any more.
+    It begins at a state of the environment's `reset`. After `limit` control steps nothing happens.
     """
 
     def __init__(self, env: Tabletop, start: State, *, limit: int = 1000):
@@ -45,15 +42,11 @@ class Hand:
         self._target = data.target
         self.place, self.yaw = _pose(_tool(self._target))
         self.grip = OPEN
+        self.qpos = self._data.qpos  # a view: always the current joint positions
         self.positions: list[np.ndarray] = []
         self.velocities: list[np.ndarray] = []
         self.targets: list[np.ndarray] = []
         self._record()
-
-    @property
-    def qpos(self) -> np.ndarray:
-        """Current joint positions."""
-        return self._data.qpos
 
     @property
     def steps(self) -> int:
@@ -84,12 +77,9 @@ class Hand:
             self.act(np.array([0, 0, 0, 0, self.grip], np.float32))
 
     def move(self, goal, *, speed: float, yaw: float | None = None) -> None:
-        """Moves the tool centre point straight to a place, or as near as the arm comes.
+        """Moves the tool centre point straight to x, y, z, or as near as the arm comes.
 
-        Args:
-          goal: x, y, z, metres.
-          speed: m/s.
-          yaw: rad, reached on the way; None keeps the present one.
+        The speed is in m/s; the yaw (rad) is reached on the way, None keeps the present one.
         """
         step = speed * self.env.physics.dt
         wanted = self.yaw if yaw is None else yaw
@@ -106,15 +96,15 @@ class Hand:
             share = min(1.0, step / max(distance, 1e-9))
             self.act(np.array([*(gap * share / MOVE_STEP), turn / TURN_STEP, self.grip]))
 
-    def close(self, steps: int = 6) -> None:
+    def close(self) -> None:
         """Closes the gripper."""
         self.grip = CLOSED
-        self.rest(steps)
+        self.rest(6)
 
-    def open(self, steps: int = 5) -> None:
+    def open(self) -> None:
         """Opens the gripper."""
         self.grip = OPEN
-        self.rest(steps)
+        self.rest(5)
 
 
 _tool = jax.jit(lambda target: kinematics.tcp(target[:7]))

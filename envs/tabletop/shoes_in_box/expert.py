@@ -88,14 +88,14 @@ def _follow(hand: Hand, style: Style, rng: np.random.Generator, kind: str) -> No
     if kind == "shoe knocked away":
         angle = moves.box_yaw(hand) + rng.uniform(-0.4, 0.4)  # away from the robot
         moves.knock(hand, style, style.order[1], (np.cos(angle), np.sin(angle)))
-    if kind not in ("lid only", "wrong order") and (
-        kind != "lid closed again" or rng.random() < 0.5
-    ):
+    if kind == "lid closed again":
+        if rng.random() < 0.5:
+            _put(hand, style, 0)
+        moves.close_lid(hand, style)
+    elif kind not in ("lid only", "wrong order"):
         _put(hand, style, 0)
     if kind in ("success", "stops early", "wrong order"):
         _put(hand, style, 1)
-    if kind == "lid closed again":
-        moves.close_lid(hand, style)
     if kind == "shoe outside":
         _put(hand, style, 1, where=(rng.uniform(-0.12, 0.12), rng.uniform(0.2, 0.26), 0.1))
     if kind in ("lid only", "one shoe", "shoe outside"):
