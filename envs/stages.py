@@ -51,11 +51,6 @@ class Stage:
     """Stages that must be done first, all of them declared earlier."""
 
 
-def _unchanged(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
-    del center
-    return size
-
-
 @dataclasses.dataclass(frozen=True)
 class Stages:
     """A task's stages, in an order in which they can be done.
@@ -75,7 +70,7 @@ class Stages:
     """Faults: what the robot can do wrong, stated like the stages."""
     robots: tuple[int, ...] = ()
     """Objects that belong to the robot."""
-    sizes: Sizes = _unchanged
+    sizes: Sizes = lambda center, size: size
     """(centre, size at the start) -> sizes of the boxes there, differentiable; a lid, for example,
     has another box when it is open."""
 
@@ -119,9 +114,8 @@ class Stages:
 
         Objects of other stages stay where they are, unless their stage held there.
         """
-        for stage, want, key_stage in zip(
-            self.stages, wanted, jax.random.split(key, len(self.stages)), strict=True
-        ):
+        keys = jax.random.split(key, len(self.stages))
+        for stage, want, key_stage in zip(self.stages, wanted, keys, strict=True):
             key_in, key_out = jax.random.split(key_stage)
             out = self.astray(key_out, stage, center, size)
             out = jnp.where(stage.holds(center, size), out, center)
@@ -136,10 +130,9 @@ class Stages:
         size: Float[Array, "N 2"],
     ) -> Float[Array, "N 2"]:
         """Moves the objects of a stage anywhere on the plane where it does not hold."""
-        for index, key_index in zip(
-            stage.moves, jax.random.split(key, len(stage.moves)), strict=True
-        ):
-            allowed = lambda c: ~stage.holds(c, size)  # noqa: E731
+        allowed = lambda c: ~stage.holds(c, size)  # noqa: E731
+        keys = jax.random.split(key, len(stage.moves))
+        for index, key_index in zip(stage.moves, keys, strict=True):
             center = self.scatter(key_index, index, center, size, allowed=allowed)
         return center
 
@@ -174,18 +167,11 @@ def free_place(
     others: tuple[int, ...],
     allowed: Allowed | None = None,
 ) -> Float[Array, "N 2"]:
-    """Centres with one object moved to a place sampled uniformly from a box.
+    """Centres with one object moved to a place sampled uniformly between `low` and `high`.
 
-    Of 64 places the first is taken that is `allowed` and where the object, as a disc of its mean
-    width, touches no other; if there is none, the allowed one that overlaps least.
-
-    Args:
-      key: consumed.
-      index: the object that moves.
-      center, size: of all objects.
-      low, high: the box for its centre.
-      others: objects that it should not touch; its own index is passed over.
-      allowed: of the centres with the object moved; all if left out.
+    Of 64 places the first is taken that is `allowed`, given the centres with the object moved, and
+    where the object, as a disc of its mean width, touches none of the others; if there is none, the
+    allowed one that overlaps least. Its own index among the others is passed over.
     """
     places = jax.random.uniform(key, (_CANDIDATES, 2), minval=low, maxval=high)
     radius, which = size.mean(axis=1) / 2, jnp.array(others, jnp.int32)

@@ -17,25 +17,13 @@ from gril_jax.envs.planar.robots import PIVOTS, Robot
 from gril_jax.envs.planar.shapes import SHAPES
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-__all__ = [
-    "CLASSES",
-    "COLOURS",
-    "RADII",
-    "VARIANTS",
-    "Layout",
-    "colours",
-    "dynamics",
-    "jitter",
-    "place_robot",
-    "scatter",
-    "shapes",
-    "turned",
-]
+__all__ = ["CLASSES", "COLOURS", "RADII", "VARIANTS", "Layout", "colours", "dynamics", "jitter",
+           "place_robot", "scatter", "shapes", "turned"]  # fmt: skip
 
 VARIANTS = ("demo", "jitter", "layout", "color", "shape", "dynamics", "all")
 COLOURS = ("green", "blue", "yellow", "red")
 # What a detector of their pictures tells apart.
-CLASSES = ("goal", "robot", *tuple(f"{c} {s}" for c in COLOURS for s in SHAPES))
+CLASSES = ("goal", "robot", *(f"{c} {s}" for c in COLOURS for s in SHAPES))
 RADII = np.array([0.156, 0.1525, 0.138, 0.12], np.float32)  # of star, square, pentagon, circle
 _CANDIDATES = 64
 _FACING = (0.55, 0.75, 0.4)  # distances from which a robot faces a point, and rad off it
@@ -55,13 +43,10 @@ def jitter(key: PRNGKeyArray, layout: Layout, *, arena: float) -> Layout:
     """MAGICAL's Jitter variant: every number changes a little, and no overlap can arise."""
     keys = jax.random.split(key, 3)
     spread = jnp.array([0.025 * arena, 0.025 * arena, 0.157])
-    unit = lambda k, like: jax.random.uniform(k, like.shape, minval=-1.0)  # noqa: E731
     size = jnp.array([0.025 * arena, 0.025 * arena, 0.0075, 0.0075])
-    return layout._replace(
-        robot=layout.robot + spread * unit(keys[0], layout.robot),
-        blocks=layout.blocks + spread * unit(keys[1], layout.blocks),
-        goal=layout.goal + size * unit(keys[2], layout.goal),
-    )
+    near = lambda k, x, most: x + most * jax.random.uniform(k, x.shape, minval=-1.0)  # noqa: E731
+    robot, blocks = near(keys[0], layout.robot, spread), near(keys[1], layout.blocks, spread)
+    return layout._replace(robot=robot, blocks=blocks, goal=near(keys[2], layout.goal, size))
 
 
 def _gap_to_goal(xy: Float[Array, "*C 2"], goal: Float[Array, "4"]) -> Float[Array, "*C"]:

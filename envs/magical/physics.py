@@ -48,10 +48,8 @@ def _directions(aim: Aims, dt: float) -> Vec:
 def _kick(parts: Motion, which: int, n: Vec, leverage, j, torque, bodies: Bodies) -> Motion:
     """Motions after an impulse along `n` and a torque impulse between base and finger."""
     mass, inertia = bodies
-    push = Vec(
-        parts.push.x.at[0].add(-mass[0] * n.x * j).at[which].add(mass[which] * n.x * j),
-        parts.push.y.at[0].add(-mass[0] * n.y * j).at[which].add(mass[which] * n.y * j),
-    )
+    add = lambda v, n: v.at[0].add(-mass[0] * n * j).at[which].add(mass[which] * n * j)  # noqa: E731
+    push = Vec(add(parts.push.x, n.x), add(parts.push.y, n.y))
     spin = parts.spin.at[0].add(-inertia[0] * (leverage * j + torque))
     return parts._replace(push=push, spin=spin.at[which].add(inertia[which] * torque))
 

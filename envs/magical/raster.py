@@ -18,17 +18,15 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.envs.checks import check_known
 from gril_jax.envs.planar import robots, shapes
 from jaxtyping import Array, Float, Int, UInt8
 
 from . import scene as look
 
-__all__ = ["COLOURS", "ROBOTS", "Scene", "render"]
+__all__ = ["COLOURS", "Scene", "render"]
 
 COLOURS = tuple(look.FILL)
-ROBOTS = ("gripper", "short", "medium", "long")
-_STICK_WIDTH = {"short": 0.3, "medium": 0.6, "long": 1.6}  # across the direction of travel
-_STICK_DEPTH = 0.1
 
 _Plane = Float[Array, "#S #S"]  # a number a pixel, or a row or column of them
 _Pixels = Float[Array, "S S 3"]
@@ -82,25 +80,21 @@ def render(
     half_extent: float = 1.122,
     antialias: bool = False,
 ) -> UInt8[Array, "size size 3"]:
-    """Renders one picture of a scene; x points right, y up, and row 0 is the top.
+    """Renders one picture of a scene in RGB; x points right, y up, and row 0 is the top.
 
     Every keyword is static; poses, shapes and colours are data, so one compiled picture serves
     all scenes of as many blocks. A pose that is not finite hides its body.
 
     Args:
       scene: what to paint; an index beyond its list counts as the nearest in it.
-      robot: "gripper", or "short", "medium" or "long" for a stick without fingers.
-      arena: half the width of the floor.
+      robot: one of `planar.robots.ROBOTS`.
+      arena, half_extent: half the width of the floor, and of the world that the picture shows.
       size: width and height of the picture in pixels.
-      half_extent: half the width of the world that the picture shows.
       antialias: mix colours at edges by the share of the pixel that is covered, judged by the
         distance of its centre. Lines then keep their true width, be it a fraction of a pixel.
         Without it, every pixel has one colour of the palette, and lines are whole pixels wide: as
         in `gril_jax.demos.vision.render`, those of blocks and robot vanish in pictures of 192
         pixels or less.
-
-    Returns:
-      RGB, 0 to 255.
 
     Raises:
       ValueError: an option is not one of those above, or shapes, colours and poses do not fit
@@ -116,8 +110,7 @@ def render(
 
 
 def _check(scene: Scene, robot: str, size: int, half_extent: float, arena: float) -> None:
-    if robot not in ROBOTS:
-        raise ValueError(f"robot is {robot!r}, but must be one of {', '.join(ROBOTS)}")
+    check_known("robot", robot, robots.ROBOTS)
     if size < 1:
         raise ValueError(f"size is {size}, but a picture needs at least 1 pixel")
     for name, value in (("half_extent", half_extent), ("arena", arena)):
@@ -131,9 +124,6 @@ def _check(scene: Scene, robot: str, size: int, half_extent: float, arena: float
             f"poses of shape {scene.pose.shape} do not fit: the {robot} robot with {blocks} blocks "
             f"needs {(parts + blocks, 3)}"
         )
-
-
-# ---------------------------------------------------------------- painting
 
 
 def _paint(layers: Iterable[_Layer], size: int, antialias: bool) -> UInt8[Array, "size size 3"]:
@@ -160,16 +150,15 @@ def _mix(image: _Pixels, depth: Float[Array, "S S 1"], colour, below) -> _Pixels
     return image + share * (colour - below)
 
 
-# ---------------------------------------------------------------- what is painted
-
-
 def _ground(
     goal: Float[Array, "4"], colour: Int[Array, ""], arena: float, canvas: _Canvas
 ) -> Iterable[_Layer]:
     floor = jnp.maximum(jnp.abs(canvas.x), jnp.abs(canvas.y)) - canvas.scale * arena
     line = canvas.width(look.FLOOR_WIDTH)
     yield _Layer(floor, jnp.array(look.FLOOR), jnp.array(look.GREY), line)
-    yield _Layer(_region(goal, canvas), _pick(look.GOAL_FILL, colour))
+    (x, y), half = canvas.scale * goal[:2], canvas.scale * goal[2:] / 2
+    region = jnp.maximum(jnp.abs(canvas.x - x) - half[0], jnp.abs(canvas.y - y) - half[1])
+    yield _Layer(region, _pick(look.GOAL_FILL, colour))
     if canvas.width(look.GOAL_WIDTH):
         yield _Layer(_dashes(goal, canvas), _pick(look.FILL, colour))
 
@@ -188,8 +177,10 @@ def _robot(parts: Float[Array, "P 3"], robot: str, canvas: _Canvas) -> Iterable[
     grey, grey_rim = jnp.array(look.GREY), jnp.array(look.GREY_RIM)
     right, forward = canvas.local(parts[0])
     if robot != "gripper":
-        half_width, half_depth = scale * _STICK_WIDTH[robot] / 2, scale * _STICK_DEPTH / 2
-        stick = jnp.maximum(jnp.abs(right) - half_width, jnp.abs(forward) - half_depth)
+        half_width, half_depth = robots.robot(robot).parts[0].boxes[0].half
+        stick = jnp.maximum(
+            jnp.abs(right) - scale * half_width, jnp.abs(forward) - scale * half_depth
+        )
         yield _Layer(stick, grey, grey_rim, line)
         return
     for side, pose in zip((-1, 1), parts[1:], strict=True):
@@ -203,9 +194,6 @@ def _robot(parts: Float[Array, "P 3"], robot: str, canvas: _Canvas) -> Iterable[
 
 def _pick(palette: dict[str, tuple[int, int, int]], index: Int[Array, ""]) -> Int[Array, "3"]:
     return jnp.take(jnp.array([palette[c] for c in COLOURS]), index, axis=0, mode="clip")
-
-
-# ---------------------------------------------------------------- distances
 
 
 def _disc(x: _Plane, y: _Plane, radius: float) -> _Plane:
@@ -269,12 +257,6 @@ def _finger(x: _Plane, y: _Plane, scale: float) -> _Plane:
 
     beyond = outside(_ELBOW, 0) > 0
     return jnp.where(beyond, outside(_SIDES, 1, 2, 3), outside(_SIDES, 4, 5, 0))
-
-
-def _region(goal: Float[Array, "4"], canvas: _Canvas) -> _Plane:
-    centre, half = canvas.scale * goal[:2], canvas.scale * goal[2:] / 2
-    across = jnp.abs(canvas.x - centre[0]) - half[0]
-    return jnp.maximum(across, jnp.abs(canvas.y - centre[1]) - half[1])
 
 
 def _dashes(goal: Float[Array, "4"], canvas: _Canvas) -> _Plane:

@@ -51,11 +51,7 @@ def _disc(center: np.ndarray, radius: float) -> np.ndarray:
 
 
 def outlines(
-    robot: Robot,
-    blocks: list[tuple[str, str]],
-    arena: float,
-    pose: np.ndarray,
-    goal: np.ndarray,
+    robot: Robot, blocks: list[tuple[str, str]], arena: float, pose: np.ndarray, goal: np.ndarray
 ) -> list[Outline]:
     """Outlines from the blocks' (colour, shape), all poses (E, 3) and the region (4,)."""
     floor = _box(np.zeros(2), np.full(2, 2 * arena))

@@ -55,13 +55,7 @@ def engine(
     substeps: int | None,
     iterations: int | None,
 ) -> Engine:
-    """The engine of that name.
-
-    Args:
-      robot, physics, variant: those of the task.
-      blocks: the blocks' shapes, indices into `planar.shapes.SHAPES`.
-      substeps, iterations: a control step's physics steps and each one's sweeps; None is the
-        engine's own choice.
+    """The engine of that name for a task's options; `blocks` index `planar.shapes.SHAPES`.
 
     Raises:
       ValueError: a name is unknown, a count is below 1, or the engine does not serve the task.
@@ -69,13 +63,13 @@ def engine(
     check_known("robot", robot, robots.ROBOTS)
     check_known("physics", physics, [*PRESETS])
     check_known("engine", name, [*_SOLVING])
-    own = _SOLVING[name]
-    substeps = own[0] if substeps is None else substeps
-    iterations = own[1] if iterations is None else iterations
-    check_counts(substeps=substeps, iterations=iterations)
-    preset = PRESETS[physics]
-    common = dict(arena=preset.arena, control_hz=CONTROL_HZ, substeps=substeps,
-                  iterations=iterations)  # fmt: skip
+    preset, own = PRESETS[physics], _SOLVING[name]
+    counts = {
+        "substeps": own[0] if substeps is None else substeps,
+        "iterations": own[1] if iterations is None else iterations,
+    }
+    check_counts(**counts)
+    common = dict(arena=preset.arena, control_hz=CONTROL_HZ, **counts)
     if name == "impulse":
         kind = MagicalPhysics if physics == "magical" else Physics
         return _impulses(kind, robot, len(blocks), block_mass=preset.block_mass, **common)

@@ -14,12 +14,11 @@ from jaxtyping import Array, Float
 from . import kinematics
 from .frames import Frame, about_z
 
-__all__ = ["ACTION_NAMES", "GRIP_RANGE", "aim"]
+__all__ = ["ACTION_NAMES", "GRIP_RANGE", "MOVE_STEP", "TURN_STEP", "aim"]
 
 ACTION_NAMES = ("x", "y", "z", "yaw", "gripper")
 GRIP_RANGE = (-0.01, 0.04)  # aims of a finger, metres; below 0 it presses
-
-_MOVE_STEP, _TURN_STEP = 0.025, 0.1  # metres, rad a control step
+MOVE_STEP, TURN_STEP = 0.025, 0.1  # metres, rad a control step
 _DOWN = np.array([1.0, -1.0, -1.0], np.float32)  # axes of a hand that points down at yaw 0
 _LEASH = 0.3  # rad; more than this ahead of a blocked joint no aim runs, all torque is used by then
 
@@ -41,8 +40,10 @@ def aim(
       rest: posture that the arm keeps near to where the hand leaves it free.
       dt: length of a control step, s; no aim moves faster than its joint can.
     """
-    arm = target[:7]
-    wanted = kinematics.reach(arm, _goal(arm, action), rest=rest)
+    arm, now = target[:7], kinematics.tcp(target[:7])
+    yaw = jnp.arctan2(now.rotation[1, 0], now.rotation[0, 0]) + TURN_STEP * action[3]
+    goal = Frame(now.position + MOVE_STEP * action[:3], about_z(yaw) * _DOWN)
+    wanted = kinematics.reach(arm, goal, rest=rest)
     limit = kinematics.JOINT_SPEED * dt
     wanted = arm + jnp.clip(wanted - arm, -limit, limit)
     wanted = jnp.clip(wanted, q - _LEASH, q + _LEASH)
@@ -50,12 +51,3 @@ def aim(
     low, high = GRIP_RANGE
     grip = low + (high - low) * (action[-1:] + 1) / 2
     return jnp.concatenate([wanted, grip])
-
-
-def _goal(arm: Float[Array, "7"], action: Float[Array, "5"]) -> Frame:
-    """The tool centre point as it should be after this step."""
-    now = kinematics.tcp(arm)
-    place = now.position + _MOVE_STEP * action[:3]
-    forward = now.rotation[:, 0]
-    yaw = jnp.arctan2(forward[1], forward[0]) + _TURN_STEP * action[3]
-    return Frame(place, about_z(yaw) * _DOWN)

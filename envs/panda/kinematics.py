@@ -12,22 +12,9 @@ from jaxtyping import Array, Float
 
 from .frames import Frame, small_turn
 
-__all__ = [
-    "FINGER_OFFSET",
-    "FINGER_RANGE",
-    "FLANGE",
-    "HAND_TURN",
-    "JOINT_RANGE",
-    "JOINT_SPEED",
-    "LINK_OFFSETS",
-    "LINK_TURNS",
-    "TCP",
-    "finger",
-    "hand",
-    "jacobian",
-    "reach",
-    "tcp",
-]
+__all__ = ["FINGER_OFFSET", "FINGER_RANGE", "FLANGE", "HAND_TURN", "JOINT_RANGE", "JOINT_SPEED",
+           "LINK_OFFSETS", "LINK_TURNS", "TCP", "finger", "hand", "jacobian", "reach",
+           "tcp"]  # fmt: skip
 
 LINK_OFFSETS = (
     (0.0, 0.0, 0.333), (0.0, 0.0, 0.0), (0.0, -0.316, 0.0), (0.0825, 0.0, 0.0),
@@ -45,6 +32,8 @@ JOINT_RANGE = np.array([
 ])  # fmt: skip
 JOINT_SPEED = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # largest, rad/s
 
+# Shares of the way to the posture of rest; two steps are enough for the motion of a control step.
+_PULLS = (0.1, 0.0)
 _DAMPING = 0.03  # of the least squares: a singular arm moves less instead of wildly
 
 
@@ -84,10 +73,7 @@ def tcp(q: Float[Array, "7"]) -> Frame:
 def finger(hand: Frame, opening: Float[Array, ""], side: int) -> Frame:
     """Frame of one finger, left (`side` 1) or right (-1); its pad faces against its y axis.
 
-    Args:
-      hand: the hand's frame.
-      opening: of this finger from the middle, metres.
-      side: as above; the right finger is turned half around the hand's z axis.
+    `opening` is its way from the middle, metres; the right one is turned half around the hand's z.
     """
     flip = jnp.array([side, side, 1.0])
     base = _ahead(hand, FINGER_OFFSET)
@@ -109,27 +95,18 @@ def jacobian(q: Float[Array, "7"]) -> tuple[Float[Array, "6 7"], Frame]:
     return jnp.concatenate([linear.T, axes.T]), point
 
 
-def reach(
-    q: Float[Array, "7"], goal: Frame, *, rest: Float[Array, "7"], pull: float = 0.1, steps: int = 2
-) -> Float[Array, "7"]:
+def reach(q: Float[Array, "7"], goal: Frame, *, rest: Float[Array, "7"]) -> Float[Array, "7"]:
     """Joints near `q` that bring the tool centre point to `goal`, within the joints' ranges.
 
     Damped least squares (Nakamura and Hanafusa 1986) with a pull towards a posture of rest within
     the motions that leave the hand where it is (Liegeois 1977). A goal out of reach is approached.
-
-    Args:
-      q: where to begin.
-      goal: of the tool centre point.
-      rest: the posture of rest.
-      pull: share of the way to it, in the first step only.
-      steps: of the iteration; 2 are enough for the motion of a control step.
     """
     low, high = JOINT_RANGE.T
-    for number in range(steps):
+    for pull in _PULLS:
         rows, point = jacobian(q)
         turn = small_turn(point.rotation, goal.rotation)
         missing = jnp.concatenate([goal.position - point.position, turn])
-        wish = (pull if number == 0 else 0.0) * (rest - q)
+        wish = pull * (rest - q)
         with jax.default_matmul_precision("highest"):
             square = rows @ rows.T + _DAMPING**2 * jnp.eye(6)
             weights = jax.scipy.linalg.solve(square, missing - rows @ wish, assume_a="pos")

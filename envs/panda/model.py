@@ -15,18 +15,8 @@ import numpy as np
 from . import kinematics
 from .control import GRIP_RANGE
 
-__all__ = [
-    "ACTUATORS",
-    "DOFS",
-    "HAND_BOX",
-    "PADS",
-    "PALM",
-    "TIPS",
-    "TIP_BOX",
-    "body",
-    "equality",
-    "words",
-]
+__all__ = ["ACTUATORS", "DOFS", "EQUALITY", "HAND_BOX", "PADS", "PAD_CENTER", "PAD_HALF", "PALM",
+           "TIPS", "TIP_BOX", "body", "words"]  # fmt: skip
 
 DOFS = 9  # seven joints and two fingers
 PADS = ("left_pad", "right_pad")
@@ -94,10 +84,6 @@ def _capsule(name: str, radius: float, length: float, center, axis: str) -> str:
     )
 
 
-def _hull(link: int) -> str:
-    return "".join(_capsule("", *shape) for of, *shape in _HULL if of == link)
-
-
 def _finger(side: int) -> str:
     """The left finger (side 0), or the right one, turned half around."""
     turn = ("1 0 0 0", "0 0 0 1")[side]
@@ -124,6 +110,9 @@ def body() -> str:
         f"{_inertial(_HAND_INERTIA)}{palm}"
         f"{_finger(0)}{_finger(1)}</body>"
     )
+    hulls = [
+        "".join(_capsule("", *shape) for of, *shape in _HULL if of == link) for link in range(8)
+    ]
     inner = hand
     for link in range(7, 0, -1):
         low, high = kinematics.JOINT_RANGE[link - 1]
@@ -133,30 +122,21 @@ def body() -> str:
             f"{_inertial(_INERTIAS[link])}"
             f'<joint name="joint{link}" axis="0 0 1" range="{low} {high}"'
             f' damping="{_JOINT_DAMPING[link - 1]}" armature="{_ARMATURE}"/>'
-            f"{_hull(link)}{inner}</body>"
+            f"{hulls[link]}{inner}</body>"
         )
-    return f'<body name="link0">{_inertial(_INERTIAS[0])}{_hull(0)}{inner}</body>'
+    return f'<body name="link0">{_inertial(_INERTIAS[0])}{hulls[0]}{inner}</body>'
 
 
-def _servos() -> str:
-    text = ""
-    gains = zip(_KP, _KV, _TORQUE, kinematics.JOINT_RANGE, strict=True)
-    for joint, (kp, kv, torque, (low, high)) in enumerate(gains, start=1):
-        text += (
-            f'<position joint="joint{joint}" kp="{kp}" kv="{kv}" ctrlrange="{low} {high}"'
-            f' forcerange="{-torque} {torque}"/>'
-        )
-    low, high = GRIP_RANGE
-    grip = f'kp="350" kv="10" ctrlrange="{low} {high}" forcerange="-200 200"'
-    return text + f'<position joint="left_finger" {grip}/>'
+def _servo(joint: str, kp: int, kv: int, torque: int, aims) -> str:
+    limits = f'ctrlrange="{aims[0]} {aims[1]}" forcerange="{-torque} {torque}"'
+    return f'<position joint="{joint}" kp="{kp}" kv="{kv}" {limits}/>'
 
 
-ACTUATORS = _servos()
-
-
-def equality() -> str:
-    """The constraint by which the right finger mirrors the left one."""
-    return (
-        '<joint joint1="left_finger" joint2="right_finger" solref="0.005 1"'
-        ' solimp="0.95 0.99 0.001"/>'
-    )
+_NAMES = (f"joint{link}" for link in range(1, 8))
+_GAINS = zip(_NAMES, _KP, _KV, _TORQUE, kinematics.JOINT_RANGE, strict=True)
+ACTUATORS = "".join(_servo(*gains) for gains in _GAINS)
+ACTUATORS += _servo("left_finger", 350, 10, 200, GRIP_RANGE)
+# The right finger mirrors the left one.
+EQUALITY = (
+    '<joint joint1="left_finger" joint2="right_finger" solref="0.005 1" solimp="0.95 0.99 0.001"/>'
+)

@@ -39,19 +39,11 @@ def driven(model: mujoco.MjModel) -> Driven:
 
 
 def constant_where_saturated(
-    model,
-    at: Driven,
-    qpos: Float[Array, "Q"],
-    qvel: Float[Array, "V"],
-    aim: Float[Array, "U"],
+    model, at: Driven, qpos: Float[Array, "Q"], qvel: Float[Array, "V"], aim: Float[Array, "U"]
 ):
-    """The model for one substep, an `mjx.Model`, in which saturated servos are constant forces.
+    """The `mjx.Model` for a substep from `qpos` and `qvel`, its saturated servos constant forces.
 
-    Args:
-      model: of MJX.
-      at: the joints, of `driven`.
-      qpos, qvel: where the substep begins.
-      aim: of the servos.
+    `at` are the joints that `driven` returns, `aim` the servos' aims.
     """
     low, high = model.actuator_ctrlrange.T
     control = jnp.where(model.actuator_ctrllimited, jnp.clip(aim, low, high), aim)

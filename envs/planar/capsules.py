@@ -14,8 +14,7 @@ from . import robots, shapes
 __all__ = ["FINGER_RADIUS", "Capsule", "block", "disc", "finger"]
 
 FINGER_RADIUS = 0.025  # half a finger's thickness
-_EDGE_RADIUS = 0.04  # rounds a polygon's corners by at most 0.02
-_SPOKE_RADIUS = 0.04  # so that the notches between two spokes lie near the true ones
+_RADIUS = 0.04  # rounds a polygon's corners by at most 0.02; a star's notches are near the true
 
 
 class Capsule(NamedTuple):
@@ -35,27 +34,19 @@ def disc(radius: float) -> tuple[Capsule, ...]:
     return (Capsule((0.0, 0.0), (0.0, 0.0), radius),)
 
 
-def _edges(corners: np.ndarray) -> tuple[Capsule, ...]:
-    """Capsules along the edges of a regular polygon, their outer sides flush with it."""
-    apothem = np.linalg.norm(corners[0]) * math.cos(math.pi / len(corners))
-    inner = corners * (1 - _EDGE_RADIUS / apothem)
-    pairs = zip(inner, np.roll(inner, -1, axis=0), strict=True)
-    return tuple(_capsule(a, b, _EDGE_RADIUS) for a, b in pairs)
-
-
-def _spokes(corners: np.ndarray) -> tuple[Capsule, ...]:
-    """Capsules from a star's centre to its tips."""
-    tips = corners[::2]
-    ends = tips * (1 - _SPOKE_RADIUS / np.linalg.norm(tips[0]))
-    return tuple(_capsule(np.zeros(2), end, _SPOKE_RADIUS) for end in ends)
-
-
 def block(name: str) -> tuple[Capsule, ...]:
     """Capsules of a block, one of `shapes.SHAPES`, in its own frame (arena units)."""
     if name == "circle":
         return disc(shapes.SIZE)
     corners = shapes.outline(name)
-    return _spokes(corners) if name == "star" else _edges(corners)
+    size = np.linalg.norm(corners[0])
+    if name == "star":  # from its centre to its tips
+        ends = corners[::2] * (1 - _RADIUS / size)
+        return tuple(_capsule(np.zeros(2), end, _RADIUS) for end in ends)
+    # Along the edges, their outer sides flush with them.
+    inner = corners * (1 - _RADIUS / (size * math.cos(math.pi / len(corners))))
+    pairs = zip(inner, np.roll(inner, -1, axis=0), strict=True)
+    return tuple(_capsule(a, b, _RADIUS) for a, b in pairs)
 
 
 def finger(part: robots.Part) -> tuple[Capsule, ...]:
@@ -68,9 +59,6 @@ def finger(part: robots.Part) -> tuple[Capsule, ...]:
     along = np.array([-math.sin(fore.angle), math.cos(fore.angle)])
     middle, half = np.array(fore.center), fore.half[1]
     elbow = middle - half * along
-    upper = np.array([0.0, elbow[1]])
     wrist = middle + (half - FINGER_RADIUS) * along
-    return (
-        _capsule(np.zeros(2), upper, FINGER_RADIUS),
-        _capsule(elbow, wrist, FINGER_RADIUS),
-    )
+    upper = _capsule(np.zeros(2), np.array([0.0, elbow[1]]), FINGER_RADIUS)
+    return upper, _capsule(elbow, wrist, FINGER_RADIUS)

@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .plane import Vec, fence, joined, where
+from .plane import Vec, fence, heading, where
 from .robots import Box, Part
 from .shapes import BlockShape, signed_distance
 
-__all__ = ["Contacts", "Frames", "between_blocks", "walls", "with_part"]
+__all__ = ["Contacts", "Frames", "between_blocks", "frames", "walls", "with_part"]
 
 _FAR = 1e3
 
@@ -28,6 +28,11 @@ class Frames(NamedTuple):
 
     center: Vec
     heading: Vec  # cosine and sine of the angle
+
+
+def frames(pose: Float[Array, "N 3"]) -> Frames:
+    """The places of bodies at x, y, angle."""
+    return Frames(Vec(pose[:, 0], pose[:, 1]), heading(pose[:, 2]))
 
 
 class Contacts(NamedTuple):
@@ -52,9 +57,6 @@ def _deepest(candidates: Contacts, allowed: Array | None = None) -> Contacts:
     return fence(best)
 
 
-# ---------------------------------------------------------------- robot and blocks
-
-
 def with_part(part: Part, at: Frames, shapes: BlockShape, blocks: Frames) -> list[Contacts]:
     """Layers of a robot's part (first) with the blocks (second): one for a disc, two for boxes.
 
@@ -69,22 +71,14 @@ def with_part(part: Part, at: Frames, shapes: BlockShape, blocks: Frames) -> lis
         return [fence(Contacts(distance - part.radius, -out, touch))]
     found = [*_corners_in_boxes(part.boxes, at, offset, shapes, blocks)]
     found.append(_part_in_blocks(part, at, offset, shapes, blocks))
-    candidates = fence(
-        Contacts(
-            jnp.concatenate([f.gap for f in found]),
-            joined([f.normal for f in found]),
-            joined([f.second for f in found]),
-        )
-    )
+    candidates = fence(jax.tree.map(lambda *f: jnp.concatenate(f), *found))
     local = candidates.second.into(at.heading)
     # Along the longer side of the part: x for a stick, y for a finger.
     right = (local.x if part.boxes[0].half[0] > part.boxes[0].half[1] else local.y) >= 0
     return [_deepest(candidates, side) for side in (right, ~right)]
 
 
-def _corners_in_boxes(
-    boxes: tuple[Box, ...], at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames
-):
+def _corners_in_boxes(boxes, at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames):
     """Contacts of each corner of each block with each box, (5, B) each."""
     corners = shapes.corners.out_of(blocks.heading)
     local, middle = (corners + offset).into(at.heading), offset.into(at.heading)
@@ -94,9 +88,7 @@ def _corners_in_boxes(
         yield Contacts(distance - shapes.radius, out, corners - out * shapes.radius)
 
 
-def _part_in_blocks(
-    part: Part, at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames
-) -> Contacts:
+def _part_in_blocks(part: Part, at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames):
     """Contacts of each of the part's corners with each block, (C, B)."""
     corners = part.corners.astype(np.float32)
     point = Vec(corners[:, :1], corners[:, 1:]).out_of(at.heading) - offset
@@ -136,9 +128,6 @@ def _box_distance(box: Box, point: Vec, middle: Vec) -> tuple[Array, Vec]:
 
 def _sign(x: Array) -> Array:
     return jnp.where(x < 0, -1.0, 1.0)
-
-
-# ---------------------------------------------------------------- blocks and walls
 
 
 def between_blocks(shapes: BlockShape, blocks: Frames) -> list[Contacts]:

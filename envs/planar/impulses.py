@@ -71,9 +71,8 @@ def prepare(
     n = contacts.normal
     t = n.turned()
     leverage = Vec(contacts.second.cross(n), contacts.second.cross(t))
-    inverse = [
-        second.inverse_mass + second.inverse_inertia * arm**2 for arm in (leverage.x, leverage.y)
-    ]
+    arms = (leverage.x, leverage.y)
+    inverse = [second.inverse_mass + second.inverse_inertia * arm**2 for arm in arms]
     recoil = leverage
     if first is not None:
         arm = offset + contacts.second - n * contacts.gap
@@ -107,11 +106,7 @@ def solve(rows: Rows, j: Impulse, first: Motion | None, second: Motion) -> Impul
 
     def along(body: Motion, arm: Vec):
         tangent = n.cross(body.push) + body.spin * arm.y
-        return (
-            n.dot(body.push) + body.spin * arm.x,
-            tangent,
-            n.dot(body.shift) + body.twist * arm.x,
-        )
+        return n.dot(body.push) + body.spin * arm.x, tangent, n.dot(body.shift) + body.twist * arm.x
 
     vn, vt, vs = along(second, rows.leverage)
     if first is not None:

@@ -15,19 +15,8 @@ from .impulses import Bodies
 from .plane import Vec
 from .robots import FINGER_OPEN, PIVOTS
 
-__all__ = [
-    "Aims",
-    "Command",
-    "FingerImpulses",
-    "Servo",
-    "Strengths",
-    "aims",
-    "drive",
-    "fingers",
-    "hold",
-    "pin",
-    "turn_fingers",
-]
+__all__ = ["Aims", "Command", "FingerImpulses", "Servo", "Strengths", "aims", "drive", "fingers",
+           "hold", "pin", "turn_fingers"]  # fmt: skip
 
 TURN_RATE, FINGER_RATE = 2.5, 1.0  # rad/s, the fastest that the servos aim at
 _SIDES = np.array([1.0, -1.0], np.float32)  # sign of an open finger's angle, left first
@@ -121,11 +110,9 @@ def drive(velocity: Vec, spin, given: Servo, aim: Aims, base: Bodies, force, tor
     return _clamp(push, given.turn + (aim.turn - spin) / base.inverse_inertia, force, torque)
 
 
-_Parts = tuple[Vec, Array]  # velocities and spins: of the base, then of the fingers
-
-
-def pin(velocity: Vec, spin: Array, j: Vec, aim: Aims, bodies: Bodies) -> _Parts:
-    """Motions after the pivots' impulses: on the fingers, and the reaction on the base."""
+def pin(velocity: Vec, spin: Array, j: Vec, aim: Aims, bodies: Bodies) -> tuple[Vec, Array]:
+    """Velocities and spins after the pivots' impulses: the base's, with the reaction, and the
+    fingers'."""
     mass, inertia = bodies
     torque = aim.arm.cross(j)
     x = jnp.concatenate([-mass[:1] * (j.x[:1] + j.x[1:]), mass[1:] * j.x])

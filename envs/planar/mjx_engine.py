@@ -19,7 +19,7 @@ from . import joints as jointing
 from . import model as planar_model
 from . import robots
 from . import shapes as block_shapes
-from .contacts import Frames
+from .contacts import frames
 from .joints import Command, Strengths
 from .physics import Physics
 from .plane import Vec, heading
@@ -63,22 +63,16 @@ class MjxPhysics:
         self._blank = mjx.make_data(self._model, impl="jax")
         robot = robots.robot("gripper")
         self._outlines = Physics(robot, len(blocks), arena=arena)  # which has no capsules
-        self._base, *fingers = robot.parts
-        self._finger = fingers[0]  # the right one weighs the same
-        self._corners = np.stack([f.corners for f in fingers]).astype(np.float32)  # (2, C, 2)
+        self._base, self._finger, right = robot.parts  # the right one weighs the same
+        corners = np.stack([self._finger.corners, right.corners]).astype(np.float32)
+        self._corners = Vec(corners[..., 0], corners[..., 1])  # (2, C)
 
     def rest(self) -> Float[Array, "I"]:
         """The memory of a scene in which nothing has touched yet."""
         return jnp.zeros(self.mj_model.nv)
 
     def step(
-        self,
-        pose: Float[Array, "E 3"],
-        velocity: Float[Array, "E 3"],
-        memory: Float[Array, "I"],
-        shapes: BlockShape,
-        strengths: Strengths,
-        command: Command,
+        self, pose, velocity, memory, shapes: BlockShape, strengths: Strengths, command: Command
     ) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"], Float[Array, "I"]]:
         """One control step, as `Physics.step`.
 
@@ -98,23 +92,15 @@ class MjxPhysics:
         return *_poses(*carry[:2]), carry[2]
 
     def settle(
-        self,
-        pose: Float[Array, "E 3"],
-        velocity: Float[Array, "E 3"],
-        shapes: BlockShape,
-        strengths: Strengths,
-        command: Command,
+        self, pose, velocity, shapes: BlockShape, strengths: Strengths, command: Command
     ) -> Float[Array, "I"]:
-        """The memory of a scene that `command` has just brought to these poses and velocities."""
+        """The memory of a scene that `command` has just brought here, as `Physics.settle`."""
         place, rate = _joints(pose, velocity)
         force = self._drive(place - self.dt * rate, place, rate, strengths, command)
         return self._acceleration(place, rate, self.rest(), force, shapes, strengths)
 
     def clearance(self, pose: Float[Array, "E 3"], shapes: BlockShape) -> Float[Array, ""]:
-        """Gap between the robot and the nearest block or wall; negative where they overlap.
-
-        It is that between the true outlines, which both engines share.
-        """
+        """The gap that `Physics.clearance` gives: that between the true outlines."""
         return self._outlines.clearance(pose, shapes)
 
     def _acceleration(self, place, rate, memory, force, shapes, strengths) -> Float[Array, "Q"]:
@@ -126,18 +112,14 @@ class MjxPhysics:
         data = self._blank.replace(qpos=place, qvel=rate, qacc_warmstart=memory, qfrc_applied=force)
         return mjx.forward(model, data).qacc
 
-    # ---------------------------------------------------------------- drive
-
     def _drive(self, before, place, rate, strengths: Strengths, command: Command):
         """Forces (5,) on the gripper's joints: velocity servos, each limited to its strength.
 
         The force that reaches the aim in one substep takes the whole inertia matrix: servos on each
         joint alone would shake the light fingers.
         """
-        parts, _ = _poses(before, rate)
-        now, _ = _poses(place, rate)
-        frames = Frames(Vec(now[:_PARTS, 0], now[:_PARTS, 1]), heading(now[:_PARTS, 2]))
-        aim = jointing.aims(parts[:_PARTS], now[:_PARTS], frames, rate[2], command, dt=self.dt)
+        parts, now = (_poses(at, rate)[0][:_PARTS] for at in (before, place))
+        aim = jointing.aims(parts, now, frames(now), rate[2], command, dt=self.dt)
         # The original's aim jumps from substep to substep about half the offset's rate. Here that
         # mean is aimed at: over an odd number of longer substeps the jumps do not even out.
         turn = jnp.clip(command.turn / (2 * self.dt), -jointing.TURN_RATE, jointing.TURN_RATE)
@@ -162,17 +144,15 @@ class MjxPhysics:
         x, y = -mass * arm.y.sum(), mass * arm.x.sum()  # how turning pulls at x and y
         yaw_yaw = self._base.inertia + 2 * turn + mass * arm.dot(arm).sum()
         finger = turn + planar_model.finger_armature(self.dt)
-        zero = jnp.zeros(())
-        rows = [
-            [whole, 0.0, x, 0.0, 0.0],
-            [0.0, whole, y, 0.0, 0.0],
-            [x, y, yaw_yaw, turn, turn],
-            [0.0, 0.0, turn, finger, 0.0],
-            [0.0, 0.0, turn, 0.0, finger],
-        ]
-        return jnp.stack([jnp.stack([zero + value for value in row]) for row in rows])
-
-    # ---------------------------------------------------------------- walls
+        return jnp.array(
+            [
+                [whole, 0.0, x, 0.0, 0.0],
+                [0.0, whole, y, 0.0, 0.0],
+                [x, y, yaw_yaw, turn, turn],
+                [0.0, 0.0, turn, finger, 0.0],
+                [0.0, 0.0, turn, 0.0, finger],
+            ]
+        )
 
     def _ranges(self, place: Float[Array, "Q"], shapes: BlockShape) -> Float[Array, "Q 2"]:
         """Joint ranges for walls and stops at the bodies' present angles."""
@@ -188,14 +168,11 @@ class MjxPhysics:
         return jnp.concatenate([free[0], stops, free[1:].reshape(-1, 2)])
 
     def _tips(self, place: Float[Array, "Q"]) -> Float[Array, "C 2"]:
-        """Positions of both fingers' corners relative to the base's centre, world axes."""
+        """Both fingers' corners relative to the base's centre, world axes."""
         arm, turned = _arms(place[2]), heading((place[2] + place[3:_JOINTS])[:, None])
-        corners = Vec(self._corners[..., 0], self._corners[..., 1]).out_of(turned)
+        corners = self._corners.out_of(turned)
         x, y = arm.x[:, None] + corners.x, arm.y[:, None] + corners.y
         return jnp.stack([x.reshape(-1), y.reshape(-1)], axis=-1)
-
-
-# -------------------------------------------------------------------- coordinates
 
 
 def _arms(yaw: Float[Array, ""]) -> Vec:
@@ -203,10 +180,8 @@ def _arms(yaw: Float[Array, ""]) -> Vec:
     return Vec(*robots.PIVOTS.T.astype(np.float32)).out_of(heading(yaw))
 
 
-def _joints(
-    pose: Float[Array, "E 3"], velocity: Float[Array, "E 3"]
-) -> tuple[Float[Array, "Q"], Float[Array, "Q"]]:
-    """Joint positions and rates from poses and velocities of parts and blocks."""
+def _joints(pose: Float[Array, "E 3"], velocity: Float[Array, "E 3"]) -> tuple[Array, Array]:
+    """Joint positions and rates (Q,) from poses and velocities of parts and blocks."""
 
     def joined(rows):
         fingers = rows[1:_PARTS, 2] - rows[0, 2]
@@ -215,10 +190,8 @@ def _joints(
     return joined(pose), joined(velocity)
 
 
-def _poses(
-    place: Float[Array, "Q"], rate: Float[Array, "Q"]
-) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"]]:
-    """Poses and velocities from joint positions and rates; the fingers sit on their pivots."""
+def _poses(place: Float[Array, "Q"], rate: Float[Array, "Q"]) -> tuple[Array, Array]:
+    """Poses and velocities (E, 3) from joints and their rates; fingers sit on their pivots."""
     arm = _arms(place[2])
     swing = arm.turned() * rate[2]
 
@@ -233,8 +206,8 @@ def _poses(
 def _limited(force: Float[Array, "5"], push, turn, grip: Float[Array, "2"]) -> Float[Array, "5"]:
     """Forces clipped to the largest push (keeping its direction), turn and grip."""
     share = jnp.minimum(1.0, push / jnp.sqrt(jnp.sum(force[:2] ** 2) + 1e-12))
-    turned = jnp.clip(force[2:3], -turn, turn)
-    return jnp.concatenate([share * force[:2], turned, jnp.clip(force[3:], -grip, grip)])
+    turned, gripped = jnp.clip(force[2:3], -turn, turn), jnp.clip(force[3:], -grip, grip)
+    return jnp.concatenate([share * force[:2], turned, gripped])
 
 
 def _losses(rate: Float[Array, "Q"], strengths: Strengths) -> Float[Array, "Q"]:

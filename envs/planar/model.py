@@ -40,16 +40,15 @@ def finger_armature(timestep: float) -> float:
     return FINGER_TORQUE * timestep / FINGER_RATE
 
 
-def _geom(name: str, capsule: Capsule) -> str:
-    (ax, ay), (bx, by), r = capsule
-    if (ax, ay) == (bx, by):
-        return f'<geom name="{name}" type="sphere" size="{r}" pos="{ax} {ay} 0"/>'
-    return f'<geom name="{name}" type="capsule" size="{r}" fromto="{ax} {ay} 0 {bx} {by} 0"/>'
-
-
 def _geoms(body: str, capsules: tuple[Capsule, ...]) -> tuple[list[str], str]:
-    names = [f"{body}_{i}" for i in range(len(capsules))]
-    return names, "".join(_geom(n, c) for n, c in zip(names, capsules, strict=True))
+    """Names of a body's geoms, and their MJCF."""
+    names, text = [f"{body}_{i}" for i in range(len(capsules))], ""
+    for name, ((ax, ay), (bx, by), r) in zip(names, capsules, strict=True):
+        shape = f'type="capsule" size="{r}" fromto="{ax} {ay} 0 {bx} {by} 0"'
+        if (ax, ay) == (bx, by):
+            shape = f'type="sphere" size="{r}" pos="{ax} {ay} 0"'
+        text += f'<geom name="{name}" {shape}/>'
+    return names, text
 
 
 def _inertial(mass: float, inertia: float) -> str:
@@ -83,12 +82,8 @@ def _pairs(surfaces: list[tuple[list[str], float]], robot_parts: int) -> str:
     text = []
     for i, (first, mu1) in enumerate(surfaces):
         for second, mu2 in surfaces[max(i + 1, robot_parts) :]:
-            mu = mu1 * mu2
-            text += [
-                f'<pair geom1="{a}" geom2="{b}" condim="3" friction="{mu} {mu}"/>'
-                for a in first
-                for b in second
-            ]
+            slide = f'condim="3" friction="{mu1 * mu2} {mu1 * mu2}"'
+            text += [f'<pair geom1="{a}" geom2="{b}" {slide}/>' for a in first for b in second]
     return "".join(text)
 
 
@@ -99,10 +94,8 @@ def build(blocks: tuple[str, ...], *, timestep: float, iterations: int) -> mujoc
     to the base), then x, y, yaw of each block. Bodies: robot, left_finger, right_finger, block_0,
     block_1, ...
 
-    Args:
-      blocks: the blocks' shapes, each one of `shapes.SHAPES`.
-      timestep: length of a substep (s).
-      iterations: of the contact solver.
+    Blocks are shapes of `shapes.SHAPES`; `timestep` is a substep in s, `iterations` those of the
+    contact solver.
     """
     base, *fingers = robots.robot("gripper").parts
     names, inner = _geoms("robot", planar_capsules.disc(base.radius))

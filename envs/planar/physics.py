@@ -21,13 +21,14 @@ from . import joints as jointing
 from .contacts import Frames
 from .impulses import Bodies, Impulse, Motion, Rows, kick, prepare, solve
 from .joints import Command, Strengths
-from .plane import Vec, fence, heading
+from .plane import Vec, fence
 from .robots import Robot
 from .shapes import BlockShape
 
 __all__ = ["BLOCK_MASS", "Physics"]
 
 BLOCK_MASS = 0.01  # of the blocks whose inertia `BlockShape` gives
+_SETTLING = 100  # sweeps that find the impulses of a scene that has none yet
 BLOCK_FRICTION, WALL_FRICTION = 0.5, 0.8  # of one surface; Chipmunk multiplies the two that touch
 
 
@@ -83,6 +84,7 @@ class Physics:
             np.array([1 / p.mass for p in parts], np.float32),
             np.array([1 / p.inertia for p in parts], np.float32),
         )
+        self._base = Bodies(*(f[0] for f in self._parts))
 
     def rest(self) -> Float[Array, "I"]:
         """The memory of a scene in which nothing has touched yet."""
@@ -121,13 +123,10 @@ class Physics:
 
     def clearance(self, pose: Float[Array, "E 3"], shapes: BlockShape) -> Float[Array, ""]:
         """Gap between the robot and the nearest block or wall; negative where they overlap."""
-        count = len(self.robot.parts)
-        place = Frames(Vec(pose[:, 0], pose[:, 1]), heading(pose[:, 2]))
-        parts, blocks = (Frames(*(f[s] for f in place)) for s in (slice(count), slice(count, None)))
+        parts, blocks = self._places(pose)
         found = touching.walls(self._corners, self._radius, parts, arena=self.arena)
         for p, part in enumerate(self.robot.parts):
-            at = Frames(*(f[p] for f in parts))
-            found += touching.with_part(part, at, shapes, blocks)
+            found += touching.with_part(part, _only(parts, p), shapes, blocks)
         return jnp.stack([layer.gap.min() for layer in found]).min()
 
     def settle(
@@ -137,17 +136,12 @@ class Physics:
         shapes: BlockShape,
         strengths: Strengths,
         command: Command,
-        *,
-        iterations: int = 100,
     ) -> Float[Array, "I"]:
         """The memory of a scene that `command` has just brought to these poses and velocities."""
-        layers, aim = self._problem(
-            pose - self.dt * velocity, pose, velocity[0, 2], shapes, command
-        )
-        motion = self._motions(velocity)
+        before, motion = pose - self.dt * velocity, self._motions(velocity)
+        layers, aim = self._problem(before, pose, velocity[0, 2], shapes, command)
         sweep = lambda _, s: self._sweep(layers, aim, *s, shapes, strengths)  # noqa: E731
-        _, impulses = jax.lax.fori_loop(0, iterations, sweep, (motion, self._none()))
-        return self._pack(impulses)
+        return self._pack(jax.lax.fori_loop(0, _SETTLING, sweep, (motion, self._none()))[1])
 
     # ---------------------------------------------------------------- one substep
 
@@ -176,35 +170,40 @@ class Physics:
 
         return motion(velocity[:count]), motion(velocity[count:])
 
+    def _places(self, pose: Float[Array, "E 3"]) -> tuple[Frames, Frames]:
+        """Places of the robot's parts and of the blocks."""
+        place, count = fence(touching.frames(pose)), len(self.robot.parts)
+        return _only(place, np.s_[:count]), _only(place, np.s_[count:])
+
     def _blocks(self, shapes: BlockShape) -> Bodies:
         inertia = shapes.inverse_inertia * (BLOCK_MASS / self.block_mass)
         return Bodies(jnp.full_like(inertia, 1 / self.block_mass), inertia)
 
     def _problem(self, before, pose, spin, shapes: BlockShape, command: Command):
         """Contacts and joint targets of a substep."""
-        count, dt = len(self.robot.parts), self.dt
-        place = Frames(Vec(pose[:, 0], pose[:, 1]), heading(pose[:, 2]))
-        place = fence(place)
-        parts, blocks = (Frames(*(f[s] for f in place)) for s in (slice(count), slice(count, None)))
-        aim = jointing.aims(before[:count], pose[:count], parts, spin, command, dt=dt)
-        light, layers = self._blocks(shapes), []
+        count, light, layers = len(self.robot.parts), self._blocks(shapes), []
+        parts, blocks = self._places(pose)
+        aim = jointing.aims(before[:count], pose[:count], parts, spin, command, dt=self.dt)
+
+        def add(kind, which, contacts, *pair):
+            made = (prepare(found, *pair, dt=self.dt) for found in contacts)
+            layers.extend(_Layer(rows, kind, which) for rows in made)
+
         for p, part in enumerate(self.robot.parts):
-            at, heavy = Frames(*(f[p] for f in parts)), Bodies(*(f[p] for f in self._parts))
-            offset, rough = blocks.center - at.center, part.friction * BLOCK_FRICTION
-            for found in touching.with_part(part, at, shapes, blocks):
-                rows = prepare(found, rough, heavy, offset, light, dt=dt)
-                layers.append(_Layer(rows, "part", p))
+            at, heavy, rough = (
+                _only(parts, p),
+                _only(self._parts, p),
+                part.friction * BLOCK_FRICTION,
+            )
+            contacts = touching.with_part(part, at, shapes, blocks)
+            add("part", p, contacts, rough, heavy, blocks.center - at.center, light)
         for k, found in enumerate(touching.between_blocks(shapes, blocks), start=1):
-            second = Bodies(*(jnp.roll(f, -k) for f in light))
-            offset = blocks.center.roll(-k) - blocks.center
-            rows = prepare(found, BLOCK_FRICTION**2, light, offset, second, dt=dt)
-            layers.append(_Layer(rows, "blocks", k))
-        for found in touching.walls(self._corners, self._radius, parts, arena=self.arena):
-            rows = prepare(found, WALL_FRICTION * self._rough, None, None, self._parts, dt=dt)
-            layers.append(_Layer(rows, "part walls", 0))
-        for found in touching.walls(shapes.corners, shapes.radius, blocks, arena=self.arena):
-            rows = prepare(found, WALL_FRICTION * BLOCK_FRICTION, None, None, light, dt=dt)
-            layers.append(_Layer(rows, "block walls", 0))
+            second, center = jax.tree.map(lambda f, k=k: jnp.roll(f, -k), (light, blocks.center))
+            add("blocks", k, [found], BLOCK_FRICTION**2, light, center - blocks.center, second)
+        walls = touching.walls(self._corners, self._radius, parts, arena=self.arena)
+        add("part walls", 0, walls, WALL_FRICTION * self._rough, None, None, self._parts)
+        walls = touching.walls(shapes.corners, shapes.radius, blocks, arena=self.arena)
+        add("block walls", 0, walls, WALL_FRICTION * BLOCK_FRICTION, None, None, light)
         return layers, aim
 
     def _warm(self, layers, aim, motion, impulses: _Impulses, shapes) -> tuple[Motion, Motion]:
@@ -213,10 +212,9 @@ class Physics:
         for layer, j in zip(layers, impulses.contacts, strict=True):
             parts, blocks = _kicked(layer, j, parts, blocks)
         blocks = _served(blocks, impulses.table, self._blocks(shapes))
-        base = _served(_only(parts, 0), impulses.drive, Bodies(*(f[0] for f in self._parts)))
-        parts = _with_base(parts, base)
-        if impulses.fingers is not None:
-            j = impulses.fingers
+        parts = _with_base(parts, _served(_only(parts, 0), impulses.drive, self._base))
+        j = impulses.fingers
+        if j is not None:
             push, spin = jointing.pin(parts.push, parts.spin, j.pivot, aim, self._parts)
             spin = jointing.turn_fingers(spin, j.limit + j.motor, self._parts)
             parts = parts._replace(push=push, spin=spin)
@@ -224,8 +222,7 @@ class Physics:
 
     def _sweep(self, layers, aim, motion, impulses: _Impulses, shapes, strengths: Strengths):
         """One pass over all contacts, then all joints."""
-        parts, blocks = motion
-        contacts = []
+        (parts, blocks), contacts = motion, []
         for layer, j in zip(layers, impulses.contacts, strict=True):
             new = fence(solve(layer.rows, j, *_sides(layer, parts, blocks)))
             step = Impulse(*(a - b for a, b in zip(new, j, strict=True)))
@@ -237,11 +234,11 @@ class Physics:
             blocks.push, blocks.spin, impulses.table, light, s.table * dt, s.table_turn * dt
         )
         blocks = _served(blocks, _less(table, impulses.table), light)
-        base, heavy = _only(parts, 0), Bodies(*(f[0] for f in self._parts))
+        base = _only(parts, 0)
         drive = jointing.drive(
-            base.push, base.spin, impulses.drive, aim, heavy, s.drive * dt, s.turn * dt
+            base.push, base.spin, impulses.drive, aim, self._base, s.drive * dt, s.turn * dt
         )
-        parts = _with_base(parts, _served(base, _less(drive, impulses.drive), heavy))
+        parts = _with_base(parts, _served(base, _less(drive, impulses.drive), self._base))
         fingers = impulses.fingers
         if fingers is not None:
             push, spin, fingers = jointing.fingers(
@@ -256,16 +253,13 @@ class Physics:
         parts, blocks = len(self.robot.parts), self.num_blocks
         layers = sum(2 if p.boxes else 1 for p in self.robot.parts) + max(blocks - 1, 0)
         sizes = [blocks] * layers + [parts] * 4 + [blocks] * 4
-        zero, some = jnp.zeros(()), jnp.zeros(blocks)
-        fingers = None
-        if self.robot.has_fingers:
-            pair = jnp.zeros(2)
-            fingers = jointing.FingerImpulses(Vec(pair, pair), pair, pair)
+        zero, some, pair = jnp.zeros(()), jnp.zeros(blocks), jnp.zeros(2)
+        fingers = jointing.FingerImpulses(Vec(pair, pair), pair, pair)
         return _Impulses(
             [Impulse(*[jnp.zeros(n)] * 3) for n in sizes],
             jointing.Servo(Vec(some, some), some),
             jointing.Servo(Vec(zero, zero), zero),
-            fingers,
+            fingers if self.robot.has_fingers else None,
         )
 
     def _pack(self, impulses: _Impulses) -> Float[Array, "I"]:
@@ -276,8 +270,7 @@ class Physics:
         none = self._none()
         kept = none._replace(contacts=[j[:2] for j in none.contacts])
         leaves, tree = jax.tree.flatten(kept)
-        ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
-        pieces = jnp.split(memory, ends)
+        pieces = jnp.split(memory, np.cumsum([leaf.size for leaf in leaves])[:-1])
         leaves = [p.reshape(leaf.shape) for p, leaf in zip(pieces, leaves, strict=True)]
         kept = jax.tree.unflatten(tree, leaves)
         return kept._replace(contacts=[Impulse(*j, 0.0 * j[0]) for j in kept.contacts])
@@ -290,8 +283,9 @@ def _plus(a: Motion, b: Motion) -> Motion:
     return jax.tree.map(jnp.add, a, b)
 
 
-def _only(motion: Motion, which: int) -> Motion:
-    return Motion(*(f[which] for f in motion))
+def _only(bodies, which):
+    """The motions, places or weights of some of several bodies."""
+    return type(bodies)(*(f[which] for f in bodies))
 
 
 def _with_base(parts: Motion, base: Motion) -> Motion:
@@ -321,9 +315,9 @@ def _kicked(layer: _Layer, j: Impulse, parts: Motion, blocks: Motion) -> tuple[M
     """Motions after a layer's impulses."""
     first, second = kick(layer.rows, j)
     if layer.kind == "part":
-        p = layer.which
-        push = lambda all_, one: all_ + _at(p, len(all_)) * one.sum()  # noqa: E731
-        return jax.tree.map(push, parts, first), _plus(blocks, second)
+        at = (np.arange(len(parts.spin)) == layer.which).astype(np.float32)
+        push = jax.tree.map(lambda all_, one: all_ + at * one.sum(), parts, first)
+        return push, _plus(blocks, second)
     if layer.kind == "blocks":
         second = jax.tree.map(lambda f: jnp.roll(f, layer.which), second)
         return parts, _plus(_plus(blocks, first), second)
@@ -332,13 +326,7 @@ def _kicked(layer: _Layer, j: Impulse, parts: Motion, blocks: Motion) -> tuple[M
     return parts, _plus(blocks, second)
 
 
-def _at(which: int, count: int) -> np.ndarray:
-    return (np.arange(count) == which).astype(np.float32)
-
-
 def _stacked(*motions: tuple[Vec, Array]) -> Float[Array, "E 3"]:
     """Velocities of parts and blocks as one array."""
-    x, y, spin = (
-        jnp.concatenate(f) for f in zip(*((v.x, v.y, w) for v, w in motions), strict=True)
-    )
-    return jnp.stack([x, y, spin], axis=-1)
+    rows = zip(*((v.x, v.y, w) for v, w in motions), strict=True)
+    return jnp.stack([jnp.concatenate(f) for f in rows], axis=-1)

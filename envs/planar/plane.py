@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-__all__ = ["Vec", "fence", "heading", "joined", "where"]
+__all__ = ["Vec", "fence", "heading", "where"]
 
 
 @jax.tree_util.register_dataclass
@@ -57,10 +57,6 @@ class Vec:
         """Rotates from the world's frame into one turned by (cosine, sine)."""
         return Vec(frame.x * self.x + frame.y * self.y, frame.x * self.y - frame.y * self.x)
 
-    def roll(self, shift: int) -> "Vec":
-        """Shifts along the first axis."""
-        return Vec(jnp.roll(self.x, shift, axis=0), jnp.roll(self.y, shift, axis=0))
-
 
 def heading(angle: Float[Array, "..."]) -> Vec:
     """The rotation (cosine, sine) by an angle in rad."""
@@ -90,8 +86,3 @@ def _concatenated(tree):
 def where(condition: Array, a: Vec, b: Vec) -> Vec:
     """Elementwise choice."""
     return Vec(jnp.where(condition, a.x, b.x), jnp.where(condition, a.y, b.y))
-
-
-def joined(parts: list[Vec]) -> Vec:
-    """Concatenates vectors along the first axis."""
-    return Vec(jnp.concatenate([p.x for p in parts]), jnp.concatenate([p.y for p in parts]))

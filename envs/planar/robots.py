@@ -49,12 +49,6 @@ class Robot(NamedTuple):
         return len(self.parts) > 1
 
 
-def _corners(box: Box) -> np.ndarray:
-    c, s = math.cos(box.angle), math.sin(box.angle)
-    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-    return signs * np.array(box.half) @ np.array([[c, s], [-s, c]]) + np.array(box.center)
-
-
 def _finger(side: int) -> Part:
     """A finger in its pivot's frame, closed; `side` is -1 for the left and +1 for the right.
 
@@ -79,28 +73,24 @@ def _finger(side: int) -> Part:
     return Part(0.125, 0.005, 5.0, 0.0, (upper, fore), corners, outline)
 
 
-def _gripper() -> Robot:
-    angles = np.arange(32) * math.pi / 16
-    ring = 0.2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    base = Part(1.0, 0.020, 0.5, 0.2, (), np.zeros((1, 2)), ring)
-    return Robot("gripper", (base, _finger(-1), _finger(1)))
-
-
 def _stick(name: str, width: float, inertia: float) -> Robot:
     box = Box((0.0, 0.0), (width / 2, 0.05), 0.0)
-    corners = _corners(box)
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(box.half)
     return Robot(name, (Part(1.0, inertia, 0.5, 0.0, (box,), corners, corners),))
 
 
+_ANGLES = np.arange(32) * math.pi / 16
+_RING = 0.2 * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+_BASE = Part(1.0, 0.020, 0.5, 0.2, (), np.zeros((1, 2)), _RING)
 _ROBOTS = {
-    "gripper": _gripper,
-    "short": lambda: _stick("short", 0.30, 0.00833),
-    "medium": lambda: _stick("medium", 0.60, 0.03083),
-    "long": lambda: _stick("long", 1.60, 0.21417),
+    "gripper": Robot("gripper", (_BASE, _finger(-1), _finger(1))),
+    "short": _stick("short", 0.30, 0.00833),
+    "medium": _stick("medium", 0.60, 0.03083),
+    "long": _stick("long", 1.60, 0.21417),
 }
 ROBOTS = tuple(_ROBOTS)
 
 
 def robot(name: str) -> Robot:
     """The robot of the given name, one of `ROBOTS`."""
-    return _ROBOTS[name]()
+    return _ROBOTS[name]

@@ -10,6 +10,7 @@ and no branch, whichever shape it is.
 import math
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -34,83 +35,64 @@ class BlockShape(NamedTuple):
     inverse_inertia: Float[Array, "B"]  # for a mass of 0.01
 
 
-class _Kind(NamedTuple):
-    """One shape's row of the table."""
-
-    directions: np.ndarray  # (5, 2)
-    rim: np.ndarray  # (2, 2)
-    out: np.ndarray  # (2,)
-    corners: np.ndarray  # (5, 2)
-    radius: float
-    inverse_inertia: float
-
-
 def _ring(count: int, radius: float, first: float = math.pi / 2) -> np.ndarray:
     angles = first + 2 * math.pi * np.arange(count) / count
     return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
-def _five(points: np.ndarray) -> np.ndarray:
-    return points[np.minimum(np.arange(5), len(points) - 1)]
+def _five(points: np.ndarray) -> Vec:
+    return Vec(*points[np.minimum(np.arange(5), len(points) - 1)].T)
 
 
 def _polygon(count: int, circumradius: float, first: float, radius: float, inertia: float):
     """A regular polygon; `radius` rounds its corners outwards."""
     apothem = circumradius * math.cos(math.pi / count)
     half = circumradius * math.sin(math.pi / count)
-    normals = _ring(count, 1.0, first + math.pi / count)
-    rim = np.array([[apothem, 0.0], [apothem, half]])
-    corners = _ring(count, circumradius, first)
-    return _Kind(_five(normals), rim, np.array([1.0, 0.0]), _five(corners), radius, 1.0 / inertia)
+    normals = _five(_ring(count, 1.0, first + math.pi / count))
+    corners = _five(_ring(count, circumradius, first))
+    rim = Vec(apothem, 0.0), Vec(apothem, half), Vec(1.0, 0.0)
+    return BlockShape(normals, *rim, corners, radius, 1.0 / inertia)
 
 
-def _star(inertia: float) -> _Kind:
+def _star(inertia: float) -> BlockShape:
     tip, notch, half = 1.3 * SIZE, 0.65 * SIZE, math.pi / 5
-    rim = np.array([[tip, 0.0], [notch * math.cos(half), notch * math.sin(half)]])
-    (ax, ay), (bx, by) = rim
-    out = np.array([by - ay, ax - bx])
-    tips = _ring(5, 1.0)
-    return _Kind(tips, rim, out / np.linalg.norm(out), tip * tips, 0.0, 1.0 / inertia)
+    start, end = Vec(tip, 0.0), Vec(notch * math.cos(half), notch * math.sin(half))
+    out = np.array([end.y - start.y, start.x - end.x])
+    tips = _five(_ring(5, 1.0))
+    return BlockShape(
+        tips, start, end, Vec(*(out / np.linalg.norm(out))), tips * tip, 0.0, 1.0 / inertia
+    )
 
 
 _HALF_SQUARE = math.sqrt(math.pi) * SIZE / 2
-_TABLE = {  # inertias for a mass of 0.01, as the original computes them
+_NONE = Vec(0.0, 0.0)
+_TABLE = {  # of one block each; inertias for a mass of 0.01, as the original computes them
     "star": _star(9.365e-5),
     "square": _polygon(4, _HALF_SQUARE * math.sqrt(2), math.pi / 4, 0.0021, 7.540e-5),
     "pentagon": _polygon(5, 0.1379, math.pi / 2, 0.0, 7.322e-5),
-    "circle": _Kind(
-        _ring(5, 1.0), np.zeros((2, 2)), np.array([1.0, 0.0]), np.zeros((5, 2)), SIZE, 1 / 7.2e-5
+    "circle": BlockShape(
+        _five(_ring(5, 1.0)), _NONE, _NONE, Vec(1.0, 0.0), _five(np.zeros((5, 2))), SIZE, 1 / 7.2e-5
     ),
 }
-_STACKED = _Kind(
-    *(np.stack(f).astype(np.float32) for f in zip(*(_TABLE[s] for s in SHAPES), strict=True))
+_STACKED = jax.tree.map(
+    lambda *f: np.stack(f, axis=-1).astype(np.float32), *(_TABLE[s] for s in SHAPES)
 )
 
 
 def blocks(shape: Int[Array, "B"]) -> BlockShape:
     """The shapes of blocks, given by their index in `SHAPES`."""
-    kind = _Kind(*(jnp.asarray(field)[shape] for field in _STACKED))
-    several = lambda f: Vec(f[..., 0].T, f[..., 1].T)  # noqa: E731  (B, 5, 2) to (5, B) twice
-    return BlockShape(
-        several(kind.directions),
-        several(kind.rim[:, 0]),
-        several(kind.rim[:, 1]),
-        several(kind.out),
-        several(kind.corners),
-        kind.radius,
-        kind.inverse_inertia,
-    )
+    return jax.tree.map(lambda field: jnp.asarray(field)[..., shape], _STACKED)
 
 
 def outline(name: str) -> np.ndarray:
     """The corners (V, 2) of a block, counter-clockwise, for painting and for its box."""
     if name == "circle":
         return _ring(32, SIZE)
-    shape = _TABLE[name]
+    corners = np.stack([_TABLE[name].corners.x, _TABLE[name].corners.y], axis=1)
     if name == "star":
         notches = _ring(5, 0.65 * SIZE, math.pi / 2 + math.pi / 5)
-        return np.stack([shape.corners, notches], axis=1).reshape(10, 2)
-    return shape.corners[: 4 if name == "square" else 5]
+        return np.stack([corners, notches], axis=1).reshape(10, 2)
+    return corners[: 4 if name == "square" else 5]
 
 
 def signed_distance(shape: BlockShape, point: Vec, middle: Vec | None = None) -> tuple[Array, Vec]:

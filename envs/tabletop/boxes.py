@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from gril_jax.envs.panda.frames import Frame, into, out_of, turned
 from jaxtyping import Array, Bool, Float
 
-__all__ = ["Boxes", "box", "free", "lowest", "touching"]
+__all__ = ["Boxes", "box", "free", "lowest", "stacked", "touching"]
 
 _NEAR = 0.0015  # metres; a contact of MuJoCo's gives way by less
 
@@ -27,14 +27,14 @@ def box(frame: Frame, center, half) -> Boxes:
     return Boxes(place, frame.rotation, extent)
 
 
-def _reach(boxes: Boxes) -> Float[Array, "*N 3"]:
-    """Half extents along the world's axes."""
-    return turned(jnp.abs(boxes.rotation), boxes.half)
+def stacked(boxes: list[Boxes]) -> Boxes:
+    """Several boxes as one."""
+    return jax.tree.map(lambda *x: jnp.stack(x), *boxes)
 
 
 def lowest(boxes: Boxes) -> Float[Array, "*N"]:
     """Height of the lowest corner, metres."""
-    return boxes.position[..., 2] - _reach(boxes)[..., 2]
+    return boxes.position[..., 2] - turned(jnp.abs(boxes.rotation), boxes.half)[..., 2]
 
 
 def touching(small: Boxes, large: Boxes) -> Bool[Array, "*B"]:

@@ -74,13 +74,10 @@ def _chain(points: np.ndarray) -> list[np.ndarray]:
     """Half of a convex hull, without its last point (Andrew's monotone chain)."""
     chain: list[np.ndarray] = []
     for point in points:
-        while len(chain) > 1 and _turn(chain[-2], chain[-1], point) <= 0:
+        while len(chain) > 1:
+            (x, y), (u, v) = chain[-1] - chain[-2], point - chain[-1]
+            if x * v - y * u > 0:  # the path turns left
+                break
             chain.pop()
         chain.append(point)
     return chain[:-1]
-
-
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Positive if the path a, b, c turns left."""
-    (x, y), (u, v) = b - a, c - b
-    return float(x * v - y * u)

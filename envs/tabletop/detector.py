@@ -23,12 +23,9 @@ class Sightings(NamedTuple):
 
 
 def detect(thing: Int8[np.ndarray, "P P"], count: int, *, least: int = 4) -> Sightings:
-    """Detects the boxes of the visible pixels.
+    """The boxes of the visible pixels of `count` things; one with fewer than `least` is not seen.
 
-    Args:
-      thing: index of the thing that each pixel shows, row 0 on top; below 0 for none.
-      count: of things.
-      least: pixels; a thing that shows fewer is not seen.
+    `thing` is the index of what each pixel shows, row 0 on top; below 0 for none.
     """
     pixels = len(thing)
     low, high = np.zeros((2, count, 2), np.float32)

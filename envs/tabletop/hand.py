@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from gril_jax.envs.base import State
 from gril_jax.envs.panda import control, kinematics
+from gril_jax.envs.panda.control import MOVE_STEP, TURN_STEP
 from gril_jax.envs.panda.frames import Frame
 from gril_jax.envs.tabletop.task import Tabletop
 from jaxtyping import Float
@@ -18,7 +19,6 @@ from jaxtyping import Float
 __all__ = ["CLOSED", "OPEN", "Hand"]
 
 OPEN, CLOSED = 1.0, -1.0  # actions of the gripper
-_MOVE, _TURN = 0.025, 0.1  # metres and rad that a full action moves the aim
 _PATIENCE = 12  # control steps without getting nearer, after which a move ends
 _NEAR, _NEAR_TURN = 2e-3, 0.05  # metres, rad: there
 _GAIN = 1e-3  # metres nearer that count
@@ -28,10 +28,7 @@ _TURN_WORTH = 0.1  # metres that a turn of 1 rad counts for
 class Hand:
     """A running episode; the hand points down and holds `grip` and `yaw` between moves.
 
-    Args:
-      env: a tabletop environment.
-      start: of its `reset`.
-      limit: control steps after which nothing happens any more.
+    It begins at a state of the environment's `reset`. After `limit` control steps nothing happens.
     """
 
     def __init__(self, env: Tabletop, start: State, *, limit: int = 1000):
@@ -43,17 +40,13 @@ class Hand:
         self._data.mocap_pos[:], self._data.mocap_quat[:] = np.split(data.fixtures, [3], axis=1)
         self._rest = np.asarray(env.task.home, np.float32)
         self._target = data.target
-        self.place, self.yaw = _pose(_tool()(self._target))
+        self.place, self.yaw = _pose(_tool(self._target))
         self.grip = OPEN
+        self.qpos = self._data.qpos  # a view: always the current joint positions
         self.positions: list[np.ndarray] = []
         self.velocities: list[np.ndarray] = []
         self.targets: list[np.ndarray] = []
         self._record()
-
-    @property
-    def qpos(self) -> np.ndarray:
-        """Current joint positions."""
-        return self._data.qpos
 
     @property
     def steps(self) -> int:
@@ -71,7 +64,7 @@ class Hand:
             return
         action = np.clip(action, -1, 1).astype(np.float32)
         arm = self._data.qpos[:7].astype(np.float32)
-        aim, tool = _aim()(self._target, arm, action, self._rest, dt=self.env.physics.dt)
+        aim, tool = _aim(self._target, arm, action, self._rest, dt=self.env.physics.dt)
         self._target = np.asarray(aim)
         self.place, self.yaw = _pose(tool)
         self._data.ctrl[:] = self._target
@@ -81,15 +74,12 @@ class Hand:
     def rest(self, steps: int) -> None:
         """Holds still."""
         for _ in range(steps):
-            self.act(_still(self.grip))
+            self.act(np.array([0, 0, 0, 0, self.grip], np.float32))
 
     def move(self, goal, *, speed: float, yaw: float | None = None) -> None:
-        """Moves the tool centre point straight to a place, or as near as the arm comes.
+        """Moves the tool centre point straight to x, y, z, or as near as the arm comes.
 
-        Args:
-          goal: x, y, z, metres.
-          speed: m/s.
-          yaw: rad, reached on the way; None keeps the present one.
+        The speed is in m/s; the yaw (rad) is reached on the way, None keeps the present one.
         """
         step = speed * self.env.physics.dt
         wanted = self.yaw if yaw is None else yaw
@@ -104,37 +94,27 @@ class Hand:
             if there or self.steps - since >= _PATIENCE:
                 return
             share = min(1.0, step / max(distance, 1e-9))
-            self.act(np.array([*(gap * share / _MOVE), turn / _TURN, self.grip]))
+            self.act(np.array([*(gap * share / MOVE_STEP), turn / TURN_STEP, self.grip]))
 
-    def close(self, steps: int = 6) -> None:
+    def close(self) -> None:
         """Closes the gripper."""
         self.grip = CLOSED
-        self.rest(steps)
+        self.rest(6)
 
-    def open(self, steps: int = 5) -> None:
+    def open(self) -> None:
         """Opens the gripper."""
         self.grip = OPEN
-        self.rest(steps)
+        self.rest(5)
 
 
-def _still(grip: float = OPEN) -> np.ndarray:
-    return np.array([0, 0, 0, 0, grip], np.float32)
+_tool = jax.jit(lambda target: kinematics.tcp(target[:7]))
 
 
-@functools.cache
-def _tool():
-    return jax.jit(lambda target: kinematics.tcp(target[:7]))
-
-
-@functools.cache
-def _aim():
-    """The jitted controller, which also returns the target of the tool centre point."""
-
-    def aim(target, arm, action, rest, dt):
-        target = control.aim(target, arm, action, rest=rest, dt=dt)
-        return target, kinematics.tcp(target[:7])
-
-    return jax.jit(aim, static_argnames="dt")
+@functools.partial(jax.jit, static_argnames="dt")
+def _aim(target, arm, action, rest, dt):
+    """The controller's aims, and what they make of the tool centre point."""
+    target = control.aim(target, arm, action, rest=rest, dt=dt)
+    return target, kinematics.tcp(target[:7])
 
 
 def _pose(tool: Frame) -> tuple[np.ndarray, float]:

@@ -12,46 +12,27 @@ from typing import NamedTuple
 import mujoco
 from gril_jax.envs.panda import model as panda_model
 
-__all__ = ["TABLE", "Pair", "Scene", "build"]
+__all__ = ["TABLE", "Scene", "build"]
 
 TABLE = "table"
-
-
-class Pair(NamedTuple):
-    """Two geoms that can touch."""
-
-    first: str
-    second: str
-    friction: float = 1.0
 
 
 class Scene(NamedTuple):
     """A task's additions to the arm and the table."""
 
     bodies: str  # MJCF; joints of free things come after the arm's, in this order
-    pairs: tuple[Pair, ...]
-
-
-def _pair(pair: Pair) -> str:
-    slide = f"{pair.friction} {pair.friction}"
-    return (
-        f'<pair geom1="{pair.first}" geom2="{pair.second}" condim="3"'
-        f' friction="{slide} 0.005 0.0001 0.0001"/>'
-    )
+    pairs: tuple[tuple[str, str], ...]  # geoms that can touch
 
 
 def build(
     scene: Scene, *, timestep: float, iterations: int, ls_iterations: int, max_contacts: int
 ) -> mujoco.MjModel:
-    """Compiles a scene.
+    """Compiles a scene; numbers are as for `task.Tabletop`, `timestep` in s.
 
-    Args:
-      scene: the task's part.
-      timestep: of the physics, s.
-      iterations: of the contact solver, Newton's.
-      ls_iterations: of its line search.
-      max_contacts: most contacts that MJX resolves; the deepest count. C MuJoCo has no such cap.
+    `max_contacts` is MJX's: C MuJoCo has no such cap.
     """
+    friction = 'condim="3" friction="1.0 1.0 0.005 0.0001 0.0001"'
+    pairs = "".join(f'<pair geom1="{a}" geom2="{b}" {friction}/>' for a, b in scene.pairs)
     return mujoco.MjModel.from_xml_string(f"""
 <mujoco model="tabletop">
   <compiler angle="radian" autolimits="true"/>
@@ -69,7 +50,7 @@ def build(
     {panda_model.body()}
     {scene.bodies}
   </worldbody>
-  <contact>{"".join(map(_pair, scene.pairs))}</contact>
-  <equality>{panda_model.equality()}</equality>
+  <contact>{pairs}</contact>
+  <equality>{panda_model.EQUALITY}</equality>
   <actuator>{panda_model.ACTUATORS}</actuator>
 </mujoco>""")

@@ -27,16 +27,7 @@ def observe(
     reached: Bool[Array, "K"],
     action: Float[Array, "A"],
 ) -> Float[Array, "O"]:
-    """The observation vector.
-
-    Args:
-      motion: of all joints, the arm's first.
-      target: the servos' aims.
-      hand: the tool centre point.
-      things: boxes of the task's N things.
-      reached: stages that have held at some time.
-      action: the last one.
-    """
+    """The observation vector; `target` are the servos' aims, `hand` is the tool centre point."""
     robot = motion.qpos[: len(_JOINTS)]
     axes = jnp.concatenate([hand.rotation[:, 1], hand.rotation[:, 2]])
     places = things.position - hand.position

@@ -59,9 +59,7 @@ class Physics:
         takes them.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, *, substeps: int, impl: str = "jax", worlds: int = 4096
-    ):
+    def __init__(self, model: mujoco.MjModel, *, substeps: int, impl: str, worlds: int):
         self.mj_model, self.substeps, self._impl = model, substeps, impl
         self._driven = driven(model)
         self.dt = model.opt.timestep * substeps
@@ -82,18 +80,10 @@ class Physics:
         rest = jnp.zeros(self.mj_model.nv)
         return Motion(qpos, rest, rest)
 
-    def _model_for(self, motion: Motion, aim: Float[Array, "U"]):
-        if self._impl == "warp":
-            return self._model
-        return constant_where_saturated(self._model, self._driven, motion.qpos, motion.qvel, aim)
-
     def step(self, motion: Motion, aim: Float[Array, "U"], fixtures: Float[Array, "M 7"]) -> Motion:
-        """Advances one control step.
+        """Advances one control step in which the servos hold their aims.
 
-        Args:
-          motion: before it.
-          aim: of the servos, held throughout.
-          fixtures: position and quaternion of each mocap body, which no contact moves.
+        Fixtures are the position and quaternion of each mocap body, which no contact moves.
         """
 
         def substep(motion, _):
@@ -101,7 +91,10 @@ class Physics:
                 qpos=motion.qpos, qvel=motion.qvel, qacc_warmstart=motion.warmstart, ctrl=aim,
                 mocap_pos=fixtures[:, :3], mocap_quat=fixtures[:, 3:],
             )  # fmt: skip
-            data = mjx.step(self._model_for(motion, aim), data)
+            model, at = self._model, self._driven
+            if self._impl != "warp":
+                model = constant_where_saturated(model, at, motion.qpos, motion.qvel, aim)
+            data = mjx.step(model, data)
             return Motion(data.qpos, data.qvel, data.qacc_warmstart), None
 
         # On graphics processors products may otherwise be rounded to ten bits.

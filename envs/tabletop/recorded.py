@@ -45,14 +45,7 @@ class Run(NamedTuple):
 
 
 def judge(env: Tabletop, start: State, kind: str, hand: Hand) -> Run:
-    """The episode that a hand has recorded, as the task judges it.
-
-    Args:
-      env: the task.
-      start: where the episode began.
-      kind: of the episode.
-      hand: after at most `LIMIT` control steps.
-    """
+    """The episode that a hand has recorded in at most `LIMIT` steps, as the task judges it."""
     qpos, qvel = np.stack(hand.positions), np.stack(hand.velocities)
     count = len(qpos)
     padded = [x[np.minimum(np.arange(LIMIT + 1), count - 1)] for x in (qpos, qvel)]
@@ -71,12 +64,11 @@ def _judge(env: Tabletop) -> Callable:
             qpos, qvel, time = now
             motion = data.motion._replace(qpos=qpos, qvel=qvel)
             moment = data._replace(motion=motion, record=record)
-            view = env.view(moment)
+            view, boxes = env.view(moment), env.world_boxes(moment)
             progress = env.task.progress(view, env.task.boxes(view))
             record = rewards.record(record, progress, time)
-            boxes = env.world_boxes(moment)
-            picture = cameras.project(env.camera, boxes)
-            return record, (boxes, *picture, progress.done, record.success)
+            seen = boxes, *cameras.project(env.camera, boxes), progress.done, record.success
+            return record, seen
 
         blank = rewards.no_record(len(env.stage_names))
         times = jnp.arange(len(qpos), dtype=jnp.int32)
@@ -97,10 +89,8 @@ def cut(run: Run, length: int) -> Run:
 def moments(env: Tabletop, perform: Callable[..., Hand], *, episodes: int = 24) -> Moments:
     """Every fourth moment of an expert's successes, up to where success begins.
 
-    Args:
-      env: the task.
-      perform: (env, start, generator) -> the hand after an episode.
-      episodes: to play, 0.2 s each; a few of them may fail, and are left out.
+    `perform` is (env, start, generator) -> the hand after an episode. Of the episodes, 0.2 s each,
+    a few may fail, and are left out.
     """
     starts = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), episodes))
     found = []

@@ -42,14 +42,10 @@ class Picture(NamedTuple):
 
 
 class Renderer:
-    """Renders states of one environment.
+    """Renders states of one environment as square pictures.
 
-    Objects find their shapes by name: those of "shoe A" are in the body "shoe_a".
-
-    Args:
-      env: a tabletop environment.
-      start: any state of it; only where boxes lie in their bodies is read.
-      pixels: width and height of the pictures.
+    Objects find their shapes by name: those of "shoe A" are in the body "shoe_a". The start is any
+    state of the environment; only where boxes lie in their bodies is read.
 
     Raises:
       ValueError: the size is out of range, or no body is named after an object.
@@ -69,30 +65,19 @@ class Renderer:
         self._options = mujoco.MjvOption()
         self._options.geomgroup[:] = [group != _UNSEEN for group in range(6)]
         self._scene = mujoco.MjvScene(self._model, maxgeom=self._model.ngeom)
-        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-            self._scene.flags[flag] = False
+        unwanted = [mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION]
+        self._scene.flags[unwanted] = False
         self._gl.make_current()
         self._target = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._target)
 
-    def picture(
-        self,
-        qpos: Float[np.ndarray, "Q"],
-        fixtures: Float[np.ndarray, "M 7"],
-    ) -> Picture:
-        """Renders one state.
-
-        Args:
-          qpos: joint positions, as in `Motion`.
-          fixtures: position and quaternion of what stands still.
-        """
+    def picture(self, qpos: Float[np.ndarray, "Q"], fixtures: Float[np.ndarray, "M 7"]) -> Picture:
+        """Renders one state, given its joint positions and the poses of what stands still."""
         frame = self.frame(qpos, fixtures)
-        segmented = (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)
-        for flag in segmented:
-            self._scene.flags[flag] = True
+        segmented = [mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR]
+        self._scene.flags[segmented] = True
         codes = self._read()
-        for flag in segmented:
-            self._scene.flags[flag] = False
+        self._scene.flags[segmented] = False
         number = codes[:, :, 0].astype(np.int32) + 256 * codes[:, :, 1].astype(np.int32)
         # What is painted first has number 1; 0 is the background.
         thing = np.full(self._model.ngeom + 1, _SCENERY, np.int8)
@@ -105,9 +90,7 @@ class Renderer:
     ) -> UInt8[np.ndarray, "P P 3"]:
         """Renders the colours alone of one state; arguments as for `picture`."""
         self._gl.make_current()
-        self._data.qpos[:] = qpos
-        self._data.mocap_pos[:], self._data.mocap_quat[:] = np.split(fixtures, [3], axis=1)
-        mujoco.mj_kinematics(self._model, self._data)
+        _put(self._model, self._data, qpos, fixtures)
         mujoco.mjv_updateScene(
             self._model, self._data, self._options, None, self._camera,
             mujoco.mjtCatBit.mjCAT_ALL, self._scene,
@@ -149,12 +132,16 @@ def _open(pixels: int):
     )
 
 
+def _put(model: mujoco.MjModel, data: mujoco.MjData, qpos, fixtures: np.ndarray) -> None:
+    """Puts all bodies where these joints and fixtures have them."""
+    data.qpos[:] = qpos
+    data.mocap_pos[:], data.mocap_quat[:] = np.split(fixtures, [3], axis=1)
+    mujoco.mj_kinematics(model, data)
+
+
 def _dress(model: mujoco.MjModel, data: mujoco.MjData, env: Tabletop, start: State) -> np.ndarray:
     """Turns shapes into coloured boxes of the objects; returns each geom's object."""
-    motion = start.data.motion
-    data.qpos[:] = motion.qpos
-    data.mocap_pos[:], data.mocap_quat[:] = np.split(np.asarray(start.data.fixtures), [3], axis=1)
-    mujoco.mj_kinematics(model, data)
+    _put(model, data, start.data.motion.qpos, np.asarray(start.data.fixtures))
     boxes = jax.device_get(jax.jit(env.world_boxes)(start.data))
     owner = np.full(model.ngeom, _SCENERY, np.int8)
     model.geom_rgba[:] = (*_ARM, 1)

@@ -62,36 +62,25 @@ def record(before: Record, progress: Progress, time: Int[Array, ""]) -> Record:
     """The record after a control step that ended at `time`."""
     fresh = progress.done & ~before.reached
     held = jnp.where(progress.finished, before.held + 1, 0)
-    count = jnp.where(held >= _SUSTAINED, len(progress.done) + 1, _count(progress))
+    count = jnp.sum(progress.done, dtype=jnp.int32)
+    count = jnp.where(held >= _SUSTAINED, len(progress.done) + 1, count)
     stage_time = jnp.where(fresh, time, before.stage_time)
     return Record(stage_time, held, jnp.maximum(before.best, count))
-
-
-def _count(progress: Progress) -> Int[Array, ""]:
-    return jnp.sum(progress.done, dtype=jnp.int32)
-
-
-def _bonus(best: Int[Array, ""], stages: int) -> Float[Array, ""]:
-    return jnp.minimum(best, stages) + _SUCCESS_BONUS * (best > stages)
 
 
 def reward(
     name: str, before: Record, after: Record, progress: Progress, change: Float[Array, "A"]
 ) -> Float[Array, ""]:
-    """The reward of a control step.
+    """The reward of a control step between two records, `change` that of its action.
 
-    Args:
-      name: one of `REWARDS`.
-      before, after: the records around it.
-      progress: after it.
-      change: of the action since the step before.
+    `name` is one of `REWARDS`; `progress` is that after the step.
     """
-    stages = len(progress.done)
-    count = _count(progress)
+    stages, count = len(progress.done), jnp.sum(progress.done, dtype=jnp.int32)
     if name == "sparse":
         return after.success.astype(jnp.float32)
     if name == "stages":
         return count / stages
     rest = jnp.where(count < stages, progress.within, 0.0)
-    bonus = _bonus(after.best, stages) - _bonus(before.best, stages)
-    return (count + rest) / stages + bonus - _CHANGE_COST * jnp.sum(change**2)
+    bonus = lambda best: jnp.minimum(best, stages) + _SUCCESS_BONUS * (best > stages)  # noqa: E731
+    gained = bonus(after.best) - bonus(before.best)
+    return (count + rest) / stages + gained - _CHANGE_COST * jnp.sum(change**2)

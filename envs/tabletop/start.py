@@ -50,11 +50,9 @@ def apart(a: Footprint, b: Footprint) -> Bool[Array, ""]:
 
 
 def group(key: PRNGKeyArray, places: Float[Array, "N 3"], *, share: float) -> Float[Array, "N 3"]:
-    """Places (x, y, yaw) after one random offset and yaw of the group; the key is consumed.
+    """Places (x, y, yaw) of the task's layout after one random offset and yaw of all.
 
-    Args:
-      places: in the task's own layout.
-      share: of the ranges; 0 leaves everything where it is.
+    `share` is that of the ranges; 0 leaves everything where it is.
     """
     drawn = share * jax.random.uniform(key, (3,), minval=-1.0)
     shift, turn = GROUP_SHIFT * drawn[:2], GROUP_YAW * drawn[2]
@@ -68,21 +66,13 @@ def group(key: PRNGKeyArray, places: Float[Array, "N 3"], *, share: float) -> Fl
 def place(
     key: PRNGKeyArray, things: Footprint, standing: Footprint, *, share: float
 ) -> tuple[Float[Array, "N 3"], Bool[Array, ""]]:
-    """Jitters the objects, clear of each other and of fixed ones.
+    """Jitters things by a share of the ranges, clear of each other and of what is standing.
 
-    Args:
-      key: consumed.
-      things: N of them, where the layout has them.
-      standing: others, which stay.
-      share: of the ranges of the jitter.
-
-    Returns:
-      Their places, and whether no arrangement was found (then that of the first draw).
+    Returns their places, and whether no arrangement was found (then that of the first draw).
     """
     count = len(things.place)
-    shape = (_CANDIDATES, count, 3)
-    jitter = share * jax.random.uniform(key, shape, minval=-1.0) * jnp.array([SHIFT, SHIFT, YAW])
-    candidates = things.place + jitter
+    unit = jax.random.uniform(key, (_CANDIDATES, count, 3), minval=-1.0)
+    candidates = things.place + share * unit * jnp.array([SHIFT, SHIFT, YAW])
 
     def fits(places: Float[Array, "N 3"]) -> Bool[Array, ""]:
         moved = things._replace(place=places)

@@ -68,7 +68,7 @@ class Task(NamedTuple):
     boxes: Callable[[View], Boxes]  # of the things, (N, ...)
     progress: Callable[[View, Boxes], Progress]
     episode_length: int
-    by_boxes: Callable[..., Stages] | None = None
+    by_boxes: Callable[..., Stages]
     """(classes, half_extent=) -> the stages as seen in a picture, for audits of rewards."""
 
 
@@ -83,6 +83,13 @@ class TabletopData(NamedTuple):
     time: Int[Array, ""]  # control steps since reset
     unplaced: Bool[Array, ""]  # the start found no free place
     varied: Bool[Array, ""]  # the episode began at a moment of another
+
+
+def _hand(motion: Motion) -> tuple[Frame, Frame, Frame]:
+    """Frames of the hand, the left finger and the right one."""
+    hand = kinematics.hand(motion.qpos[:7])
+    left, right = motion.qpos[7], motion.qpos[8]
+    return hand, kinematics.finger(hand, left, 1), kinematics.finger(hand, right, -1)
 
 
 class Tabletop:
@@ -142,9 +149,8 @@ class Tabletop:
         self.classes = (*_ROBOT, *task.things)
         self.action_names = control.ACTION_NAMES
         self.action_size = len(self.action_names)
-        self.stage_names, self.stages = task.stages, None
-        if task.by_boxes is not None:
-            self.stages = task.by_boxes(self.classes, half_extent=self.half_extent)
+        self.stage_names = task.stages
+        self.stages = task.by_boxes(self.classes, half_extent=self.half_extent)
         self._home = np.array(task.home, np.float32)
         model = build(
             task.scene, timestep=1 / (CONTROL_HZ * substeps), iterations=iterations,
@@ -156,10 +162,8 @@ class Tabletop:
         )
         self.observation_size = len(self.observation_names)
 
-    # ---------------------------------------------------------------- episode
-
     def reset(self, key: PRNGKeyArray) -> State:
-        """Starts a new episode; the key is consumed."""
+        """Starts a new episode."""
         if not self._varied_starts:
             return self._observe(*[self._begin(key)] * 2)
         key, key_varied, key_moment = jax.random.split(key, 3)
@@ -179,8 +183,7 @@ class Tabletop:
         key_start, key_arm = jax.random.split(key)
         start = self.task.start(key_start, self.jitter)
         noise = self.jitter * _ARM_NOISE * jax.random.normal(key_arm, (7,))
-        arm = jnp.asarray(self._home) + noise
-        return self._at_rest(arm, start, kinematics.FINGER_RANGE[1])
+        return self._at_rest(self._home + noise, start, kinematics.FINGER_RANGE[1])
 
     def _at_rest(self, arm, start: Start, opening) -> TabletopData:
         fingers = jnp.full((2,), opening)
@@ -194,12 +197,11 @@ class Tabletop:
     def _within(self, moment: Moments) -> tuple[TabletopData, Bool[Array, "N"]]:
         """A moment of a recorded episode, and the objects that have moved by then."""
         motion = self.physics.start(moment.qpos)._replace(qvel=moment.qvel)
-        data = TabletopData(
-            motion, moment.target, moment.fixtures, jnp.zeros(self.action_size),
-            tabletop_moments.record_of(moment), jnp.zeros((), jnp.int32), jnp.zeros((), bool),
-            jnp.ones((), bool),
-        )  # fmt: skip
-        return data, moment.moved
+        record, no = tabletop_moments.record_of(moment), jnp.zeros((), bool)
+        return TabletopData(
+            motion, moment.target, moment.fixtures, jnp.zeros(self.action_size), record,
+            jnp.zeros((), jnp.int32), no, ~no,
+        ), moment.moved  # fmt: skip
 
     def step(self, state: State, action: Float[Array, "A"]) -> State:
         """Advances one control step: 50 ms under a held aim."""
@@ -210,40 +212,25 @@ class Tabletop:
             rest=jnp.asarray(self._home), dt=self.physics.dt,
         )  # fmt: skip
         motion = self.physics.step(before.motion, target, before.fixtures)
-        return self._observe(
-            before,
-            before._replace(motion=motion, target=target, action=action, time=before.time + 1),
-        )
-
-    # ---------------------------------------------------------------- what is seen
+        changed = dict(motion=motion, target=target, action=action, time=before.time + 1)
+        return self._observe(before, before._replace(**changed))
 
     def view(self, data: TabletopData) -> View:
         """The scene as far as it can be read without asking the simulator."""
-        robot, own = jnp.split(data.motion.qpos, [panda_model.DOFS])
-        hand = kinematics.hand(robot[:7])
-        pads = [
-            boxes.box(
-                kinematics.finger(hand, robot[7 + i], side),
-                panda_model.PAD_CENTER, panda_model.PAD_HALF,
-            )
-            for i, side in enumerate((1, -1))
-        ]  # fmt: skip
-        tcp = hand.position + kinematics.TCP * hand.rotation[:, 2]
+        motion, own = data.motion, panda_model.DOFS
+        hand, *fingers = _hand(motion)
+        pads = [boxes.box(f, panda_model.PAD_CENTER, panda_model.PAD_HALF) for f in fingers]
+        tcp = Frame(hand.position + kinematics.TCP * hand.rotation[:, 2], hand.rotation)
         return View(
-            Frame(tcp, hand.rotation), jax.tree.map(lambda *x: jnp.stack(x), *pads), own,
-            data.motion.qvel[panda_model.DOFS :], data.fixtures, data.record.reached,
+            tcp, boxes.stacked(pads), motion.qpos[own:], motion.qvel[own:], data.fixtures,
+            data.record.reached,
         )  # fmt: skip
 
     def world_boxes(self, data: TabletopData) -> Boxes:
         """Boxes in space of left finger, right finger, hand, and the task's objects."""
-        robot = data.motion.qpos[: panda_model.DOFS]
-        hand = kinematics.hand(robot[:7])
-        own = [
-            boxes.box(kinematics.finger(hand, robot[7], 1), *panda_model.TIP_BOX),
-            boxes.box(kinematics.finger(hand, robot[8], -1), *panda_model.TIP_BOX),
-            boxes.box(hand, *panda_model.HAND_BOX),
-        ]
-        own = jax.tree.map(lambda *x: jnp.stack(x), *own)
+        hand, *fingers = _hand(data.motion)
+        tips = [boxes.box(finger, *panda_model.TIP_BOX) for finger in fingers]
+        own = boxes.stacked([*tips, boxes.box(hand, *panda_model.HAND_BOX)])
         things = self.task.boxes(self.view(data))
         return Boxes(*(jnp.concatenate(x) for x in zip(own, things, strict=True)))
 
@@ -256,11 +243,8 @@ class Tabletop:
         center, size = cameras.project(self.camera, self.world_boxes(data))
         count = len(self.classes)
         change = data.action - before.action
-        stages = {
-            f"stage {name}": held.astype(jnp.float32)
-            for name, held in zip(self.stage_names, progress.done, strict=True)
-        }
-        success = data.record.success.astype(jnp.float32)
+        done, success = progress.done.astype(jnp.float32), data.record.success.astype(jnp.float32)
+        stages = zip(self.stage_names, done, strict=True)
         return State(
             data=data,
             obs=observations.observe(
@@ -271,11 +255,11 @@ class Tabletop:
             reward=rewards.reward(self._reward, before.record, data.record, progress, change),
             done=jnp.zeros(()),
             metrics={
-                "score": jnp.maximum(jnp.mean(progress.done.astype(jnp.float32)), success),
+                "score": jnp.maximum(jnp.mean(done), success),
                 "success": success,
                 "unplaced": data.unplaced.astype(jnp.float32),
                 "varied": data.varied.astype(jnp.float32),
-                **stages,
+                **{f"stage {name}": held for name, held in stages},
             },
         )
 

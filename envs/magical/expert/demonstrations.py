@@ -23,12 +23,8 @@ def record(
 ) -> Demonstrations:
     """The demonstrations wanted of a task with `blocks` and a `variant`.
 
-    Args:
-      env: the task.
-      rollout: (key, kind) -> states (T, ...) of an episode: a success for kind 0, else a failure.
-      num_kinds: how many kinds there are.
-      wanted: see there.
-      tell: hears how many episodes are good enough so far.
+    `rollout` is (key, kind) -> states (T, ...) of an episode: a success for kind 0, else a failure.
+    `tell` hears how many episodes are good enough so far.
 
     Raises:
       ExpertError: the expert fails so often that they cannot be collected.

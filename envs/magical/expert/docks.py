@@ -32,13 +32,9 @@ def choose_dock(
     """The direction from which to approach a block: the cheapest of 24, as a unit vector.
 
     Args:
-      robot: where it is.
-      block: where the block is.
-      blocks: where all blocks are.
-      other: those to keep clear of.
+      other: those of the blocks to keep clear of.
       wanted: unit vector in which the block should move first.
       before: the direction chosen before, kept unless another is clearly better; zero for none.
-      arena: half the side.
     """
     angle = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
     fan = jnp.asarray(np.stack([np.cos(angle), np.sin(angle)], axis=1), jnp.float32)

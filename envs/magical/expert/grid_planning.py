@@ -15,6 +15,7 @@ __all__ = ["Obstacles", "cost_to_go", "waypoint"]
 
 _POINTS = 25
 _SWEEPS = 44  # a way over more points than this is not found; the arena's side has 25
+_REACH = 0.4  # how far a point to head for is, at most
 _PENALTY = 12.0  # times dearer at an obstacle's centre than in the open
 
 
@@ -44,13 +45,7 @@ def _price(points: Float[Array, "*P 2"], obstacles: Obstacles) -> Float[Array, "
 def cost_to_go(
     target: Float[Array, "2"], obstacles: Obstacles, *, extent: float
 ) -> Float[Array, "G G"]:
-    """Cost of the best path from each grid point to `target`.
-
-    Args:
-      target: where ways end, arena units.
-      obstacles: what they avoid.
-      extent: half the side of the grid.
-    """
+    """Cost of the best path from each point of a grid |x|, |y| <= `extent` to `target`."""
     grid = _grid(extent)
     price = _price(grid, obstacles)
     spacing = 2 * extent / (_POINTS - 1)
@@ -59,8 +54,7 @@ def cost_to_go(
 
     def sweep(_, cost):
         # Half a step is paid on either side; the border is padded with what never is cheapest.
-        padded = jnp.pad(cost, 1, constant_values=1e3)
-        prices = jnp.pad(price, 1, constant_values=1e3)
+        padded, prices = (jnp.pad(x, 1, constant_values=1e3) for x in (cost, price))
         best = cost
         for i in (-1, 0, 1):
             for j in (-1, 0, 1):
@@ -80,27 +74,20 @@ def waypoint(
     obstacles: Obstacles,
     *,
     extent: float,
-    reach: float = 0.4,
     near: float = 0.12,
 ) -> Float[Array, "2"]:
-    """The point to head for: the best grid point about `reach` ahead, or the target itself.
+    """The point to head for from `start`: the best grid point 0.2 to 0.4 ahead, or the target.
 
-    Args:
-      start: where the robot is.
-      target: as given to `cost_to_go`.
-      cost: from `cost_to_go`.
-      obstacles: the same.
-      extent: the same.
-      reach: how far the point is, at most; half of it at least.
-      near: a target nearer than this is headed for whatever is in between.
+    The cost is that of `cost_to_go` for the same target, obstacles and extent. A target nearer than
+    `near` is headed for whatever is in between.
     """
     grid = _grid(extent)
     length = jnp.sqrt(jnp.sum((grid - start) ** 2, axis=-1))
     price = (_price((grid + start) / 2, obstacles) + _price(grid, obstacles)) / 2
     total = cost + length * price
-    total = jnp.where((length < reach) & (length > 0.5 * reach), total, 1e4)
+    total = jnp.where((length < _REACH) & (length > 0.5 * _REACH), total, 1e4)
     best = grid.reshape(-1, 2)[jnp.argmin(total)]
     straight = jnp.sqrt(jnp.sum((target - start) ** 2) + 1e-12)
     direct = straight * _price((target + start) / 2, obstacles)
-    close = (straight < near) | (direct < total.min() + 0.05) & (straight < 2 * reach)
+    close = (straight < near) | (direct < total.min() + 0.05) & (straight < 2 * _REACH)
     return jnp.where(close, target, best)

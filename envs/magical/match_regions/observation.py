@@ -48,27 +48,19 @@ def _rich(scene: Scene, parts: int, due: int = 0) -> Float[Array, "O"]:
     robot += [turned(-yaw, scene.goal[:2] - x_y), scene.goal]
     blocks, speed = scene.pose[parts:], scene.velocity[parts:]
     local = turned(-yaw, blocks[:, :2] - x_y)
-    each = [
-        local,
-        blocks[:, :2],
-        blocks[:, :2] - scene.goal[:2],
-        speed[:, :2],
-        jnp.stack([jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1),
+    turns = jnp.stack([jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1)
+    each = jnp.concatenate([
+        local, blocks[:, :2], blocks[:, :2] - scene.goal[:2], speed[:, :2], turns,
         scene.inside.astype(jnp.float32)[:, None],
-    ]
-    each = jnp.concatenate(each, axis=1)
+    ], axis=1)  # fmt: skip
     if not due:
         return jnp.concatenate([*robot, each.reshape(-1)])
-    order = _order(local[:due], scene.inside[:due])
+    # Row k of the permutation marks the target that is due k-th.
+    last = jnp.sum(local[:due] ** 2, axis=-1) + _FAR * scene.inside[:due]
+    order = jnp.argsort(last)[:, None] == jnp.arange(due)
     first = jnp.sum(jnp.where(order[:, :, None], each[:due], 0.0), axis=1)  # exact, and no gather
     each = jnp.concatenate([first, each[due:]])
     return jnp.concatenate([*robot, each.reshape(-1), order.astype(jnp.float32).reshape(-1)])
-
-
-def _order(local: Float[Array, "K 2"], inside: Bool[Array, "K"]) -> Bool[Array, "K K"]:
-    """Permutation matrix: row k marks the target that is due k-th."""
-    due = jnp.sum(local**2, axis=-1) + _FAR * inside
-    return jnp.argsort(due)[:, None] == jnp.arange(len(due))
 
 
 def _xmagical(scene: Scene, parts: int, targets: int) -> Float[Array, "O"]:

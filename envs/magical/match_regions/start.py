@@ -46,10 +46,7 @@ def looks(
     colour: Int[Array, "B"],
     targets: int,
 ) -> tuple[Int[Array, "B"], Int[Array, "B"]]:
-    """Shapes and colours of the blocks: the given ones, or sampled with two keys.
-
-    The first `targets` blocks are the targets.
-    """
+    """Shapes and colours of the blocks, `targets` first: the given ones, or sampled."""
     if variant in ("shape", "all"):
         shape = layouts.shapes(keys[0], len(shape))
     if variant in ("color", "all"):
@@ -80,12 +77,8 @@ def places(
     """The places of a start: the Demo layout's, near them, or anywhere."""
     if variant in ("layout", "all"):
         return layouts.scatter(key, robot, radii, arena=arena)
-    layout = layouts.Layout(
-        jnp.array(DEMO_ROBOT),
-        jnp.array([DEMO_BLOCKS[b] for b in blocks]),
-        jnp.array(DEMO_GOAL),
-        jnp.zeros((), bool),
-    )
+    demo = jnp.array(DEMO_ROBOT), jnp.array([DEMO_BLOCKS[b] for b in blocks]), jnp.array(DEMO_GOAL)
+    layout = layouts.Layout(*demo, jnp.zeros((), bool))
     return layouts.jitter(key, layout, arena=arena) if variant == "jitter" else layout
 
 
@@ -136,12 +129,8 @@ def varied(
         )
         use = ~none & jax.random.bernoulli(key_use, facing)
         pose, unplaced = jnp.where(use, stand, pose), unplaced & ~use
-    layout = layout._replace(
-        robot=jnp.where(vary, pose, layout.robot),
-        blocks=blocks,
-        unplaced=layout.unplaced | (vary & unplaced),
-    )
-    return Varied(layout, vary, moved)
+    robot, unplaced = jnp.where(vary, pose, layout.robot), layout.unplaced | (vary & unplaced)
+    return Varied(layout._replace(robot=robot, blocks=blocks, unplaced=unplaced), vary, moved)
 
 
 def _on_its_way(key, block, blocks, goal, radii, arena):
@@ -155,8 +144,7 @@ def _on_its_way(key, block, blocks, goal, radii, arena):
     clear = (away > (radii[block] + radii) ** 2) | (jnp.arange(len(radii)) == block)
     free = clear.all(axis=1) & (jnp.abs(places) <= limit).all(axis=1)
     angle = jax.random.uniform(key_angle, (1,), minval=-jnp.pi, maxval=jnp.pi)
-    pose = jnp.concatenate([places[jnp.argmax(free)], angle])
-    return pose, free.any()
+    return jnp.concatenate([places[jnp.argmax(free)], angle]), free.any()
 
 
 def robot_pose(robot: Robot, base: Float[Array, "3"]) -> Float[Array, "P 3"]:

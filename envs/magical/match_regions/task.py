@@ -120,8 +120,6 @@ class MatchRegions:
         self.observation_size = len(self.observation_names)
         self.action_names = ("forward speed", "turn", "grip")[: self.action_size]
 
-    # ---------------------------------------------------------------- episode
-
     def reset(self, key: PRNGKeyArray) -> State:
         """Starts a new episode of the task's variant."""
         keys = jax.random.split(key, 6)
@@ -205,8 +203,6 @@ class MatchRegions:
         if self.physics == "magical":
             return actions.rounded_command(action)
         return actions.command(action, gain=self.turn_gain, dt=self._engine.dt)
-
-    # ---------------------------------------------------------------- what is seen
 
     def _observe(self, data: PlanarData) -> State:
         progress = states.progress(data, parts=self._parts, targets=self.num_targets)

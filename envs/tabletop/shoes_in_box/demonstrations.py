@@ -22,7 +22,7 @@ def demonstrate(
     stay the same.
     """
     del make
-    shown = Expert(tuple(expert.KINDS), expert.play, expert.as_meant)
+    shown = Expert(expert.KINDS, expert.play, expert.as_meant)
     return record(_env(JITTER[wanted.places]), shown, wanted, tell)
 
 

@@ -13,10 +13,9 @@ each episode is judged by the task itself, from recorded positions, and the scri
   "shoe knocked away"  a shoe is struck out of reach, the other put in
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from gril_jax.envs.base import State
+from gril_jax.envs.checks import check_known
 from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.tabletop.hand import Hand
 from gril_jax.envs.tabletop.recorded import LIMIT, Run, cut, judge
@@ -28,24 +27,19 @@ from .style import Style, draw
 
 __all__ = ["KINDS", "as_meant", "perform", "play"]
 
+KINDS = ("success", "lid only", "one shoe", "shoe outside", "lid closed again", "stops early",
+         "wrong order", "shoe knocked away")  # fmt: skip
 _AFTER = 10  # moments kept after success
 
 
 def play(env: Tabletop, start: State, seed: int | tuple[int, ...], kind: str = "success") -> Run:
-    """Plays one episode.
+    """Plays one episode; that of a success ends half a second after it.
 
-    Args:
-      env: shoes in the box.
-      start: of its `reset`, one episode.
-      seed: of the style and of what a failure leaves open.
-      kind: one of `KINDS`.
-
-    Returns:
-      The episode; that of a success ends half a second after it. A script can miss its aim: check
-      `as_meant`.
+    `start` is of the task's `reset`; the seed is of the style and of what a failure leaves open. A
+    script can miss its aim: check `as_meant`.
 
     Raises:
-      ValueError: the kind is unknown.
+      ValueError: the kind is none of `KINDS`.
     """
     rng = np.random.default_rng(seed)
     hand = perform(env, start, rng, kind)
@@ -61,11 +55,10 @@ def play(env: Tabletop, start: State, seed: int | tuple[int, ...], kind: str = "
 
 def perform(env: Tabletop, start: State, rng: np.random.Generator, kind: str = "success") -> Hand:
     """The hand after an episode that nobody has judged yet; arguments and errors as for `play`."""
-    if kind not in KINDS:
-        raise ValueError(f"kind is {kind!r}, but must be one of {', '.join(KINDS)}")
+    check_known("kind", kind, KINDS)
     style, hand = draw(rng), Hand(env, start, limit=LIMIT)
     hand.rest(style.pauses[0])
-    KINDS[kind](hand, style, rng)
+    _follow(hand, style, rng, kind)
     hand.rest(_AFTER)
     return hand
 
@@ -79,9 +72,6 @@ def as_meant(run: Run) -> bool:
     return shows(run.kind, shoes, lid, run.stages[-1, 1:], box)
 
 
-# ---------------------------------------------------------------- scripts
-
-
 def _put(hand: Hand, style: Style, number: int, *, where=None) -> None:
     """Takes the shoe that is number `number` in order and releases it in the box, or elsewhere."""
     hand.rest(style.pauses[1 + number])
@@ -90,49 +80,26 @@ def _put(hand: Hand, style: Style, number: int, *, where=None) -> None:
     moves.release(hand, style, pause=style.pauses[3 + number])
 
 
-def _success(hand: Hand, style: Style, rng: np.random.Generator) -> None:
+def _follow(hand: Hand, style: Style, rng: np.random.Generator, kind: str) -> None:
+    """Plays the script of a kind, from its beginning to its end."""
+    if kind == "wrong order":
+        _put(hand, style, 0, where=(*style.drops[0][:2], 0.2))
     moves.open_lid(hand, style)
-    _put(hand, style, 0)
-    _put(hand, style, 1)
-
-
-def _lid_only(hand: Hand, style: Style, rng: np.random.Generator) -> None:
-    moves.open_lid(hand, style)
-    _wander(hand, style, rng)
-
-
-def _one_shoe(hand: Hand, style: Style, rng: np.random.Generator) -> None:
-    moves.open_lid(hand, style)
-    _put(hand, style, 0)
-    _wander(hand, style, rng)
-
-
-def _outside(hand: Hand, style: Style, rng: np.random.Generator) -> None:
-    moves.open_lid(hand, style)
-    _put(hand, style, 0)
-    _put(hand, style, 1, where=(rng.uniform(-0.12, 0.12), rng.uniform(0.2, 0.26), 0.1))
-    _wander(hand, style, rng)
-
-
-def _closed_again(hand: Hand, style: Style, rng: np.random.Generator) -> None:
-    moves.open_lid(hand, style)
-    if rng.random() < 0.5:
+    if kind == "shoe knocked away":
+        angle = moves.box_yaw(hand) + rng.uniform(-0.4, 0.4)  # away from the robot
+        moves.knock(hand, style, style.order[1], (np.cos(angle), np.sin(angle)))
+    if kind == "lid closed again":
+        if rng.random() < 0.5:
+            _put(hand, style, 0)
+        moves.close_lid(hand, style)
+    elif kind not in ("lid only", "wrong order"):
         _put(hand, style, 0)
-    moves.close_lid(hand, style)
-
-
-def _wrong_order(hand: Hand, style: Style, rng: np.random.Generator) -> None:
-    x, y, _ = style.drops[0]
-    _put(hand, style, 0, where=(x, y, 0.2))
-    moves.open_lid(hand, style)
-    _put(hand, style, 1)
-
-
-def _knocked(hand: Hand, style: Style, rng: np.random.Generator) -> None:
-    moves.open_lid(hand, style)
-    angle = moves.box_yaw(hand) + rng.uniform(-0.4, 0.4)  # away from the robot
-    moves.knock(hand, style, style.order[1], (np.cos(angle), np.sin(angle)))
-    _put(hand, style, 0)
+    if kind in ("success", "stops early", "wrong order"):
+        _put(hand, style, 1)
+    if kind == "shoe outside":
+        _put(hand, style, 1, where=(rng.uniform(-0.12, 0.12), rng.uniform(0.2, 0.26), 0.1))
+    if kind in ("lid only", "one shoe", "shoe outside"):
+        _wander(hand, style, rng)
 
 
 def _wander(hand: Hand, style: Style, rng: np.random.Generator) -> None:
@@ -140,15 +107,3 @@ def _wander(hand: Hand, style: Style, rng: np.random.Generator) -> None:
     goal = (rng.uniform(0.4, 0.55), rng.uniform(-0.15, 0.25), rng.uniform(0.3, 0.45))
     hand.move(goal, speed=style.carry_speed)
     hand.rest(int(rng.integers(5, 40)))
-
-
-KINDS: dict[str, Callable[[Hand, Style, np.random.Generator], None]] = {
-    "success": _success,
-    "lid only": _lid_only,
-    "one shoe": _one_shoe,
-    "shoe outside": _outside,
-    "lid closed again": _closed_again,
-    "stops early": _success,
-    "wrong order": _wrong_order,
-    "shoe knocked away": _knocked,
-}

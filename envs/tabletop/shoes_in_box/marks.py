@@ -26,12 +26,7 @@ def shows(
 ) -> bool:
     """True if an episode that is no success shows this kind of failure.
 
-    Args:
-      kind: of the failure.
-      shoes: their centres, metres.
-      lid: its angle, rad.
-      inside: which shoes are in at the end.
-      box: x and y of its middle.
+    Shoes and box are given by their centres in metres, the lid by its angle in rad.
     """
     number, opened = int(inside.sum()), bool((lid > _OPENED).any())
     lifted = shoes[:, :, 2].max(axis=0) > _OFF_TABLE
@@ -46,13 +41,9 @@ def shows(
     if kind == "lid closed again":
         return opened and bool(lid[-1] < _SHUT)
     if kind == "wrong order":
-        return bool(_on_closed_lid(shoes, lid, box).any())
+        over = np.linalg.norm(shoes[:, :, :2] - box, axis=2) < model.BOX_HALF[0]
+        on = over & (shoes[:, :, 2] > _ON_LID[0]) & (shoes[:, :, 2] < _ON_LID[1])
+        return bool((on & (lid < _SHUT)[:, None]).any())
     if kind == "shoe knocked away":
         return number == 1 and not lifted[~inside].any() and bool((away[~inside] > _FAR).all())
     return kind == "stops early"
-
-
-def _on_closed_lid(shoes, lid, box) -> Bool[np.ndarray, "T 2"]:
-    low, high = _ON_LID
-    over = np.linalg.norm(shoes[:, :, :2] - box, axis=2) < model.BOX_HALF[0]
-    return over & (shoes[:, :, 2] > low) & (shoes[:, :, 2] < high) & (lid < _SHUT)[:, None]

@@ -6,7 +6,7 @@ A shoe is one box for contacts: capsules roll out of a grasp. Lengths are metres
 """
 
 from gril_jax.envs.panda.model import PADS, PALM, TIPS, words
-from gril_jax.envs.tabletop.model import TABLE, Pair, Scene
+from gril_jax.envs.tabletop.model import TABLE, Scene
 
 __all__ = [
     "BOX_HALF", "FLOOR_HALF", "HINGE", "LID_CENTER", "LID_HALF", "LID_RANGE", "LIP", "RIM",
@@ -49,14 +49,11 @@ def _lid() -> str:
     )
 
 
-def _pairs() -> tuple[Pair, ...]:
-    pairs = []
-    for shoe in _SHOES:
-        pairs += [Pair(shoe, other) for other in (TABLE, *PADS, *_WALLS, _LID)]
-    pairs.append(Pair(*_SHOES))
-    pairs += [Pair(tip, other) for tip in TIPS for other in (TABLE, *_WALLS, _LID, "lip")]
-    pairs += [Pair(PALM, TABLE), Pair(PALM, _LID)]
-    return tuple(pairs)
+def _pairs() -> tuple[tuple[str, str], ...]:
+    pairs = [(shoe, other) for shoe in _SHOES for other in (TABLE, *PADS, *_WALLS, _LID)]
+    pairs.append(_SHOES)
+    pairs += [(tip, other) for tip in TIPS for other in (TABLE, *_WALLS, _LID, "lip")]
+    return (*pairs, (PALM, TABLE), (PALM, _LID))
 
 
 def scene() -> Scene:

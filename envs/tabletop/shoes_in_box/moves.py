@@ -95,8 +95,7 @@ def take(hand: Hand, style: Style, shoe: int) -> None:
 
 def _grasp(hand: Hand, style: Style, shoe: int) -> None:
     place, yaw = shoe_place(hand, shoe)
-    along = style.grip[shoe] * np.array([np.cos(yaw), np.sin(yaw)])
-    spot = place[:2] + along
+    spot = place[:2] + style.grip[shoe] * np.array([np.cos(yaw), np.sin(yaw)])
     hand.grip = OPEN
     if hand.place[2] < _ABOVE:
         hand.move((*hand.place[:2], style.arc), speed=style.carry_speed)

@@ -18,7 +18,7 @@ import functools
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.panda.frames import Frame, compose, into, out_of, rotation
-from gril_jax.envs.tabletop.boxes import Boxes, box, free, lowest, touching
+from gril_jax.envs.tabletop.boxes import Boxes, box, free, lowest, stacked, touching
 from gril_jax.envs.tabletop.moments import Moments
 from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.reward import Progress, closeness
@@ -101,15 +101,11 @@ def _boxes(view: View) -> Boxes:
         box(hinge, model.LID_CENTER, model.LID_HALF),
         *(box(Frame(s[:3], rotation(s[3:])), (0.0, 0.0, 0.0), model.SHOE_HALF) for s in shoes),
     ]
-    return jax.tree.map(lambda *x: jnp.stack(x), *found)
-
-
-def _shoes(things: Boxes) -> Boxes:
-    return jax.tree.map(lambda x: x[2:], things)
+    return stacked(found)
 
 
 def _progress(view: View, things: Boxes) -> Progress:
-    base, shoes = _box_frame(view), _shoes(things)
+    base, shoes = _box_frame(view), Boxes(*(x[2:] for x in things))
     inside = jax.vmap(functools.partial(_inside, base))(shoes.position)
     released = jax.vmap(functools.partial(free, view.pads))(shoes)
     speed = jnp.sqrt(jnp.sum(view.rates[1:].reshape(2, 6)[:, :3] ** 2, axis=1))
@@ -121,9 +117,8 @@ def _progress(view: View, things: Boxes) -> Progress:
 
 def _inside(base: Frame, position: Float[Array, "3"]) -> Bool[Array, ""]:
     x, y, z = into(base, position)
-    return (
-        (jnp.abs(x) < model.FLOOR_HALF[0]) & (jnp.abs(y) < model.FLOOR_HALF[1]) & (z < _BELOW_RIM)
-    )
+    half_x, half_y = model.FLOOR_HALF
+    return (jnp.abs(x) < half_x) & (jnp.abs(y) < half_y) & (z < _BELOW_RIM)
 
 
 def _opening(view: View, things: Boxes) -> Float[Array, ""]:
@@ -140,7 +135,7 @@ def _carrying(view: View, base: Frame, shoes: Boxes, inside: Bool[Array, "2"]) -
     distance = jnp.sum((shoes.position - base.position)[:, :2] ** 2, axis=1)
     released = jax.vmap(functools.partial(free, view.pads))(shoes)
     current = jnp.argmin(jnp.where(inside & released, jnp.inf, distance))
-    shoe = jax.tree.map(lambda x: x[current], shoes)
+    shoe = Boxes(*(x[current] for x in shoes))
     gripped = jax.vmap(touching, in_axes=(0, None))(view.pads, shoe).all()
     held = (gripped & (lowest(shoe) > _OFF)).astype(jnp.float32)
     way = jnp.where(inside[current], 1.0, held * closeness(shoe.position, goal))

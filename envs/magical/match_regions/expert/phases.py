@@ -87,10 +87,7 @@ def drive(
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Desired forward speed (units/s), turn (rad/s) and finger opening (rad).
 
-    Args:
-      aim: where to head, from `aim`.
-      stand: from `stand`.
-      roaming: on the plan's detour.
+    `aim` and `stand` are what those functions give; `roaming` is true on the plan's detour.
     """
     turn = bearing(aim - seen.robot, seen.yaw)
     facing = jnp.clip(1.0 - jnp.abs(turn), 0.0, 1.0)

@@ -12,7 +12,7 @@ from gril_jax.envs.base import State
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-__all__ = ["FAILURES", "Job", "Plan", "Style", "first_job", "next_job", "plan"]
+__all__ = ["FAILURES", "Job", "Plan", "Style", "next_job", "plan"]
 
 FAILURES = ("none", "stops_early", "wrong_block", "wrong_place", "drops")
 _NEVER = 100_000  # control steps
@@ -107,11 +107,6 @@ def _aims(
     other = jnp.minimum(jax.random.randint(keys[3], (), k, max(count, k + 1)), count - 1)
     order = order.at[-1].set(jnp.where(fails["wrong_block"], other, order[-1]))
     return order, slots
-
-
-def first_job(drawn: Plan) -> Job:
-    """The first stage of a plan."""
-    return Job(jnp.zeros((), jnp.int32), drawn.blocks[0], drawn.slots[0])
 
 
 def next_job(env: MatchRegions, drawn: Plan, job: Job, state: State) -> Job:

@@ -43,8 +43,8 @@ def init(drawn: Plan) -> Memory:
     """Initial memory of an expert that is about to begin its plan."""
     zero = jnp.zeros((), jnp.int32)
     return Memory(
-        plan=drawn, job=plans.first_job(drawn), dock=jnp.zeros(2), phase=zero, timer=zero,
-        pose=jnp.zeros(3), stuck=zero, roamed=zero > 0, time=zero,
+        plan=drawn, job=Job(zero, drawn.blocks[0], drawn.slots[0]), dock=jnp.zeros(2), phase=zero,
+        timer=zero, pose=jnp.zeros(3), stuck=zero, roamed=zero > 0, time=zero,
     )  # fmt: skip
 
 
@@ -78,7 +78,8 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
     finished = ended & (to == phases.BACK) & (following.stage >= last)
     to = jnp.where(finished, phases.GO, to)
     over = ended & (to == phases.GO)
-    moving = idle | ended | _moves(memory, state)
+    step = jnp.abs(state.data.pose[0] - memory.pose)
+    moving = idle | ended | (step[:2].max() > _STILL) | (step[2] > _STILL_TURN)
     return action, Memory(
         plan=drawn,
         job=jax.tree.map(lambda new, old: jnp.where(over, new, old), following, job),
@@ -92,32 +93,19 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
     )
 
 
-def _moves(memory: Memory, state: State) -> Bool[Array, ""]:
-    """True if the robot has moved since the last control step."""
-    step = jnp.abs(state.data.pose[0] - memory.pose)
-    return (step[:2].max() > _STILL) | (step[2] > _STILL_TURN)
-
-
 def _look(env: MatchRegions, memory: Memory, state: State) -> phases.View:
     pose, job = state.data.pose, memory.job
     robot, yaw = pose[0, :2], pose[0, 2]
     blocks = pose[-len(env.blocks) :, :2]
     away = blocks[job.block] - robot
     return phases.View(
-        robot=robot,
-        yaw=yaw,
-        blocks=blocks,
-        block=blocks[job.block],
+        robot=robot, yaw=yaw, blocks=blocks, block=blocks[job.block],
         other=jnp.arange(len(env.blocks)) != job.block,
-        distance=jnp.sqrt(jnp.sum(away**2) + 1e-12),
-        ahead=phases.bearing(away, yaw),
+        distance=jnp.sqrt(jnp.sum(away**2) + 1e-12), ahead=phases.bearing(away, yaw),
         aside=away[0] * jnp.cos(yaw) + away[1] * jnp.sin(yaw),
         opening=(pose[1, 2] - pose[2, 2]) / 2,
-        job=job,
-        phase=memory.phase,
-        timer=memory.timer,
-        stuck=memory.stuck,
-    )
+        job=job, phase=memory.phase, timer=memory.timer, stuck=memory.stuck,
+    )  # fmt: skip
 
 
 def rollout(
@@ -129,13 +117,7 @@ def rollout(
     """Plays one episode: states of T + 1 steps (the first is the reset), and the stage at each."""
     key_reset, key_plan = jax.random.split(key)
     state = env.reset(key_reset)
-    states, stages = _play(env, state, plan(env, key_plan, state, failure, style))
-    states = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states)
-    return states, jnp.concatenate([jnp.zeros(1, stages.dtype), stages])
-
-
-def _play(env: MatchRegions, state: State, drawn: Plan) -> tuple[State, Int[Array, "T"]]:
-    """Plays the rest of a gripper's episode: the states of T more steps, and the stage at each."""
+    memory = init(plan(env, key_plan, state, failure, style))
 
     def move(carry, _):
         state, memory = carry
@@ -143,5 +125,6 @@ def _play(env: MatchRegions, state: State, drawn: Plan) -> tuple[State, Int[Arra
         state = env.step(state, action)
         return (state, memory), (state, memory.job.stage)
 
-    _, played = jax.lax.scan(move, (state, init(drawn)), length=env.episode_length)
-    return played
+    _, (states, stages) = jax.lax.scan(move, (state, memory), length=env.episode_length)
+    states = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states)
+    return states, jnp.concatenate([jnp.zeros(1, stages.dtype), stages])

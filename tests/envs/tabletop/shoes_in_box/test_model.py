@@ -15,7 +15,8 @@ def model():
 
 def test_every_pair_is_one_that_mjx_serves_and_contacts_are_capped(model):
     """A pair that it does not serve, or a model edit that adds contacts, shows here."""
-    physics = Physics(model, substeps=10)  # raises for what MJX has no collider for
+    # Raises for what MJX has no collider for.
+    physics = Physics(model, substeps=10, impl="jax", worlds=1)
     data = mjx.make_data(physics._model)
     assert model.npair == 33
     assert data._impl.contact.dist.shape == (24,)
