@@ -9,6 +9,7 @@ Any detector can write the file; its first line names the columns, in any order:
 One row is one object in one frame. Frames count from 0. Box edges are in pixels of the video,
 as continuous coordinates with (0, 0) in the top left corner of the frame and y down. An object
 may miss in some frames (its last box is carried on), and no class may come twice in a frame.
+A file that is missing, malformed, or does not fit its video is a `DemoError`.
 """
 
 import csv
@@ -20,7 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import UInt8
 
-from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.vision.detect import Tracks, carried
 from gril_jax.errors import DemoError
 
 __all__ = ["COLUMNS", "BoxesFileDetector"]
@@ -45,11 +46,7 @@ class BoxesFileDetector:
         self.half_extent = half_extent
 
     def detect(self, frames: UInt8[np.ndarray, "T H W 3"], *, name: str = "video") -> Tracks:
-        """The file's boxes in world units, objects in the order of the class names.
-
-        Raises:
-          DemoError: the file is missing or malformed, or does not fit the video.
-        """
+        """The file's boxes in world units, objects in the order of the class names."""
         boxes = self._read(len(frames))
         names = sorted({class_name for _, class_name in boxes}, key=self.classes.index)
         if not names:
@@ -64,10 +61,7 @@ class BoxesFileDetector:
         for (frame, class_name), box in boxes.items():
             corners[frame, names.index(class_name)] = box
             seen[frame, names.index(class_name)] = True
-        source = np.maximum.accumulate(np.where(seen, np.arange(len(frames))[:, None], -1))
-        source = np.where(source < 0, seen.argmax(0), source)
-        corners = np.take_along_axis(corners, source[..., None], axis=0)
-
+        corners = carried(corners, seen)
         height, width = frames.shape[1:3]
         scale = width / (2 * self.half_extent)
         low, high = corners[..., :2], corners[..., 2:]

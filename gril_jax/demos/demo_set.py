@@ -32,6 +32,7 @@ __all__ = [
     "DemoSet",
     "demo_batch",
     "load_demo_set",
+    "padded",
     "save_demo_set",
     "select_objects",
     "trim_static_tail",
@@ -62,13 +63,7 @@ def trim_static_tail(tracks: Tracks, classes: Sequence[str]) -> int:
 
     Many equal frames at the end would carry different times, which temporal cycle-consistency
     can only fit by chance. Robot and goal do not count: a robot may wander off when it is done.
-
-    Args:
-      tracks: the whole video's.
-      classes: class names of the tracks' labels.
-
-    Returns:
-      A number of frames, from 6 (or all, if there are fewer) to all.
+    At least 6 frames are kept (or all, if there are fewer).
     """
     kinds = [classes[label] for label in tracks.label]
     blocks = [i for i, kind in enumerate(kinds) if kind not in ("goal", *ROBOTS)]
@@ -106,10 +101,7 @@ def load_demo_set(folder: str | os.PathLike) -> DemoSet:
 
 
 def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> Tracks:
-    for file, expected in (
-        (entry.video, entry.video_sha256),
-        (entry.tracks, entry.tracks_sha256),
-    ):
+    for file, expected in ((entry.video, entry.video_sha256), (entry.tracks, entry.tracks_sha256)):
         if not (folder / file).is_file():
             raise DemoError(f"{folder / file}: the file of {entry.name!r} is missing.")
         if digest(folder / file) != expected:
@@ -135,11 +127,7 @@ def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> 
 def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
     """The same demonstrations with only the named objects, trimmed to the end of their motion.
 
-    A task with fewer blocks than a video shows can so learn from it.
-
-    Args:
-      demo_set: a loaded set; its files stay as they are.
-      objects: class names, each of which every demonstration must hold.
+    A task with fewer blocks than a video shows can so learn from it. Files stay as they are.
 
     Raises:
       DemoError: a demonstration lacks one of the objects.
@@ -159,14 +147,8 @@ def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
             frames = trim_static_tail(track, demo_set.classes)
             track = track.during(slice(frames))
         tracks.append(track)
-        entries.append(
-            replace(
-                entry,
-                frames=frames,
-                trimmed=entry.trimmed + entry.frames - frames,
-                objects=[entry.objects[i] for i in keep],
-            )
-        )
+        trimmed, names = entry.trimmed + entry.frames - frames, [entry.objects[i] for i in keep]
+        entries.append(replace(entry, frames=frames, trimmed=trimmed, objects=names))
     return replace(demo_set, entries=tuple(entries), tracks=tuple(tracks))
 
 
@@ -176,7 +158,6 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
     Objects are ordered by label, those of one label by their x in the first frame.
 
     Args:
-      demo_set: a loaded set.
       names: which demonstrations, in that order; None takes all.
 
     Raises:
@@ -192,7 +173,8 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
                 f"{demo_set.folder}: there is no demonstration {name!r}; there are "
                 f"{', '.join(by_name)}."
             )
-    tracks = [_canonical(by_name[name]) for name in names]
+    tracks = [by_name[name] for name in names]
+    tracks = [track.of(np.lexsort((track.center[0, :, 0], track.label))) for track in tracks]
     for name, track in zip(names, tracks, strict=True):
         if not np.array_equal(track.label, tracks[0].label):
             objects = [", ".join(demo_set.classes[i] for i in t.label) for t in (tracks[0], track)]
@@ -200,25 +182,20 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
                 f"{demo_set.folder}: all demonstrations of a batch must hold the same objects, "
                 f"but {names[0]!r} has {objects[0]} and {name!r} has {objects[1]}."
             )
-    length = np.array([len(track.center) for track in tracks], np.int32)
     label = np.stack([track.label for track in tracks])
     robot = [i for i, name in enumerate(demo_set.classes) if name in ROBOTS]
     batch = DemoBatch(
-        center=_padded([track.center for track in tracks]),
-        size=_padded([track.size for track in tracks]),
+        center=padded([track.center for track in tracks]),
+        size=padded([track.size for track in tracks]),
         label=label,
         is_robot=np.isin(label, robot),
         present=np.ones(label.shape, bool),
-        length=length,
+        length=np.array([len(track.center) for track in tracks], np.int32),
     )
     return jax.device_put(batch)  # which compiles nothing, as `jnp.asarray` does for each shape
 
 
-def _canonical(tracks: Tracks) -> Tracks:
-    order = np.lexsort((tracks.center[0, :, 0], tracks.label))
-    return tracks.of(order)
-
-
-def _padded(arrays: list[np.ndarray]) -> np.ndarray:
+def padded(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays of several lengths as one, each held at its last entry to the longest's length."""
     longest = max(map(len, arrays))
     return np.stack([a[np.minimum(np.arange(longest), len(a) - 1)] for a in arrays])

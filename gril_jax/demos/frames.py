@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from gril_jax.demos.demo_set import DemoSet
+from gril_jax.demos.demo_set import DemoSet, padded
 from gril_jax.demos.vision.video import read_video
 from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import DemoError
@@ -22,7 +22,6 @@ def frame_batch(
     One video at a time is decoded; what is kept takes 3 bytes a pixel, on the host.
 
     Args:
-      demo_set: a loaded set.
       names: which demonstrations, in that order.
       pixels: width and height of a frame.
       half_extent: half the width of the world that a frame shall show, as of the pictures that the
@@ -47,10 +46,7 @@ def frame_batch(
         if height != width:
             raise DemoError(f"{path}: frames are {width} x {height}, but must be square.")
         videos.append(shrink(frames, pixels, zoom=zoom))
-    length = np.array([len(frames) for frames in videos], np.int32)
-    last = [np.minimum(np.arange(length.max()), count - 1) for count in length]
-    padded = np.stack([frames[index] for frames, index in zip(videos, last, strict=True)])
-    return VideoBatch(padded, length)
+    return VideoBatch(padded(videos), np.array([len(frames) for frames in videos], np.int32))
 
 
 def shrink(
@@ -59,21 +55,12 @@ def shrink(
     """Frames resized by area, after their border is cropped or extended.
 
     Args:
-      frames: square ones.
-      pixels: width and height of what is returned.
       zoom: side of the square to show, in sides of the frames. Above 1 the outermost pixels go on.
     """
     margin = round((zoom - 1.0) * frames.shape[1] / 2)
     if margin < 0:
         frames = frames[:, -margin:margin, -margin:margin]
     border = (max(margin, 0),) * 4
-    return np.stack(
-        [
-            cv2.resize(
-                cv2.copyMakeBorder(frame, *border, cv2.BORDER_REPLICATE),
-                (pixels, pixels),
-                interpolation=cv2.INTER_AREA,
-            )
-            for frame in frames
-        ]
-    )
+    wider = (cv2.copyMakeBorder(frame, *border, cv2.BORDER_REPLICATE) for frame in frames)
+    size = (pixels, pixels)
+    return np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in wider])

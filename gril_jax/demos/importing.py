@@ -5,7 +5,7 @@ One demonstration is in memory at a time (a MAGICAL file unpacks to about 107 MB
 
 import os
 import pathlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -36,15 +36,14 @@ class Imported(NamedTuple):
     seen: float  # share of (frame, object) pairs that were detected and not carried on
 
 
+_Seen = tuple[str, np.ndarray, Tracks, str]  # a video's name, frames, tracks and outcome
+
 AfterEach = Callable[[int, int, Imported], None]
 """Called after each demonstration with the number done, the total, and the last result."""
 
 
 def import_magical(
-    source_dir: str | os.PathLike,
-    out_dir: str | os.PathLike,
-    *,
-    progress: AfterEach | None = None,
+    source_dir: str | os.PathLike, out_dir: str | os.PathLike, *, progress: AfterEach | None = None
 ) -> list[Imported]:
     """Converts a folder of MAGICAL's public `*.pkl.gz` files to a demo set.
 
@@ -52,9 +51,7 @@ def import_magical(
     its score is 1.
 
     Args:
-      source_dir: folder of the pickles.
       out_dir: the demo set; replaced if it is one already.
-      progress: see `AfterEach`.
 
     Raises:
       DemoError: no files, a damaged or foreign one, different tasks, or objects not found.
@@ -64,7 +61,7 @@ def import_magical(
     task = read_magical(paths[0]).env_name
     report: list[Imported] = []
 
-    def demos() -> Iterator[Demo]:
+    def looked_at() -> Iterator[_Seen]:
         for path in paths:
             demo = read_magical(path)
             if demo.env_name != task:
@@ -73,14 +70,12 @@ def import_magical(
                     "a demo set holds one task."
                 )
             outcome = "success" if demo.score >= 1 else "failure"
-            name = path.name.removesuffix(".pkl.gz")
             tracks = detector.detect(demo.frames, name=str(path))
-            yield _trimmed(name, demo.frames, tracks, PALETTE_CLASSES, outcome, report)
-            _tell(progress, len(paths), report)
+            yield path.name.removesuffix(".pkl.gz"), demo.frames, tracks, outcome
 
     save_demo_set(
         out_dir,
-        demos(),
+        _trimmed(looked_at(), PALETTE_CLASSES, len(paths), report, progress),
         task=_snake(task.split("-")[0]),
         classes=PALETTE_CLASSES,
         half_extent=HALF_EXTENT,
@@ -109,14 +104,11 @@ def import_videos(
       source_dir: folder of videos of one frame rate; sorted by name.
       out_dir: the demo set; replaced if it is one already.
       half_extent: half the width of the world that a frame shows, in world units.
-      task: the task's name, for the header.
       boxes: read `NAME.csv` beside each `NAME.mp4` (`gril_jax.demos.boxes_csv`) instead of
         detecting by colour.
-      classes: the task's class names.
       objects: the objects that every video holds; None takes what is found.
       outcome: "success", "failure" or "unknown": of all the videos, or of each by its stem.
       source: where the videos came from, in words; None names the folder.
-      progress: see `AfterEach`.
 
     Raises:
       DemoError: no videos, a damaged one, different frame rates, or objects not found.
@@ -133,11 +125,7 @@ def import_videos(
             raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")
     fps = read_fps(paths[0])
     report: list[Imported] = []
-
-    def detector(path: pathlib.Path) -> Detector:
-        if boxes:
-            return BoxesFileDetector(path.with_suffix(".csv"), classes, half_extent)
-        return ColourDetector(classes, half_extent, objects=objects)
+    colours: Detector = ColourDetector(classes, half_extent, objects=None if boxes else objects)
 
     def look(path: pathlib.Path) -> tuple[UInt8[np.ndarray, "T H W 3"], Tracks]:
         if abs(read_fps(path) - fps) > 0.01:
@@ -145,18 +133,18 @@ def import_videos(
                 f"{path}: has {read_fps(path):g} frames per second, but {paths[0].name} "
                 f"has {fps:g}; a demo set holds one frame rate."
             )
-        frames = read_video(path)
-        return frames, detector(path).detect(frames, name=str(path))
+        frames, detector = read_video(path), colours
+        if boxes:
+            detector = BoxesFileDetector(path.with_suffix(".csv"), classes, half_extent)
+        return frames, detector.detect(frames, name=str(path))
 
-    def demos() -> Iterator[Demo]:
-        for path, (frames, tracks) in zip(paths, parallel_map(look, paths), strict=True):
-            ending = outcome if isinstance(outcome, str) else outcome[path.stem]
-            yield _trimmed(path.stem, frames, tracks, classes, ending, report)
-            _tell(progress, len(paths), report)
+    def looked_at() -> Iterator[_Seen]:
+        for path, seen in zip(paths, parallel_map(look, paths), strict=True):
+            yield path.stem, *seen, outcome if isinstance(outcome, str) else outcome[path.stem]
 
     save_demo_set(
         out_dir,
-        demos(),
+        _trimmed(looked_at(), classes, len(paths), report, progress),
         task=task,
         classes=classes,
         half_extent=half_extent,
@@ -166,17 +154,21 @@ def import_videos(
     return report
 
 
-def _trimmed(name, frames, tracks, classes, outcome, report: list[Imported]) -> Demo:
-    kept = trim_static_tail(tracks, classes)
-    short = tracks.during(slice(kept))
-    cut = len(frames) - kept
-    report.append(Imported(name, kept, cut, outcome, float(short.seen.mean())))
-    return Demo(name, frames[:kept], short, cut, outcome)
-
-
-def _tell(progress: AfterEach | None, total: int, report: list[Imported]) -> None:
-    if progress is not None:
-        progress(len(report), total, report[-1])
+def _trimmed(
+    videos: Iterable[_Seen],
+    classes: Sequence[str],
+    total: int,
+    report: list[Imported],
+    progress: AfterEach | None,
+) -> Iterator[Demo]:
+    """The videos without their static tails, each reported once the next is asked for."""
+    for name, frames, tracks, outcome in videos:
+        kept = trim_static_tail(tracks, classes)
+        short, cut = tracks.during(slice(kept)), len(frames) - kept
+        report.append(Imported(name, kept, cut, outcome, float(short.seen.mean())))
+        yield Demo(name, frames[:kept], short, cut, outcome)
+        if progress is not None:
+            progress(len(report), total, report[-1])
 
 
 def _snake(name: str) -> str:

@@ -37,18 +37,9 @@ HALF_EXTENT = 1.02  # world units: half the width of the allocentric view
 NUM_ACTIONS = 18  # 2 grips x 3 turns x 3 drives
 
 _MAX_BYTES = 1 << 30  # unpacked; a file that grows beyond this is no demonstration
-_MALFORMED = (  # what the pickle machine raises when fed bytes that are no pickle
-    pickle.UnpicklingError,
-    ArithmeticError,
-    AttributeError,
-    EOFError,
-    ImportError,
-    LookupError,
-    MemoryError,
-    RecursionError,
-    TypeError,
-    ValueError,
-)
+# What the pickle machine raises when fed bytes that are no pickle.
+_MALFORMED = (pickle.UnpicklingError, ArithmeticError, AttributeError, EOFError, ImportError,
+              LookupError, MemoryError, RecursionError, TypeError, ValueError)  # fmt: skip
 
 
 class MagicalDemo(NamedTuple):
@@ -75,7 +66,23 @@ def read_magical(path: str | os.PathLike) -> MagicalDemo:
         demonstration does not need.
     """
     path = pathlib.Path(path)
-    return _checked(_content(path), path)
+    content = _content(path)
+    try:
+        observations = content["trajectory"][1]
+        frames = np.stack([step["allo"].array for step in observations])
+        env_name, score = content["env_name"], float(content["score"])
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise DemoError(
+            f"{path}: the pickle is no MAGICAL demonstration; it should hold 'trajectory' with "
+            "equal frames under 'allo', 'score' and 'env_name'."
+        ) from error
+    if frames.dtype != np.uint8 or frames.ndim != 4 or frames.shape[-1] != 3:
+        raise DemoError(
+            f"{path}: frames are {frames.dtype} {frames.shape}, they should be uint8 (T, H, W, 3)."
+        )
+    if not isinstance(env_name, str):
+        raise DemoError(f"{path}: 'env_name' should be text, not {type(env_name).__name__}.")
+    return MagicalDemo(frames, env_name, score)
 
 
 def read_actions(path: str | os.PathLike) -> Int[np.ndarray, "T"]:
@@ -122,25 +129,6 @@ def _content(path: pathlib.Path) -> object:
         return _Unpickler(data, path).load()
     except _MALFORMED as error:
         raise DemoError(f"{path}: not a whole pickle of a MAGICAL demonstration.") from error
-
-
-def _checked(content: object, path: pathlib.Path) -> MagicalDemo:
-    try:
-        observations = content["trajectory"][1]
-        frames = np.stack([step["allo"].array for step in observations])
-        env_name, score = content["env_name"], float(content["score"])
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
-        raise DemoError(
-            f"{path}: the pickle is no MAGICAL demonstration; it should hold 'trajectory' with "
-            "equal frames under 'allo', 'score' and 'env_name'."
-        ) from error
-    if frames.dtype != np.uint8 or frames.ndim != 4 or frames.shape[-1] != 3:
-        raise DemoError(
-            f"{path}: frames are {frames.dtype} {frames.shape}, they should be uint8 (T, H, W, 3)."
-        )
-    if not isinstance(env_name, str):
-        raise DemoError(f"{path}: 'env_name' should be text, not {type(env_name).__name__}.")
-    return MagicalDemo(frames, env_name, score)
 
 
 class _DType:

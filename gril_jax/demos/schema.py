@@ -83,9 +83,9 @@ def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
         entries.append(DemoEntry(**found, stages=entry.get("stages")))
         _check_entry(entries[-1], header["classes"], f"{where}, demos[{i}]")
     names = [entry.name for entry in entries]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise DemoError(f"{where}: two demonstrations are called {twice!r}; names must differ.")
+    for name in names:
+        if names.count(name) > 1:
+            raise DemoError(f"{where}: two demonstrations are called {name!r}; names must differ.")
     return tuple(entries)
 
 
@@ -118,20 +118,17 @@ def _check_entry(entry: DemoEntry, classes: list[str], where: str) -> None:
 
 
 def _check_stages(stages: object, where: str) -> None:
-    if stages is None:
-        return
-    if not isinstance(stages, dict) or not stages:
+    if stages is not None and not (stages and isinstance(stages, dict)):
         raise DemoError(f"{where}: stages must give each stage's frame by its name.")
-    for name, frame in stages.items():
+    for name, frame in (stages or {}).items():
         if type(frame) is not int or frame < -1:
             raise DemoError(f"{where}: stage {name!r} must have a frame or -1, not {frame!r:.60}.")
 
 
 def check_tracks(
-    tracks: Tracks, num_frames: int, num_objects: int, classes: Sequence[str], where: str
+    tracks: Tracks, frames: int, objects: int, classes: Sequence[str], where: str
 ) -> None:
     """Raises `DemoError` unless the arrays have the schema's shapes, types and ranges."""
-    frames, objects = num_frames, num_objects
     if frames < 2:
         raise DemoError(f"{where}: a demonstration needs at least 2 frames, not {frames}.")
     shapes = {

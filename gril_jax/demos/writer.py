@@ -54,7 +54,7 @@ def save_demo_set(
       DemoError: the folder holds something else, a demonstration is malformed, there is none,
         or the disk is full.
     """
-    folder = pathlib.Path(folder)
+    folder, part = pathlib.Path(folder), None
     if folder.exists() and not folder.is_dir():
         raise DemoError(f"{folder}: this is a file; a demo set needs a folder.")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / HEADER).is_file():
@@ -62,15 +62,14 @@ def save_demo_set(
             f"{folder}: the folder is not empty and no demo set ({HEADER} is missing), "
             "so it was left alone; name a new or empty folder."
         )
-    part = None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
-        entries = [
-            _fields(_write(part, folder, number, demo, classes, fps))
-            for number, demo in enumerate(demos)
-        ]
+        entries = []
+        for number, demo in enumerate(demos):
+            fields = asdict(_write(part, folder, number, demo, classes, fps))
+            entries.append({k: v for k, v in fields.items() if k != "stages" or v})  # if known
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
         header = {
@@ -91,12 +90,6 @@ def save_demo_set(
     finally:
         if part is not None:
             shutil.rmtree(part, ignore_errors=True)
-
-
-def _fields(entry: DemoEntry) -> dict[str, object]:
-    """The fields of an entry in the header; stages only where they are known."""
-    fields = asdict(entry)
-    return fields if entry.stages else {k: v for k, v in fields.items() if k != "stages"}
 
 
 def _move_into_place(part: pathlib.Path, folder: pathlib.Path) -> None:

@@ -106,7 +106,6 @@ class BlockTracker:
 
     Args:
       shapes: one a block; a shape may come twice.
-      scale: pixels per world unit.
       unknown: pixels that are always of this colour (dashes of a goal), or None.
     """
 
@@ -122,16 +121,11 @@ class BlockTracker:
     def update(self, mask: UInt8[np.ndarray, "H W"]) -> list[Sighting | None]:
         """Reads the next frame's mask; None for a block that cannot be seen."""
         components, rest = _components(mask, self.scale)
-        sightings: list[Sighting | None] = [None] * len(self.shapes)
-        for i, component in self._pairs(components):
-            sightings[i] = self._measure(i, component)
-        lost = [i for i, sighting in enumerate(sightings) if sighting is None]
-        if lost:
-            self._fit(rest, lost, sightings)
-        for i, sighting in enumerate(sightings):
-            if sighting is not None:
-                self._last[i] = sighting.center
-        return sightings
+        found = {i: self._measure(i, component) for i, component in self._pairs(components)}
+        found |= self._fit(rest, [i for i in range(len(self.shapes)) if i not in found])
+        for i, sighting in found.items():
+            self._last[i] = sighting.center
+        return [found.get(i) for i in range(len(self.shapes))]
 
     def _pairs(self, components: list[_Component]) -> list[tuple[int, _Component]]:
         if not components:
@@ -161,27 +155,19 @@ class BlockTracker:
         if self._unknown is not None and self._unknown[y : y + height, x : x + width].any():
             alone = np.zeros(self._unknown.shape, np.uint8)
             alone[y : y + height, x : x + width] = component.mask
-            sighting: list[Sighting | None] = [None] * len(self.shapes)
-            self._fit(alone, [i], sighting)
-            if sighting[i] is not None:
-                return sighting[i]
+            if fitted := self._fit(alone, [i]):
+                return fitted[i]
         growth = math.sqrt(component.area / (expected_area(self.shapes[i]) * self.scale**2))
         return Sighting(component.center, self._box(i, angle) * growth)
 
-    def _fit(
-        self,
-        rest: UInt8[np.ndarray, "H W"],
-        lost: list[int],
-        sightings: list[Sighting | None],
-    ) -> None:
-        if not rest.any():
-            return
+    def _fit(self, rest: UInt8[np.ndarray, "H W"], lost: list[int]) -> dict[int, Sighting]:
+        """Blocks whose outline fits into a mask, by their number."""
+        if not lost or not rest.any():
+            return {}
         x, y, width, height = cv2.boundingRect(rest)
-        corner = np.array([x, y], float)
-        previous = [
-            pose and pose._replace(x=pose.x - x, y=pose.y - y)
-            for pose in (self._poses[i] for i in lost)
-        ]
+        corner, found = np.array([x, y], float), {}
+        poses = (self._poses[i] for i in lost)
+        previous = [pose and pose._replace(x=pose.x - x, y=pose.y - y) for pose in poses]
         shapes = [self.shapes[i] for i in lost]
         window = (slice(y, y + height), slice(x, x + width))
         unknown = None if self._unknown is None else self._unknown[window]
@@ -192,7 +178,8 @@ class BlockTracker:
                 continue
             self._poses[i] = pose._replace(x=pose.x + x, y=pose.y + y)
             center = corner + np.array([pose.x, pose.y])
-            sightings[i] = Sighting(center, self._box(i, pose.angle))
+            found[i] = Sighting(center, self._box(i, pose.angle))
+        return found
 
     def _box(self, i: int, angle: float) -> Float[np.ndarray, "2"]:
         """Box of the turned outline, since the few mixed pixels at a tip would make it jump."""

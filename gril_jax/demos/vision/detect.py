@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
 
 from gril_jax.errors import DemoError
 
@@ -18,7 +18,7 @@ from .block_tracks import BlockTracker, count_shapes
 from .landmarks import Goal, find_goal, find_robot, without_dashes
 from .palette import BLOCK_COLOURS, PALETTE_CLASSES, block_code, classify
 
-__all__ = ["PALETTE_CLASSES", "ColourDetector", "Detector", "Tracks"]
+__all__ = ["PALETTE_CLASSES", "ColourDetector", "Detector", "Tracks", "carried"]
 
 _SAMPLES = 16  # frames, spread over a video, from which the goal and the set of blocks are read
 _SLACK = 0.3  # pixels: what the codec's edges move a resting block's centre and box
@@ -109,10 +109,10 @@ class ColourDetector:
                     f"{name}: the object {class_name!r} is not to be seen in any of "
                     f"{len(frames)} frames."
                 )
-            _carry(center[:, i], seen[:, i])
-            _carry(size[:, i], seen[:, i])
-            _hold(center[:, i], _SLACK)
-            _hold(size[:, i], _SLACK)
+        center, size = carried(center, seen), carried(size, seen)
+        for i in range(len(objects)):
+            _hold(center[:, i])
+            _hold(size[:, i])
         middle = np.array([(width - 1) / 2, (height - 1) / 2])
         world = (center - middle) / scale * [1.0, -1.0]
         label = np.array([self.classes.index(c) for c in objects], np.int32)
@@ -144,25 +144,19 @@ def _follow(
     center = np.zeros((len(frames), len(objects), 2))
     size = np.zeros_like(center)
     seen = np.zeros(center.shape[:2], bool)
-    columns = {
-        colour: [i for i, name in enumerate(objects) if name.startswith(f"{colour} ")]
-        for colour in BLOCK_COLOURS
-    }
-    trackers = {
-        colour: BlockTracker(
-            [objects[i].split()[1] for i in mine],
-            scale,
-            goal.dashes if colour == goal.colour else None,
-        )
-        for colour, mine in columns.items()
-        if mine
-    }
+    trackers = []
+    for colour in BLOCK_COLOURS:
+        mine = [i for i, name in enumerate(objects) if name.startswith(f"{colour} ")]
+        shapes = [objects[i].split()[1] for i in mine]
+        dashes = goal.dashes if colour == goal.colour else None
+        if mine:
+            trackers.append((colour, mine, BlockTracker(shapes, scale, dashes)))
     for t, frame in enumerate(frames):
         codes = classify(frame)
         sightings = {}
-        for colour, tracker in trackers.items():
+        for colour, mine, tracker in trackers:
             found = tracker.update(_mask(codes, colour, goal, scale))
-            sightings |= dict(zip(columns[colour], found, strict=True))
+            sightings |= dict(zip(mine, found, strict=True))
         for i, name in enumerate(objects):
             if name == "goal":
                 sightings[i] = goal
@@ -174,13 +168,16 @@ def _follow(
     return center, size, seen
 
 
-def _carry(track: np.ndarray, seen: np.ndarray) -> None:
-    """Fills unseen frames with the last sighting; frames before the first get the first."""
-    source = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), -1))
-    track[:] = track[np.where(source < 0, seen.argmax(), source)]
+def carried(
+    tracks: Float[np.ndarray, "T N K"], seen: Bool[np.ndarray, "T N"]
+) -> Float[np.ndarray, "T N K"]:
+    """Tracks with the last sighting in unseen frames; frames before the first get the first."""
+    source = np.maximum.accumulate(np.where(seen, np.arange(len(seen))[:, None], -1))
+    source = np.where(source < 0, seen.argmax(0), source)
+    return np.take_along_axis(tracks, source[..., None], axis=0)
 
 
-def _hold(track: np.ndarray, slack: float) -> None:
+def _hold(track: np.ndarray) -> None:
     """Smooths a track like a cart on a slack rope: it rests until the rope is taut.
 
     A plain dead band would jump by its whole width when noise crosses it.
@@ -188,4 +185,4 @@ def _hold(track: np.ndarray, slack: float) -> None:
     for t in range(1, len(track)):
         pull = track[t] - track[t - 1]
         distance = float(np.linalg.norm(pull))
-        track[t] = track[t - 1] + pull * max(0.0, 1 - slack / max(distance, slack))
+        track[t] = track[t - 1] + pull * max(0.0, 1 - _SLACK / max(distance, _SLACK))

@@ -70,16 +70,10 @@ def _table() -> UInt8[np.ndarray, "C"]:
         pale = tuple((255 + value) // 2 for value in fill)  # goals are drawn half as saturated
         anchors += [(block_code(colour), fill), (block_code(colour), outline)]
         anchors += [(goal_code(colour), pale)]
-    codes = np.array([0, *(code for code, _ in anchors)], np.uint8)
-
+    codes = np.array([code for code, _ in anchors], np.uint8)
     step = 1 << (8 - _BITS)
     levels = np.arange(0, 256, step, dtype=np.float32) + (step - 1) / 2
     cube = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
-    nearest = np.full(len(cube), _TOLERANCE**2, np.float32)
-    winner = np.zeros(len(cube), np.int64)
-    for i, (_, rgb) in enumerate(anchors, start=1):
-        distance = ((cube - np.array(rgb, np.float32)) ** 2).sum(-1)
-        closer = distance < nearest
-        nearest[closer] = distance[closer]
-        winner[closer] = i
-    return codes[winner]
+    distance = np.stack([((cube - np.float32(rgb)) ** 2).sum(-1) for _, rgb in anchors])
+    near = distance.min(0) < np.float32(_TOLERANCE**2)
+    return np.where(near, codes[distance.argmin(0)], np.uint8(0))

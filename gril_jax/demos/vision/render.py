@@ -36,11 +36,7 @@ def _dashes(vertices: np.ndarray, dash: float, width: float) -> list[np.ndarray]
 
 
 def paint(
-    outlines: Iterable,
-    *,
-    half_extent: float,
-    background: tuple[int, int, int],
-    pixels: int = 384,
+    outlines: Iterable, *, half_extent: float, background: tuple[int, int, int], pixels: int = 384
 ) -> np.ndarray:
     """Paints outlines in order, with smooth edges.
 

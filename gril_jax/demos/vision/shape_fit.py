@@ -109,13 +109,9 @@ def fit_blob(
 
     Args:
       mask: 1 where the blocks' colour is, cut out around them.
-      shapes: the shapes that lie there.
       previous: each shape's pose in the frame before, or None where nothing is known.
       scale: pixels per world unit.
       unknown: pixels whose colour says nothing about blocks.
-
-    Returns:
-      One pose a shape; `match` tells how well the mask agrees with it.
     """
     field = _Field(mask, scale, unknown)
     poses = [
@@ -139,10 +135,7 @@ class _Field:
     """Scores of a mask to lay shapes on: +1 in the mask, 0 where unknown, -1 elsewhere."""
 
     def __init__(
-        self,
-        mask: UInt8[np.ndarray, "H W"],
-        scale: float,
-        unknown: Bool[np.ndarray, "H W"] | None,
+        self, mask: UInt8[np.ndarray, "H W"], scale: float, unknown: Bool[np.ndarray, "H W"] | None
     ):
         self.scale = scale
         self.pad = math.ceil(0.2 * scale)
@@ -193,10 +186,7 @@ class _Field:
         for shape, pose in others:
             window, x, y = self._window(pose.x, pose.y)
             if window is not None:
-                view = value[window]
-                cover = self._coverage(shape, x, y, pose.angle, self._side)[
-                    : view.shape[0], : view.shape[1]
-                ]
+                view, cover = value[window], self._coverage(shape, x, y, pose.angle, self._side)
                 view[...] = np.where(view > -1, view - 2 * cover, view)
         return value
 
@@ -228,18 +218,10 @@ class _Field:
         cos, sin = math.cos(angle), math.sin(angle)
         # Output pixel (u, v) reads the field at R^T (u - x, v - y) + middle.
         inverse = np.array(
-            [
-                [cos, sin, middle - cos * x - sin * y],
-                [-sin, cos, middle + sin * x - cos * y],
-            ]
+            [[cos, sin, middle - cos * x - sin * y], [-sin, cos, middle + sin * x - cos * y]]
         )
-        distance = cv2.warpAffine(
-            field,
-            inverse,
-            (side, side),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
+        flags, border = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.BORDER_REPLICATE
+        distance = cv2.warpAffine(field, inverse, (side, side), flags=flags, borderMode=border)
         return np.clip(distance + 0.5, 0.0, 1.0, out=distance)
 
 
@@ -249,8 +231,6 @@ def _distance_field(shape: str, scale: float) -> tuple[Float32[np.ndarray, "S S"
     half = math.ceil(0.25 * scale)
     side = 2 * half + 1
     contour = (shape_outline(shape) * scale + half).astype(np.float32)[:, None]
-    field = np.empty((side, side), np.float32)
-    for row in range(side):
-        for column in range(side):
-            field[row, column] = cv2.pointPolygonTest(contour, (float(column), float(row)), True)
-    return field, float(half)
+    at = [[(float(x), float(y)) for x in range(side)] for y in range(side)]
+    field = [[cv2.pointPolygonTest(contour, point, True) for point in row] for row in at]
+    return np.array(field, np.float32), float(half)

@@ -6,6 +6,7 @@ plays, at a quality where the codec moves a block's edge by a fraction of a pixe
 
 import contextlib
 import errno
+import itertools
 import os
 import pathlib
 from collections.abc import Iterable, Iterator
@@ -32,7 +33,7 @@ def write_video(
 
     Args:
       path: file to write or replace; its folder must exist.
-      frames: RGB frames of one size, height and width even; consumed once.
+      frames: of one size, height and width even; consumed once.
       fps: frames per second, above 0.
 
     Raises:
@@ -69,7 +70,7 @@ def _encode(part: pathlib.Path, path: pathlib.Path, frames: Iterable, fps: float
     with open(part, "wb") as file, av.open(file, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=rate, options=_OPTIONS)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        for index, frame in enumerate(_chain(first, frames)):
+        for index, frame in enumerate(itertools.chain([first], frames)):
             if frame.shape != first.shape:
                 raise DemoError(
                     f"{path}: frame {index} has shape {frame.shape}, frame 0 {first.shape}; "
@@ -78,11 +79,6 @@ def _encode(part: pathlib.Path, path: pathlib.Path, frames: Iterable, fps: float
             image = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
             container.mux(stream.encode(image))
         container.mux(stream.encode())
-
-
-def _chain(first: np.ndarray, rest: Iterator) -> Iterator[np.ndarray]:
-    yield first
-    yield from rest
 
 
 def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
