@@ -170,15 +170,9 @@ def _train(
         return {**means, **scored, "env_steps": steps, "env_steps_per_s": steps / seconds}
 
     trained = loop.run_chunks(
-        advance,
-        begun,
-        run=run.dir,
-        name=name,
-        chunks=-(-updates // per_chunk),
-        row=row,
-        every_s=config.run.checkpoint_every,
-        keep=config.run.keep_checkpoints,
-    )
+        advance, begun, run=run.dir, name=name, chunks=-(-updates // per_chunk), row=row,
+        every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
+    )  # fmt: skip
     state = jax.tree.map(lambda x: x[0], trained.state)
     return state, {
         "env_steps": updates * per_update,

@@ -82,9 +82,7 @@ class Column(NamedTuple):
 
     name: str  # in the lines
     heading: str
-    write: Callable[[Any, int], str] = (
-        mean_range  # the known values of a row, how many lines it has
-    )
+    write: Callable[[Any, int], str] = mean_range  # of a row's known values, and its lines' number
     among: str = ""  # written for the lines that have a number of this name, known or not
 
 
