@@ -32,7 +32,7 @@ def test_learner_task_and_demonstrations_are_the_same_in_all_rows():
     for change in ROWS.values():
         row = changed(BASE, change)
         assert (row.ppo, row.sac, row.demos) == (BASE.ppo, BASE.sac, BASE.demos)
-        assert dataclasses.replace(row.env, reward="S4") == BASE.env
+        assert dataclasses.replace(row.env, reward=BASE.env.reward) == BASE.env
         usual = {"reward": "learned", "reward_weights": (1.0, 0.1), "reward_offset": 1.0}
         assert dataclasses.replace(row.run, **usual) == BASE.run
 
