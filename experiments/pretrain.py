@@ -152,16 +152,11 @@ def _train_encoder(run: OpenRun, updates: int, fresh: Any, step: Callable[[Any],
         phase.update(chunk * updates, loss=means["loss"])
         return {"step": chunk * updates, **means}
 
+    begun = loop.restore(run.dir, "pretrain", fresh, tell=run.echo)
     return loop.run_chunks(
-        step,
-        loop.restore(run.dir, "pretrain", fresh, tell=run.echo),
-        run=run.dir,
-        name="pretrain",
-        chunks=steps // updates,
-        row=row,
-        every_s=run.config.run.checkpoint_every,
-        keep=run.config.run.keep_checkpoints,
-    ).state
+        step, begun, run=run.dir, name="pretrain", chunks=steps // updates, row=row,
+        every_s=run.config.run.checkpoint_every, keep=run.config.run.keep_checkpoints,
+    ).state  # fmt: skip
 
 
 def _save_profiles(folder: Path, owners, length, profiles) -> None:

@@ -131,7 +131,9 @@ def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> 
     keys = jax.random.fold_in(jax.random.key(config.run.seed), 1)[None]
     hyper = sharding.place(layout, _one(policy_setup.algorithm_hyper(config)))
     params = _one(policy_rewards.blank(config, algorithm.episodes.env))
-    tasks = (setup.make_env(config.env, training=False),) if _examines(config, algorithm) else ()
+    # Half of the environments play deterministic actions in evaluations.
+    examines = config.run.evaluations > 0 and algorithm.num_envs % 2 == 0
+    tasks = (setup.make_env(config.env, training=False),) if examines else ()
     most = config.run.updates_per_chunk
     found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks).compile()
     return _Program(keys, hyper, found, layout, time.monotonic() - started)
@@ -170,15 +172,9 @@ def _train(
         return {**means, **scored, "env_steps": steps, "env_steps_per_s": steps / seconds}
 
     trained = loop.run_chunks(
-        advance,
-        begun,
-        run=run.dir,
-        name=name,
-        chunks=-(-updates // per_chunk),
-        row=row,
-        every_s=config.run.checkpoint_every,
-        keep=config.run.keep_checkpoints,
-    )
+        advance, begun, run=run.dir, name=name, chunks=-(-updates // per_chunk), row=row,
+        every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
+    )  # fmt: skip
     state = jax.tree.map(lambda x: x[0], trained.state)
     return state, {
         "env_steps": updates * per_update,
@@ -187,11 +183,6 @@ def _train(
         "checkpoint_stall_s": trained.stall_s,
         "state_sha256": state_leaves.digest(state),
     }
-
-
-def _examines(config: RunConfig, algorithm: training.Algorithm) -> bool:
-    """Half of the environments play deterministic actions, so there have to be two."""
-    return config.run.evaluations > 0 and algorithm.num_envs % 2 == 0
 
 
 class Plan(NamedTuple):

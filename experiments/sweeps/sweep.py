@@ -99,18 +99,12 @@ def _write_cells(folder: Path, name: str, sweep: Sweep) -> None:
 
 
 def _first_of_twins(sweep: Sweep) -> list[int]:
-    """For each cell the first one with the same policies."""
-    counts = [_what_counts(cell.config) for cell in sweep.cells]
-    return [counts.index(one) for one in counts]
-
-
-def _what_counts(config: RunConfig) -> RunConfig:
-    """The configuration without fields that its policy ignores: equal ones are run once."""
-    if learns(config):
-        return config
+    """For each cell the first one with the same policies, which ignore some of the fields."""
     usual = RunConfig()
     unused = {name: getattr(usual, name) for name in ("demos", "encoder", "loss", "pretrain")}
-    return dataclasses.replace(config, **unused)
+    configs = [cell.config for cell in sweep.cells]
+    counts = [one if learns(one) else dataclasses.replace(one, **unused) for one in configs]
+    return [counts.index(one) for one in counts]
 
 
 def _plan(rows, num_classes: int, sweep: Sweep):

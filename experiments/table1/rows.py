@@ -11,6 +11,7 @@ from typing import Any
 
 from gril_jax.envs import registry
 from gril_jax.experiments.tables import rows as named_rows
+from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError
@@ -22,37 +23,18 @@ __all__ = [
 
 # Every learned row says all that any of them changes, so that defaults may move without moving the
 # table. What trains policies, `ppo` or `sac`, and the task are the configuration's in all of them.
-_PAPER: dict[str, Any] = {
+_PAPER: dict[str, Any] = PAPERS_OWN | {
     "env.reward": "S4",
     "run.reward": "learned",
     "run.reward_offset": 0.0,
-    "encoder.kind": "paper",
-    "encoder.relations": False,
-    "encoder.distances": True,
-    "encoder.pool_robot": False,
-    "encoder.robot_messages": False,
-    "loss.lambda_": 1.0,
-    "loss.consistency": "tcc",
     "loss.warmup": 0,
     "loss.contrast": 30.0,  # these act on copies alone
     "loss.near": 0.8,
     "loss.touch": 0.0,
     "pretrain.steps": 2500,
     "pretrain.learning_rate_left": 1.0,
-    "pretrain.turn_scenes": False,
-    "pretrain.touched": 0.0,
-    "pretrain.copies": 0,
-    "pretrain.ascents": 0,
 }
-_WITH_ROBOT = {"encoder.pool_robot": True, "encoder.robot_messages": True}
-# GraphIRL and XIRL train by cycle-consistency alone.
-_GRAPHIRL = _PAPER | {"encoder.kind": "interaction", "loss.lambda_": 0.0}
-_XIRL = _PAPER | {
-    "encoder.kind": "pixels",
-    "encoder.pixels": 64,
-    "encoder.precision": "bfloat16",
-    "loss.lambda_": 0.0,
-}
+_XIRL = _PAPER | XIRL | {"encoder.pixels": 64, "encoder.precision": "bfloat16"}
 _AUDITED = _PAPER | {
     "encoder.relations": True,
     "loss.warmup": 1500,
@@ -79,9 +61,9 @@ ROWS: dict[str, dict[str, Any]] = {
     "environmental V5": _environmental("V5"),
     "XIRL": _XIRL,
     "XIRL with agreed times": _XIRL | {"loss.warmup": 1500},
-    "GraphIRL with robot": _GRAPHIRL | _WITH_ROBOT,
-    "GraphIRL without robot": _GRAPHIRL,
-    "ours with robot": _PAPER | _WITH_ROBOT,
+    "GraphIRL with robot": _PAPER | GRAPHIRL | WITH_ROBOT,
+    "GraphIRL without robot": _PAPER | GRAPHIRL,
+    "ours with robot": _PAPER | WITH_ROBOT,
     "ours without robot": _PAPER,
     "ours audited": _AUDITED,
     "ours audited and denser": _DENSER,

@@ -46,9 +46,8 @@ def measure(
 
     The length is that of each recording before padding.
 
-    Returns:
-      Numbers; the order of stages is the mean over successes, NaN if their stages are not known.
-      `last` is the mean reward of the last frames, `auc` compares the successes' with the kind's.
+    The order of stages is the mean over successes, NaN if their stages are not known. `last` is the
+    mean reward of the last frames, `auc` compares the successes' with the kind's.
     """
     kinds = np.array([kind_of(entry) for entry in entries])
     success = kinds == "success"

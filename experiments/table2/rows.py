@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gril_jax.experiments.tables import rows as named_rows
+from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
@@ -17,40 +18,25 @@ __all__ = [
 ]  # fmt: skip
 
 # Every row says all that any of them changes, so that defaults may move without moving the table.
-_PAPER: dict[str, Any] = {
-    "encoder.kind": "paper",
-    "encoder.distances": True,
+_PAPER: dict[str, Any] = PAPERS_OWN | {
     "encoder.latent": 32,
-    "encoder.pool_robot": False,
-    "encoder.robot_messages": False,
-    "encoder.relations": False,
     "pool.alpha": 5.0,
-    "loss.lambda_": 1.0,
-    "loss.consistency": "tcc",
     "loss.near": 0.5,
-    "pretrain.turn_scenes": False,
-    "pretrain.touched": 0.0,
-    "pretrain.copies": 0,
-    "pretrain.ascents": 0,
 }
-_WITH_ROBOT = {"encoder.pool_robot": True, "encoder.robot_messages": True}
 # Why a latent of one number and no weight for what has moved: see configs/shoes_in_box.yaml.
 _OURS = _PAPER | {"encoder.latent": 1, "pool.alpha": 1.0}
 # What makes the reward of MatchRegions pass its audit.
 _AUDITED = _OURS | {"encoder.relations": True, "pretrain.copies": 4, "pretrain.ascents": 2}
 # And what teaches policies, configs/shoes_in_box.yaml: nothing is paid for the way.
 _FOR_POLICIES = _AUDITED | {"loss.near": 1.0}
-# GraphIRL and XIRL train by cycle-consistency alone.
-_GRAPHIRL = _PAPER | {"encoder.kind": "interaction", "loss.lambda_": 0.0}
-_XIRL = _PAPER | {"encoder.kind": "pixels", "loss.lambda_": 0.0}
 
 ROWS: dict[str, dict[str, Any]] = {
-    "XIRL": _XIRL,
-    "GraphIRL with robot": _GRAPHIRL | _WITH_ROBOT,
-    "GraphIRL without robot": _GRAPHIRL,
-    "paper's form with robot": _PAPER | _WITH_ROBOT,
+    "XIRL": _PAPER | XIRL,
+    "GraphIRL with robot": _PAPER | GRAPHIRL | WITH_ROBOT,
+    "GraphIRL without robot": _PAPER | GRAPHIRL,
+    "paper's form with robot": _PAPER | WITH_ROBOT,
     "paper's form without robot": _PAPER,
-    "ours with robot": _OURS | _WITH_ROBOT,
+    "ours with robot": _OURS | WITH_ROBOT,
     "ours without robot": _OURS,
     "ours audited": _AUDITED,
     "ours for policies": _FOR_POLICIES,
@@ -74,12 +60,7 @@ USUAL: dict[str, Any] = {"pretrain.steps": 1200}
 # A setting that two CPU cores finish in minutes: fewer demonstrations to film, fewer seeds, and no
 # encoder of pictures, which would take hours.
 QUICK_ROWS = ",".join(name for name in ROWS if ROWS[name]["encoder.kind"] != "pixels")
-QUICK: dict[str, Any] = {
-    "demos.num": 20,
-    "demos.num_validation": 6,
-    "demos.num_failures": 21,
-    **USUAL,
-}
+QUICK = {"demos.num": 20, "demos.num_validation": 6, "demos.num_failures": 21} | USUAL
 QUICK_SEEDS = 2
 
 

@@ -60,11 +60,7 @@ def at_the_end(curve: Curve) -> dict[str, float]:
 
 
 def first_at(success: Float[np.ndarray, "E"], at: Float[np.ndarray, "E"], *, level: float) -> float:
-    """The first evaluation at or above a level of success, without interpolation.
-
-    Returns:
-      A value of `at`; NaN where the level was never reached.
-    """
+    """The first of `at` with this share of success, not interpolated; NaN if never reached."""
     reached = success >= level - 1e-6  # shares are float32
     return float(at[np.argmax(reached)]) if reached.any() else float("nan")
 

@@ -144,16 +144,12 @@ def _learned(
         phase.update(chunk * updates, loss=float(metrics.loss.mean()))
         return {"step": chunk * updates, "loss": metrics.loss.mean(axis=-1)}
 
+    begun = loop.restore(run, name, ready.init(keys, data), tell=echo)
     state = loop.run_chunks(
-        lambda state: ready.step(state, data, hyper),
-        loop.restore(run, name, ready.init(keys, data), tell=echo),
-        run=run,
-        name=name,
-        chunks=steps // updates,
-        row=row,
-        every_s=chosen.run.checkpoint_every,
-        keep=chosen.run.keep_checkpoints,
-    ).state
+        lambda state: ready.step(state, data, hyper), begun, run=run, name=name,
+        chunks=steps // updates, row=row,
+        every_s=chosen.run.checkpoint_every, keep=chosen.run.keep_checkpoints,
+    ).state  # fmt: skip
     params, tau = jax.device_get(ready.finish(state, data, hyper))
     train, num_classes = one.demos.batch("train"), len(one.demos.demo_set.classes)
     return {

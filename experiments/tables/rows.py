@@ -17,12 +17,43 @@ from gril_jax.runs.phases import changed_fields
 from gril_jax.safe_files import write_whole, writing
 
 __all__ = [
-    "Row", "Rows", "Settings", "changed", "chosen_rows", "differing", "read_settings",
-    "require_learned", "with_seeds", "write_settings",
+    "GRAPHIRL",
+    "PAPERS_OWN",
+    "WITH_ROBOT",
+    "XIRL",
+    "Row",
+    "Rows",
+    "Settings",
+    "changed",
+    "chosen_rows",
+    "differing",
+    "read_settings",
+    "require_learned",
+    "with_seeds",
+    "write_settings",
 ]  # fmt: skip
 
 # Name to what it changes: dotted paths of the configuration, and their values.
 Rows = Mapping[str, Mapping[str, Any]]
+
+# The paper's encoder, in the fields that rows of both of its tables change. GraphIRL and XIRL train
+# by cycle-consistency alone.
+PAPERS_OWN: dict[str, Any] = {
+    "encoder.kind": "paper",
+    "encoder.relations": False,
+    "encoder.distances": True,
+    "encoder.pool_robot": False,
+    "encoder.robot_messages": False,
+    "loss.lambda_": 1.0,
+    "loss.consistency": "tcc",
+    "pretrain.turn_scenes": False,
+    "pretrain.touched": 0.0,
+    "pretrain.copies": 0,
+    "pretrain.ascents": 0,
+}
+WITH_ROBOT = {"encoder.pool_robot": True, "encoder.robot_messages": True}
+GRAPHIRL = {"encoder.kind": "interaction", "loss.lambda_": 0.0}
+XIRL = {"encoder.kind": "pixels", "loss.lambda_": 0.0}
 
 
 class Row(NamedTuple):

@@ -65,15 +65,9 @@ def learn_policies(
         return ready.advance(state, hyper, params, jnp.int32(next(counts)), jnp.asarray(True))
 
     done = loop.run_chunks(
-        step,
-        begun,
-        run=run,
-        name=program.name,
-        chunks=len(updates),
-        row=row,
-        every_s=configs[0].run.checkpoint_every,
-        keep=configs[0].run.keep_checkpoints,
-    )
+        step, begun, run=run, name=program.name, chunks=len(updates), row=row,
+        every_s=configs[0].run.checkpoint_every, keep=configs[0].run.keep_checkpoints,
+    )  # fmt: skip
     folder = run.path / "policies" / program.name
     shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here
     checkpoint.save(

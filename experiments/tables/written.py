@@ -40,10 +40,7 @@ def mean_range(values: Float[np.ndarray, "K"], count: int) -> str:
 def mean_interval(*, digits: int = 3, unit: float = 1.0, middle: bool = True) -> Callable:
     """Writes mean, interquartile mean and its 95 % bootstrap interval: `84.4; 85.0 (71.9 to 96.9)`.
 
-    Args:
-      digits: after the point.
-      unit: what a value of 1 is written as.
-      middle: whether the interquartile mean stands before its interval.
+    A value of 1 is written as `unit`; without `middle` the interval stands alone.
     """
 
     def written(values: Float[np.ndarray, "K"], count: int) -> str:
@@ -82,9 +79,7 @@ class Column(NamedTuple):
 
     name: str  # in the lines
     heading: str
-    write: Callable[[Any, int], str] = (
-        mean_range  # the known values of a row, how many lines it has
-    )
+    write: Callable[[Any, int], str] = mean_range  # of a row's known values, and its lines' number
     among: str = ""  # written for the lines that have a number of this name, known or not
 
 

@@ -12,7 +12,7 @@ from gril_jax.errors import ConfigError, DemoError, RunError
 
 __all__ = [
     "Work", "check_surroundings", "demo_set_to_write", "echo", "existing_folder", "explained",
-    "hard_negatives", "in_full", "positional", "require_left_to_options", "require_made",
+    "hard_negatives", "in_full", "positional", "require_left_to_options",
     "require_new_file", "resumed_config", "run_config", "run_config_of", "take", "whole_number",
 ]  # fmt: skip
 
@@ -87,7 +87,7 @@ def hard_negatives(names: str, config: RunConfig) -> list[Path]:
             "between them"
         )
     for folder in folders:
-        of = run_config_of(folder).env
+        of = run_config_of(folder, "policy").env
         for field in ("name", "targets", "distractors"):
             theirs, ours = getattr(of, field), getattr(config.env, field)
             if theirs != ours:
@@ -95,25 +95,21 @@ def hard_negatives(names: str, config: RunConfig) -> list[Path]:
                     f"--hard-negatives: {folder} has env.{field} {theirs!r}, but must have that of "
                     f"the new run, {ours!r}"
                 )
-        require_made(folder, "policy")
     return folders
 
 
-def run_config_of(folder: Path) -> RunConfig:
+def run_config_of(folder: Path, part: str | None = None) -> RunConfig:
     """The configuration of a run.
 
     Raises:
-      RunError: the folder is no run.
+      RunError: the folder is no run, or has no such part yet: "reward" or "policy".
     """
     from gril_jax.runs import run_dir
 
-    return run_dir.read_config(folder)
-
-
-def require_made(folder: Path, part: str) -> None:
-    """Raises RunError if a run has no `reward` or no `policy` yet."""
-    if not any(folder.glob(f"{part}/[0-9]*/manifest.json")):
+    config = run_dir.read_config(folder)
+    if part is not None and not any(folder.glob(f"{part}/[0-9]*/manifest.json")):
         raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
+    return config
 
 
 def in_full(args: list[str], shortcuts: Mapping[str, str] = _SHORTCUTS) -> list[str]:

@@ -112,13 +112,9 @@ def probe(
             del environment["PYOPENGL_PLATFORM"]
     try:
         done = subprocess.run(
-            [sys.executable, "-c", code],
-            env=environment,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=timeout_s,
-        )
+            [sys.executable, "-c", code], env=environment, timeout=timeout_s,
+            capture_output=True, text=True, errors="replace",
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
         return Check(name, False, needed, f"no answer in {timeout_s:g} s")
     if done.returncode == 0:

@@ -12,25 +12,14 @@ __all__ = ["TABLE", "find", "names"]
 TABLE: dict[str, tuple[str, ...]] = {
     "Learn a reward, and a policy from it": ("quickstart", "train", "report", "eval", "pretrain"),
     "Demonstrations": ("demos make", "demos import-videos", "demos import-magical"),
-    "Look into a reward, take it elsewhere": (
-        "audit",
-        "subtasks",
-        "export-reward",
-        "export-policy",
-    ),
+    "Look into a reward, take it elsewhere":
+        ("audit", "subtasks", "export-reward", "export-policy"),
     "Compare, over seeds": ("sweep", "ablate", "soundness", "table1", "table2"),
     "This machine": (
-        "doctor",
-        "bench train",
-        "bench env",
-        "bench losses",
-        "bench replay",
-        "bench compile",
-        "bench brax",
-        "bench sac",
-        "bench known",
+        "doctor", "bench train", "bench env", "bench losses", "bench replay", "bench compile",
+        "bench brax", "bench sac", "bench known",
     ),
-}
+}  # fmt: skip
 
 
 def names() -> list[str]:

@@ -11,7 +11,7 @@ from gril_jax.config.command_line import parse
 from gril_jax.config.rules import between, count
 from gril_jax.errors import RunError
 
-from ..arguments import Work, require_made, run_config_of
+from ..arguments import Work, run_config_of
 from ..verb import Verb, experiment
 
 __all__ = ["VERB"]
@@ -43,8 +43,7 @@ def _plan(args: list[str]) -> Work:
     source = Path(given.reward)
     config = load(given.task) if given.task else None  # XLA's options depend on the task
     if source.is_dir():
-        config = run_config_of(source)
-        require_made(source, "reward")
+        config = run_config_of(source, "reward")
     elif not source.is_file():
         raise RunError(f"{source} does not exist, but must be a reward file or the folder of a run")
     out = None if given.out is None else Path(given.out)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gril_jax.config.command_line import RunFolder, parse
 
-from ..arguments import Work, echo, require_made, require_new_file, run_config_of
+from ..arguments import Work, echo, require_new_file, run_config_of
 from ..heavy_imports import heavy_imports
 from ..verb import Verb
 
@@ -24,8 +24,7 @@ def _plan(args: list[str]) -> Work:
     about = "Write a run's policy as an npz file that needs NumPy alone."
     given = parse(_Options, args, prog="gril export-policy", description=about)
     folder, out = Path(given.run), Path(given.out)
-    config = run_config_of(folder)
-    require_made(folder, "policy")
+    config = run_config_of(folder, "policy")
     require_new_file(out)
 
     def work() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gril_jax.config.command_line import RunFolder, parse
 
-from ..arguments import Work, require_made, require_new_file, run_config_of
+from ..arguments import Work, require_new_file, run_config_of
 from ..verb import Verb, experiment
 
 __all__ = ["VERB"]
@@ -23,8 +23,7 @@ def _plan(args: list[str]) -> Work:
     about = "Write a run's learned reward as one file, which load_reward reads."
     given = parse(_Options, args, prog="gril export-reward", description=about)
     folder, out = Path(given.run), Path(given.out)
-    run_config_of(folder)
-    require_made(folder, "reward")
+    run_config_of(folder, "reward")
     require_new_file(out)
     return experiment("export_reward", folder, out)
 

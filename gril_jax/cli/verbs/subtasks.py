@@ -4,7 +4,7 @@ from pathlib import Path
 
 from gril_jax.config.command_line import parse
 
-from ..arguments import Work, require_made, run_config_of
+from ..arguments import Work, run_config_of
 from ..verb import Verb, experiment
 
 __all__ = ["VERB"]
@@ -17,8 +17,7 @@ def _plan(args: list[str]) -> Work:
     about = "Find the stages of a task in a learned reward, and cut its demonstrations at them."
     options = parse(Options, args, prog="gril subtasks", description=about)
     folder = Path(options.run)
-    run_config_of(folder)
-    require_made(folder, "reward")
+    run_config_of(folder, "reward")
     out = Path(options.out) if options.out else folder / "subtasks"
     run_dir.require_new(out)
     return experiment("subtasks.report", folder, out, options, devices=True)
