@@ -37,13 +37,9 @@ _FREE = 1e3  # a range that no angle reaches, rad
 
 
 class MjxPhysics:
-    """The gripper among blocks.
+    """The gripper among blocks, whose shapes are of `shapes.SHAPES`, in a square of side 2 `arena`.
 
-    Args:
-      blocks: the blocks' shapes, each one of `shapes.SHAPES`.
-      arena: half the side of the walls' square.
-      substeps: physics steps a control step.
-      iterations: of MuJoCo's Newton solver, each substep.
+    Iterations are those of MuJoCo's Newton solver in each of the substeps of a control step.
     """
 
     def __init__(
