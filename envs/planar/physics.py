@@ -52,9 +52,7 @@ class _Layer(NamedTuple):
 class Physics:
     """A robot among `num_blocks` blocks.
 
-    Args:
-      substeps: physics steps a control step; the original's is 10.
-      iterations: sweeps over contacts and joints a substep; the original's is 10.
+    A control step has `substeps`, each of them `iterations` sweeps over contacts and joints.
     """
 
     def __init__(
