@@ -66,9 +66,6 @@ class Env(Protocol):
     def outlines(self, data: Any) -> list[Outline]: ...  # of one state's `data`, on the host
 
 
-# ---------------------------------------------------------------- demonstrations
-
-
 class ExpertError(Exception):
     """A scripted expert cannot show what is wanted; the text is one sentence."""
 

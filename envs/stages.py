@@ -26,11 +26,12 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 __all__ = ["Holds", "Place", "Score", "Stage", "Stages", "free_place"]
 
-Holds = Callable[[Float[Array, "N 2"], Float[Array, "N 2"]], Bool[Array, ""]]
-Place = Callable[[PRNGKeyArray, Float[Array, "N 2"], Float[Array, "N 2"]], Float[Array, "N 2"]]
-Score = Callable[["Stages", Float[Array, "N 2"], Float[Array, "N 2"]], Float[Array, ""]]
-Sizes = Callable[[Float[Array, "N 2"], Float[Array, "N 2"]], Float[Array, "N 2"]]
-Allowed = Callable[[Float[Array, "N 2"]], Bool[Array, ""]]
+Points = Float[Array, "N 2"]
+Holds = Callable[[Points, Points], Bool[Array, ""]]
+Place = Callable[[PRNGKeyArray, Points, Points], Points]
+Score = Callable[["Stages", Points, Points], Float[Array, ""]]
+Sizes = Callable[[Points, Points], Points]
+Allowed = Callable[[Points], Bool[Array, ""]]
 
 _CANDIDATES = 64
 
@@ -84,7 +85,7 @@ class Stages:
                     raise ValueError(f"stage {stage.name!r} requires {name!r}, not declared before")
             known.add(stage.name)
 
-    def done(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, "K"]:
+    def done(self, center: Points, size: Points) -> Bool[Array, "K"]:
         """The stages that are done; one counts only if all that it requires are done."""
         done: dict[str, Array] = {}
         for stage in self.stages:
@@ -94,22 +95,18 @@ class Stages:
             done[stage.name] = held
         return jnp.stack([*done.values()])
 
-    def faulty(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, "F"]:
+    def faulty(self, center: Points, size: Points) -> Bool[Array, "F"]:
         """The faults that there are."""
         held = [fault.holds(center, size) for fault in self.faults]
         return jnp.stack(held) if held else jnp.zeros(0, bool)
 
-    def progress(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Float[Array, ""]:
+    def progress(self, center: Points, size: Points) -> Float[Array, ""]:
         """True progress, from 0 to 1."""
         return self.score(self, center, size)
 
     def arrange(
-        self,
-        key: PRNGKeyArray,
-        center: Float[Array, "N 2"],
-        size: Float[Array, "N 2"],
-        wanted: Bool[Array, "K"],
-    ) -> Float[Array, "N 2"]:
+        self, key: PRNGKeyArray, center: Points, size: Points, wanted: Bool[Array, "K"]
+    ) -> Points:
         """A state in which exactly the wanted stages hold, if there is one.
 
         Objects of other stages stay where they are, unless their stage held there.
@@ -126,9 +123,9 @@ class Stages:
         self,
         key: PRNGKeyArray,
         stage: Stage,
-        center: Float[Array, "N 2"],
-        size: Float[Array, "N 2"],
-    ) -> Float[Array, "N 2"]:
+        center: Points,
+        size: Points,
+    ) -> Points:
         """Moves the objects of a stage anywhere on the plane where it does not hold."""
         allowed = lambda c: ~stage.holds(c, size)  # noqa: E731
         keys = jax.random.split(key, len(stage.moves))
@@ -140,18 +137,18 @@ class Stages:
         self,
         key: PRNGKeyArray,
         index: Int[Array, ""] | int,
-        center: Float[Array, "N 2"],
-        size: Float[Array, "N 2"],
+        center: Points,
+        size: Points,
         *,
         allowed: Allowed | None = None,
-    ) -> Float[Array, "N 2"]:
+    ) -> Points:
         """Moves one object anywhere on the plane, clear of the movable ones if possible."""
         limit = self.limit(size)[index]
         return free_place(
             key, index, center, size, low=-limit, high=limit, others=self.movable, allowed=allowed
         )
 
-    def limit(self, size: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
+    def limit(self, size: Points) -> Points:
         """The centres' greatest distance from the middle: |x|, |y| at most this."""
         return jnp.maximum(self.half_extent - size / 2, 0.0)
 
@@ -159,14 +156,14 @@ class Stages:
 def free_place(
     key: PRNGKeyArray,
     index: Int[Array, ""] | int,
-    center: Float[Array, "N 2"],
-    size: Float[Array, "N 2"],
+    center: Points,
+    size: Points,
     *,
     low: Float[Array, "2"],
     high: Float[Array, "2"],
     others: tuple[int, ...],
     allowed: Allowed | None = None,
-) -> Float[Array, "N 2"]:
+) -> Points:
     """Centres with one object moved to a place sampled uniformly between `low` and `high`.
 
     Of 64 places the first is taken that is `allowed`, given the centres with the object moved, and

@@ -1,9 +1,4 @@
-"""Actions of MAGICAL's tasks, as commands to the robot.
-
-They are (3,), or (2,) for a stick, each number in [-1, 1]: forward speed, turn, grip. With the
-physics "magical" they are rounded to MAGICAL's eighteen: forward 0.8 units/s, stop or reverse 0.6;
-left, none or right; open or closed.
-"""
+"""Actions of MAGICAL's tasks, as commands to the robot; `match_regions.task` says what they are."""
 
 import jax.numpy as jnp
 import numpy as np

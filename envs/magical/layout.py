@@ -74,10 +74,6 @@ def rim(robot: Robot) -> np.ndarray:
     return np.concatenate(points).astype(np.float32)
 
 
-def _first(free: Bool[Array, "C"], poses: Float[Array, "C 3"]):
-    return poses[jnp.argmax(free)], ~free.any()
-
-
 def _candidates(key: PRNGKeyArray, limit: float | Array) -> Float[Array, "C 3"]:
     unit = jax.random.uniform(key, (_CANDIDATES, 3), minval=-1.0)
     limit = jnp.asarray(limit, jnp.float32)
@@ -106,7 +102,7 @@ def place_robot(
     if len(radii):
         apart = jnp.sum((points[:, :, None] - blocks[:, :2]) ** 2, axis=-1)
         free &= (apart > radii**2).all(axis=(1, 2))
-    return _first(free, poses)
+    return poses[jnp.argmax(free)], ~free.any()
 
 
 def _before(unit: Float[Array, "C 3"], point: Float[Array, "2"]) -> Float[Array, "C 3"]:
@@ -134,9 +130,8 @@ def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena:
         clear &= _gap_to_goal(poses[:, :2], goal) > radii[b]
         apart = jnp.sum((poses[:, None, :2] - blocks[:, :2]) ** 2, axis=-1)
         clear &= (apart > (radii[b] + radii[:b]) ** 2).all(axis=1)
-        block, failed = _first(clear, poses)
-        blocks = jnp.concatenate([blocks, block[None]])
-        unplaced |= failed
+        blocks = jnp.concatenate([blocks, poses[jnp.argmax(clear)][None]])
+        unplaced |= ~clear.any()
     return Layout(pose, blocks, goal, unplaced)
 
 

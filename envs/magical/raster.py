@@ -128,7 +128,14 @@ def _check(scene: Scene, robot: str, size: int, half_extent: float, arena: float
 
 def _paint(layers: Iterable[_Layer], size: int, antialias: bool) -> UInt8[Array, "size size 3"]:
     """Paints layers in order: a line's colour up to its outer side, the fill to its inner side."""
-    blend = _mix if antialias else _replace
+
+    def blend(image: _Pixels, depth: Float[Array, "S S 1"], colour, below) -> _Pixels:
+        """Paints an edge one pixel wide; `below` is the present colour of the covered share."""
+        if not antialias:
+            return jnp.where(depth > 0, colour, image)
+        share = jnp.where(depth > -0.5, jnp.minimum(depth + 0.5, 1.0), 0.0)  # 0 for NaN
+        return image + share * (colour - below)
+
     image = jnp.broadcast_to(jnp.array(look.BACKGROUND, jnp.float32), (size, size, 3))
     for distance, fill, rim, width in layers:
         depth = -distance[..., None]
@@ -138,16 +145,6 @@ def _paint(layers: Iterable[_Layer], size: int, antialias: bool) -> UInt8[Array,
             image = blend(image, depth + width / 2, rim, image)
             image = blend(image, depth - width / 2, fill, rim)
     return jnp.round(image).astype(jnp.uint8)
-
-
-def _replace(image: _Pixels, depth: Float[Array, "S S 1"], colour, _below) -> _Pixels:
-    return jnp.where(depth > 0, colour, image)
-
-
-def _mix(image: _Pixels, depth: Float[Array, "S S 1"], colour, below) -> _Pixels:
-    """Blends an edge one pixel wide; `below` is the present colour of the covered share."""
-    share = jnp.where(depth > -0.5, jnp.minimum(depth + 0.5, 1.0), 0.0)  # 0 for NaN
-    return image + share * (colour - below)
 
 
 def _ground(

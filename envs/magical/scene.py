@@ -36,9 +36,9 @@ EYE, EYE_RADIUS, PUPIL_RADIUS = (0.08, 0.06), 0.04, 0.024  # the right eye, in t
 EYE_FILL, PUPIL_FILL = (255, 255, 255), (26, 26, 26)
 
 
-def _turn(vertices: np.ndarray, angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return vertices @ np.array([[c, s], [-s, c]])
+def _placed(vertices: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return vertices @ np.array([[c, s], [-s, c]]) + pose[:2]
 
 
 def _box(center: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -61,23 +61,23 @@ def outlines(
         Outline(region, GOAL_FILL[colour], FILL[colour], width=GOAL_WIDTH, dash=GOAL_DASH),
     ]
     parts = len(robot.parts)
-    for (colour, shape), (x, y, angle) in zip(blocks, pose[parts:], strict=True):
-        vertices = _turn(shapes.outline(shape), angle) + np.array([x, y])
+    for (colour, shape), place in zip(blocks, pose[parts:], strict=True):
+        vertices = _placed(shapes.outline(shape), place)
         painted.append(Outline(vertices, FILL[colour], RIM[colour], width=BODY_WIDTH))
     return painted + _robot(robot, pose[:parts])
 
 
 def _robot(robot: Robot, pose: np.ndarray) -> list[Outline]:
     painted = []
-    for part, (x, y, angle) in zip(robot.parts[1:], pose[1:], strict=True):
-        vertices = _turn(part.outline, angle) + np.array([x, y])
+    for part, place in zip(robot.parts[1:], pose[1:], strict=True):
+        vertices = _placed(part.outline, place)
         painted.append(Outline(vertices, BACKGROUND, GREY, width=BODY_WIDTH))
-    base, center, yaw = robot.parts[0], pose[0, :2], pose[0, 2]
-    body = _disc(center, base.radius) if base.radius else _turn(base.outline, yaw) + center
+    base = robot.parts[0]
+    body = _disc(pose[0, :2], base.radius) if base.radius else _placed(base.outline, pose[0])
     painted.append(Outline(body, GREY, GREY_RIM, width=BODY_WIDTH))
     if base.radius:
         for side in (-1, 1):
-            eye = _turn(np.array([side * EYE[0], EYE[1]]), yaw) + center
+            eye = _placed(np.array([side * EYE[0], EYE[1]]), pose[0])
             painted.append(Outline(_disc(eye, EYE_RADIUS), EYE_FILL, None))
             painted.append(Outline(_disc(eye, PUPIL_RADIUS), PUPIL_FILL, None))
     return painted

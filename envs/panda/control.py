@@ -33,12 +33,9 @@ def aim(
 ) -> Float[Array, "8"]:
     """The servos' next targets: seven joints (rad) and the opening of a finger (metres).
 
-    Args:
-      target: the last aims.
-      q: the measured joints.
-      action: in [-1, 1].
-      rest: posture that the arm keeps near to where the hand leaves it free.
-      dt: length of a control step, s; no aim moves faster than its joint can.
+    `target` are the last ones, `q` the measured joints; the action is in [-1, 1]. Where the hand
+    leaves it free, the arm keeps near to its posture of rest. In the `dt` seconds of a control step
+    no aim moves further than its joint can.
     """
     arm, now = target[:7], kinematics.tcp(target[:7])
     yaw = jnp.arctan2(now.rotation[1, 0], now.rotation[0, 0]) + TURN_STEP * action[3]
@@ -49,5 +46,4 @@ def aim(
     wanted = jnp.clip(wanted, q - _LEASH, q + _LEASH)
     wanted = jnp.clip(wanted, *kinematics.JOINT_RANGE.T)
     low, high = GRIP_RANGE
-    grip = low + (high - low) * (action[-1:] + 1) / 2
-    return jnp.concatenate([wanted, grip])
+    return jnp.concatenate([wanted, low + (high - low) * (action[-1:] + 1) / 2])

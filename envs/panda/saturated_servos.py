@@ -7,25 +7,16 @@ change with the speed then, and since February 2026 MuJoCo Warp does (its pull r
 constant force for the substep.
 """
 
-from typing import NamedTuple
-
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-__all__ = ["Driven", "constant_where_saturated", "driven"]
+__all__ = ["constant_where_saturated", "driven"]
 
 
-class Driven(NamedTuple):
-    """Indices of the joints of U servos, among positions and among velocities."""
-
-    position: Int[np.ndarray, "U"]
-    velocity: Int[np.ndarray, "U"]
-
-
-def driven(model: mujoco.MjModel) -> Driven:
-    """Returns the joints of a model whose servos each drive one.
+def driven(model: mujoco.MjModel) -> tuple[Int[np.ndarray, "U"], Int[np.ndarray, "U"]]:
+    """Indices of the joints that U servos each drive, among positions and among velocities.
 
     Raises:
       ValueError: an actuator drives something else, by a gear, or has no limit to its force.
@@ -35,11 +26,11 @@ def driven(model: mujoco.MjModel) -> Driven:
     direct = (model.actuator_gear[:, 0] == 1).all()
     if not (of_joints and direct and model.actuator_forcelimited.all()):
         raise ValueError("each actuator must drive a joint without a gear, its force limited")
-    return Driven(model.jnt_qposadr[joint], model.jnt_dofadr[joint])
+    return model.jnt_qposadr[joint], model.jnt_dofadr[joint]
 
 
 def constant_where_saturated(
-    model, at: Driven, qpos: Float[Array, "Q"], qvel: Float[Array, "V"], aim: Float[Array, "U"]
+    model, at, qpos: Float[Array, "Q"], qvel: Float[Array, "V"], aim: Float[Array, "U"]
 ):
     """The `mjx.Model` for a substep from `qpos` and `qvel`, its saturated servos constant forces.
 
@@ -49,7 +40,7 @@ def constant_where_saturated(
     control = jnp.where(model.actuator_ctrllimited, jnp.clip(aim, low, high), aim)
     gain, bias = model.actuator_gainprm, model.actuator_biasprm
     force = gain[:, 0] * control + bias[:, 0]
-    force += bias[:, 1] * qpos[at.position] + bias[:, 2] * qvel[at.velocity]
+    force += bias[:, 1] * qpos[at[0]] + bias[:, 2] * qvel[at[1]]
     least, most = model.actuator_forcerange.T
     saturated = ((force <= least) | (force >= most))[:, None]
     constant = jnp.zeros_like(bias).at[:, 0].set(jnp.clip(force, least, most))

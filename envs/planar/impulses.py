@@ -62,11 +62,9 @@ class Rows(NamedTuple):
 def prepare(
     contacts: Contacts, friction, first: Bodies | None, offset: Vec | None, second: Bodies, *, dt
 ) -> Rows:
-    """Leverages, effective masses and target speeds of a layer.
+    """Leverages, effective masses and target speeds of a layer for a substep of `dt` seconds.
 
-    Args:
-      offset: from the first bodies' centres to the second's; None with a wall.
-      dt: the substep, s.
+    The offset leads from the first bodies' centres to the second's; it is None with a wall.
     """
     n = contacts.normal
     t = n.turned()

@@ -37,13 +37,9 @@ _FREE = 1e3  # a range that no angle reaches, rad
 
 
 class MjxPhysics:
-    """The gripper among blocks.
+    """The gripper among blocks, whose shapes are of `shapes.SHAPES`, in a square of side 2 `arena`.
 
-    Args:
-      blocks: the blocks' shapes, each one of `shapes.SHAPES`.
-      arena: half the side of the walls' square.
-      substeps: physics steps a control step.
-      iterations: of MuJoCo's Newton solver, each substep.
+    Iterations are those of MuJoCo's Newton solver in each of the substeps of a control step.
     """
 
     def __init__(
@@ -128,7 +124,13 @@ class MjxPhysics:
         # A blocked finger misses 1 rad/s at most. One that turns back misses more, and may take
         # what its rotor needs, because the original has none.
         grip = strengths.finger * jnp.maximum(1.0, jnp.abs(missing[3:]))
-        limited = lambda force: _limited(force, strengths.drive, strengths.turn, grip)  # noqa: E731
+
+        def limited(force: Float[Array, "5"]) -> Float[Array, "5"]:
+            share = jnp.minimum(1.0, strengths.drive / jnp.sqrt(jnp.sum(force[:2] ** 2) + 1e-12))
+            turned = jnp.clip(force[2:3], -strengths.turn, strengths.turn)
+            gripped = jnp.clip(force[3:], -grip, grip)
+            return jnp.concatenate([share * force[:2], turned, gripped])
+
         speedup = missing / self.dt
         # A joint at its limit accelerates less, and then the others need other forces.
         for _ in range(2):
@@ -201,13 +203,6 @@ def _poses(place: Float[Array, "Q"], rate: Float[Array, "Q"]) -> tuple[Array, Ar
         return jnp.concatenate([joints[None, :3], fingers, joints[_JOINTS:].reshape(-1, 3)])
 
     return rows(place, arm), rows(rate, swing)
-
-
-def _limited(force: Float[Array, "5"], push, turn, grip: Float[Array, "2"]) -> Float[Array, "5"]:
-    """Forces clipped to the largest push (keeping its direction), turn and grip."""
-    share = jnp.minimum(1.0, push / jnp.sqrt(jnp.sum(force[:2] ** 2) + 1e-12))
-    turned, gripped = jnp.clip(force[2:3], -turn, turn), jnp.clip(force[3:], -grip, grip)
-    return jnp.concatenate([share * force[:2], turned, gripped])
 
 
 def _losses(rate: Float[Array, "Q"], strengths: Strengths) -> Float[Array, "Q"]:

@@ -6,8 +6,6 @@ the original simulator. The table is friction loss on the blocks' joints, the wa
 (the caller sets both each substep: they depend on how a body moves and is turned), and contacts are
 an explicit list of pairs with the friction coefficient that Chipmunk would use: the product of both
 surfaces'. MuJoCo alone would take the larger of the two.
-
-The text is generated, not shipped as a file, because block lists combine freely.
 """
 
 import jax.numpy as jnp

@@ -52,9 +52,7 @@ class _Layer(NamedTuple):
 class Physics:
     """A robot among `num_blocks` blocks.
 
-    Args:
-      substeps: physics steps a control step; the original's is 10.
-      iterations: sweeps over contacts and joints a substep; the original's is 10.
+    A control step has `substeps`, each of them `iterations` sweeps over contacts and joints.
     """
 
     def __init__(
@@ -102,15 +100,10 @@ class Physics:
         strengths: Strengths,
         command: Command,
     ) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"], Float[Array, "I"]]:
-        """Advances one control step.
+        """Poses, velocities and memory a control step later.
 
-        Args:
-          pose: x, y (arena units) and angle (rad) of the robot's parts, then of the blocks.
-          velocity: their rates, per second.
-          memory: the last step's impulses, with which the solver begins.
-
-        Returns:
-          The same three a control step later.
+        Poses are x, y (arena units) and angle (rad) of the robot's parts, then of the blocks,
+        velocities their rates per second; the memory is the impulses with which the solver begins.
         """
 
         def substep(carry, _):
@@ -142,8 +135,6 @@ class Physics:
         layers, aim = self._problem(before, pose, velocity[0, 2], shapes, command)
         sweep = lambda _, s: self._sweep(layers, aim, *s, shapes, strengths)  # noqa: E731
         return self._pack(jax.lax.fori_loop(0, _SETTLING, sweep, (motion, self._none()))[1])
-
-    # ---------------------------------------------------------------- one substep
 
     def _substep(self, before, velocity, shift, impulses, shapes, strengths, command):
         pose = before + self.dt * ((1 - self._ahead) * velocity + shift)
@@ -233,12 +224,13 @@ class Physics:
         table = jointing.hold(
             blocks.push, blocks.spin, impulses.table, light, s.table * dt, s.table_turn * dt
         )
-        blocks = _served(blocks, _less(table, impulses.table), light)
+        blocks = _served(blocks, jax.tree.map(jnp.subtract, table, impulses.table), light)
         base = _only(parts, 0)
         drive = jointing.drive(
             base.push, base.spin, impulses.drive, aim, self._base, s.drive * dt, s.turn * dt
         )
-        parts = _with_base(parts, _served(base, _less(drive, impulses.drive), self._base))
+        change = jax.tree.map(jnp.subtract, drive, impulses.drive)
+        parts = _with_base(parts, _served(base, change, self._base))
         fingers = impulses.fingers
         if fingers is not None:
             push, spin, fingers = jointing.fingers(
@@ -246,8 +238,6 @@ class Physics:
             )
             parts = parts._replace(push=push, spin=spin)
         return (parts, blocks), _Impulses(contacts, table, drive, fingers)
-
-    # ---------------------------------------------------------------- memory
 
     def _none(self) -> _Impulses:
         parts, blocks = len(self.robot.parts), self.num_blocks
@@ -276,9 +266,6 @@ class Physics:
         return kept._replace(contacts=[Impulse(*j, 0.0 * j[0]) for j in kept.contacts])
 
 
-# ---------------------------------------------------------------- motions
-
-
 def _plus(a: Motion, b: Motion) -> Motion:
     return jax.tree.map(jnp.add, a, b)
 
@@ -290,10 +277,6 @@ def _only(bodies, which):
 
 def _with_base(parts: Motion, base: Motion) -> Motion:
     return jax.tree.map(lambda all_, one: jnp.concatenate([one[None], all_[1:]]), parts, base)
-
-
-def _less(new: jointing.Servo, old: jointing.Servo) -> jointing.Servo:
-    return jax.tree.map(jnp.subtract, new, old)
 
 
 def _served(motion: Motion, j: jointing.Servo, bodies: Bodies) -> Motion:

@@ -98,12 +98,9 @@ def outline(name: str) -> np.ndarray:
 def signed_distance(shape: BlockShape, point: Vec, middle: Vec | None = None) -> tuple[Array, Vec]:
     """Signed distance of points to the blocks' rims, negative inside, and the outward unit normal.
 
-    Args:
-      shape: of B blocks.
-      point: (..., B) in the blocks' own frames.
-      middle: (B,) of the body that the points belong to. Its points inside a block then leave
-        through the face that this middle is beyond, rather than through the nearest, which near a
-        corner may be another one.
+    Points (..., B) are in the frames of the B blocks, as is the middle (B,) of the body that they
+    belong to. Given that, points inside a block leave through the face that it is beyond, rather
+    than through the nearest, which near a corner may be another one.
     """
     along = jnp.full_like(point.x, -jnp.inf)
     nearest = Vec(jnp.zeros_like(along), jnp.zeros_like(along))

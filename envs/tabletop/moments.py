@@ -11,9 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from .reward import Record
-
-__all__ = ["Moments", "draw", "record_of"]
+__all__ = ["Moments", "draw"]
 
 
 class Moments(NamedTuple):
@@ -32,9 +30,3 @@ def draw(key: PRNGKeyArray, moments: Moments) -> Moments:
     """Samples one of them uniformly. The key is consumed."""
     at = jax.random.randint(key, (), 0, len(moments.best))
     return jax.tree.map(lambda x: jnp.asarray(x)[at], moments)
-
-
-def record_of(moment: Moments) -> Record:
-    """The record of an episode that begins there."""
-    stage_time = jnp.where(moment.reached, 0, -1).astype(jnp.int32)
-    return Record(stage_time, jnp.zeros((), jnp.int32), moment.best.astype(jnp.int32))

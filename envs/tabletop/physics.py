@@ -45,14 +45,11 @@ class Motion(NamedTuple):
 
 
 class Physics:
-    """A compiled scene.
+    """A compiled scene: a model of `model.build`, and how many of its steps are a control step.
 
-    Args:
-      model: of `model.build`.
-      substeps: physics steps a control step.
-      impl: one of `IMPLEMENTATIONS`: "jax" is MJX, "warp" MuJoCo Warp.
-      worlds: with Warp, the most environments that are stepped together. Their contacts share one
-        table, and those that find no room in it are lost; Warp says so.
+    `impl` is one of `IMPLEMENTATIONS`: "jax" is MJX, "warp" MuJoCo Warp. There, `worlds` are the
+    most environments that are stepped together. Their contacts share one table, and those that find
+    no room in it are lost; Warp says so.
 
     Raises:
       ValueError: Warp is not installed, or the scene's servos are not as `saturated_servos.driven`
@@ -77,8 +74,7 @@ class Physics:
 
     def start(self, qpos: Float[Array, "Q"]) -> Motion:
         """The motion of a scene at rest."""
-        rest = jnp.zeros(self.mj_model.nv)
-        return Motion(qpos, rest, rest)
+        return Motion(qpos, *[jnp.zeros(self.mj_model.nv)] * 2)
 
     def step(self, motion: Motion, aim: Float[Array, "U"], fixtures: Float[Array, "M 7"]) -> Motion:
         """Advances one control step in which the servos hold their aims.

@@ -24,6 +24,7 @@ from .camera import Camera
 __all__ = ["Picture", "Renderer"]
 
 _BACKENDS = ("egl", "osmesa")
+_FLAGS = mujoco.mjtRndFlag
 _BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
 _UNSEEN = 5  # a group of geoms that is not painted
 _SCENERY = -1
@@ -60,13 +61,11 @@ class Renderer:
         self._model = copy.copy(env.physics.mj_model)
         self._data = mujoco.MjData(self._model)
         self._owner = _dress(self._model, self._data, env, start)
-        _set_view(self._model, env.camera, pixels)
-        self._camera = _camera(env.camera)
+        self._camera = _set_view(self._model, env.camera, pixels)
         self._options = mujoco.MjvOption()
         self._options.geomgroup[:] = [group != _UNSEEN for group in range(6)]
         self._scene = mujoco.MjvScene(self._model, maxgeom=self._model.ngeom)
-        unwanted = [mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION]
-        self._scene.flags[unwanted] = False
+        self._scene.flags[[_FLAGS.mjRND_SHADOW.value, _FLAGS.mjRND_REFLECTION.value]] = False
         self._gl.make_current()
         self._target = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._target)
@@ -74,7 +73,7 @@ class Renderer:
     def picture(self, qpos: Float[np.ndarray, "Q"], fixtures: Float[np.ndarray, "M 7"]) -> Picture:
         """Renders one state, given its joint positions and the poses of what stands still."""
         frame = self.frame(qpos, fixtures)
-        segmented = [mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR]
+        segmented = [_FLAGS.mjRND_SEGMENT.value, _FLAGS.mjRND_IDCOLOR.value]
         self._scene.flags[segmented] = True
         codes = self._read()
         self._scene.flags[segmented] = False
@@ -173,16 +172,13 @@ def _make_box(model, data, geom: int, body: int, box: Boxes) -> None:
     model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
 
 
-def _set_view(model: mujoco.MjModel, camera: Camera, pixels: int) -> None:
+def _set_view(model: mujoco.MjModel, camera: Camera, pixels: int) -> mujoco.MjvCamera:
     model.vis.global_.offwidth = model.vis.global_.offheight = pixels
     model.vis.quality.offsamples = 0  # rough edges, but without a graphics card twice the speed
     model.vis.global_.fovy = float(np.degrees(camera.field))
     model.vis.headlight.ambient[:] = 0.45
     model.vis.headlight.diffuse[:] = 0.5
     model.vis.headlight.specular[:] = 0.0
-
-
-def _camera(camera: Camera) -> mujoco.MjvCamera:
     view = mujoco.MjvCamera()
     view.type = mujoco.mjtCamera.mjCAMERA_FREE
     way = np.subtract(camera.target, camera.place)

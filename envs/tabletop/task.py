@@ -197,10 +197,12 @@ class Tabletop:
     def _within(self, moment: Moments) -> tuple[TabletopData, Bool[Array, "N"]]:
         """A moment of a recorded episode, and the objects that have moved by then."""
         motion = self.physics.start(moment.qpos)._replace(qvel=moment.qvel)
-        record, no = tabletop_moments.record_of(moment), jnp.zeros((), bool)
+        zero, no = jnp.zeros((), jnp.int32), jnp.zeros((), bool)
+        stage_time = jnp.where(moment.reached, 0, -1).astype(jnp.int32)
+        record = Record(stage_time, zero, moment.best.astype(jnp.int32))
         return TabletopData(
-            motion, moment.target, moment.fixtures, jnp.zeros(self.action_size), record,
-            jnp.zeros((), jnp.int32), no, ~no,
+            motion, moment.target, moment.fixtures, jnp.zeros(self.action_size), record, zero, no,
+            ~no,
         ), moment.moved  # fmt: skip
 
     def step(self, state: State, action: Float[Array, "A"]) -> State:

@@ -130,4 +130,5 @@ def fill_box(play):
 @functools.cache
 def reach():
     """Joints that bring the tool centre point to a frame."""
-    return jax.jit(lambda q, goal: kinematics.reach(q, goal, rest=q, pull=0.0, steps=3))
+    near = lambda q, goal: kinematics.reach(q, goal, rest=q)  # noqa: E731
+    return jax.jit(lambda q, goal: near(near(q, goal), goal))

@@ -31,10 +31,8 @@ def choose_dock(
 ) -> Float[Array, "2"]:
     """The direction from which to approach a block: the cheapest of 24, as a unit vector.
 
-    Args:
-      other: those of the blocks to keep clear of.
-      wanted: unit vector in which the block should move first.
-      before: the direction chosen before, kept unless another is clearly better; zero for none.
+    `other` marks the blocks to keep clear of, `wanted` is the unit vector in which the block should
+    move first. The direction `before`, zero for none, is kept unless another is clearly better.
     """
     angle = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
     fan = jnp.asarray(np.stack([np.cos(angle), np.sin(angle)], axis=1), jnp.float32)

@@ -7,7 +7,7 @@ counts centres; a block that is put into the region is put wholly inside.
 import jax.numpy as jnp
 from gril_jax.envs.magical.match_regions import score as rewards
 from gril_jax.envs.stages import Stage, Stages, free_place
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
 __all__ = ["REGION", "ROBOT", "stages"]
 
@@ -18,36 +18,23 @@ def stages(targets: tuple[str, ...], distractors: tuple[str, ...], *, arena: flo
     """The stages of the task with these blocks in an arena |x|, |y| <= `arena`."""
     movable = tuple(range(_FIRST, _FIRST + len(targets) + len(distractors)))
 
-    def inside(block: int, name: str) -> Stage:
-        return Stage(f"{name} in the region", (block,), _holds(block), _place(block, movable))
-
-    made = [inside(_FIRST + i, name) for i, name in enumerate((*targets, *distractors))]
+    made = [_inside(i, name, movable) for i, name in enumerate((*targets, *distractors), _FIRST)]
+    done, wrong = tuple(made[: len(targets)]), tuple(made[len(targets) :])
     return Stages(
-        stages=tuple(made[: len(targets)]),
-        faults=tuple(made[len(targets) :]),
-        movable=movable,
-        robots=(ROBOT,),
-        half_extent=arena,
-        score=_score,
+        done, faults=wrong, movable=movable, robots=(ROBOT,), half_extent=arena, score=_score
     )
 
 
-def _holds(block: int):
-    def holds(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, ""]:
+def _inside(block: int, name: str, movable: tuple[int, ...]) -> Stage:
+    def holds(center, size):
         return (jnp.abs(center[block] - center[REGION]) <= size[REGION] / 2).all()
 
-    return holds
-
-
-def _place(block: int, movable: tuple[int, ...]):
-    def place(
-        key: PRNGKeyArray, center: Float[Array, "N 2"], size: Float[Array, "N 2"]
-    ) -> Float[Array, "N 2"]:
+    def place(key, center, size):
         room = jnp.maximum(size[REGION] - size[block], 0.0) / 2
         low, high = center[REGION] - room, center[REGION] + room
         return free_place(key, block, center, size, low=low, high=high, others=movable)
 
-    return place
+    return Stage(f"{name} in the region", (block,), holds, place)
 
 
 def _score(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):

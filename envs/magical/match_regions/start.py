@@ -1,7 +1,5 @@
 """Starts of MatchRegions: those that a variant draws, and varied ones for training."""
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.magical import layout as layouts
@@ -11,10 +9,8 @@ from gril_jax.envs.planar.joints import Strengths
 from gril_jax.envs.planar.robots import Robot
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-__all__ = [
-    "DEMO_BLOCKS", "DEMO_GOAL", "DEMO_ROBOT", "Varied", "looks", "places", "robot_pose",
-    "strengths", "varied",
-]  # fmt: skip
+__all__ = ["DEMO_BLOCKS", "DEMO_GOAL", "DEMO_ROBOT", "looks", "places", "robot_pose", "strengths",
+           "varied"]  # fmt: skip
 
 # MAGICAL's Demo layout: x, y (arena units) and angle (rad).
 DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
@@ -29,14 +25,6 @@ DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
 
 _CANDIDATES = 16
 _ASIDE = 0.15  # arena units, standard deviation of a block's place from the straight way
-
-
-class Varied(NamedTuple):
-    """A start that may have been varied for training."""
-
-    layout: layouts.Layout
-    marked: Bool[Array, ""]  # whether it was
-    moved: Bool[Array, "B"]  # the blocks that were
 
 
 def looks(
@@ -93,17 +81,18 @@ def varied(
     robot: Robot,
     radii: Float[Array, "B"],
     arena: float,
-) -> Varied:
+) -> tuple[layouts.Layout, Bool[Array, ""], Bool[Array, "B"]]:
     """A start that in a `share` of the episodes has the robot anywhere and targets further on.
 
     Two times in three one target is in the region; of the other targets each is somewhere on its
     way there with probability `on_the_way`, so that what is left to do is short now and then; and
     with probability `facing` the robot is not anywhere but before a target that is not in it.
-    Takes two keys; the first `targets` blocks are the targets.
+    The first `targets` blocks are the targets. Returns also whether the start was varied, and the
+    blocks that were.
     """
     never = jnp.zeros(len(radii), bool)
     if not share:
-        return Varied(layout, jnp.zeros((), bool), never)
+        return layout, jnp.zeros((), bool), never
     vary = jax.random.uniform(keys[0]) < share
     key_robot, key_some, key_which, key_where = jax.random.split(keys[1], 4)
     which = jax.random.randint(key_which, (), 0, targets, jnp.int32)
@@ -130,7 +119,7 @@ def varied(
         use = ~none & jax.random.bernoulli(key_use, facing)
         pose, unplaced = jnp.where(use, stand, pose), unplaced & ~use
     robot, unplaced = jnp.where(vary, pose, layout.robot), layout.unplaced | (vary & unplaced)
-    return Varied(layout._replace(robot=robot, blocks=blocks, unplaced=unplaced), vary, moved)
+    return layout._replace(robot=robot, blocks=blocks, unplaced=unplaced), vary, moved
 
 
 def _on_its_way(key, block, blocks, goal, radii, arena):

@@ -154,27 +154,26 @@ class MatchRegions:
         start: Float[Array, "K 2"] | None = None,
         action: Float[Array, "A"] | None = None,
     ) -> State:
-        """The state with given poses and velocities of the robot, its fingers and the blocks.
+        """The state with given poses (x, y, angle) and their rates, in the order of `PlanarData`.
 
         Args:
-          pose: x, y, angle of each body, in the order of `PlanarData`.
-          velocity: their rates.
           goal: centre x, y, width, height of the region; None is the Demo layout's.
           start: where the targets were at reset, which S4 counts from; None is where they are.
           action: what brought the scene here. The solver then starts with the impulses that it
             would have given; None starts with none, as after a reset.
         """
         goal = jnp.array(starts.DEMO_GOAL) if goal is None else goal
-        targets = pose[self._parts : self._parts + self.num_targets]
+        targets, shape = self._targets(pose), jnp.asarray(self._shape)
         strengths = Strengths(*(jnp.float32(s) for s in self._preset.strengths))
         memory = jnp.asarray(self._rest)
         if action is not None:
-            shapes = block_shapes.blocks(jnp.asarray(self._shape))
             command = self._command(jnp.clip(action, -1.0, 1.0))
-            memory = self._engine.settle(pose, velocity, shapes, strengths, command)
+            memory = self._engine.settle(
+                pose, velocity, block_shapes.blocks(shape), strengths, command
+            )
         start = states.distances(targets if start is None else start, goal[:2])
         data = PlanarData(
-            pose, velocity, memory, jnp.asarray(self._shape), jnp.asarray(self._colour),
+            pose, velocity, memory, shape, jnp.asarray(self._colour),
             jnp.stack(strengths), goal, start, states.distances(targets, pose[0, :2]),
             jnp.zeros((), bool), jnp.zeros(()), jnp.zeros(len(self.blocks), bool),
         )  # fmt: skip
@@ -193,11 +192,12 @@ class MatchRegions:
             data.pose, data.velocity, data.memory, block_shapes.blocks(shape),
             Strengths(*data.strengths), self._command(jnp.clip(action, -1.0, 1.0)),
         )  # fmt: skip
-        targets = pose[self._parts : self._parts + self.num_targets]
-        nearest = jnp.minimum(data.nearest, states.distances(targets, pose[0, :2]))
-        return self._observe(
-            data._replace(pose=pose, velocity=velocity, memory=memory, nearest=nearest)
-        )
+        nearest = jnp.minimum(data.nearest, states.distances(self._targets(pose), pose[0, :2]))
+        changed = dict(pose=pose, velocity=velocity, memory=memory, nearest=nearest)
+        return self._observe(data._replace(**changed))
+
+    def _targets(self, pose: Float[Array, "E 3"]) -> Float[Array, "K 3"]:
+        return pose[self._parts : self._parts + self.num_targets]
 
     def _command(self, action: Float[Array, "A"]) -> Command:
         if self.physics == "magical":

@@ -99,11 +99,6 @@ def _follow(hand: Hand, style: Style, rng: np.random.Generator, kind: str) -> No
     if kind == "shoe outside":
         _put(hand, style, 1, where=(rng.uniform(-0.12, 0.12), rng.uniform(0.2, 0.26), 0.1))
     if kind in ("lid only", "one shoe", "shoe outside"):
-        _wander(hand, style, rng)
-
-
-def _wander(hand: Hand, style: Style, rng: np.random.Generator) -> None:
-    """Moves to a random place above the table, and rests there."""
-    goal = (rng.uniform(0.4, 0.55), rng.uniform(-0.15, 0.25), rng.uniform(0.3, 0.45))
-    hand.move(goal, speed=style.carry_speed)
-    hand.rest(int(rng.integers(5, 40)))
+        goal = (rng.uniform(0.4, 0.55), rng.uniform(-0.15, 0.25), rng.uniform(0.3, 0.45))
+        hand.move(goal, speed=style.carry_speed)  # anywhere above the table
+        hand.rest(int(rng.integers(5, 40)))

@@ -45,18 +45,10 @@ _CLEARLY = ((-0.22, -0.20), (0.22, 0.10))
 def stages(things: tuple[str, ...], *, half_extent: float) -> Stages:
     """The stages of the task in a picture |x|, |y| <= `half_extent`; `things` name the objects."""
     lid = Stage(f"{things[LID]} open", (LID,), _lid_open, _open_lid)
-    shoes = [
-        Stage(f"{things[i]} in", (i,), _holds(i), _place(i), required_before=(lid.name,))
-        for i in SHOES
-    ]
     return Stages(
-        stages=(lid, *shoes),
-        movable=(LID, *SHOES),
-        robots=ROBOTS,
-        half_extent=half_extent,
-        score=_share_that_holds,
-        sizes=_sizes,
-    )
+        (lid, *(_inside(shoe, things[shoe], lid) for shoe in SHOES)), movable=(LID, *SHOES),
+        robots=ROBOTS, half_extent=half_extent, score=_share_that_holds, sizes=_sizes,
+    )  # fmt: skip
 
 
 def _share_that_holds(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
@@ -110,20 +102,14 @@ def _open_lid(
     return center.at[LID].set(center[BOX] + place * size[BOX])
 
 
-def _holds(shoe: int):
-    def holds(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Bool[Array, ""]:
+def _inside(shoe: int, name: str, lid: Stage) -> Stage:
+    def holds(center, size):
         low, high = jnp.array(_INSIDE)
         place = _relative(shoe, center, size)
         return ((place > low) & (place < high)).all()
 
-    return holds
-
-
-def _place(shoe: int):
-    def place(
-        key: PRNGKeyArray, center: Float[Array, "N 2"], size: Float[Array, "N 2"]
-    ) -> Float[Array, "N 2"]:
+    def place(key, center, size):
         low, high = center[BOX] + jnp.array(_CLEARLY) * size[BOX]
         return free_place(key, shoe, center, size, low=low, high=high, others=SHOES)
 
-    return place
+    return Stage(f"{name} in", (shoe,), holds, place, required_before=(lid.name,))

@@ -58,9 +58,8 @@ def task() -> Task:
 def shoes_in_box(*, varied_starts: float = 0.0, **options) -> Tabletop:
     """The environment; other `options` are those of `Tabletop`.
 
-    Args:
-      varied_starts: share of the episodes that begin within one of a scripted expert, which is
-        played first (10 s on 2 CPU cores).
+    `varied_starts` is the share of the episodes that begin within one of a scripted expert, which
+    is played first (10 s on 2 CPU cores).
     """
     found = _moments() if varied_starts else None
     return Tabletop(task(), varied_starts=varied_starts, moments=found, **options)
@@ -111,7 +110,8 @@ def _progress(view: View, things: Boxes) -> Progress:
     speed = jnp.sqrt(jnp.sum(view.rates[1:].reshape(2, 6)[:, :3] ** 2, axis=1))
     lid_open = view.reached[0] | (view.joints[0] > _OPEN)
     done = jnp.concatenate([lid_open[None], inside & released])
-    within = jnp.where(lid_open, _carrying(view, base, shoes, inside), _opening(view, things))
+    carrying = _carrying(view, base, shoes, inside, released)
+    within = jnp.where(lid_open, carrying, _opening(view, things))
     return Progress(done, within, (done[1:] & (speed < _SLOW)).all())
 
 
@@ -129,11 +129,10 @@ def _opening(view: View, things: Boxes) -> Float[Array, ""]:
     return 0.25 * closeness(view.hand.position, lip) + 0.75 * turned
 
 
-def _carrying(view: View, base: Frame, shoes: Boxes, inside: Bool[Array, "2"]) -> Float[Array, ""]:
+def _carrying(view: View, base: Frame, shoes: Boxes, inside, released) -> Float[Array, ""]:
     """Progress of the later stages, for the shoe outside that is nearer to the box."""
     goal = out_of(base, jnp.array(_DROP))
     distance = jnp.sum((shoes.position - base.position)[:, :2] ** 2, axis=1)
-    released = jax.vmap(functools.partial(free, view.pads))(shoes)
     current = jnp.argmin(jnp.where(inside & released, jnp.inf, distance))
     shoe = Boxes(*(x[current] for x in shoes))
     gripped = jax.vmap(touching, in_axes=(0, None))(view.pads, shoe).all()

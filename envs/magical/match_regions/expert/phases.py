@@ -97,7 +97,10 @@ def drive(
 
     straight = jnp.clip(1.0 - 2.5 * jnp.abs(seen.ahead), 0.0, 1.0)
     seat = straight * jnp.clip(6.0 * (seen.distance - REACH), -0.4, 0.8)
-    back, shake = _back(seen)
+    # A block that comes along when the robot backs off is wedged between the fingers: shake it.
+    wedged, beat = (seen.distance < 0.45) & (seen.timer >= 2), seen.timer % 4
+    shake = jnp.where(wedged, jnp.where(beat < 2, 1.0, -1.0), seen.ahead)
+    back = jnp.where(wedged & (beat == 3), 0.3, -0.8)
     speed = jnp.stack([go, seat, 0.0, _carry(seen, turn), 0.0, back])[seen.phase]
     turns = jnp.stack([go_turn, seen.ahead, 0.0, turn, seen.ahead, shake])
     fastest = jnp.asarray(_FASTEST)[seen.phase]
@@ -114,14 +117,6 @@ def _carry(seen: View, turn: Float[Array, ""]) -> Float[Array, ""]:
     bend = 0.8 * jnp.clip(1.0 - jnp.abs(turn) / 0.7, -0.3, 1.0)
     final = jnp.clip(6.0 * short, -0.4, 0.6) * jnp.clip(1.0 - jnp.abs(turn) / 0.7, 0.2, 1.0)
     return jnp.where(short < 0.25, final, bend)
-
-
-def _back(seen: View) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Speed and turn while backing off from a block."""
-    # A block that comes along when the robot backs off is wedged between the fingers: shake it.
-    stuck, beat = (seen.distance < 0.45) & (seen.timer >= 2), seen.timer % 4
-    shake = jnp.where(stuck, jnp.where(beat < 2, 1.0, -1.0), seen.ahead)
-    return jnp.where(stuck & (beat == 3), 0.3, -0.8), shake
 
 
 def leave(
@@ -143,13 +138,17 @@ def leave(
     still = (seen.distance < REACH + 0.04) & (width < WIDTH) & ~roaming & (seen.phase == GO)
     docked = (seen.distance < REACH + 0.03) & (width < WIDTH)
     missed = (seen.distance > STAND + 0.15) | (timer > 25)
+    # The block in hand is at its place, or as near as going on brings it.
+    left = _length(seen.job.slot - seen.block)
+    short = _length(seen.job.slot - seen.robot) - seen.distance
+    arrived = (left < 0.05) | (left < 0.1) & (jnp.abs(short) < 0.04)
     lost = (width > WIDTH + 0.02) | (seen.distance > REACH + 0.15)
     away = (seen.distance > STAND - 0.05) & (timer >= 3)
     ends = [
         lined | still | (timer > _GO_TIME),
         docked | missed,
         timer >= 4,
-        _arrived(seen) | lost | dropped | (timer > _CARRY_TIME),
+        arrived | lost | dropped | (timer > _CARRY_TIME),
         timer >= 4,
         away | (timer >= 14),
     ]
@@ -159,13 +158,6 @@ def leave(
     moving = (seen.phase == GO) | (seen.phase == DOCK) | (seen.phase == CARRY)
     caught = (seen.stuck >= _STUCK) & moving
     return ended | caught, jnp.where(caught & ~ended, BACK, to)
-
-
-def _arrived(seen: View) -> Bool[Array, ""]:
-    """True if the block in hand is at its place, or as near as going on brings it."""
-    left = _length(seen.job.slot - seen.block)
-    short = _length(seen.job.slot - seen.robot) - seen.distance
-    return (left < 0.05) | (left < 0.1) & (jnp.abs(short) < 0.04)
 
 
 def _length(vector: Float[Array, "*B 2"]) -> Float[Array, "*B"]:
