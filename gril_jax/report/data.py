@@ -4,6 +4,7 @@
     rollouts.npz   the reward in each evaluation episode (E, T), and which one was filmed
 
 B is demonstrations, E episodes, T frames or steps. `gril_jax.runs.run_dir` has the other files.
+Each function here raises a `RunError` where a file is damaged, or its parts do not fit together.
 """
 
 import json
@@ -49,8 +50,8 @@ class Profiles(NamedTuple):
 
     def traces(self, split: str) -> list[Float[np.ndarray, "_"]]:
         """The rewards of one split's demonstrations, without padding."""
-        chosen = [i for i, name in enumerate(self.split) if name == split]
-        return [self.reward[i, : self.length[i]] for i in chosen]
+        rows = zip(self.split, self.reward, self.length, strict=True)
+        return [reward[:length] for name, reward, length in rows if name == split]
 
 
 class Rollouts(NamedTuple):
@@ -62,11 +63,7 @@ class Rollouts(NamedTuple):
 
 
 def read_profiles(folder: Path) -> Profiles | None:
-    """Reads profiles.npz; None if there is none.
-
-    Raises:
-      RunError: the file is damaged, or its arrays do not fit together.
-    """
+    """Reads profiles.npz; None if there is none."""
     path = folder / "profiles.npz"
     fields = {"names": "U", "split": "U", "reward": "f", "length": "iu", "transitions": "b"}
     arrays = _arrays(path, fields)
@@ -88,11 +85,7 @@ def read_profiles(folder: Path) -> Profiles | None:
 
 
 def read_rollouts(folder: Path) -> Rollouts | None:
-    """Reads rollouts.npz; None if there is none.
-
-    Raises:
-      RunError: the file is damaged, or its arrays do not fit together.
-    """
+    """Reads rollouts.npz; None if there is none."""
     path = folder / "rollouts.npz"
     arrays = _arrays(path, {"reward": "f", "success": "bf", "shown": "iu"})
     if arrays is None:
@@ -130,11 +123,7 @@ def _require_shape(path: Path, field: str, array: np.ndarray, shape: tuple) -> N
 
 
 def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Rows of metrics.jsonl by phase, "pretrain" and "ppo" or "sac"; empty if there is no file.
-
-    Raises:
-      RunError: a line is damaged, or a value in it is no number.
-    """
+    """Rows of metrics.jsonl by phase, "pretrain" and "ppo" or "sac"; empty if there is no file."""
     rows: dict[str, list[dict[str, Any]]] = {phase: [] for phase in _STEP}
     if not (folder / "metrics.jsonl").exists():
         return rows
@@ -151,22 +140,12 @@ def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def read_finished(folder: Path) -> dict[str, Any] | None:
-    """Reads results.json; None if the run has not finished.
-
-    Raises:
-      RunError: the file is damaged.
-    """
-    if not (folder / "results.json").exists():
-        return None
-    return read_results(folder)
+    """Reads results.json; None if the run has not finished."""
+    return read_results(folder) if (folder / "results.json").exists() else None
 
 
 def read_versions(folder: Path) -> dict[str, Any]:
-    """Reads versions.json; empty if there is none.
-
-    Raises:
-      RunError: the file is damaged.
-    """
+    """Reads versions.json; empty if there is none."""
     path = folder / "versions.json"
     if not path.exists():
         return {}
@@ -180,11 +159,7 @@ def read_versions(folder: Path) -> dict[str, Any]:
 
 
 def number(holder: Mapping[str, Any], field: str, where: str) -> float | None:
-    """A field that is a number; None if it is missing, null or not finite.
-
-    Raises:
-      RunError: it is something else.
-    """
+    """A field that is a number; None if it is missing, null or not finite."""
     value = holder.get(field)
     if value is None:
         return None
