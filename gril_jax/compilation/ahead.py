@@ -80,18 +80,15 @@ def carry_out(tasks: Iterable[Task]) -> None:
             raise ValueError(
                 f"task {left[0].name!r} needs what never comes: {left[0].needs - done}"
             )
-        task = next((task for task in able if _is_there(task.wanted)), None)
+        # Of a `_Task` there is nothing to wait for: asking is what makes it.
+        ready = (t for t in able if not t.wanted or isinstance(t.wanted, _Task) or t.wanted.done())
+        task = next(ready, None)
         if task is None:
             wait([task.wanted for task in able if task.wanted], return_when=FIRST_COMPLETED)
             continue
         left.remove(task)
         task.do()
         done.add(task.name)
-
-
-def _is_there(wanted: Future[Any] | None) -> bool:
-    """True if there is nothing to wait for: asking is what makes a `_Task`."""
-    return wanted is None or isinstance(wanted, _Task) or wanted.done()
 
 
 class _WhenAsked(Executor):

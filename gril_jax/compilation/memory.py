@@ -81,7 +81,6 @@ def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -
       rows: seeds in all, at least 1.
       bytes_each: from `predict_bytes`.
       available: bytes of one device; None where they are not known, and all run at once.
-      devices: how many there are.
 
     Raises:
       ConfigError: not even one seed fits into the memory of all devices together.
@@ -90,10 +89,9 @@ def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -
         return rows
     fit = available * devices // bytes_each
     if not fit:
-        gib = 2**30
         raise ConfigError(
-            f"one seed needs about {bytes_each / gib:.1f} GiB but there are "
-            f"{available * devices / gib:.1f} GiB: lower num_envs or unroll_length, and "
+            f"one seed needs about {bytes_each / 2**30:.1f} GiB but there are "
+            f"{available * devices / 2**30:.1f} GiB: lower num_envs or unroll_length, and "
             "encoder.pixels where encoder.kind is 'pixels'"
         )
     parts = math.ceil(rows / min(rows, fit))

@@ -12,6 +12,7 @@ the axes that are laid out here, so that results agree up to the order of float 
 hosts (`jax.distributed`), the devices of all of them are one mesh.
 """
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -80,14 +81,14 @@ def place(layout: Mesh, tree: Any) -> Any:
 
 def init(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> Any:
     """A fresh training state for each key, made on its devices."""
-    return _maker(algorithm, layout, keys, hyper)(keys, hyper)
+    return _maker(algorithm, layout, keys, hyper)[0](keys, hyper)
 
 
-def _maker(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> Callable:
-    """The program of `init`, jitted: (keys, hyper) -> state."""
+def _maker(algorithm: training.Algorithm, layout: Mesh, keys: Any, hyper: Any) -> tuple:
+    """The program of `init`, jitted: (keys, hyper) -> state; and the shapes of its state."""
     make = jax.vmap(algorithm.init)
     shapes = jax.eval_shape(make, keys, hyper)
-    return jax.jit(make, out_shardings=shardings(layout, shapes))
+    return jax.jit(make, out_shardings=shardings(layout, shapes)), shapes
 
 
 class Compiled(NamedTuple):
@@ -125,10 +126,8 @@ def lowered(
     Args:
       keys, hyper: with a leading axis of seeds, placed.
       reward_params: arrays, or their shapes and types.
-      updates, evaluation: of `advance`.
     """
-    make = _maker(algorithm, layout, keys, hyper)
-    shapes = jax.eval_shape(make, keys, hyper)
+    make, shapes = _maker(algorithm, layout, keys, hyper)
     thread = ThreadPoolExecutor(1, "compile init")
     ready = thread.submit(compiled, make.lower(keys, hyper))
     thread.shutdown(wait=False)
@@ -159,12 +158,8 @@ def advance(
     """
 
     def chunk(state, hyper, reward_params, count, examine):
-        def one(state, hyper, reward_params):
-            return training.chunk(
-                algorithm, state, hyper, reward_params, updates=updates, evaluation=evaluation,
-                count=count, examine=examine,
-            )  # fmt: skip
-
+        how = {"updates": updates, "evaluation": evaluation, "count": count, "examine": examine}
+        one = functools.partial(training.chunk, algorithm, **how)
         state, metrics, scores = jax.vmap(one)(state, hyper, reward_params)
         return state, (metrics, scores)
 

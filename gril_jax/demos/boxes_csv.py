@@ -15,8 +15,8 @@ A file that is missing, malformed, or does not fit its video is a `DemoError`.
 import csv
 import math
 import os
-import pathlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import UInt8
@@ -31,19 +31,13 @@ COLUMNS = ("frame", "class", "x_min", "y_min", "x_max", "y_max")
 _Boxes = dict[tuple[int, str], tuple[float, float, float, float]]
 
 
+@dataclass(frozen=True)
 class BoxesFileDetector:
-    """A `Detector` (`gril_jax.demos.vision.detect`) that reads a boxes file; centres are middles.
+    """A `Detector` of `gril_jax.demos.vision.detect` for a boxes file; centres are middles."""
 
-    Args:
-      path: the CSV file that belongs to the video.
-      classes: the task's class names; a label is an index into them.
-      half_extent: half the width of the world that a frame shows, in world units.
-    """
-
-    def __init__(self, path: str | os.PathLike, classes: Sequence[str], half_extent: float):
-        self.path = pathlib.Path(path)
-        self.classes = tuple(classes)
-        self.half_extent = half_extent
+    path: str | os.PathLike  # the CSV file that belongs to the video
+    classes: Sequence[str]  # the task's class names; a label is an index into them
+    half_extent: float  # world units: half the width of the world that a frame shows
 
     def detect(self, frames: UInt8[np.ndarray, "T H W 3"], *, name: str = "video") -> Tracks:
         """The file's boxes in world units, objects in the order of the class names."""

@@ -52,11 +52,8 @@ def frame_batch(
 def shrink(
     frames: UInt8[np.ndarray, "T S S 3"], pixels: int, *, zoom: float = 1.0
 ) -> UInt8[np.ndarray, "T P P 3"]:
-    """Frames resized by area, after their border is cropped or extended.
-
-    Args:
-      zoom: side of the square to show, in sides of the frames. Above 1 the outermost pixels go on.
-    """
+    """Frames resized by area, of which a square of `zoom` times their side is shown: above 1 the
+    outermost pixels go on."""
     margin = round((zoom - 1.0) * frames.shape[1] / 2)
     if margin < 0:
         frames = frames[:, -margin:margin, -margin:margin]

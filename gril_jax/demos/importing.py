@@ -48,10 +48,7 @@ def import_magical(
     """Converts a folder of MAGICAL's public `*.pkl.gz` files to a demo set.
 
     Frames of the allocentric view are kept, actions are not. A demonstration is a success where
-    its score is 1.
-
-    Args:
-      out_dir: the demo set; replaced if it is one already.
+    its score is 1. An older demo set of that name is replaced.
 
     Raises:
       DemoError: no files, a damaged or foreign one, different tasks, or objects not found.

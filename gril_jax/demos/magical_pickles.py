@@ -59,13 +59,7 @@ def list_magical(folder: str | os.PathLike) -> list[pathlib.Path]:
 
 
 def read_magical(path: str | os.PathLike) -> MagicalDemo:
-    """Reads one file.
-
-    Raises:
-      DemoError: the file is missing, cut short, no demonstration, or names anything that a
-        demonstration does not need.
-    """
-    path = pathlib.Path(path)
+    """Reads one file; raises `DemoError` for one that is missing, damaged or no demonstration."""
     content = _content(path)
     try:
         observations = content["trajectory"][1]
@@ -94,7 +88,6 @@ def read_actions(path: str | os.PathLike) -> Int[np.ndarray, "T"]:
     Raises:
       DemoError: as `read_magical`, or the actions are no whole numbers from 0 to 17.
     """
-    path = pathlib.Path(path)
     content = _content(path)
     try:
         actions = content["trajectory"][0].array
@@ -114,7 +107,7 @@ def read_actions(path: str | os.PathLike) -> Int[np.ndarray, "T"]:
     return actions.astype(np.int64)
 
 
-def _content(path: pathlib.Path) -> object:
+def _content(path: str | os.PathLike) -> object:
     """The contents of the pickle, built of stand-ins."""
     try:
         with gzip.open(path) as file:
@@ -192,7 +185,7 @@ _ALLOWED = {  # numpy 1 and numpy 2 name the same functions differently
 
 
 class _Unpickler(pickle.Unpickler):
-    def __init__(self, data: bytes, path: pathlib.Path):
+    def __init__(self, data: bytes, path: str | os.PathLike):
         super().__init__(io.BytesIO(data))
         self._path = path
 

@@ -7,8 +7,7 @@ import pathlib
 import shutil
 import tempfile
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import UInt8
@@ -17,7 +16,7 @@ from gril_jax.demos.vision.detect import Tracks
 from gril_jax.demos.vision.video import write_video
 from gril_jax.errors import DemoError
 
-from .schema import HEADER, OUTCOMES, SCHEMA_VERSION, DemoEntry, check_header, check_tracks, digest
+from .schema import HEADER, OUTCOMES, SCHEMA_VERSION, check_header, check_tracks, digest
 
 __all__ = ["Demo", "save_demo_set"]
 
@@ -68,8 +67,7 @@ def save_demo_set(
         part.chmod(0o755)
         entries = []
         for number, demo in enumerate(demos):
-            fields = asdict(_write(part, folder, number, demo, classes, fps))
-            entries.append({k: v for k, v in fields.items() if k != "stages" or v})  # if known
+            entries.append(_write(part, folder, number, demo, classes, fps))
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
         header = {
@@ -113,7 +111,8 @@ def _write(
     demo: Demo,
     classes: Sequence[str],
     fps: float,
-) -> DemoEntry:
+) -> dict[str, Any]:
+    """Writes the files of a demonstration; returns its entry in the header, a `DemoEntry`."""
     where = f"{folder}, demonstration {demo.name!r}"
     if demo.outcome not in OUTCOMES:
         raise DemoError(f"{where}: outcome {demo.outcome!r} is not one of {', '.join(OUTCOMES)}.")
@@ -121,15 +120,14 @@ def _write(
     video, tracks = f"{number:03d}.mp4", f"{number:03d}.npz"
     write_video(part / video, demo.frames, fps)
     np.savez_compressed(part / tracks, **demo.tracks._asdict())
-    return DemoEntry(
-        name=demo.name,
-        video=video,
-        tracks=tracks,
-        frames=len(demo.frames),
-        trimmed=demo.trimmed,
-        outcome=demo.outcome,
-        objects=[classes[label] for label in demo.tracks.label],
-        video_sha256=digest(part / video),
-        tracks_sha256=digest(part / tracks),
-        stages=demo.stages,
-    )
+    return {
+        "name": demo.name,
+        "video": video,
+        "tracks": tracks,
+        "frames": len(demo.frames),
+        "trimmed": demo.trimmed,
+        "outcome": demo.outcome,
+        "objects": [classes[label] for label in demo.tracks.label],
+        "video_sha256": digest(part / video),
+        "tracks_sha256": digest(part / tracks),
+    } | ({"stages": demo.stages} if demo.stages else {})

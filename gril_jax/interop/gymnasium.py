@@ -28,8 +28,6 @@ class RewardWrapper(gymnasium.Wrapper):
     ):
         """
         Args:
-          env: the environment.
-          learned: from `gril_jax.interop.reward_file.load_reward`.
           boxes: `boxes(env, observation)` gives box centres and sizes, arrays of shape (N, 2) in
             the order of `learned.objects`, in the world units of the reward. `env` is unwrapped.
         """

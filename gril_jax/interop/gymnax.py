@@ -28,7 +28,10 @@ class RewardState(NamedTuple):
 
 
 class RewardWrapper(Environment):
-    """The environment with the learned reward; its own is `info["task_reward"]` from then on."""
+    """The environment with the learned reward; its own is `info["task_reward"]` from then on.
+
+    Everything else is the environment's.
+    """
 
     def __init__(
         self,
@@ -40,8 +43,6 @@ class RewardWrapper(Environment):
     ):
         """
         Args:
-          env: the environment.
-          learned: from `gril_jax.interop.reward_file.load_reward`.
           boxes: box centres and sizes of the environment's state, in the order of
             `learned.objects`, in the world units of the reward.
           five_values: `step` gives `done` in place of terminated and truncated, as gymnax did
@@ -52,7 +53,6 @@ class RewardWrapper(Environment):
 
     @property
     def default_params(self) -> Any:
-        """The environment's."""
         return self._env.default_params
 
     @partial(jax.jit, static_argnames=("self",))
@@ -77,27 +77,21 @@ class RewardWrapper(Environment):
         return observation, RewardState(env, memory), reward, terminated, info
 
     def is_truncated(self, state: RewardState, params: Any) -> Any:
-        """True at the environment's time limit."""
         return self._env.is_truncated(state.env, params)
 
     def is_terminated(self, state: RewardState, params: Any) -> Any:
-        """True where the environment itself ends."""
         return self._env.is_terminated(state.env, params)
 
     def action_space(self, params: Any) -> Any:
-        """The environment's."""
         return self._env.action_space(params)
 
     def observation_space(self, params: Any) -> Any:
-        """The environment's."""
         return self._env.observation_space(params)
 
     @property
     def num_actions(self) -> int:
-        """The environment's."""
         return self._env.num_actions
 
     @property
     def name(self) -> str:
-        """The environment's."""
         return self._env.name

@@ -42,7 +42,7 @@ import itertools
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 import numpy as np
@@ -59,8 +59,6 @@ from gril_jax.safe_files import new_file, writing
 __all__ = [
     "FORMAT",
     "VERSION",
-    "NamesActions",
-    "NamesObservations",
     "action_layout",
     "describe",
     "main",
@@ -72,20 +70,6 @@ __all__ = [
 FORMAT, VERSION = "gril-jax policy", 1
 
 _ACTIVATION = "swish"  # brax's default, which PPO and SAC keep; the last layer has none
-
-
-@runtime_checkable
-class NamesObservations(Protocol):
-    """A task that names each number of its observation."""
-
-    observation_names: tuple[str, ...]  # equal names in a row are one entry of that width
-
-
-@runtime_checkable
-class NamesActions(Protocol):
-    """A task that names each number of its action."""
-
-    action_names: tuple[str, ...]
 
 
 def main(
@@ -100,10 +84,8 @@ def main(
     """Writes the newest policy of a run to a new file; the run's folder is only read.
 
     Args:
-      folder: the run's.
       out: the file, which must not exist, in a folder that does.
-      config: the run's own.
-      algorithm, hyper: built from `config`, to restore the checkpoint into.
+      algorithm, hyper: built from `config`, the run's own, to restore the checkpoint into.
 
     Raises:
       RunError: the run has no policy or a broken one, or `out` exists or cannot be written.
@@ -137,16 +119,11 @@ def policy_arrays(policy: Policy) -> dict[str, Float[np.ndarray, "..."]]:
 
 
 def describe(
-    config: RunConfig,
-    env: Any,
-    arrays: dict[str, Float[np.ndarray, "..."]],
-    objects: Sequence[str],
+    config: RunConfig, env: Any, arrays: dict[str, Float[np.ndarray, "..."]], objects: Sequence[str]
 ) -> dict[str, Any]:
     """The meaning of the arrays, as JSON has it. Index ranges are [start, stop).
 
     Args:
-      config: the run's.
-      env: the task.
       arrays: from `policy_arrays`.
       objects: names of the objects whose activity bits the policy sees, in order; often none.
 
@@ -167,7 +144,7 @@ def describe(
       ShapeError: the task's names do not fit its sizes.
     """
     kernels = [array for name, array in arrays.items() if name.startswith("kernel_")]
-    last = len(kernels) - 1
+    activations = [_ACTIVATION] * (len(kernels) - 1) + ["none"]
     num_own, size = env.observation_size, env.action_size
     activity = {
         "start": num_own,
@@ -181,12 +158,8 @@ def describe(
         "version": VERSION,
         "gril_jax": run_dir.package_versions()["gril-jax"],
         "layers": [
-            {
-                "in": kernel.shape[0],
-                "out": kernel.shape[1],
-                "activation": "none" if i == last else _ACTIVATION,
-            }
-            for i, kernel in enumerate(kernels)
+            {"in": kernel.shape[0], "out": kernel.shape[1], "activation": activation}
+            for kernel, activation in zip(kernels, activations, strict=True)
         ],
         "output": {"mean": [0, size], "spread": [size, 2 * size], "squash": "tanh"},
         "observation": observation_layout(env, objects),
@@ -201,36 +174,27 @@ def observation_layout(env: Any, objects: Sequence[str] = ()) -> list[dict[str, 
     """Name, start and stop of each part of the policy's input, in order.
 
     Args:
-      env: the task; one that is no `NamesObservations` gives a single part "observation".
+      env: the task; `observation_names`, if it has them, name each number, and equal names in a
+        row are one part. Without them there is a single part "observation".
       objects: names of the objects whose activity bits follow the task's own observation.
 
     Raises:
       ShapeError: the task names more or fewer numbers than it observes.
     """
-    names = env.observation_names if isinstance(env, NamesObservations) else None
-    own = _names(names, env.observation_size, "observation", env)
+    own = _names(env, "observation", env.observation_size)
     return _ranges([*own, *(f"{name} has moved" for name in objects)])
 
 
 def action_layout(env: Any) -> list[dict[str, Any]]:
-    """Name, start, stop, low and high of each part of the action, in order.
-
-    Raises:
-      ShapeError: the task names more or fewer numbers than an action has.
-    """
-    names = env.action_names if isinstance(env, NamesActions) else None
-    own = _names(names, env.action_size, "action", env)
+    """Name, start, stop, low and high of each part of the action, as `observation_layout`."""
+    own = _names(env, "action", env.action_size)
     return [entry | {"low": -1.0, "high": 1.0} for entry in _ranges(own)]
 
 
 def write(
     out: Path, arrays: dict[str, Float[np.ndarray, "..."]], description: dict[str, Any]
 ) -> None:
-    """Writes the npz file, complete or not at all; equal contents give equal bytes.
-
-    Raises:
-      RunError: the file exists, or its folder is missing, full or not writable.
-    """
+    """Writes a new npz file, complete or not at all; equal contents give equal bytes."""
     text = np.array(json.dumps(description, allow_nan=False))
     with writing(out.parent):
         try:
@@ -240,12 +204,11 @@ def write(
             raise RunError(f"{out} exists already, but --out must be a new file") from None
 
 
-def _names(names: Sequence[str] | None, size: int, default: str, env: Any) -> Sequence[str]:
-    if names is None:
-        return [default] * size
+def _names(env: Any, kind: str, size: int) -> Sequence[str]:
+    names = getattr(env, f"{kind}_names", [kind] * size)
     if len(names) != size:
         task = type(env).__name__
-        raise ShapeError(f"{task} names {len(names)} numbers of its {default}, but it has {size}")
+        raise ShapeError(f"{task} names {len(names)} numbers of its {kind}, but it has {size}")
     return names
 
 

@@ -97,11 +97,7 @@ def describe(
     unit: str | None,
     provenance: Mapping[str, Any],
 ) -> str:
-    """The description as JSON text.
-
-    Raises:
-      ConfigError: choices contradict each other, are out of range, or are no JSON.
-    """
+    """The description as JSON text; a `ConfigError` if its choices are wrong or are no JSON."""
     about = {
         "format": FORMAT,
         "version": VERSION,
@@ -120,11 +116,7 @@ def describe(
 
 
 def parse(text: Any, where: str) -> dict[str, Any]:
-    """Parses the description, after checking that its format and version are known.
-
-    Raises:
-      RewardFileError: it is no description, or one of another version.
-    """
+    """The fields of a description; a `RewardFileError` if its format or version is another."""
     try:
         about = json.loads(str(text[()]))
         kind, version = about["format"], about["version"]

@@ -1,5 +1,9 @@
-"""The verdict and the numbers at the top of a report, in words, and how sure they are."""
+"""The verdict and the numbers at the top of a report, in words, and how sure they are.
 
+A field of `results.json` that is no number, or a rate not from 0 to 1, is a `RunError`.
+"""
+
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -31,17 +35,13 @@ class Verdict(NamedTuple):
 
 
 def wilson(rate: float, count: int) -> tuple[float, float]:
-    """Wilson's 95% interval of a success rate.
+    """Wilson's 95% interval of a success rate from 0 to 1 in `count` trials, at least 1.
 
     Unlike the textbook's normal interval it stays within 0 and 1, and has a width where all of
     the trials succeeded.
 
     >>> [round(x, 3) for x in wilson(0.5, 20)]
     [0.299, 0.701]
-
-    Args:
-      rate: share of trials that succeeded, from 0 to 1.
-      count: number of trials, at least 1.
     """
     widening = _Z**2 / count
     middle = (rate + widening / 2) / (1 + widening)
@@ -50,11 +50,7 @@ def wilson(rate: float, count: int) -> tuple[float, float]:
 
 
 def verdict(results: Mapping[str, Any]) -> Verdict:
-    """A sentence on whether the run worked, judged by the success of its policy.
-
-    Raises:
-      RunError: see `headline`.
-    """
+    """A sentence on whether the run worked, judged by the success of its policy."""
     if not results:
         return Verdict("open", "The run has not finished, so it has no results yet.")
     rate, random, tau, episodes = (
@@ -77,32 +73,25 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
 
 
 def headline(results: Mapping[str, Any]) -> list[Tile]:
-    """Tiles of the numbers in `results.json`; missing numbers have none.
-
-    Raises:
-      RunError: a field is no number, or a rate is not from 0 to 1.
-    """
-    get = {field: number(results, field, _WHERE) for field in _FIELDS}
-    episodes, total = int(get["eval_episodes"] or 0), sum(s for _, s in stage_times(results))
-    rates = (
-        ("success", "success of the trained policy"),
-        ("success_sampled", "success with sampled actions"),
-        ("success_random", "success of a random policy"),
-    )
-    tiles = [
-        _rate_tile(field, get[field], episodes, label)
-        for field, label in rates
-        if get[field] is not None
-    ]
+    """Tiles of the numbers in `results.json`; missing numbers have none."""
+    get = functools.partial(number, results, where=_WHERE)
+    episodes, total = int(get("eval_episodes") or 0), sum(s for _, s in stage_times(results))
+    rates = {
+        "success": "success of the trained policy",
+        "success_sampled": "success with sampled actions",
+        "success_random": "success of a random policy",
+    }
+    known = {field: rate for field in rates if (rate := get(field)) is not None}
+    tiles = [_rate_tile(field, rate, episodes, rates[field]) for field, rate in known.items()]
     others = (
-        (get["tau"], ".3f", "Kendall's tau of the alignment",
+        (get("tau"), ".3f", "Kendall's tau of the alignment",
          "on demonstrations kept aside; 1 is perfect, 0 is chance"),
-        (get["reward_time_tau"], ".3f", "Kendall's tau of reward and time",
+        (get("reward_time_tau"), ".3f", "Kendall's tau of reward and time",
          "1 if the reward never falls along a demonstration"),
-        (get["env_steps_per_s"], ",.0f", "environment steps a second",
-         "" if get["env_steps"] is None else f"{get['env_steps']:,.0f} in all"),
+        (get("env_steps_per_s"), ",.0f", "environment steps a second",
+         "" if get("env_steps") is None else f"{get('env_steps'):,.0f} in all"),
         (in_words(total) if total else None, "", "for the whole run", "by stages below"),
-        (get["trimmed_frames"], ",.0f", "frames trimmed",
+        (get("trimmed_frames"), ",.0f", "frames trimmed",
          "cut from ends of videos in which nothing moves"),
     )  # fmt: skip
     return tiles + [
@@ -110,12 +99,6 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
         for value, shape, label, note in others
         if value is not None
     ]
-
-
-_FIELDS = (
-    "success", "success_sampled", "success_random", "eval_episodes", "tau", "reward_time_tau",
-    "env_steps", "env_steps_per_s", "trimmed_frames",
-)  # fmt: skip
 
 
 def _rate_tile(field: str, rate: float, episodes: int, label: str) -> Tile:
@@ -132,11 +115,7 @@ def _rate_tile(field: str, rate: float, episodes: int, label: str) -> Tile:
 
 
 def stage_times(results: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """The stages of the run, in order, with the seconds that each took.
-
-    Raises:
-      RunError: `seconds` is not an object of numbers.
-    """
+    """The stages of the run, in order, with the seconds that each took."""
     seconds = results.get("seconds") or {}
     if not isinstance(seconds, Mapping):
         raise RunError(f"{_WHERE}: seconds must be an object of numbers")

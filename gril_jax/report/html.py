@@ -50,11 +50,7 @@ class Section(NamedTuple):
 
 
 def save(file: Path, contents: bytes) -> bytes:
-    """Writes a page or what belongs to it, whole or not at all; returns its contents.
-
-    Raises:
-      RunError: the folder is missing, full or not writable.
-    """
+    """Writes a page or what belongs to it, whole or not at all; returns its contents."""
     with writing(file.parent):
         write_whole(file, contents, durable=False)
     return contents
@@ -77,14 +73,11 @@ def render(
     """The page.
 
     Args:
-      title: its heading, and its name in the browser.
-      summary: a sentence below the heading.
+      title, summary: its heading, and its name in the browser; a sentence below the heading.
       tiles: the numbers at the top.
-      sections: headings with their pictures, in order.
       facts: short lines of what was run.
       tables: of names and values, each folded under its title.
       listings: longer texts such as the configuration, each folded under its title.
-      verdict: a sentence on the whole.
       film: on the first screen, on a phone's, too.
       beside: on the first screen of a desk: what belongs below the film, and what to its right.
       more: numbers that can wait until what was run is told.
@@ -115,11 +108,8 @@ def render(
 def _tiles(tiles: Sequence[Tile]) -> str:
     if not tiles:
         return ""
-    cells = "\n".join(
-        f"<div><b>{escape(tile.value)}</b>{escape(tile.label)}<small>{escape(tile.note)}</small>"
-        "</div>"
-        for tile in tiles
-    )
+    texts = (map(escape, tile) for tile in tiles)
+    cells = "\n".join(f"<div><b>{v}</b>{label}<small>{n}</small></div>" for v, label, n in texts)
     return f'<div class="tiles">\n{cells}\n</div>'
 
 
@@ -127,22 +117,18 @@ def _section(section: Section) -> str:
     parts = "\n".join(
         _wide_table(part) if isinstance(part, Table) else _part(part) for part in section.parts
     )
-    return (
-        f'<section><h2>{escape(section.title)}</h2>\n<div class="parts">\n{parts}\n</div></section>'
-    )
+    head = f"<section><h2>{escape(section.title)}</h2>"
+    return f'{head}\n<div class="parts">\n{parts}\n</div></section>'
 
 
 def _part(part: Part) -> str:
     if part.contents is None:
         return f'<p class="absent">{escape(part.caption)}</p>'
     source = f"data:{part.mime};base64,{base64.b64encode(part.contents).decode('ascii')}"
-    alt = escape(part.alt)
-    media = (
-        f'<video src="{source}" aria-label="{alt}" controls autoplay loop muted playsinline>'
-        "</video>"
-        if part.mime.startswith("video/")
-        else f'<img src="{source}" alt="{alt}">'
-    )
+    media = f'<img src="{source}" alt="{escape(part.alt)}">'
+    if part.mime.startswith("video/"):
+        label = f'aria-label="{escape(part.alt)}" controls autoplay loop muted playsinline'
+        media = f'<video src="{source}" {label}></video>'
     size = ' class="whole"' if part.wide else ""
     return f"<figure{size}>{media}<figcaption>{escape(part.caption)}</figcaption></figure>"
 

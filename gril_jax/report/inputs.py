@@ -1,4 +1,7 @@
-"""Inputs of a report: a run's folder and its demonstrations, read once."""
+"""Inputs of a report: a run's folder and its demonstrations, read once.
+
+What is damaged, in the folder or in the demonstrations, is a `RunError` or a `DemoError`.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,11 +9,11 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import UInt8
 
 from gril_jax.config import RunConfig
 from gril_jax.demos.demo_set import DemoSet, load_demo_set, select_objects
-from gril_jax.demos.schema import HEADER
+from gril_jax.demos.schema import HEADER, DemoEntry
+from gril_jax.demos.vision.detect import Tracks
 from gril_jax.demos.vision.video import read_video, write_video
 from gril_jax.errors import RunError
 from gril_jax.graphs import activity
@@ -51,12 +54,7 @@ class Inputs(NamedTuple):
 
 
 def read_inputs(folder: Path) -> Inputs:
-    """Reads a run's folder, and its demonstrations if they still exist.
-
-    Raises:
-      RunError: it is no run's folder, or a file in it is damaged.
-      DemoError: a file of the demonstrations is damaged.
-    """
+    """Reads a run's folder, and its demonstrations if they still exist."""
     config = read_config(folder)
     profiles = read_profiles(folder)
     source = Path(config.demos.path) if config.demos.path else folder / "demos"
@@ -65,15 +63,8 @@ def read_inputs(folder: Path) -> Inputs:
         wanted = ("goal", "robot", *config.env.targets, *config.env.distractors)
         known = [o for o in wanted if all(o in entry.objects for entry in demos.entries)]
         demos = select_objects(demos, known) if known else demos
-    return Inputs(
-        folder,
-        config,
-        read_rows(folder),
-        read_finished(folder) or {},
-        profiles,
-        demos,
-        _to_show(profiles, demos),
-    )
+    rows, results = read_rows(folder), read_finished(folder) or {}
+    return Inputs(folder, config, rows, results, profiles, demos, _to_show(profiles, demos))
 
 
 def _to_show(profiles: Profiles | None, demos: DemoSet | None) -> str | None:
@@ -85,39 +76,31 @@ def _to_show(profiles: Profiles | None, demos: DemoSet | None) -> str | None:
 
 
 def films_of(run: Inputs) -> list[Film]:
-    """The shown demonstration, then others; one of them failed, if any did.
-
-    Raises:
-      DemoError, RunError: a video is damaged, or shorter than the demonstration's header says.
-    """
+    """The shown demonstration, then others; one of them failed, if any did."""
     if run.demos is None:
         return []
-    names = [entry.name for entry in run.demos.entries]
-    failed = [entry.name for entry in run.demos.entries if entry.outcome == "failure"]
-    names.sort(key=lambda name: (name != run.shown, name in failed))  # stable
-    chosen = names[:_FILMS]
+    known = {e.name: (e, t) for e, t in zip(run.demos.entries, run.demos.tracks, strict=True)}
+    failed = [name for name, (entry, _) in known.items() if entry.outcome == "failure"]
+    chosen = sorted(known, key=lambda name: (name != run.shown, name in failed))[:_FILMS]  # stable
     if failed and not set(failed) & set(chosen):
         chosen[-1] = failed[0]
-    longest = max(entry.frames for entry in run.demos.entries if entry.name in chosen)
-    files = {entry.name: run.demos.folder / entry.video for entry in run.demos.entries}
-    videos = parallel_map(read_video, [files[name] for name in chosen])
-    return [_film(run, name, frames, longest) for name, frames in zip(chosen, videos, strict=True)]
+    picked = [known[name] for name in chosen]
+    most = max(entry.frames for entry, _ in picked)
+    videos = parallel_map(read_video, [run.demos.folder / entry.video for entry, _ in picked])
+    return [_film(run, *pick, video, most) for pick, video in zip(picked, videos, strict=True)]
 
 
-def _film(run: Inputs, name: str, frames: UInt8[np.ndarray, "T H W 3"], longest: int) -> Film:
-    demos, pool = run.demos, run.config.pool
-    index = [entry.name for entry in demos.entries].index(name)
-    entry, tracks = demos.entries[index], demos.tracks[index]
+def _film(run: Inputs, entry: DemoEntry, tracks: Tracks, frames: np.ndarray, most: int) -> Film:
+    """A demonstration with its activity bits; the longest that is shown has `most` frames."""
     if len(frames) < entry.frames:
         raise RunError(
-            f"{demos.folder / entry.video} has {len(frames)} frames, but {HEADER} says "
+            f"{run.demos.folder / entry.video} has {len(frames)} frames, but {HEADER} says "
             f"{entry.frames}"
         )
     # A bit depends on no later frame: all films as long as the longest are one program.
-    padded = [
-        np.concatenate([x, np.repeat(x[-1:], longest - entry.frames, axis=0)])
-        for x in (tracks.center, tracks.size)
-    ]
+    edge = ((0, most - entry.frames), (0, 0), (0, 0))
+    padded = [np.pad(x, edge, mode="edge") for x in (tracks.center, tracks.size)]
+    pool = run.config.pool
     rule = {"window": pool.window, "smoothing": pool.smoothing, "noise": pool.noise}
     bits = np.asarray(_bits(*padded, tau=pool.tau, **rule))[: entry.frames]
-    return Film(name, frames[: entry.frames], tracks, bits)
+    return Film(entry.name, frames[: entry.frames], tracks, bits)

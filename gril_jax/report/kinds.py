@@ -14,21 +14,14 @@ from gril_jax.errors import RunError
 __all__ = ["made_by", "require_single"]
 
 _SINGLE = (None, "train", "pretrain")
-_INSTEAD = {
-    "table1": "its page is report.html, its table table1.md",
-    "table2": "it has no page, but the table table2.md and the figure table2.png",
-    "soundness": "it has no page, but the table soundness.md and the figure soundness.png",
-    "ablate": "it has no page, but the table ablate.md and the figure ablate.png",
-    "sweep": "it has no page, but the table sweep.md and the figure sweep.png",
+_INSTEAD = {"table1": "its page is report.html, its table table1.md"} | {
+    name: f"it has no page, but the table {name}.md and the figure {name}.png"
+    for name in ("table2", "soundness", "ablate", "sweep")
 }
 
 
 def made_by(folder: Path) -> str | None:
-    """The experiment that made a run's folder, such as `train`; None if it is not recorded.
-
-    Raises:
-      RunError: phases.json is damaged.
-    """
+    """The experiment that made a run's folder, such as `train`; None if it is not recorded."""
     file = folder / "phases.json"
     try:
         experiment = json.loads(file.read_text(encoding="utf-8"))["experiment"]
@@ -42,11 +35,8 @@ def made_by(folder: Path) -> str | None:
 
 
 def require_single(folder: Path) -> None:
-    """Raises if the run belongs to a table, and so has no single reward and policy.
-
-    Raises:
-      RunError: it is one; the sentence says where its results lie. Or phases.json is damaged.
-    """
+    """Raises `RunError` if the run belongs to a table, and so has no single reward and policy; the
+    sentence says where its results lie."""
     experiment = made_by(folder)
     if experiment not in _SINGLE:
         instead = _INSTEAD.get(experiment, "its results lie there in files of their own")

@@ -37,11 +37,7 @@ _NO_POLICY = Part("No policy has been trained in this run.")
 def write_report(run_folder: str | os.PathLike) -> Path:
     """Draws everything about a run into its folder: PNGs, videos, and `report.html`.
 
-    Args:
-      run_folder: see `gril_jax.runs.run_dir`; finished or not.
-
-    Returns:
-      The page, which needs no other file.
+    The run may be finished or not; the page, whose path is returned, needs no other file.
 
     Raises:
       RunError: it is no run's folder, or that of a table; a file in it is damaged, or it cannot
@@ -123,7 +119,7 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
     index = run.profiles.names.index(run.shown)
     length = int(run.profiles.length[index])
     film = next((film for film in films if film.name == run.shown), None)
-    if film is not None and length > len(film.frames):
+    if film and length > len(film.frames):
         raise RunError(
             f"{run.folder / 'profiles.npz'}: the profile of {run.shown!r} has {length} frames, "
             f"but its video has {len(film.frames)}"
@@ -131,9 +127,9 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
     figure = reward_profile(
         run.profiles.reward[index, :length],
         run.profiles.transitions[index, :length],
-        frames=None if film is None else film.frames[:length],
+        frames=film and film.frames[:length],
         name=run.shown,
-        fps=None if film is None else run.demos.fps,
+        fps=film and run.demos.fps,
     )
     kept_aside = ", on which it was not trained" * (run.profiles.split[index] == "validation")
     frames = " A line ties each frame to its point." * (film is not None)

@@ -46,15 +46,12 @@ def cluster_of(environment: Mapping[str, str]) -> Cluster | None:
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal():
         raise ConfigError(f"COORDINATOR_ADDRESS is {address!r}, but must be HOST:PORT")
-    count, index = (_number(environment, name) for name in _NAMES[1:])
+    for name in _NAMES[1:]:
+        if not environment[name].isdecimal():
+            raise ConfigError(f"{name} is {environment[name]!r}, but must be a whole number")
+    count, index = int(environment["NUM_PROCESSES"]), int(environment["PROCESS_ID"])
     if index >= count:
         raise ConfigError(
             f"PROCESS_ID is {index}, but must be less than NUM_PROCESSES, which is {count}"
         )
     return Cluster(address, count, index)
-
-
-def _number(environment: Mapping[str, str], name: str) -> int:
-    if not environment[name].isdecimal():
-        raise ConfigError(f"{name} is {environment[name]!r}, but must be a whole number")
-    return int(environment[name])

@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import SingleDeviceSharding
 
 from gril_jax.errors import RunError
 
+from .checkpoints.state_leaves import is_key
 from .cluster import Cluster
 
 __all__ = [
@@ -38,9 +38,7 @@ __all__ = [
 def initialize(cluster: Cluster | None, *, timeout_s: int = 300) -> None:
     """Connects the processes of a job; afterwards `jax.devices()` lists the devices of all of them.
 
-    Args:
-      cluster: from `cluster_of`; None leaves it to JAX to ask SLURM.
-      timeout_s: how long to wait for the others.
+    Without a cluster JAX asks SLURM.
 
     Raises:
       RunError: the others cannot be reached, or JAX has been used already.
@@ -69,8 +67,7 @@ def is_first() -> bool:
 def same_everywhere(tree: Any) -> Any:
     """Broadcasts the first process's values bit for bit, as NumPy arrays; typed keys stay keys.
 
-    Args:
-      tree: arrays and numbers; of those of other processes, only shapes and types are looked at.
+    Of the other processes' trees, only shapes and types are looked at.
     """
     if jax.process_count() == 1:
         return tree
@@ -135,13 +132,9 @@ def scratch() -> Iterator[Path | None]:
         yield Path(folder)
 
 
-def _is_key(leaf: Any) -> bool:
-    return isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
-
-
 def _data(leaf: Any) -> Any:
-    return jax.random.key_data(leaf) if _is_key(leaf) else leaf
+    return jax.random.key_data(leaf) if is_key(leaf) else leaf
 
 
 def _wrapped(data: Any, like: Any) -> Any:
-    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(like)) if _is_key(like) else data
+    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(like)) if is_key(like) else data

@@ -15,21 +15,11 @@ _SOON = 0.01  # seconds
 
 
 class Interrupted(GrilError):
-    """Raised when a run was asked to stop and has saved itself.
-
-    Args:
-      sentence: what was saved, and how to go on.
-      number: of the signal.
-    """
+    """Raised when a run was asked to stop by signal `number` and has saved itself."""
 
     def __init__(self, sentence: str, number: int):
         super().__init__(sentence)
-        self.number = number
-
-    @property
-    def exit_code(self) -> int:
-        """130 for SIGINT, 143 for SIGTERM, as in shells."""
-        return 128 + self.number
+        self.exit_code = 128 + number  # 130 for SIGINT, 143 for SIGTERM, as in shells
 
 
 class Notice:

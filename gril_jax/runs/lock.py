@@ -18,7 +18,6 @@ def take_lock(folder: Path, *, note: bool = True) -> TextIO:
     """Opens and locks the file `lock` of a folder; it stays locked until it is closed.
 
     Args:
-      folder: an existing one.
       note: whether to write this process's id into the file.
 
     Raises:

@@ -51,7 +51,6 @@ def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) 
     goes to the devices on which the fresh state is. The first process alone looks for it.
 
     Args:
-      run: the run's folder.
       name: the phase.
       state: its fresh state; a weakly typed leaf becomes a strongly typed one.
       tell: takes a sentence for each damaged checkpoint.
@@ -97,7 +96,6 @@ def run_chunks(
     Args:
       advance: one chunk, from a state to the next and its metrics; it may donate the state.
       begun: what `restore` returned.
-      run: the run's folder.
       name: the phase; metrics have it as "phase", and checkpoints go to a folder of this name.
       chunks: how many there are in all.
       row: from the chunks done, the seconds they took and a chunk's metrics on the host to a line

@@ -1,4 +1,7 @@
-"""metrics.jsonl: one JSON object for each line, appended and flushed. JAX is not imported here."""
+"""metrics.jsonl: one JSON object for each line, appended and flushed. JAX is not imported here.
+
+A full disk or a folder that cannot be written to is a `RunError`; earlier lines stay readable.
+"""
 
 import contextlib
 import json
@@ -15,11 +18,7 @@ __all__ = ["MetricRows", "plain", "read_rows"]
 
 
 class MetricRows:
-    """The file, open for appending; an incomplete last line is removed.
-
-    Raises:
-      RunError: the file cannot be written.
-    """
+    """The file, open for appending; an incomplete last line is removed."""
 
     def __init__(self, file: Path):
         self.file = file
@@ -29,11 +28,7 @@ class MetricRows:
             self._stream = open(file, "a", encoding="utf-8")
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Adds a line.
-
-        Raises:
-          RunError: the disk is full or the folder not writable; earlier lines stay readable.
-        """
+        """Adds a line."""
         with writing(self.file.parent):
             self._stream.write(json.dumps(row) + "\n")
             self._stream.flush()
@@ -46,11 +41,7 @@ class MetricRows:
     def keep(self, phase: str, count: int) -> list[dict[str, Any]]:
         """Truncates the file after the first `count` rows of a phase, which must be its last phase.
 
-        Returns:
-          The rows that are left, of all phases.
-
-        Raises:
-          RunError: there are fewer rows of the phase.
+        Returns the rows that are left, of all phases; a `RunError` if there are fewer of the phase.
         """
         rows = read_rows(self.file)
         mine = [i for i, row in enumerate(rows) if row.get("phase") == phase]

@@ -22,7 +22,7 @@ from gril_jax.safe_files import write_whole, writing
 
 from .metric_rows import plain
 
-__all__ = ["Phases", "changed_fields", "read_phases", "write_phases"]
+__all__ = ["Phases", "changed_fields", "json_digest", "read_phases", "with_digest", "write_phases"]
 
 _FILE = "phases.json"
 
@@ -38,22 +38,17 @@ class Phases:
 
 def write_phases(folder: Path, phases: Phases) -> None:
     """Replaces the file atomically; results are numbers, strings and lists of them."""
-    content = plain(dataclasses.asdict(phases))
-    text = json.dumps(content | {"sha256": _digest(content)}, indent=1)
     with writing(folder):
+        text = with_digest(plain(dataclasses.asdict(phases)))
         write_whole(folder / _FILE, text + "\n")
 
 
 def read_phases(folder: Path) -> Phases:
-    """The phases that `write_phases` wrote.
-
-    Raises:
-      RunError: the file is missing or has changed.
-    """
+    """The phases that `write_phases` wrote; a `RunError` if the file is missing or has changed."""
     file = folder / _FILE
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-        if content.pop("sha256") == _digest(content):
+        if content.pop("sha256") == json_digest(content):
             return Phases(**content)
     except FileNotFoundError:
         raise RunError(
@@ -81,5 +76,11 @@ def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:
     ]
 
 
-def _digest(content: Mapping[str, Any]) -> str:
+def with_digest(content: Mapping[str, Any]) -> str:
+    """A JSON object as text, with its digest as another field."""
+    return json.dumps({**content, "sha256": json_digest(content)}, indent=1)
+
+
+def json_digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a JSON object with its fields in order, in hexadecimal."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -8,6 +8,7 @@ import io
 import sys
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
@@ -61,16 +62,10 @@ class Progress:
     def phase(
         self, name: str, *, total: int, unit: str = "steps", compiles: bool = True
     ) -> "Phase":
-        """Ends the previous phase and starts one.
-
-        Args:
-          name: what is done in it.
-          total: units in all; 0 where that is unknown.
-          unit: what is counted.
-          compiles: whether what comes before the first `update` is compilation.
-        """
+        """Ends the previous phase and starts one; `compiles` if compilation comes before the first
+        `update`."""
         self.end_phase()
-        self._phase = Phase(name, total=total, unit=unit, clock=self._clock, report=self._report)
+        self._phase = Phase(name, total, unit, self._clock, self._report)
         if not compiles:
             self._phase.begin()
         self._print()
@@ -99,36 +94,32 @@ class Progress:
         return Text(line, overflow="ellipsis", no_wrap=True)
 
 
+@dataclass
 class Phase:
     """One phase: its progress, its speed, and its metrics."""
 
-    def __init__(
-        self,
-        name: str,
-        *,
-        total: int,
-        unit: str,
-        clock: Callable[[], float],
-        report: Callable[[], None],
-    ):
-        self.name, self.total, self.unit = name, total, unit
-        self._clock, self._report = clock, report
-        self._begin_s = clock()
+    name: str
+    total: int  # units in all; 0 where that is unknown
+    unit: str
+    clock: Callable[[], float]
+    report: Callable[[], None]  # called after each update
+
+    def __post_init__(self):
+        self._begin_s = self.clock()
         self._first: tuple[float, int] | None = None  # when the first units were done: compiled
         self._now: tuple[float, int] = (self._begin_s, 0)
         self._metrics: Mapping[str, Any] = {}
 
     def begin(self) -> None:
         """Starts the count at zero, once compilation is done or if there is none."""
-        self._first = self._now = (self._clock(), 0)
+        self._first = self._now = (self.clock(), 0)
 
     def update(self, done: int, **metrics: Any) -> None:
         """Sets the number of units done in all; metrics are shown until the next update."""
-        self._now = (self._clock(), done)
-        if self._first is None:
-            self._first = self._now
+        self._now = (self.clock(), done)
+        self._first = self._first or self._now
         self._metrics = metrics
-        self._report()
+        self.report()
 
     @property
     def rate(self) -> float | None:
@@ -145,7 +136,7 @@ class Phase:
     def line(self) -> str:
         """Such as `name: 400/2,000 steps (20%), 80 steps/s, 0:20 left, loss 0.31`."""
         if self._first is None:
-            return f"{self.name}: compiling ... {duration(self._clock() - self._begin_s)}"
+            return f"{self.name}: compiling ... {duration(self.clock() - self._begin_s)}"
         done, total, unit, rate = self._now[1], self.total, self.unit, self.rate
         share = f"/{total:,} {unit} ({100 * done // total}%)" if total else f" {unit}"
         parts = [f"{self.name}: {done:,}{share}"]

@@ -8,10 +8,12 @@
     checkpoints/     one folder a phase, see `gril_jax.runs.checkpoints.checkpoint`
     lock             see `gril_jax.runs.lock`
 
-Neither JAX nor MuJoCo is imported here.
+Neither JAX nor MuJoCo is imported here. Whatever is wrong with a run's folder, from a damaged file
+to a full disk, is a `RunError` of one sentence.
 """
 
 import dataclasses
+import itertools
 import json
 import platform
 import shlex
@@ -59,7 +61,8 @@ class RunDir:
     """A run's folder, open for writing; made by `create` or `resume`, closed by `with`."""
 
     def __init__(self, path: Path, lock: TextIO, phases: Phases, config: RunConfig):
-        self.path = path
+        self.path, self.checkpoints = path, path / "checkpoints"
+        self.experiment = phases.experiment  # the one that can resume the run
         self._lock, self._phases = lock, phases
         self._sinks: list[Sink] = []
         self._rows = MetricRows(path / "metrics.jsonl")
@@ -73,22 +76,8 @@ class RunDir:
             self.close()
             raise
 
-    @property
-    def checkpoints(self) -> Path:
-        """The folder for checkpoints."""
-        return self.path / "checkpoints"
-
-    @property
-    def experiment(self) -> str | None:
-        """The experiment that can resume the run."""
-        return self._phases.experiment
-
     def log(self, **metrics: Any) -> None:
-        """Appends one line of metrics; arrays become lists, non-finite numbers become null.
-
-        Raises:
-          RunError: the disk is full or the folder not writable; earlier lines stay readable.
-        """
+        """Appends one line of metrics; arrays become lists, non-finite numbers become null."""
         row = plain(metrics)
         self._rows.append(row)
         for sink in self._sinks:
@@ -100,14 +89,7 @@ class RunDir:
         self._rows.sync()
 
     def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
-        """Keeps the first `count` rows of a phase, and the rows of other phases before them.
-
-        Returns:
-          The rows that are left.
-
-        Raises:
-          RunError: the phase has fewer rows.
-        """
+        """Keeps and returns the first `count` rows of a phase, and other rows before them."""
         rows = self._rows.keep(phase, count)
         if len(rows) != self._count:
             for sink in self._sinks:
@@ -147,11 +129,8 @@ class RunDir:
 def default_path(seed: int) -> Path:
     """A path under `runs/`, named after the time and the seed, that does not exist yet."""
     stem = f"{time.strftime('%Y%m%d-%H%M%S')}-seed{seed}"
-    path, count = Path("runs") / stem, 1
-    while path.exists():
-        count += 1
-        path = Path("runs") / f"{stem}-{count}"
-    return path
+    paths = (Path("runs") / f"{stem}{f'-{n}' if n > 1 else ''}" for n in itertools.count(1))
+    return next(path for path in paths if not path.exists())
 
 
 def create(
@@ -167,14 +146,10 @@ def create(
 
     Args:
       path: the folder; folders above it are created where they lack.
-      config: written as config.yaml.
       device: what the run computes on, in words.
       command: how the process was started; `sys.argv` where None.
       experiment: what can go on with the run if it is cut off; None if nothing can.
       begun: phases that have finished before the run began, with what they came to.
-
-    Raises:
-      RunError: the folder exists, cannot be written, or the disk is full.
     """
     require_new(path)
     versions = {
@@ -201,12 +176,7 @@ def create(
 
 
 def resume(path: Path) -> RunDir:
-    """Opens an existing run's folder for writing.
-
-    Raises:
-      RunError: it is not a run's folder, its configuration was changed, or another process is
-        writing to it.
-    """
+    """Opens an existing run's folder for writing; its configuration must not have been changed."""
     config, phases = _read_unchanged(path)
     with writing(path):
         lock = take_lock(path)
@@ -214,12 +184,8 @@ def resume(path: Path) -> RunDir:
 
 
 def require_resumable(path: Path, experiment: str) -> RunConfig:
-    """The configuration of a run that an experiment can resume.
-
-    Raises:
-      RunError: it is no run, has finished, is of another experiment, was changed, or is being
-        written.
-    """
+    """The configuration of a run that an experiment can resume; a `RunError` if it is no run, has
+    finished, is of another experiment, was changed, or is being written."""
     config, phases = _read_unchanged(path)
     if phases.experiment != experiment:
         made = f"by gril {phases.experiment}" if phases.experiment else "otherwise"
@@ -253,10 +219,7 @@ def create_or_resume(
 ) -> RunDir:
     """Resumes the run in a folder, or creates one at `config.run.out` if the folder is None.
 
-    A run that goes on has its own `begun`.
-
-    Raises:
-      RunError: see `create`, `require_resumable` and `resume`.
+    A run that goes on has its own `begun`; errors are those of `create` and `require_resumable`.
     """
     if folder is not None:
         require_resumable(folder, experiment)
@@ -275,14 +238,9 @@ def require_new(path: Path) -> None:
 
 
 def read_config(path: Path) -> RunConfig:
-    """Reads a run's configuration.
-
-    Raises:
-      RunError: it is not a run's folder, or its configuration is damaged.
-    """
-    file = _config_file(path)
+    """Reads a run's configuration."""
     try:
-        return load(str(file))
+        return load(str(_config_file(path)))
     except ConfigError as error:
         raise RunError(str(error)) from None
 
@@ -298,13 +256,8 @@ def _config_file(path: Path) -> Path:
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
-    """Reads a run's metrics so far, oldest first; an incomplete last line is left out.
-
-    Raises:
-      RunError: it is not a run's folder, the file is missing, or a line before the last is damaged.
-    """
-    _config_file(path)
-    file = path / "metrics.jsonl"
+    """Reads a run's metrics so far, oldest first; an incomplete last line is left out."""
+    file = _config_file(path).with_name("metrics.jsonl")
     try:
         return read_rows(file)
     except FileNotFoundError:
@@ -314,24 +267,18 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
 
 
 def read_results(path: Path) -> dict[str, Any]:
-    """The results of a finished run.
-
-    Raises:
-      RunError: it is not a run's folder, the run has not finished, or the file is damaged.
-    """
-    _config_file(path)
+    """The results of a finished run; a `RunError` for any other."""
+    file = _config_file(path).with_name("results.json")
     try:
-        text = (path / "results.json").read_text(encoding="utf-8")
+        results = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise RunError(f"the run in {path} has not finished: it lacks results.json") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise RunError(f"{path / 'results.json'} cannot be read ({error})") from None
-    try:
-        results = json.loads(text)
+        raise RunError(f"{file} cannot be read ({error})") from None
     except ValueError:
-        raise RunError(f"{path / 'results.json'} is not JSON") from None
+        raise RunError(f"{file} is not JSON") from None
     if not isinstance(results, dict):
-        raise RunError(f"{path / 'results.json'} must be an object with fields")
+        raise RunError(f"{file} must be an object with fields")
     return results
 
 

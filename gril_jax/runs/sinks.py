@@ -47,11 +47,9 @@ def require_installed(names: Sequence[str]) -> None:
 
 
 def open_sink(name: str, folder: Path, config: Mapping[str, Any]) -> Sink:
-    """Opens a sink for the run in a folder.
+    """Opens a sink for the run in a folder; its own files go to a folder below of its name.
 
     Args:
-      name: a key of `PACKAGES`.
-      folder: the run's; the sink's own files go to a folder below it of the sink's name.
       config: what the run depends on, shown beside its curves where the sink can.
 
     Raises:
@@ -66,12 +64,8 @@ def scalars(row: Mapping[str, Any]) -> tuple[int | None, dict[str, float]]:
     """A row's step, or None, and its numbers by PHASE/NAME."""
     step = next((int(row[name]) for name in _STEPS if row.get(name) is not None), None)
     phase = row.get("phase", "run")
-    numbers = {
-        f"{phase}/{name}": float(value)
-        for name, value in row.items()
-        if isinstance(value, int | float) and name not in _STEPS
-    }
-    return step, numbers
+    numbers = {k: v for k, v in row.items() if isinstance(v, int | float) and k not in _STEPS}
+    return step, {f"{phase}/{name}": float(value) for name, value in numbers.items()}
 
 
 class _TensorBoard:

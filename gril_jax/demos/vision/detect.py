@@ -6,6 +6,7 @@ World coordinates have their origin in the middle of the frame and y up; T is fr
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import cv2
@@ -50,28 +51,19 @@ class Detector(Protocol):
         """Boxes of all objects in all frames; errors are `DemoError`s that give `name`."""
 
 
+@dataclass(frozen=True)
 class ColourDetector:
     """Finds goal, robot and blocks of the MAGICAL / x-magical palette by colour and shape.
 
-    Args:
-      classes: class names; a label is an index into them. Those not in `PALETTE_CLASSES` are
-        never found.
-      half_extent: half the width of the world that a frame shows, in world units: 1.02 for
-        MAGICAL, 1.122 for x-magical.
-      objects: the objects that a video holds; a name may come twice. None takes what there is:
-        the blocks that stand alone in a quarter of the video, and the goal and robot.
+    Without `objects` it takes what there is: the blocks that stand alone in a quarter of the
+    video, and the goal and robot.
     """
 
-    def __init__(
-        self,
-        classes: Sequence[str] = PALETTE_CLASSES,
-        half_extent: float = 1.02,
-        *,
-        objects: Sequence[str] | None = None,
-    ):
-        self.classes = tuple(classes)
-        self.half_extent = half_extent
-        self.objects = None if objects is None else tuple(objects)
+    classes: Sequence[str] = PALETTE_CLASSES  # those that are not of the palette are never found
+    half_extent: float = 1.02  # world units: half of a frame's width; 1.122 for x-magical
+    objects: Sequence[str] | None = None  # that a video holds; a name may come twice
+
+    def __post_init__(self):
         for name in self.objects or ():
             if name not in self.classes or name not in PALETTE_CLASSES:
                 raise DemoError(

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
 __all__ = ["paint"]
 
@@ -37,7 +38,7 @@ def _dashes(vertices: np.ndarray, dash: float, width: float) -> list[np.ndarray]
 
 def paint(
     outlines: Iterable, *, half_extent: float, background: tuple[int, int, int], pixels: int = 384
-) -> np.ndarray:
+) -> UInt8[np.ndarray, "P P 3"]:
     """Paints outlines in order, with smooth edges.
 
     Args:
@@ -45,9 +46,6 @@ def paint(
       half_extent: half the width of the world that the square picture shows.
       background: RGB of what no outline covers.
       pixels: width and height of the picture.
-
-    Returns:
-      uint8 (pixels, pixels, 3), RGB.
     """
     image = np.full((pixels, pixels, 3), background, np.uint8)
     zoom = pixels / 384

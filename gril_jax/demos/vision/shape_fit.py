@@ -24,9 +24,14 @@ __all__ = [
 ]
 
 _SIZE = 0.12  # world units: the blocks' common scale (0.6 x the robot's radius)
-_STAR_OUTER, _STAR_INNER = 1.3 * _SIZE, 0.65 * _SIZE
 _SQUARE_SIDE = math.sqrt(math.pi) * _SIZE
 _PENTAGON_SIDE = 0.1622
+_CORNERS = {  # their distances from the centre of mass, in turn, and their number
+    "star": ([1.3 * _SIZE, 0.65 * _SIZE], 10),
+    "square": ([_SQUARE_SIDE / math.sqrt(2)], 4),
+    "pentagon": ([_PENTAGON_SIDE / (2 * math.sin(math.pi / 5))], 5),
+    "circle": ([_SIZE], 48),
+}
 _FOLD = {"star": 5, "pentagon": 5, "square": 4, "circle": 0}  # rotational symmetry
 _GOOD = 0.8  # covered share of a shape from which a fit needs no wider search
 
@@ -43,14 +48,7 @@ class Pose(NamedTuple):
 @functools.cache
 def shape_outline(shape: str) -> Float[np.ndarray, "K 2"]:
     """A block's corners around its centre of mass, in world units."""
-    if shape == "circle":
-        radii, corners = np.array([_SIZE]), 48
-    elif shape == "star":
-        radii, corners = np.array([_STAR_OUTER, _STAR_INNER]), 10
-    elif shape == "square":
-        radii, corners = np.array([_SQUARE_SIDE / math.sqrt(2)]), 4
-    else:
-        radii, corners = np.array([_PENTAGON_SIDE / (2 * math.sin(math.pi / 5))]), 5
+    radii, corners = _CORNERS[shape]
     turn = 2 * np.pi * np.arange(corners) / corners
     return np.resize(radii, corners)[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
 

@@ -108,11 +108,7 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
 
 
 def read_fps(path: str | os.PathLike) -> float:
-    """Frames per second of a video file, from its header.
-
-    Raises:
-      DemoError: as `read_video`, or the file states no frame rate.
-    """
+    """Frames per second of a video file, from its header; errors are those of `read_video`."""
     path = pathlib.Path(path)
     with _opened(path) as container:
         rate = container.streams.video[0].average_rate

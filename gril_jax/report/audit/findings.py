@@ -72,23 +72,21 @@ class Findings(NamedTuple):
         at = tuple(int(i) for i in np.unravel_index(np.argmax(reward), reward.shape))
         return how, _pick(scenes, at), float(reward[at])
 
-    def worst_pair(self) -> tuple[str, Scene, Scene, tuple[float, float], tuple[float, float]]:
-        """The worst-ordered pair of states: its factor, the lesser and the better state, and the
-        true progress and the reward of both."""
-        start, lesser, better = (int(i) for i in self.audit.measures.worst_pair)
+    def worst_pair(self) -> tuple[str, list[tuple[Scene, float, float]]]:
+        """The worst-ordered pair of states: its factor; then the lesser and the better state, each
+        with its true progress and its reward."""
+        start, *pair = (int(i) for i in self.audit.measures.worst_pair)
         made, paid = self.states.battery, self.audit.rewards.battery
-        kind = FACTORS[int(made.factor[start, max(lesser, better)])]
-        pair = (_pick(made.scenes, (start, i)) for i in (lesser, better))
-        score = tuple(float(made.score[start, i]) for i in (lesser, better))
-        return kind, *pair, score, tuple(float(paid[start, i]) for i in (lesser, better))
+        places = [(start, i) for i in pair]
+        sides = [(_pick(made.scenes, p), float(made.score[p]), float(paid[p])) for p in places]
+        return FACTORS[int(made.factor[start, max(pair)])], sides
 
     def as_json(self) -> dict[str, Any]:
         """Everything as JSON; undefined values are null."""
         found = self.audit.measures
         numbers = self.numbers()
         how, scene, reward = self.best_unearned()
-        kind, lesser, better, score, paid = self.worst_pair()
-        sides = zip((lesser, better), score, paid, strict=True)
+        kind, sides = self.worst_pair()
         pair = [self._state(s) | {"progress": q, "reward": _plain(r)} for s, q, r in sides]
         moved = zip(self.swept, found.alone_share, strict=True)
         return {

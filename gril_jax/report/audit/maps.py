@@ -50,7 +50,6 @@ def reward_maps(
       situations: rows of maps.
       names: of all N objects.
       swept: which objects, in the order of the maps.
-      half_extent: of the plane.
     """
     columns = min(len(swept), _MOST)
     rows_each = -(-len(swept) // columns)
@@ -101,9 +100,8 @@ def state_pictures(views: Sequence[View], names: Sequence[str], *, half_extent: 
             _box(axes, view, i, linewidth=2.6 if view.active[i] else 0.9, **_look(i))
         axes.set_title(view.title, fontsize=9)
         _plane(axes, half_extent)
-    known = [
-        Rectangle((0, 0), 1, 1, fill=False, linewidth=1.6, **_look(i)) for i in range(len(names))
-    ]
+    looks = map(_look, range(len(names)))
+    known = [Rectangle((0, 0), 1, 1, fill=False, linewidth=1.6, **look) for look in looks]
     figure.legend(known, map(shortened, names), loc="outside lower center", ncols=4)
     return figure
 

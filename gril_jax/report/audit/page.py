@@ -17,19 +17,11 @@ __all__ = ["write_report"]
 
 
 def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, title: str) -> Path:
-    """Writes `report.html`, a self-contained page, and its pictures beside it.
+    """Writes `report.html`, a self-contained page, and its pictures beside it; returns its path.
 
     Args:
-      folder: an existing one.
-      found: the audit.
+      folder: an existing one; a `RunError` if it cannot be written to.
       results: what `audit.json` holds.
-      title: of the page.
-
-    Returns:
-      The page.
-
-    Raises:
-      RunError: the folder cannot be written to.
     """
     page = render(
         title=title,
@@ -62,13 +54,10 @@ def _verdict(found: Findings) -> Verdict:
 
 
 def _tiles(found: Findings) -> list[Tile]:
-    numbers = found.numbers()
-    tiles = []
+    numbers, tiles = found.numbers(), []
     for name, asked in ASKED.items():
-        verdict = "sound" if asked.holds(numbers[name]) else "not sound"
-        tiles.append(
-            Tile(f"{numbers[name]:.3f}", asked.words, f"{verdict}; {asked.bound} is asked")
-        )
+        note = f"{'' if asked.holds(numbers[name]) else 'not '}sound; {asked.bound} is asked"
+        tiles.append(Tile(f"{numbers[name]:.3f}", asked.words, note))
     return tiles
 
 
@@ -76,16 +65,13 @@ def _unearned(folder: Path, found: Findings) -> Part:
     how, scene, reward = found.best_unearned()
     numbers = found.numbers()
     made = found.states.battery
-    start, done = (_first(found, FACTORS.index(kind)) for kind in ("start", "success"))
-    pictures = state_pictures(
-        [
-            found.view(f"reset: {numbers['start_reward']:.3f}", start),
-            found.view(f"best without progress: {reward:.3f}", scene),
-            found.view("a success", done),
-        ],
-        found.names,
-        half_extent=found.task.half_extent,
-    )
+    start, done = (_first(found, kind) for kind in ("start", "success"))
+    views = [
+        found.view(f"reset: {numbers['start_reward']:.3f}", start),
+        found.view(f"best without progress: {reward:.3f}", scene),
+        found.view("a success", done),
+    ]
+    pictures = state_pictures(views, found.names, half_extent=found.task.half_extent)
     return Part(
         f"The most overestimated state without progress, found by {how}, gets {reward:.3f}: "
         f"{numbers['hack_share']:.0%} of the range. The worst of "
@@ -97,7 +83,7 @@ def _unearned(folder: Path, found: Findings) -> Part:
 
 
 def _maps(folder: Path, found: Findings) -> Part:
-    start, done = (_first(found, FACTORS.index(kind)) for kind in ("start", "success"))
+    start, done = (_first(found, kind) for kind in ("start", "success"))
     situations = [
         Situation(found.view("others at the start", start), found.audit.rewards.alone[0, 0]),
         Situation(found.view("others as in a success", done), found.audit.rewards.alone[0, 1]),
@@ -113,11 +99,10 @@ def _maps(folder: Path, found: Findings) -> Part:
 
 
 def _pair(folder: Path, found: Findings) -> Part:
-    kind, lesser, better, score, paid = found.worst_pair()
+    kind, pair = found.worst_pair()
     if found.numbers()["worst_violation"] == 0:
         return Part("Every pair of states is in its true order.")
-    titles = (f"true progress {q:.2f}: reward {r:.3f}" for q, r in zip(score, paid, strict=True))
-    views = [found.view(t, s) for t, s in zip(titles, (lesser, better), strict=True)]
+    views = [found.view(f"true progress {q:.2f}: reward {r:.3f}", s) for s, q, r in pair]
     figure = state_pictures(views, found.names, half_extent=found.task.half_extent)
     return Part(
         f"The two states ({kind}) whose rewards contradict their true progress most, by "
@@ -127,10 +112,10 @@ def _pair(folder: Path, found: Findings) -> Part:
     )
 
 
-def _first(found: Findings, kind: int):
+def _first(found: Findings, kind: str):
     """The first state of a factor, from the first start."""
     made = found.states.battery
-    index = int((made.factor[0] == kind).argmax())
+    index = int((made.factor[0] == FACTORS.index(kind)).argmax())
     return type(made.scenes)(*(leaf[0, index] for leaf in made.scenes))
 
 

@@ -41,12 +41,10 @@ def reward_profile(
     """The learned reward along one demonstration, with its stages and the frames between them.
 
     Args:
-      reward: of each frame.
       boundary: frames at which a stage ends (`gril_jax.subtasks.agreement`).
       frames: the video, of V = T frames; its first frame, those at the boundaries and the last
         are shown above the curve, seven at the most. None shows the curve alone.
-      name: of the demonstration, for the title.
-      fps: frames per second, for the axis.
+      name, fps: of the demonstration, for the title and the axis.
 
     Raises:
       ShapeError: the video has another number of frames than the reward.
@@ -102,28 +100,23 @@ def _strip(figure, axes, frames, reward, ends, shown, side) -> None:
     bottom = _BELOW + _CURVE + _TIES
     gap = (width - side * len(shown)) / (len(shown) + 1)
     inset = 0.04 * side
+    size = side - 2 * inset
     for i, frame in enumerate(shown):
         left = gap + i * (side + gap) + inset
-        size = side - 2 * inset
-        place = (left / width, bottom / height, size / width, size / height)
-        picture = figure.add_axes(place)
+        picture = figure.add_axes((left / width, bottom / height, size / width, size / height))
         picture.imshow(frames[frame], interpolation="antialiased")
         picture.set(xticks=[], yticks=[])
         picture.grid(False)
-        for spine in picture.spines.values():
-            spine.set(visible=True, color=_RED if frame in ends else "#AAAAAA")
-        label = f"frame {frame}"
+        label, colour, rim = f"frame {frame}", INK, "#AAAAAA"
         if frame in ends:
-            label = f"{np.searchsorted(ends, frame) + 1}: {label}"
-        colour = _RED if frame in ends else INK
+            label, colour, rim = f"{np.searchsorted(ends, frame) + 1}: {label}", _RED, _RED
+        for spine in picture.spines.values():
+            spine.set(visible=True, color=rim)
         picture.set_title(label, fontsize=9, color=colour, loc="center", pad=3)
         if np.isfinite(reward[frame]):
-            figure.add_artist(
-                ConnectionPatch(
-                    (0.5, 0), (frame, reward[frame]), picture.transAxes, axes.transData,
-                    color="#9A9A9A", linewidth=0.8, shrinkB=4,
-                )
-            )  # fmt: skip
+            both = (0.5, 0), (frame, reward[frame]), picture.transAxes, axes.transData
+            tie = ConnectionPatch(*both, color="#9A9A9A", linewidth=0.8, shrinkB=4)
+            figure.add_artist(tie)
 
 
 @styled
@@ -138,9 +131,9 @@ def success_failure(
     """
     figure = Figure(figsize=(HALF, 2.8), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    for axes, traces, word, colour in (
-        (panels[0], success, "success", _BLUE),
-        (panels[1], failure, "failure", _RED),
+    for axes, traces, word, words, colour in (
+        (panels[0], success, "success", "successes", _BLUE),
+        (panels[1], failure, "failure", "failures", _RED),
     ):
         for trace in traces:
             axes.plot(trace, color=colour, linewidth=0.8, alpha=0.4)
@@ -150,8 +143,7 @@ def success_failure(
         ends = [len(trace) - 1 for trace in traces]
         final = [trace[-1] for trace in traces]
         axes.plot(ends, final, ".", color=colour, markersize=6, label="end of a demonstration")
-        plural = "es" if word == "success" else "s"
-        axes.set_title(f"{len(traces)} {word}{plural if len(traces) > 1 else ''}")
+        axes.set_title(f"{len(traces)} {word if len(traces) == 1 else words}")
         axes.set_xlabel("frame")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     panels[0].set_ylabel("learned reward")
@@ -174,9 +166,8 @@ def learning_curve(
     figure = Figure(figsize=(HALF, 3.1), layout="constrained")
     left, right = figure.subplots(1, 2)
     most = max((row["env_steps"] for row in rows), default=0)
-    unit, word = next(
-        ((u, w) for u, w in ((1e6, "million "), (1e3, "thousand ")) if most >= 2 * u), (1.0, "")
-    )
+    units = ((1e6, "million "), (1e3, "thousand "), (1.0, ""))
+    unit, word = next((u, w) for u, w in units if most >= 2 * u or u == 1.0)
     for axes, field, factor, look in (
         (left, "success", 100, {"color": _BLUE, "markersize": 3.5, "label": "trained policy"}),
         (right, "reward", 1, {"color": _GREEN, "markersize": 3.5, "label": "trained policy"}),
@@ -190,9 +181,8 @@ def learning_curve(
             axes.plot(steps / unit, factor * values, **{"marker": few} | look)
         axes.set_xlabel(f"{word}environment steps")
     if random_success is not None:
-        left.axhline(
-            100 * random_success, color=GREY, linestyle="--", label="random policy", zorder=1
-        )
+        look = {"color": GREY, "linestyle": "--", "label": "random policy"}
+        left.axhline(100 * random_success, zorder=1, **look)
     left.set(title="Success rate", ylabel="episodes that succeed (%)", ylim=(-3, 103))
     right.set(title="Mean reward", ylabel="mean reward a step")
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)

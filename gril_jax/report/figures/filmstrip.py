@@ -42,12 +42,7 @@ def contact_sheet(films: Sequence[Film], classes: Sequence[str], half_extent: fl
     """Four frames of each demonstration, from first to last, with their tracked boxes.
 
     Boxes have their class's colour and number, which the legend explains. Objects that have
-    moved have a thick box and a filled label.
-
-    Args:
-      films: at least 1, of any sizes.
-      classes: class names; a label is an index into them.
-      half_extent: see above.
+    moved have a thick box and a filled label. The films are at least 1, of any sizes.
     """
     cell = HALF / _COLUMNS
     shown = _classes_shown(films)
@@ -74,10 +69,7 @@ def contact_sheet(films: Sequence[Film], classes: Sequence[str], half_extent: fl
 def with_boxes(film: Film, classes: Sequence[str], half_extent: float) -> Iterator[np.ndarray]:
     """The frames of a demonstration with their boxes, and a legend of the objects beside them.
 
-    Names turn bold once their object has moved.
-
-    Yields:
-      RGB frames, (H, W, 3), all of one size with even sides.
+    Names turn bold once their object has moved. All pictures are of one size with even sides.
     """
     shown = _classes_shown([film])
     side = _even(film.frames.shape[1])
@@ -167,7 +159,6 @@ def beside_reward(
       frames: of a demonstration, or of a rollout with its reset as frame 0.
       reward: one a frame, or one a step of a rollout: R is T or T - 1. Where it is not finite
         the curve has a gap.
-      title: of the curve.
 
     Yields:
       RGB frames, (H, W, 3), all of one size with even sides.

@@ -19,12 +19,7 @@ _ROW, _MARGIN = 0.27, 0.75  # inches
 def spread(rows: Mapping[str, Float[np.ndarray, "seeds"]], label: str) -> Figure:
     """A dot for each seed and a bar at their mean; the first case's mean is a line through all.
 
-    Args:
-      rows: case to its seeds' values; values that are not finite are left out.
-      label: of the axis.
-
-    Raises:
-      ShapeError: there are no cases.
+    Values that are not finite are left out; no case at all is a `ShapeError`.
     """
     if not rows:
         raise ShapeError("rows is empty; it must hold at least one case.")

@@ -28,6 +28,7 @@ import orbax.checkpoint as ocp
 from absl import logging as absl_logging
 
 from gril_jax.errors import RunError
+from gril_jax.runs.phases import json_digest, with_digest
 from gril_jax.safe_files import sync, writing
 
 from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
@@ -38,40 +39,44 @@ __all__ = [
 ]  # fmt: skip
 
 _FORMAT = 1
-# How leaves of a training state began in older versions, and begin now; the longer ones first.
-_RENAMED = {"fleet.lanes.": "envs.running.", "fleet.": "envs."}
 
 
 class DamagedError(RunError):
     """A file of a checkpoint is missing or has changed since it was written."""
 
 
-def save(folder: Path, step: int, state: Any, *, keep: int | None = None) -> Path:
-    """Writes a checkpoint and returns its folder.
+def save(folder: Path, step: int, state: Any) -> Path:
+    """Writes a checkpoint of a pytree as `write` does, and returns its folder."""
+    return write(folder, step, host_copy(state))
+
+
+def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None = None) -> Path:
+    """Writes a checkpoint from a copy on the host; one writer per folder at a time.
 
     Args:
-      folder: where a run's checkpoints go; created where it lacks.
+      folder: where a run's checkpoints go; made where it lacks.
       step: at least 0, and new to the folder.
-      state: any pytree of arrays and numbers; typed keys are welcome.
       keep: how many of the newest checkpoints stay; None keeps all.
 
     Raises:
       RunError: the step exists already, or the disk is full or not writable.
     """
-    return write(folder, step, host_copy(state), keep=keep)
-
-
-def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None = None) -> Path:
-    """`save` from a copy on the host, for a thread; one writer per folder at a time."""
     final, part = folder / f"{step:012d}", folder / f".{step:012d}.part"
     if (final / "manifest.json").exists():
         raise RunError(f"checkpoint {final} exists already, but a step is saved once")
-    entries = [_entry(index, leaf) for index, leaf in enumerate(leaves)]
-    arrays = {
-        entry["file"]: leaf.array
-        for entry, leaf in zip(entries, leaves, strict=True)
-        if leaf.array.size  # Orbax stores no array without elements
-    }
+    entries = [
+        {
+            "path": leaf.path,
+            "file": f"{index:05d}",  # the name of its folder
+            "shape": list(leaf.array.shape),
+            "dtype": leaf.array.dtype.name,
+            "key": leaf.key,
+            "sha256": _digest(leaf.array),
+        }
+        for index, leaf in enumerate(leaves)
+    ]
+    # Orbax stores no array without elements.
+    arrays = {f"{i:05d}": leaf.array for i, leaf in enumerate(leaves) if leaf.array.size}
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for left in (*folder.glob(".*.part"), final):  # by a process that was killed
@@ -80,7 +85,7 @@ def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None =
             _write_arrays(part / "arrays", arrays)
             files = _files(part)
             content = {"format": _FORMAT, "step": step, "leaves": entries, "files": files}
-            (part / "manifest.json").write_text(_with_digest(content), encoding="utf-8")
+            (part / "manifest.json").write_text(with_digest(content), encoding="utf-8")
             for path in (*part.rglob("*"), part):
                 sync(path)
             os.rename(part, final)
@@ -98,7 +103,6 @@ def restore(path: Path, like: Any) -> Any:
     """Reads a checkpoint back.
 
     Args:
-      path: what `save` or `latest` returned.
       like: a state of the same structure, shapes and dtypes; its values are not used.
 
     Raises:
@@ -143,11 +147,7 @@ def save_part(run: Path, part: str, step: int, state: Any) -> None:
 
 
 def newest(run: Path, part: str) -> Path:
-    """The newest checkpoint of a part of a run, such as "reward" or "policy".
-
-    Raises:
-      RunError: there is none.
-    """
+    """The newest checkpoint of a part of a run, such as "reward"; a `RunError` without one."""
     found = latest(run / part)
     if found is None:
         raise RunError(f"{run} has no {part}, so its run has not got that far yet")
@@ -178,7 +178,7 @@ def manifest(path: Path) -> dict[str, Any]:
         raise RunError(f"{path} is not a complete checkpoint: it has no manifest.json") from None
     except (OSError, ValueError, KeyError, AttributeError, TypeError):
         raise DamagedError(f"checkpoint {path} is damaged: its manifest cannot be read") from None
-    if digest != hashlib.sha256(_canonical(content)).hexdigest():
+    if digest != json_digest(content):
         raise DamagedError(f"checkpoint {path} is damaged: its manifest has changed")
     if content["format"] != _FORMAT:
         raise RunError(
@@ -187,54 +187,32 @@ def manifest(path: Path) -> dict[str, Any]:
     return content
 
 
-def _entry(index: int, leaf: Leaf) -> dict[str, Any]:
-    """The manifest's entry of a leaf; `file` is the name of its folder."""
-    return {
-        "path": leaf.path,
-        "file": f"{index:05d}",
-        "shape": list(leaf.array.shape),
-        "dtype": leaf.array.dtype.name,
-        "key": leaf.key,
-        "sha256": _digest(leaf.array),
-    }
-
-
-def _present_name(name: str) -> str:
-    """The name that a leaf of an older version has today."""
-    for old, new in _RENAMED.items():
-        if name.startswith(old):
-            return new + name.removeprefix(old)
-    return name
-
-
 def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> None:
-    entries = [entry | {"path": _present_name(entry["path"])} for entry in entries]
     wanted = [(leaf_name(p), leaf) for p, leaf in jax.tree_util.tree_leaves_with_path(like)]
-    names, stored = {name for name, _ in wanted}, {entry["path"] for entry in entries}
-    for name, _ in wanted:
+    names, stored = [name for name, _ in wanted], [entry["path"] for entry in entries]
+    # Older versions called "fleet" what is "envs" today, and its "lanes" the "running" ones.
+    stored = [re.sub(r"^fleet\.lanes\.", "fleet.running.", name) for name in stored]
+    stored = [re.sub(r"^fleet\.", "envs.", name) for name in stored]
+    for name in names:
         if name not in stored:
             raise RunError(f"checkpoint {path} lacks the leaf {name} of the state it is to fill")
-    for entry in entries:
-        if entry["path"] not in names:
-            raise RunError(
-                f"checkpoint {path} has a leaf {entry['path']} that the state to fill lacks"
-            )
-    for entry, (name, leaf) in zip(entries, wanted, strict=True):
+    for name in stored:
+        if name not in names:
+            raise RunError(f"checkpoint {path} has a leaf {name} that the state to fill lacks")
+    for entry, present, (name, leaf) in zip(entries, stored, wanted, strict=True):
         found = (entry["key"], entry["dtype"], tuple(entry["shape"]))
         need = like_of(leaf)
-        if (entry["path"], found) != (name, need):
+        if (present, found) != (name, need):
             raise RunError(
-                f"leaf {entry['path']} of checkpoint {path} is {_words(*found)}, but the state to "
-                f"fill has {_words(*need)} there"
+                f"leaf {present} of checkpoint {path} is {_words(*found)}, but the state to fill "
+                f"has {_words(*need)} there"
             )
 
 
 def _files(path: Path) -> dict[str, str]:
     """The digest of every file below a folder, by relative path."""
-    files = sorted(p for p in path.rglob("*") if p.is_file())
-    return {
-        p.relative_to(path).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files
-    }
+    files = {p.relative_to(path).as_posix(): p for p in sorted(path.rglob("*")) if p.is_file()}
+    return {name: hashlib.sha256(p.read_bytes()).hexdigest() for name, p in files.items()}
 
 
 def _check_files(path: Path, digests: dict[str, str], entries: list[dict[str, Any]]) -> None:
@@ -257,21 +235,12 @@ def _digest(array: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
 
 
-def _canonical(content: dict[str, Any]) -> bytes:
-    return json.dumps(content, sort_keys=True).encode()
-
-
-def _with_digest(content: dict[str, Any]) -> str:
-    digest = hashlib.sha256(_canonical(content)).hexdigest()
-    return json.dumps({**content, "sha256": digest}, indent=1)
-
-
 def _write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     path.parent.mkdir()
     if not arrays:  # Orbax refuses an empty tree
         return
     try:
-        with _quiet(), _checkpointer() as checkpointer:
+        with _orbax() as checkpointer:
             checkpointer.save(path.absolute(), args=ocp.args.PyTreeSave(arrays))
     except ValueError as error:  # how TensorStore reports what the file system refuses
         full = re.search("No space|too large|quota", str(error))
@@ -286,13 +255,15 @@ def _read_arrays(path: Path, entries: list[dict[str, Any]]) -> dict[str, np.ndar
         restore_args={file: ocp.RestoreArgs(restore_type=np.ndarray) for file in files}
     )
     try:
-        with _quiet(), _checkpointer() as checkpointer:
+        with _orbax() as checkpointer:
             return checkpointer.restore((path / "arrays").absolute(), args=as_numpy)
     except (ValueError, KeyError, OSError) as error:
         raise RunError(f"checkpoint {path} cannot be read by this version of Orbax") from error
 
 
-def _checkpointer() -> ocp.Checkpointer:
+@contextlib.contextmanager
+def _orbax() -> Iterator[ocp.Checkpointer]:
+    """Orbax, silenced: it logs each step, and its errors before it raises them."""
     # Of several processes that compute together, the one that writes does not wait for the others.
     me = jax.process_index()
     alone = ocp.options.MultiprocessingOptions(me, {me}, f"process-{me}")
@@ -300,16 +271,11 @@ def _checkpointer() -> ocp.Checkpointer:
     handler = ocp.PyTreeCheckpointHandler(
         use_ocdbt=False, use_zarr3=False, multiprocessing_options=alone
     )
-    return ocp.Checkpointer(handler, multiprocessing_options=alone)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Silences Orbax, which logs each step, and its errors before it raises them."""
     logger = absl_logging.get_absl_logger()
     before = logger.level
     logger.setLevel(logging.CRITICAL)
     try:
-        yield
+        with ocp.Checkpointer(handler, multiprocessing_options=alone) as checkpointer:
+            yield checkpointer
     finally:
         logger.setLevel(before)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-__all__ = ["Leaf", "digest", "host_copy", "key_kind", "leaf_name", "like_of", "to_device"]
+__all__ = ["Leaf", "digest", "host_copy", "is_key", "key_kind", "leaf_name", "like_of", "to_device"]
 
 
 class Leaf(NamedTuple):
@@ -23,14 +23,7 @@ class Leaf(NamedTuple):
 
 
 def host_copy(state: Any) -> list[Leaf]:
-    """Copies a state to the host, so that its buffers may be donated right after.
-
-    Args:
-      state: any pytree of arrays and numbers.
-
-    Returns:
-      The leaves, in the order of `jax.tree.leaves`.
-    """
+    """The leaves of a pytree copied to the host, so that its buffers may be donated right after."""
     leaves = jax.tree_util.tree_leaves_with_path(state)
     # All at once, so that the transfers overlap. On a CPU they are views of JAX's own buffers.
     arrays = jax.device_get([_data(leaf) for _, leaf in leaves])
@@ -41,10 +34,7 @@ def host_copy(state: Any) -> list[Leaf]:
 
 
 def digest(state: Any) -> str:
-    """SHA-256 over the names, kinds and bits of a state's leaves, in hexadecimal.
-
-    Equal digests mean states that are equal bit for bit.
-    """
+    """SHA-256 over the names, kinds and bits of a state's leaves, in hexadecimal."""
     total = hashlib.sha256()
     for leaf in host_copy(state):
         head = (leaf.path, leaf.key, leaf.array.dtype.name, leaf.array.shape)
@@ -61,7 +51,7 @@ def like_of(leaf: Any) -> tuple[str | None, str, tuple[int, ...]]:
 
 def to_device(array: np.ndarray, like: Any) -> jax.Array:
     """Puts a leaf's array on the default device; as a key if `like` is one."""
-    if _is_key(like):
+    if is_key(like):
         return jax.random.wrap_key_data(jnp.asarray(array), impl=jax.random.key_impl(like))
     return jnp.array(array)  # a copy: a donated buffer must not be NumPy's
 
@@ -73,12 +63,13 @@ def leaf_name(path: Sequence[Any]) -> str:
 
 def key_kind(leaf: Any) -> str | None:
     """The generator of a typed key, or None for any other leaf."""
-    return str(jax.random.key_impl(leaf)) if _is_key(leaf) else None
+    return str(jax.random.key_impl(leaf)) if is_key(leaf) else None
 
 
 def _data(leaf: Any) -> Any:
-    return jax.random.key_data(leaf) if _is_key(leaf) else jnp.asarray(leaf)
+    return jax.random.key_data(leaf) if is_key(leaf) else jnp.asarray(leaf)
 
 
-def _is_key(leaf: Any) -> bool:
+def is_key(leaf: Any) -> bool:
+    """True for an array of typed keys."""
     return isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from . import checkpoint
-from .state_leaves import Leaf, host_copy
+from .state_leaves import host_copy
 
 __all__ = ["CheckpointWriter"]
 
@@ -21,10 +21,8 @@ class CheckpointWriter:
 
     What goes wrong in the thread is raised by the next call of any of its functions.
 
-    Args:
-      folder: where the checkpoints go.
-      keep: how many of the newest stay.
-      before: called in the thread ahead of each checkpoint, to bring to the disk what it counts on.
+    The `keep` newest ones stay; `before` is called in the thread ahead of each, to bring to the
+    disk what it counts on.
     """
 
     def __init__(self, folder: Path, *, keep: int, before: Callable[[], None] = lambda: None):
@@ -41,30 +39,23 @@ class CheckpointWriter:
         return self._last is not None
 
     def save(self, step: int, state: Any) -> None:
-        """Copies the state, then writes it in the thread; waits for the previous one if necessary.
-
-        Raises:
-          RunError: the checkpoint before could not be written.
-        """
+        """Copies the state, then writes it in the thread; waits for the one before if necessary."""
         self.wait()
         begun = time.monotonic()
         leaves = host_copy(state)
         self.longest_stall_s = max(self.longest_stall_s, time.monotonic() - begun)
-        self._last = self._threads.submit(self._write, step, leaves)
+
+        def write() -> None:
+            self._before()
+            checkpoint.write(self._folder, step, leaves, keep=self._keep)
+
+        self._last = self._threads.submit(write)
 
     def wait(self) -> None:
-        """Returns once nothing is being written.
-
-        Raises:
-          RunError: the last checkpoint could not be written.
-        """
+        """Returns once nothing is being written."""
         last, self._last = self._last, None
         if last is not None:
             last.result()
-
-    def _write(self, step: int, leaves: list[Leaf]) -> None:
-        self._before()
-        checkpoint.write(self._folder, step, leaves, keep=self._keep)
 
     def __enter__(self) -> "CheckpointWriter":
         return self

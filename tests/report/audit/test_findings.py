@@ -27,7 +27,8 @@ def test_a_success_is_not_without_progress():
 
 
 def test_the_worst_pair_has_its_factor_progress_and_rewards():
-    kind, lesser, _, score, paid = findings().worst_pair()
+    kind, sides = findings().worst_pair()
+    (lesser, *_), (_, score, paid) = sides[0], zip(*sides, strict=True)
     assert (kind, score) == ("random", (0.0, 0.5))
     np.testing.assert_allclose(paid, (-0.4, -0.95))
     np.testing.assert_array_equal(lesser.center, findings().states.battery.scenes.center[0, 3])

@@ -14,13 +14,15 @@ import pytest
 
 from gril_jax.errors import RunError
 from gril_jax.runs.checkpoints.checkpoint import (
-    _with_digest,
     latest,
     manifest,
     restore,
     save,
     steps,
+    write,
 )
+from gril_jax.runs.checkpoints.state_leaves import host_copy
+from gril_jax.runs.phases import with_digest
 
 
 class State(NamedTuple):
@@ -146,7 +148,7 @@ def test_the_latest_is_the_one_with_the_most_steps(tmp_path):
 
 def test_only_the_newest_are_kept_where_that_is_asked(tmp_path):
     for step in range(5):
-        save(tmp_path, step, {"a": jnp.int32(step)}, keep=2)
+        write(tmp_path, step, host_copy({"a": jnp.int32(step)}), keep=2)
     assert steps(tmp_path) == [3, 4]
     assert sorted(os.listdir(tmp_path)) == [f"{3:012d}", f"{4:012d}"]
 
@@ -228,7 +230,7 @@ def test_a_digest_of_the_values_guards_what_the_files_say(saved):
     leaf = next(e for e in content["leaves"] if e["path"] == "params.w")
     leaf["sha256"] = "0" * 64
 
-    (saved / "manifest.json").write_text(_with_digest(content))
+    (saved / "manifest.json").write_text(with_digest(content))
     with pytest.raises(RunError, match=r"leaf params\.w has changed"):
         restore(saved, _state())
 
@@ -250,7 +252,7 @@ def test_a_manifest_that_is_none_is_refused(saved, text):
 def test_a_format_of_another_version_is_told(saved):
 
     content = manifest(saved) | {"format": 99}
-    (saved / "manifest.json").write_text(_with_digest(content))
+    (saved / "manifest.json").write_text(with_digest(content))
     with pytest.raises(RunError, match="has format 99, but this version reads 1"):
         manifest(saved)
 
