@@ -71,7 +71,7 @@ def surroundings(tmp_path, monkeypatch):
         (tmp_path / folder).mkdir()
     demos = {"task": "match_regions", "demos": 40 * [{"outcome": "success"}]}
     (tmp_path / "mine" / "demos.json").write_text(json.dumps(demos))
-    monkeypatch.setattr("gril_jax.cli.arguments.require_installed", lambda sinks: None)
+    monkeypatch.setattr("gril_jax.runs.sinks.require_installed", lambda sinks: None)
 
     def of(resumed):
         run = tmp_path / f"run-{resumed}"
