@@ -134,9 +134,9 @@ class HostLoop(_Learner):
         self._act = jax.jit(algorithm.act)
 
         @jax.jit
-        def step(lane, action):
-            lane, moment = algorithm.episodes.advance(None, lane, action, tau=hyper.tau)
-            return lane, algorithm.episodes.observe(lane), moment
+        def step(episode, action):
+            episode, outcome = algorithm.episodes.advance(None, episode, action, tau=hyper.tau)
+            return episode, algorithm.episodes.observe(episode), outcome
 
         @functools.partial(jax.jit, donate_argnums=(0, 1))
         def learn(learned, normalizer, seen, rows, key):
@@ -149,8 +149,8 @@ class HostLoop(_Learner):
             return learned, normalizer
 
         self._step, self._learn = step, learn
-        self._lane = self._reset(self._next_key())
-        self._seen = np.asarray(self._observe(self._lane))
+        self._episode = self._reset(self._next_key())
+        self._seen = np.asarray(self._observe(self._episode))
 
     def _next_key(self) -> Any:
         self._key, key = jax.random.split(self._key)
@@ -169,21 +169,21 @@ class HostLoop(_Learner):
             action = self._random.uniform(-1, 1, self._action_size).astype(np.float32)
         else:
             acting = policy.Policy(self._normalizer, self._learned.params.policy)
-            action = np.asarray(self._act(acting, self._lane, self._next_key()))
-        self._lane, seen, moment = self._step(self._lane, action)
-        seen, moment = jax.device_get((seen, moment))
+            action = np.asarray(self._act(acting, self._episode, self._next_key()))
+        self._episode, seen, outcome = self._step(self._episode, action)
+        seen, outcome = jax.device_get((seen, outcome))
         row = {
             "observation": self._seen, "action": action, "next_observation": seen,
-            "discount": 1 - moment.terminated, "dropped": moment.nonfinite,
-            "reward": moment.reward,
+            "discount": 1 - outcome.terminated, "dropped": outcome.nonfinite,
+            "reward": outcome.reward,
         }  # fmt: skip
         for name, value in row.items():
             self._replay[name][self._count % self._static.replay_size] = value
         self._count, self._seen = self._count + 1, seen
-        if moment.terminated + moment.truncated > 0:
-            self._recent.append(float(moment.metrics["success"]))
-            self._lane = self._reset(self._next_key())
-            self._seen = np.asarray(self._observe(self._lane))
+        if outcome.terminated + outcome.truncated > 0:
+            self._recent.append(float(outcome.metrics["success"]))
+            self._episode = self._reset(self._next_key())
+            self._seen = np.asarray(self._observe(self._episode))
 
     def _one_gradient_step(self) -> None:
         stored = min(self._count, self._static.replay_size)

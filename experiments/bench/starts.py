@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -41,12 +42,9 @@ def starts(env: Env, num_envs: int, unroll: int, repeats: int) -> dict[str, Any]
     }
 
 
-def _act(episodes: env_loop.Episodes) -> Callable[..., Any]:
-    def act(observation, key):
-        size = len(observation), episodes.env.action_size
-        return jax.random.uniform(key, size, minval=-1.0), ()
-
-    return act
+def _act(episodes: env_loop.Episodes, observation: Any, key: Any) -> tuple[Any, Any]:
+    size = len(observation), episodes.env.action_size
+    return jax.random.uniform(key, size, minval=-1.0), ()
 
 
 def _pooled(episodes: env_loop.Episodes, count: int, unroll: int) -> Callable[[Any], Any]:
@@ -57,7 +55,7 @@ def _pooled(episodes: env_loop.Episodes, count: int, unroll: int) -> Callable[[A
         key, key_renew, key_steps = jax.random.split(key, 3)
         now = rollout.renew(episodes, now, jax.random.split(key_renew, count))
         keys = jax.random.split(key_steps, unroll)
-        now, _ = rollout.unroll(episodes, None, now, _act(episodes), keys, tau=0.005)
+        now, _ = rollout.unroll(episodes, None, now, partial(_act, episodes), keys, tau=0.005)
         return now, key
 
     return run
@@ -66,21 +64,20 @@ def _pooled(episodes: env_loop.Episodes, count: int, unroll: int) -> Callable[[A
 def _in_each_step(episodes: env_loop.Episodes, num_envs: int, unroll: int) -> Callable[[Any], Any]:
     """One unroll under random actions, with a start for each environment in each step."""
 
-    def one(lane, action):
-        return episodes.advance(None, lane, action, tau=0.005)
+    one = partial(episodes.advance, None, tau=0.005)
 
-    def move(lanes, key):
+    def move(running, key):
         key_start, key_action = jax.random.split(key)
         fresh = jax.vmap(episodes.begin)(jax.random.split(key_start, num_envs))
-        action, _ = _act(episodes)(jax.vmap(episodes.observe)(lanes), key_action)
-        lanes, moment = jax.vmap(one)(lanes, action)
-        ended = moment.terminated + moment.truncated > 0
-        return jax.vmap(env_loop.reset_where)(ended, fresh, lanes), moment.reward
+        action, _ = _act(episodes, jax.vmap(episodes.observe)(running), key_action)
+        running, result = jax.vmap(one)(running, action)
+        ended = result.terminated + result.truncated > 0
+        return jax.vmap(env_loop.reset_where)(ended, fresh, running), result.reward
 
     def run(carry):
         now, key = carry
         key, key_steps = jax.random.split(key)
-        lanes, _ = jax.lax.scan(move, now.lanes, jax.random.split(key_steps, unroll))
-        return now._replace(lanes=lanes), key
+        running, _ = jax.lax.scan(move, now.running, jax.random.split(key_steps, unroll))
+        return now._replace(running=running), key
 
     return run
