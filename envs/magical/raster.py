@@ -1,9 +1,8 @@
 """MatchRegions rendered from above as pixels, by one pure function on the device.
 
-Geometry and colours are those of `scene`, whose outlines are painted on the host.
-Here each pixel asks every body how far from its outline it is, and bodies are painted one over the
-other: arithmetic alone, which XLA fuses into one pass. So learners from pixels can keep their
-pictures where they are made.
+Geometry and colours are those of `scene`, whose outlines are painted on the host. Here each pixel
+asks every body how far from its outline it is, and bodies are painted one over the other:
+arithmetic alone, which XLA fuses into one pass, so that pictures stay where they are made.
 
 Distances are in pixels, from a pixel's centre, negative inside. Outside a corner they are those to
 an edge's line and not to the corner, so that lines have pointed corners. B blocks; N bodies: the

@@ -13,23 +13,17 @@ __all__ = ["BACKGROUND", "outlines"]
 BACKGROUND = (231, 231, 234)  # outside the arena
 FLOOR, GREY, GREY_RIM = (255, 255, 255), (162, 163, 175), (144, 145, 159)
 FILL = {
-    "green": (195, 208, 130),
-    "blue": (135, 185, 211),
-    "yellow": (254, 213, 123),
+    "green": (195, 208, 130), "blue": (135, 185, 211), "yellow": (254, 213, 123),
     "red": (245, 129, 165),
-}
+}  # fmt: skip
 RIM = {
-    "green": (183, 198, 105),
-    "blue": (110, 170, 202),
-    "yellow": (254, 201, 86),
+    "green": (183, 198, 105), "blue": (110, 170, 202), "yellow": (254, 201, 86),
     "red": (243, 94, 141),
-}
+}  # fmt: skip
 GOAL_FILL = {  # half as saturated as the blocks
-    "green": (224, 231, 191),
-    "blue": (195, 220, 233),
-    "yellow": (254, 234, 189),
+    "green": (224, 231, 191), "blue": (195, 220, 233), "yellow": (254, 234, 189),
     "red": (250, 192, 210),
-}
+}  # fmt: skip
 FLOOR_WIDTH, GOAL_WIDTH, GOAL_DASH, BODY_WIDTH = 2, 4, 10, 1  # pixels of a 384-pixel picture
 ROBOT_RADIUS = 0.2
 EYE, EYE_RADIUS, PUPIL_RADIUS = (0.08, 0.06), 0.04, 0.024  # the right eye, in the robot's frame

@@ -60,8 +60,7 @@ def _deepest(candidates: Contacts, allowed: Array | None = None) -> Contacts:
 def with_part(part: Part, at: Frames, shapes: BlockShape, blocks: Frames) -> list[Contacts]:
     """Layers of a robot's part (first) with the blocks (second): one for a disc, two for boxes.
 
-    Of two, one holds the deepest point on the right of the block's middle, the other that on the
-    left.
+    Of two, one holds the deepest point right of the block's middle, the other the one left of it.
     """
     offset = blocks.center - at.center
     if not part.boxes:

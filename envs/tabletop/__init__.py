@@ -9,14 +9,8 @@ __all__ = ["BENCH_SETTINGS", "REWARDS", "XLA_FLAGS"]
 
 REWARDS = ("staged", "stages", "sparse")
 BENCH_SETTINGS = (
-    {},
-    {"iterations": 4, "ls_iterations": 6},
-    {"iterations": 3},
-    {"max_contacts": 32},
-    {"max_contacts": 16},
-    {"substeps": 5},
-    {"impl": "warp"},
-    {"impl": "warp", "substeps": 5},
-)
+    {}, {"iterations": 4, "ls_iterations": 6}, {"iterations": 3}, {"max_contacts": 32},
+    {"max_contacts": 16}, {"substeps": 5}, {"impl": "warp"}, {"impl": "warp", "substeps": 5},
+)  # fmt: skip
 # With the newer code generator for CPUs an arm in MJX is a thousand times slower.
 XLA_FLAGS = MappingProxyType({"0.10.": ("--xla_cpu_use_fusion_emitters=false",)})

@@ -68,8 +68,8 @@ def play(env: Tabletop, expert: Expert, wanted: Wanted, tell: Callable[[int], No
     kinds = [success] * wanted.successes
     kinds += [failures[i % len(failures)] for i in range(wanted.failures)]
     runs: list[Run] = []
-    starts = _starts(env, wanted.seed)
-    for number, start in zip(range(_PATIENCE * len(kinds)), starts, strict=False):
+    tries = zip(range(_PATIENCE * len(kinds)), _starts(env, wanted.seed), strict=False)
+    for number, start in tries:
         run = expert.play(env, start, (wanted.seed, number), kinds[len(runs)])
         if expert.as_meant(run):
             runs.append(run)

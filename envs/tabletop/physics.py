@@ -5,9 +5,8 @@ the rest of MuJoCo's data is made anew in each substep, which spares the memory 
 environments.
 
 On CPUs jaxlib 0.10's newer code generator computes the arm's kinematics thousands of times too
-slowly: it repeats each link's chain for each number that depends on it. There, compile with
-`jax.jit(..., compiler_options={"xla_cpu_use_fusion_emitters": False})`, or set the same flag in
-XLA_FLAGS.
+slowly: it repeats each link's chain for each number that depends on it. There, set XLA_FLAGS or
+`jax.jit`'s compiler option "xla_cpu_use_fusion_emitters" to false.
 
 MuJoCo Warp, where it is installed, can take the place of MJX's own JAX code. A step of either is
 that of C MuJoCo (`saturated_servos` says what MJX needs for it); they keep other contacts when

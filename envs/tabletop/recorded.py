@@ -14,7 +14,7 @@ from . import camera as cameras
 from . import reward as rewards
 from .boxes import Boxes
 from .hand import Hand
-from .moments import Moments
+from .start import Moments
 from .task import Tabletop
 
 __all__ = ["LIMIT", "Run", "cut", "judge", "moments"]

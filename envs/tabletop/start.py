@@ -3,6 +3,11 @@
 As in RLBench a task's things are one rigid group, put down with a random offset and yaw; each then
 gets a jitter of its own. Arrangements in which things overlap are rejected, inside the compiled
 program: a fixed number is drawn and the first that fits is taken.
+
+Or an episode begins at a moment of a recorded one. A task of several stages is hardly ever finished
+by chance; where some episodes begin when part of it is done, each stage is met from the first
+update on (Nair et al. 2018, Salimans and Chen 2018). What is used of a recording is the simulator's
+state; nobody imitates its actions.
 """
 
 from typing import NamedTuple
@@ -10,9 +15,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.panda.frames import quaternion_about_z
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-__all__ = ["Footprint", "Start", "apart", "free_joint", "group", "place"]
+__all__ = ["Footprint", "Moments", "Start", "apart", "draw_moment", "free_joint", "group", "place"]
 
 GROUP_SHIFT, GROUP_YAW = 0.04, 0.3927  # metres, rad (22.5 degrees): at most, either way
 SHIFT, YAW = 0.02, 0.3  # of each thing within the group
@@ -90,3 +95,21 @@ def free_joint(places: Float[Array, "N 3"], height: Float[Array, ""] | float):
     heights = jnp.full((len(places), 1), height)
     rows = (places[:, :2], heights, quaternion_about_z(places[:, 2]))
     return jnp.concatenate(rows, axis=1).reshape(-1)
+
+
+class Moments(NamedTuple):
+    """P snapshots of any episodes; or one of them, without the axis P."""
+
+    qpos: Float[Array, "*P Q"]
+    qvel: Float[Array, "*P V"]
+    target: Float[Array, "*P 8"]  # the servos' aims: joints, opening of a finger
+    fixtures: Float[Array, "*P M 7"]
+    reached: Bool[Array, "*P K"]  # stages that have held by then
+    best: Int[Array, "*P"]  # most stages that have been done at once by then
+    moved: Bool[Array, "*P N"]  # objects that have moved by then
+
+
+def draw_moment(key: PRNGKeyArray, moments: Moments) -> Moments:
+    """Samples one of them uniformly. The key is consumed."""
+    at = jax.random.randint(key, (), 0, len(moments.best))
+    return jax.tree.map(lambda x: jnp.asarray(x)[at], moments)

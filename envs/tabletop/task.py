@@ -25,15 +25,13 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import boxes, physics
 from . import camera as cameras
-from . import moments as tabletop_moments
 from . import observation as observations
 from . import reward as rewards
 from .boxes import Boxes
 from .model import Scene, build
-from .moments import Moments
 from .physics import Motion
 from .reward import Progress, Record
-from .start import Start
+from .start import Moments, Start, draw_moment
 
 __all__ = ["Tabletop", "TabletopData", "Task", "View"]
 
@@ -168,7 +166,7 @@ class Tabletop:
             return self._observe(*[self._begin(key)] * 2)
         key, key_varied, key_moment = jax.random.split(key, 3)
         varied = jax.random.uniform(key_varied) < self._varied_starts
-        data, moved = self._within(tabletop_moments.draw(key_moment, self._moments))
+        data, moved = self._within(draw_moment(key_moment, self._moments))
         data = jax.tree.map(lambda a, b: jnp.where(varied, a, b), data, self._begin(key))
         return self._observe(data, data)._replace(moved=moved & varied)
 

@@ -9,16 +9,11 @@ SPEC = TaskSpec(
     demonstrate="gril_jax.envs.magical.match_regions.demonstrations:demonstrate",
     rewards=("S4", "V5", "S3", "sparse"),
     bench_settings=(  # of the solver, from the original's own to the coarsest, and other engines
-        {"substeps": 10, "iterations": 10},
-        {"substeps": 10, "iterations": 6},
-        {"substeps": 10, "iterations": 4},
-        {"substeps": 7, "iterations": 4},
-        {"substeps": 5, "iterations": 5},
-        {"engine": "mjx", "substeps": 10, "iterations": 4},
-        {"engine": "mjx", "substeps": 5, "iterations": 2},
-        {"variant": "all"},
-        {"robot": "short"},
+        {"substeps": 10, "iterations": 10}, {"substeps": 10, "iterations": 6},
+        {"substeps": 10, "iterations": 4}, {"substeps": 7, "iterations": 4},
+        {"substeps": 5, "iterations": 5}, {"engine": "mjx", "substeps": 10, "iterations": 4},
+        {"engine": "mjx", "substeps": 5, "iterations": 2}, {"variant": "all"}, {"robot": "short"},
         {"targets": ("green square",), "distractors": ("yellow circle",)},
     ),
     bench_envs=32_768,
-)
+)  # fmt: skip

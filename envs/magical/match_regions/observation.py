@@ -37,12 +37,8 @@ class Scene(NamedTuple):
 def _rich(scene: Scene, parts: int, due: int = 0) -> Float[Array, "O"]:
     """The observation; the first `due` targets are sorted by when they are due (0: none)."""
     x_y, yaw, velocity = scene.pose[0, :2], scene.pose[0, 2], scene.velocity[0]
-    robot = [
-        x_y,
-        jnp.stack([jnp.cos(yaw), jnp.sin(yaw)]),
-        turned(-yaw, velocity[:2])[::-1],
-        velocity[2:] / TURN_RATE,
-    ]
+    heading, speed = jnp.stack([jnp.cos(yaw), jnp.sin(yaw)]), turned(-yaw, velocity[:2])[::-1]
+    robot = [x_y, heading, speed, velocity[2:] / TURN_RATE]
     if parts > 1:
         robot.append((scene.pose[1:2, 2] - scene.pose[2:3, 2]) / (2 * FINGER_OPEN))
     robot += [turned(-yaw, scene.goal[:2] - x_y), scene.goal]
@@ -86,24 +82,15 @@ def names(kind: str, blocks: tuple[str, ...], *, fingers: bool, targets: int) ->
     """One name for each number of the observation; equal names in a row are one quantity."""
     if kind != "xmagical":
         robot = {
-            "robot position": 2,
-            "robot heading, cosine and sine": 2,
-            "robot speed, forward and sideways": 2,
-            "robot turn rate / 2.5": 1,
-            "finger opening": int(fingers),
-            "region centre in the robot's frame": 2,
-            "region centre": 2,
-            "region size": 2,
-        }
+            "robot position": 2, "robot heading, cosine and sine": 2,
+            "robot speed, forward and sideways": 2, "robot turn rate / 2.5": 1,
+            "finger opening": int(fingers), "region centre in the robot's frame": 2,
+            "region centre": 2, "region size": 2,
+        }  # fmt: skip
         block = {
-            "centre in the robot's frame": 2,
-            "centre": 2,
-            "offset to the region": 2,
-            "velocity": 2,
-            "angle, cosine and sine": 2,
-            "turn rate / 10": 1,
-            "inside the region": 1,
-        }
+            "centre in the robot's frame": 2, "centre": 2, "offset to the region": 2,
+            "velocity": 2, "angle, cosine and sine": 2, "turn rate / 10": 1, "inside the region": 1,
+        }  # fmt: skip
         rows, order = blocks, []
         if kind == "sorted":
             due = [f"target {k + 1} in turn" for k in range(targets)]

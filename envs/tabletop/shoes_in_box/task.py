@@ -19,10 +19,9 @@ import jax
 import jax.numpy as jnp
 from gril_jax.envs.panda.frames import Frame, compose, into, out_of, rotation
 from gril_jax.envs.tabletop.boxes import Boxes, box, free, lowest, stacked, touching
-from gril_jax.envs.tabletop.moments import Moments
 from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.reward import Progress, closeness
-from gril_jax.envs.tabletop.start import Footprint, Start, free_joint, group, place
+from gril_jax.envs.tabletop.start import Footprint, Moments, Start, free_joint, group, place
 from gril_jax.envs.tabletop.task import Tabletop, Task, View
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
