@@ -75,7 +75,7 @@ class Pendulum(Bare):
 
 @dataclasses.dataclass(frozen=True)
 class _Training:
-    """How long both sides train, and the hyper-parameters that both algorithms have."""
+    """Length of both sides' training, and the hyper-parameters that both algorithms have."""
 
     num_timesteps: int
     """Steps of one run; both sides round it up to whole updates between two evaluations."""

@@ -67,7 +67,7 @@ class Settings(named_rows.Settings):
 
     rows: named_rows.Rows = field(default_factory=lambda: ROWS)
     policies: bool = True
-    """Whether a policy is trained with each encoder's reward."""
+    """True if a policy is trained with each encoder's reward."""
     policies_at_once: int = 25
     """Largest number of policies in one program."""
     ascents: int = 1000

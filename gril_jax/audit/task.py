@@ -1,4 +1,4 @@
-"""What an audit asks of a task: its stages, and where its objects can be."""
+"""A task as an audit needs it: its stages, and where its objects can be."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable

@@ -14,7 +14,7 @@ __all__ = ["Verb", "experiment"]
 
 
 class Verb(NamedTuple):
-    """What the module of a verb defines as its `VERB`."""
+    """A verb, which its module defines as `VERB`."""
 
     usage: str  # "train [CONFIG]"
     summary: str

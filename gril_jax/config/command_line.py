@@ -153,7 +153,7 @@ def _members(kind: Any) -> tuple[Any, ...]:
 
 
 def _room(kind: Any) -> int | float:
-    """How many words an option of this type takes."""
+    """The number of words that an option of this type takes."""
     items = typing.get_args(kind) if typing.get_origin(kind) is tuple else (kind,)
     return float("inf") if items[-1] is Ellipsis else len(items)
 

@@ -35,7 +35,7 @@ class Encoder(NamedTuple):
 
 
 class Reward(NamedTuple):
-    """What a policy can maximise."""
+    """A form of the reward, which a policy can maximise."""
 
     form: str
     """A `gril_jax.experiments.pipeline.reward_form.RewardForm`."""
@@ -46,7 +46,7 @@ class Reward(NamedTuple):
 
 
 class Algorithm(NamedTuple):
-    """What can train a policy."""
+    """An algorithm that trains a policy."""
 
     algorithm: str
     """A `gril_jax.rl.training.Algorithm` of an environment, a reward and its `Static`; with the
@@ -86,7 +86,7 @@ ALGORITHMS = {
 
 
 def find(path: str) -> Any:
-    """What a table names, imported now."""
+    """The object at a path of a table, imported now."""
     module, _, name = path.rpartition(".")
     return getattr(import_module(module), name)
 

@@ -87,7 +87,7 @@ class EnvConfig:
     )
     """Sweeps of the solver for each physics step; None is the engine's own (6, or 2 with mjx)."""
     impl: Literal["jax", "warp"] = "jax"
-    """What computes a task on a table: MuJoCo MJX, or MuJoCo Warp where that is installed."""
+    """Engine of a task on a table: MuJoCo MJX, or MuJoCo Warp where that is installed."""
     worlds: int = field(default=4096, metadata=at_least(1))
     """With warp, the most environments stepped together, counting all seeds of a program: their
     contacts share one table."""

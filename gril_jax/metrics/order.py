@@ -1,4 +1,4 @@
-"""How well a latent or a reward orders the frames of a recording.
+"""Measures of how well a latent or a reward orders the frames of a recording.
 
 Cycle consistency of latents has its own file, `gril_jax.metrics.cycles`; means over seeds with
 their uncertainty are in `gril_jax.metrics.interquartile`.

@@ -1,4 +1,4 @@
-"""What aligns videos in time: functions of one batch, which the table `ALIGNMENTS` names.
+"""Losses that align videos in time: functions of one batch, which the table `ALIGNMENTS` names.
 
 Each takes a key, the latents (V, F, D) of frames, their normalised times (V, F), which of them are
 valid (V, F), the cycle-consistency through all videos, which is computed in any case, and the

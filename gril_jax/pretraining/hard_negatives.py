@@ -1,8 +1,8 @@
 """Hard negatives: the states of a policy's episodes that a reward overestimates most.
 
 A policy that is trained on a learned reward visits states that no demonstration has. Where the
-reward pays it for more than the scene is worth by the demonstrations' last frames
-(`gril_jax.pretraining.final_places.misplacement`), it cheats, and such moments are what the next
+reward pays more than the scene is worth by the demonstrations' last frames
+(`gril_jax.pretraining.final_places.misplacement`), it overestimates them, and from these the next
 reward should learn from (`gril_jax.pretraining.contrast`). As in VICE (Fu et al., NeurIPS 2018) a
 policy's own states are the negatives, but each has the distance from the goal that is due, and no
 class. Object boxes are all it takes: no reward of the task, no success, no action.
@@ -88,8 +88,8 @@ def choose(
       K moments, of which the first ones are known; moments that are not finite are never chosen.
     """
     excess = jnp.asarray(paid - due)
-    cheats = due[:, -1:] < -ended
-    left = jnp.where(cheats & (excess > least) & jnp.isfinite(excess), excess, -jnp.inf)
+    failed = due[:, -1:] < -ended
+    left = jnp.where(failed & (excess > least) & jnp.isfinite(excess), excess, -jnp.inf)
     frames = jnp.arange(left.shape[1])
 
     def pick(left, _):

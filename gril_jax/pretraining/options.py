@@ -1,4 +1,4 @@
-"""What encoder training can vary: static choices in `Static`, traced values in `Hyper`.
+"""Options of encoder training: static choices in `Static`, traced values in `Hyper`.
 
 Defaults come from the sections of a run's configuration that have the same fields.
 """
@@ -59,9 +59,9 @@ class Static(PixelStatic):
     encoder: GraphConfig
     """Network to train."""
     consistency: Literal[*ALIGNMENTS] = LossConfig.consistency
-    """What aligns videos in time: cycle-consistency, soft-DTW, or their sum."""
+    """Alignment of videos in time: cycle-consistency, soft-DTW, or their sum."""
     decoder: Literal["node", "graph"] = LossConfig.decoder
-    """What is decoded for the reconstruction: each node's embedding, or the latent (Eq. 5)."""
+    """Input of the decoder (Eq. 5): each node's embedding, or the latent."""
     window: int = PoolConfig.window
     """Activity window in frames (Eq. 4)."""
     smoothing: int = PoolConfig.smoothing

@@ -1,4 +1,4 @@
-"""What PPO and SAC share: environments, the policy's network, and acting in the one with the other.
+"""The frame of PPO and SAC: environments, the policy's network, and acting in them with it.
 
 A step has one key. `collect` and `learn` both take it, and split the same `num_keys` from it: the
 first is the next step's, then come those of new starts, one for each control step, and the
@@ -22,7 +22,7 @@ __all__ = ["Agent", "Sizes"]
 
 @runtime_checkable
 class Sizes(Protocol):
-    """What an algorithm's static options hold in any case."""
+    """Static options that every algorithm has."""
 
     num_envs: int
     unroll_length: int

@@ -1,4 +1,4 @@
-"""What the algorithms ask of a task."""
+"""A task as the algorithms need it."""
 
 from typing import Any, Protocol, runtime_checkable
 

@@ -34,7 +34,7 @@ Number = Float[Array, ""] | float
 
 @dataclasses.dataclass(frozen=True)
 class Static:
-    """What shapes the compiled program."""
+    """Static choices, which shape the compiled program."""
 
     num_envs: int = PPOConfig.num_envs
     unroll_length: int = PPOConfig.unroll_length
@@ -48,7 +48,7 @@ class Static:
 
 
 class Hyper(NamedTuple):
-    """What may vary within one program: a sweep over it is a vmap."""
+    """Traced values: a sweep over them is a vmap and compiles once."""
 
     learning_rate: Number = PPOConfig.learning_rate
     discounting: Number = PPOConfig.discounting
@@ -115,7 +115,7 @@ class PPO(Agent):
         )
 
     def policy(self, state: TrainState) -> Policy:
-        """What of the state is needed to act."""
+        """The part of the state that acting needs."""
         return Policy(state.normalizer, state.params.policy)
 
     def collect(

@@ -127,7 +127,7 @@ class SAC(Agent):
         )
 
     def policy(self, state: TrainState) -> Policy:
-        """What of the state is needed to act."""
+        """The part of the state that acting needs."""
         return Policy(state.normalizer, state.learned.params.policy)
 
     def collect(

@@ -28,7 +28,7 @@ Number = Float[Array, ""] | float
 
 
 class Hyper(NamedTuple):
-    """What may vary within one program: a sweep over it is a vmap."""
+    """Traced values: a sweep over them is a vmap and compiles once."""
 
     learning_rate: Number = SACConfig.learning_rate  # of actor and critics
     alpha_learning_rate: Number = SACConfig.alpha_learning_rate  # of the temperature's logarithm

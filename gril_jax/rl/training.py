@@ -29,7 +29,7 @@ __all__ = ["Algorithm", "Scores", "chunk", "rounds", "step"]
 
 @runtime_checkable
 class Algorithm(Protocol):
-    """What PPO and SAC offer; the state has `envs`, `key` and `replay`, which may be `()`.
+    """An algorithm, like PPO and SAC; its state has `envs`, `key` and `replay`, which may be `()`.
 
     Both halves of a step take the step's key and split `num_keys` from it (`gril_jax.rl.agent`);
     the first of them is the key of the next step.

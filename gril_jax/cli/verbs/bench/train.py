@@ -23,7 +23,7 @@ class _Options:
         "seeds",
         "devices",
     )
-    """What to measure; devices only where there are several."""
+    """Parts to measure; devices only where there are several."""
     repeats: int = field(default=5, metadata=count())
     """Timed calls of each program."""
 
