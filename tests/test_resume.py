@@ -65,7 +65,7 @@ def test_options_that_say_what_the_run_says_are_welcome(main, run):
 def test_options_that_say_something_else_are_listed(run, capsys):
     err = _fault(capsys, "train", "--resume", run, "--seed=3", "--ppo.learning-rate", "1e-3")
     assert "but the command line gives " in err
-    assert "ppo.learning_rate (0.001, not 0.0003), run.seed (3, not 7)" in err
+    assert "run.seed (3, not 7), ppo.learning_rate (0.001, not 0.0003)" in err
 
 
 def test_another_configuration_is_refused_by_its_fields(run, capsys):
