@@ -1,4 +1,4 @@
-"""What the API pages make of docstrings, as an extension of griffe, which reads the sources.
+"""Docstrings as the API pages show them: an extension of griffe, which reads the sources.
 
 Doctests and indented blocks become blocks of code; the comment beside a field of a named tuple is
 the field's description.

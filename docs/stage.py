@@ -53,7 +53,7 @@ def _source(page: Path) -> Path:
 
 
 def _on_site(source: Path) -> Path:
-    """Where a file of the repository lies on the site.
+    """The place of a repository file on the site.
 
     Raises:
       ValueError: it is not part of the site.

@@ -65,7 +65,7 @@ def _commands(path):
 
 @pytest.fixture
 def surroundings(tmp_path, monkeypatch):
-    """What the words in capitals of a command line stand for."""
+    """Values for the words in capitals of a command line."""
     monkeypatch.chdir(tmp_path)
     for folder in ("films", "mine"):
         (tmp_path / folder).mkdir()

@@ -1,4 +1,4 @@
-"""What `gril_jax` and its rooms offer, and what that costs."""
+"""Public names of `gril_jax` and its rooms, and the cost of importing them."""
 
 import importlib
 import pkgutil

@@ -1,4 +1,4 @@
-"""What is added as a file and a line of a table is found by the command line."""
+"""An addition, a file and a line of a table, is found by the command line."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""How a table shares environments and updates out, and what it compiles ahead."""
+"""A table's shares of environments and updates, and the programs that it compiles ahead."""
 
 import functools
 from concurrent.futures import Future
