@@ -10,11 +10,6 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
-__all__ = [
-    "Demonstrate", "Demonstrations", "Env", "Episode", "ExpertError", "Film", "Objects", "Outline",
-    "State", "Wanted",
-]  # fmt: skip
-
 
 class Outline(NamedTuple):
     """One painted polygon of a scene."""

@@ -3,8 +3,6 @@
 import difflib
 from collections.abc import Sequence
 
-__all__ = ["check_counts", "check_known", "check_shares", "nearest"]
-
 
 def nearest(word: str, known: Sequence[str]) -> str:
     """A hint in brackets that names the known word most like this one, or nothing."""

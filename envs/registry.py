@@ -16,8 +16,6 @@ from typing import Any
 
 from .checks import check_known, nearest
 
-__all__ = ["TASKS", "TaskSpec", "check", "demonstrate", "make", "names", "options", "spec"]
-
 TASKS = {
     "match_regions": "gril_jax.envs.magical.match_regions:SPEC",
     "shoes_in_box": "gril_jax.envs.tabletop.shoes_in_box:SPEC",

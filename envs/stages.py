@@ -24,8 +24,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-__all__ = ["Holds", "Place", "Score", "Stage", "Stages", "free_place"]
-
 Points = Float[Array, "N 2"]
 Holds = Callable[[Points, Points], Bool[Array, ""]]
 Place = Callable[[PRNGKeyArray, Points, Points], Points]

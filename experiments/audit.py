@@ -35,8 +35,6 @@ from gril_jax.runs import run_dir
 
 from . import export_reward
 
-__all__ = ["main"]
-
 
 class _Subject(NamedTuple):
     """A reward under audit, and the episodes that it is audited from."""

@@ -19,8 +19,6 @@ from gril_jax.rl.policy import Policy
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 
-__all__ = ["main", "play"]
-
 
 def main(
     folder: Path,

@@ -19,8 +19,6 @@ from gril_jax.interop.reward_file import save_reward
 from gril_jax.report.data import read_finished
 from gril_jax.runs import run_dir
 
-__all__ = ["main"]
-
 _ACTIVITY = ("tau", "window", "smoothing", "noise")
 
 

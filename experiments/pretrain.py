@@ -31,8 +31,6 @@ from gril_jax.runs import loop
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
 from gril_jax.subtasks import agreement
 
-__all__ = ["learn", "main"]
-
 _STAGES = {"prominence": 0.125, "smoothing": 15}  # how ends of stages are found in each trace
 
 

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from gril_jax.report import run_report
 
-__all__ = ["main"]
-
 
 def main(folder: Path, echo: Callable[[str], None] = print) -> Path:
     """Writes the report of a run from its folder alone; returns the page."""

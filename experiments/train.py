@@ -31,8 +31,6 @@ from gril_jax.runs.checkpoints import checkpoint, state_leaves
 
 from . import evaluate, pretrain
 
-__all__ = ["Plan", "main"]
-
 
 def main(
     config: RunConfig,

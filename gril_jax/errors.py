@@ -2,15 +2,6 @@
 
 from typing import Any
 
-__all__ = [
-    "ConfigError",
-    "DemoError",
-    "GrilError",
-    "RunError",
-    "ShapeError",
-    "require_at_least",
-]
-
 
 class GrilError(Exception):
     """Base of every error that a user can cause; its text is one sentence."""

@@ -11,8 +11,6 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-__all__ = ["offer"]
-
 
 def offer(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
     """A package's `__getattr__`.

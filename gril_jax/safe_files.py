@@ -12,8 +12,6 @@ from typing import BinaryIO
 
 from .errors import RunError
 
-__all__ = ["new_file", "sync", "write_whole", "writing"]
-
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 

@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ["cores", "parallel_map"]
-
 X, Y = TypeVar("X"), TypeVar("Y")
 
 _MOST = 8  # threads, each with an item in memory

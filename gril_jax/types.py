@@ -10,8 +10,6 @@ from typing import NamedTuple
 import jraph
 from jaxtyping import Array, Bool, Float, Int
 
-__all__ = ["DemoBatch", "Nodes", "SceneGraph"]
-
 
 class Nodes(NamedTuple):
     """The objects of one frame: the `nodes` of a `SceneGraph`."""

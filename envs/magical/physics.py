@@ -16,8 +16,6 @@ from gril_jax.envs.planar.physics import Physics
 from gril_jax.envs.planar.plane import Vec
 from jaxtyping import Array, Float
 
-__all__ = ["Gripping", "MagicalPhysics", "Pupils"]
-
 _ON_PLACE = 1e-6  # arena units: a finger nearer than this is where it should be
 _STIFFNESS, _DAMPING, _PUPIL = 0.1, 3e-3, 0.002  # of a pupil's spring; the pupil's inertia
 

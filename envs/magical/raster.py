@@ -23,8 +23,6 @@ from jaxtyping import Array, Float, Int, UInt8
 
 from . import scene as look
 
-__all__ = ["COLOURS", "Scene", "render"]
-
 COLOURS = tuple(look.FILL)
 
 _Plane = Float[Array, "#S #S"]  # a number a pixel, or a row or column of them

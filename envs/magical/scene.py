@@ -8,8 +8,6 @@ from gril_jax.envs.base import Outline
 from gril_jax.envs.planar import shapes
 from gril_jax.envs.planar.robots import Robot
 
-__all__ = ["BACKGROUND", "outlines"]
-
 BACKGROUND = (231, 231, 234)  # outside the arena
 FLOOR, GREY, GREY_RIM = (255, 255, 255), (162, 163, 175), (144, 145, 159)
 FILL = {

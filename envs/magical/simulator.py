@@ -21,8 +21,6 @@ from gril_jax.envs.planar.physics import Physics
 
 from .physics import MagicalPhysics
 
-__all__ = ["CONTROL_HZ", "PRESETS", "Engine", "Preset", "engine"]
-
 CONTROL_HZ = 8.0
 _SOLVING = {"impulse": (10, 6), "mjx": (5, 2)}  # substeps and iterations of each engine
 

@@ -14,8 +14,6 @@ from jaxtyping import Array, Float
 from . import kinematics
 from .frames import Frame, about_z
 
-__all__ = ["ACTION_NAMES", "GRIP_RANGE", "MOVE_STEP", "TURN_STEP", "aim"]
-
 ACTION_NAMES = ("x", "y", "z", "yaw", "gripper")
 GRIP_RANGE = (-0.01, 0.04)  # aims of a finger, metres; below 0 it presses
 MOVE_STEP, TURN_STEP = 0.025, 0.1  # metres, rad a control step

@@ -10,9 +10,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-__all__ = ["Frame", "about_z", "compose", "into", "out_of", "quaternion_about_z", "rotation",
-           "small_turn", "turned"]  # fmt: skip
-
 
 class Frame(NamedTuple):
     """A place and a rotation in the world."""

@@ -12,10 +12,6 @@ from jaxtyping import Array, Float
 
 from .frames import Frame, small_turn
 
-__all__ = ["FINGER_OFFSET", "FINGER_RANGE", "FLANGE", "HAND_TURN", "JOINT_RANGE", "JOINT_SPEED",
-           "LINK_OFFSETS", "LINK_TURNS", "TCP", "finger", "hand", "jacobian", "reach",
-           "tcp"]  # fmt: skip
-
 LINK_OFFSETS = (
     (0.0, 0.0, 0.333), (0.0, 0.0, 0.0), (0.0, -0.316, 0.0), (0.0825, 0.0, 0.0),
     (-0.0825, 0.384, 0.0), (0.0, 0.0, 0.0), (0.088, 0.0, 0.0),

@@ -15,9 +15,6 @@ import numpy as np
 from . import kinematics
 from .control import GRIP_RANGE
 
-__all__ = ["ACTUATORS", "DOFS", "EQUALITY", "HAND_BOX", "PADS", "PAD_CENTER", "PAD_HALF", "PALM",
-           "TIPS", "TIP_BOX", "body", "words"]  # fmt: skip
-
 DOFS = 9  # seven joints and two fingers
 PADS = ("left_pad", "right_pad")
 TIPS = ("left_tip", "right_tip")

@@ -12,8 +12,6 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-__all__ = ["constant_where_saturated", "driven"]
-
 
 def driven(model: mujoco.MjModel) -> tuple[Int[np.ndarray, "U"], Int[np.ndarray, "U"]]:
     """Indices of the joints that U servos each drive, among positions and among velocities.

@@ -11,8 +11,6 @@ import numpy as np
 
 from . import robots, shapes
 
-__all__ = ["FINGER_RADIUS", "Capsule", "block", "disc", "finger"]
-
 FINGER_RADIUS = 0.025  # half a finger's thickness
 _RADIUS = 0.04  # rounds a polygon's corners by at most 0.02; a star's notches are near the true
 

@@ -18,8 +18,6 @@ from .plane import Vec, fence, heading, where
 from .robots import Box, Part
 from .shapes import BlockShape, signed_distance
 
-__all__ = ["Contacts", "Frames", "between_blocks", "frames", "walls", "with_part"]
-
 _FAR = 1e3
 
 

@@ -16,8 +16,6 @@ from jaxtyping import Array, Float
 from .contacts import Contacts
 from .plane import Vec
 
-__all__ = ["Bodies", "Impulse", "Motion", "Rows", "kick", "prepare", "solve"]
-
 SLOP = 0.01  # overlap that is not pushed apart
 _LEFT = 0.9**60  # share of an overlap that is left after a second
 

@@ -15,9 +15,6 @@ from .impulses import Bodies
 from .plane import Vec
 from .robots import FINGER_OPEN, PIVOTS
 
-__all__ = ["Aims", "Command", "FingerImpulses", "Servo", "Strengths", "aims", "drive", "fingers",
-           "hold", "pin", "turn_fingers"]  # fmt: skip
-
 TURN_RATE, FINGER_RATE = 2.5, 1.0  # rad/s, the fastest that the servos aim at
 _SIDES = np.array([1.0, -1.0], np.float32)  # sign of an open finger's angle, left first
 _PIVOTS = Vec(*PIVOTS.T.astype(np.float32))

@@ -28,8 +28,6 @@ from .shapes import BlockShape
 with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
     from mujoco import mjx
 
-__all__ = ["MjxPhysics"]
-
 _PARTS, _JOINTS = 3, 5  # of the gripper: base and fingers; x, y, yaw and the fingers' angles
 _SLOW = 1e-3  # units/s; below it the direction of travel means nothing
 _LEAST_LOSS = 0.02  # share of the table's force; MuJoCo's rows must not vanish

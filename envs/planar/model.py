@@ -18,8 +18,6 @@ from .capsules import Capsule
 from .joints import FINGER_RATE
 from .physics import BLOCK_FRICTION, BLOCK_MASS
 
-__all__ = ["FINGER_TORQUE", "build", "finger_armature"]
-
 FINGER_TORQUE = 4.0  # largest, of the original's finger motors
 TABLE_FORCE, TABLE_TORQUE = 1.5, 0.1  # most that the original's table resists a block with
 _MAX_CONTACTS = 16  # that a substep resolves; the deepest count

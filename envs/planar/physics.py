@@ -25,8 +25,6 @@ from .plane import Vec, fence
 from .robots import Robot
 from .shapes import BlockShape
 
-__all__ = ["BLOCK_MASS", "Physics"]
-
 BLOCK_MASS = 0.01  # of the blocks whose inertia `BlockShape` gives
 _SETTLING = 100  # sweeps that find the impulses of a scene that has none yet
 BLOCK_FRICTION, WALL_FRICTION = 0.5, 0.8  # of one surface; Chipmunk multiplies the two that touch

@@ -11,8 +11,6 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-__all__ = ["Vec", "fence", "heading", "where"]
-
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)

@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["FINGER_OPEN", "PIVOTS", "ROBOTS", "Box", "Part", "Robot", "robot"]
-
 FINGER_OPEN = math.pi / 8  # rad from closed (parallel) to fully open
 PIVOTS = np.array([[-0.09, 0.02], [0.09, 0.02]])  # of the fingers, left first, on the base
 _ARM, _FOREARM, _THICKNESS = 0.22, 0.14, 0.05

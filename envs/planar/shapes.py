@@ -17,8 +17,6 @@ from jaxtyping import Array, Float, Int
 
 from .plane import Vec, heading, where
 
-__all__ = ["SHAPES", "BlockShape", "blocks", "extents", "outline", "signed_distance"]
-
 SHAPES = ("star", "square", "pentagon", "circle")
 SIZE = 0.12  # every block's area is about pi SIZE^2
 

@@ -7,8 +7,6 @@ import jax.numpy as jnp
 from gril_jax.envs.panda.frames import Frame, into, out_of, turned
 from jaxtyping import Array, Bool, Float
 
-__all__ = ["Boxes", "box", "free", "lowest", "stacked", "touching"]
-
 _NEAR = 0.0015  # metres; a contact of MuJoCo's gives way by less
 
 

@@ -14,8 +14,6 @@ from jaxtyping import Array, Float
 
 from .boxes import Boxes
 
-__all__ = ["CAMERA", "HALF_EXTENT", "Camera", "axes", "outline", "project"]
-
 HALF_EXTENT = 1.0  # of every picture, in its own units
 
 _NEAREST = 0.05  # metres before the camera; what is nearer counts as there

@@ -19,8 +19,6 @@ from .recorded import Run
 from .render import Renderer
 from .task import Tabletop
 
-__all__ = ["JITTER", "Expert", "play", "record"]
-
 JITTER = {"demo": 0.0, "jitter": 0.5, "layout": 1.0}  # of starts, by `Wanted.places`
 _BATCH = 32  # starts drawn at once
 _PATIENCE = 4  # episodes played for each that is wanted, at most

@@ -11,8 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Int8
 
-__all__ = ["Sightings", "carried", "detect", "stacked"]
-
 
 class Sightings(NamedTuple):
     """Detected boxes of N objects, of one frame or of T."""

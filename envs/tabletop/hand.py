@@ -16,8 +16,6 @@ from gril_jax.envs.panda.frames import Frame
 from gril_jax.envs.tabletop.task import Tabletop
 from jaxtyping import Float
 
-__all__ = ["CLOSED", "OPEN", "Hand"]
-
 OPEN, CLOSED = 1.0, -1.0  # actions of the gripper
 _PATIENCE = 12  # control steps without getting nearer, after which a move ends
 _NEAR, _NEAR_TURN = 2e-3, 0.05  # metres, rad: there

@@ -12,8 +12,6 @@ from typing import NamedTuple
 import mujoco
 from gril_jax.envs.panda import model as panda_model
 
-__all__ = ["TABLE", "Scene", "build"]
-
 TABLE = "table"
 
 

@@ -13,8 +13,6 @@ from jaxtyping import Array, Bool, Float
 from .boxes import Boxes
 from .physics import Motion
 
-__all__ = ["names", "observe"]
-
 _PLACE = ("x", "y", "z")
 _JOINTS = (*(f"joint {i}" for i in range(1, 8)), "opening")
 

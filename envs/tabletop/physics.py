@@ -28,8 +28,6 @@ from jaxtyping import Array, Float
 with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
     from mujoco import mjx
 
-__all__ = ["IMPLEMENTATIONS", "Motion", "Physics"]
-
 IMPLEMENTATIONS = ("jax", "warp")
 
 _ROWS = 6  # of the solver for each contact: 4 of its pyramid, and what joints and limits need

@@ -17,8 +17,6 @@ from .hand import Hand
 from .start import Moments
 from .task import Tabletop
 
-__all__ = ["LIMIT", "Run", "cut", "judge", "moments"]
-
 LIMIT = 900  # control steps of an episode; a script that meets no trouble takes half of them
 _EVERY = 4  # control steps from one kept moment to the next: a fifth of a second
 _MOVED = 0.005  # box diagonals by which a thing has moved: the paper's tau

@@ -21,8 +21,6 @@ from jaxtyping import Float, Int8, UInt8
 from .boxes import Boxes
 from .camera import Camera
 
-__all__ = ["Picture", "Renderer"]
-
 _BACKENDS = ("egl", "osmesa")
 _FLAGS = mujoco.mjtRndFlag
 _BOX = int(mujoco.mjtGeom.mjGEOM_BOX)

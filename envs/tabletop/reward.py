@@ -14,10 +14,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from . import REWARDS
-
-__all__ = ["REWARDS", "Progress", "Record", "closeness", "no_record", "record", "reward"]
-
 _SUSTAINED = 5  # moments, the reset being one
 _SUCCESS_BONUS, _CHANGE_COST = 5.0, 0.01
 

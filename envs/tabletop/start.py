@@ -17,8 +17,6 @@ import jax.numpy as jnp
 from gril_jax.envs.panda.frames import quaternion_about_z
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-__all__ = ["Footprint", "Moments", "Start", "apart", "draw_moment", "free_joint", "group", "place"]
-
 GROUP_SHIFT, GROUP_YAW = 0.04, 0.3927  # metres, rad (22.5 degrees): at most, either way
 SHIFT, YAW = 0.02, 0.3  # of each thing within the group
 _MIDDLE = (0.5, 0.0)  # about which the group turns, metres

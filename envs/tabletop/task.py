@@ -23,7 +23,7 @@ from gril_jax.envs.panda.frames import Frame
 from gril_jax.envs.stages import Stages
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import boxes, physics
+from . import REWARDS, boxes, physics
 from . import camera as cameras
 from . import observation as observations
 from . import reward as rewards
@@ -32,8 +32,6 @@ from .model import Scene, build
 from .physics import Motion
 from .reward import Progress, Record
 from .start import Moments, Start, draw_moment
-
-__all__ = ["Tabletop", "TabletopData", "Task", "View"]
 
 CONTROL_HZ = 20.0
 _ROBOT = ("left finger", "right finger", "hand")
@@ -132,7 +130,7 @@ class Tabletop:
         worlds: int = 4096,
     ):
         length = task.episode_length if episode_length is None else episode_length
-        check_known("reward", reward, rewards.REWARDS)
+        check_known("reward", reward, REWARDS)
         check_known("impl", impl, physics.IMPLEMENTATIONS)
         check_shares(jitter=jitter, varied_starts=varied_starts)
         if varied_starts and moments is None:

@@ -24,8 +24,6 @@ from gril_jax.report.figures.style import png
 
 from .rows import Settings
 
-__all__ = ["TABLE"]
-
 _NUMBERS = ("tau", "reward_time_tau", "reward_last")
 _SECTION = Section(
     "On demonstrations kept aside: mean over seeds (lowest to highest).",

@@ -8,8 +8,6 @@ from typing import Any
 
 from gril_jax.experiments.tables import rows as named_rows
 
-__all__ = ["ROWS", "Settings"]
-
 _GRAPH = {"loss.decoder": "graph"}
 
 ROWS: dict[str, dict[str, Any]] = {

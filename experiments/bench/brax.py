@@ -19,8 +19,6 @@ from . import ours, stock
 from .frame import new_process, rounded
 from .pendulum import Setting
 
-__all__ = ["fresh_processes", "long_runs", "main"]
-
 _SHORT, _LONG = Setting(), Setting(num_timesteps=400_000, num_evals=11)
 _REPEATS = 3  # short runs of each, of which the fastest counts
 _SIDES = ("ours", "stock")

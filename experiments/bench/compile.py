@@ -27,8 +27,6 @@ from gril_jax.types import DemoBatch
 
 from .frame import new_process, rounded, staged, without_cache
 
-__all__ = ["main", "programs", "small_runs", "timed"]
-
 
 class Program(NamedTuple):
     """One program that a run compiles."""

@@ -22,8 +22,6 @@ from gril_jax import envs
 
 from .frame import best, compile_timed, make_env, times_in_turn
 
-__all__ = ["main", "measure"]
-
 _REPEATS = 5
 
 

@@ -23,11 +23,6 @@ from gril_jax import envs
 from gril_jax.compilation.compiler import compiled
 from gril_jax.errors import RunError
 
-__all__ = [
-    "Compilations", "InPlace", "best", "compile_timed", "counted", "machine", "make_env",
-    "median_ms", "new_process", "ratios", "rounded", "staged", "times_in_turn", "without_cache",
-]  # fmt: skip
-
 
 def machine() -> dict[str, Any]:
     """The devices and JAX's version."""

@@ -19,8 +19,6 @@ with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are 
     import mujoco
     from mujoco import mjx
 
-__all__ = ["InvertedPendulum", "Reacher"]
-
 _SUBSTEPS = 2  # of a control step
 
 # One Newton iteration needs no loop, and there is at most one limit of a joint to satisfy.

@@ -21,8 +21,6 @@ from .frame import new_process, rounded
 from .gymnasium_tasks import InvertedPendulum, Reacher
 from .pendulum import Pendulum, SacSetting, Setting
 
-__all__ = ["GROUND", "compared", "main", "measure"]
-
 
 class Published(NamedTuple):
     """A published return to compare with."""

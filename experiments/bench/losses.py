@@ -28,8 +28,6 @@ try:
 except ImportError:
     _njit_soft_dtw_batch = None
 
-__all__ = ["main", "soft_dtw"]
-
 _SHAPES = [(64, 64), (32, 128), (16, 256)]  # pairs, frames of both sequences
 _GPU_SHAPES = [(64, 64), (512, 256)]
 _FEATURES = 32

@@ -18,8 +18,6 @@ from gril_jax.rl import ppo, rewards, sac, training
 
 from .pendulum import Pendulum, SacSetting, Setting
 
-__all__ = ["all_returns", "chunks", "train"]
-
 _SEEING = {"observe_activity": False, "window": 1}
 _FIXED = {  # brax's SAC has no options for these
     "alpha_learning_rate": 3e-4, "initial_alpha": 1.0, "target_entropy": -0.5,

@@ -11,8 +11,6 @@ import jax
 import jax.numpy as jnp
 from gril_jax.envs import Objects, State
 
-__all__ = ["Bare", "Pendulum", "SacSetting", "Setting"]
-
 
 class Bare:
     """A task without pictures or blocks: two points stand in for its objects."""

@@ -19,8 +19,6 @@ from gril_jax.rl import replay
 
 from .frame import InPlace, median_ms, ratios, rounded, times_in_turn
 
-__all__ = ["main", "measure"]
-
 _CAPACITY, _ROWS, _BATCH, _WIDTH = 200_000, 64, 256, 64
 _REPEATS = 7  # timed calls of each form
 _CASES = ((1, False), (1, True), (8, False), (8, True))  # seeds, full

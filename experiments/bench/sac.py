@@ -24,8 +24,6 @@ from gril_jax.rl import policy, rewards, sac, sac_loss, training
 
 from .frame import best, make_env, rounded, times_in_turn
 
-__all__ = ["HostLoop", "Ours", "main", "speeds", "until_success"]
-
 _RECENT = 100  # episodes whose success counts
 _REPEATS = 5  # timed calls of each
 _LIMIT_S = 600.0  # after which either gives up

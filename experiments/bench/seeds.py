@@ -17,8 +17,6 @@ from gril_jax.rl import ppo, training
 
 from .frame import best, compile_timed, ratios, rounded, times_in_turn, without_cache
 
-__all__ = ["devices", "seeds"]
-
 
 def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:
     """Times seeds in one program, and one by one, each compiled anew.

@@ -16,8 +16,6 @@ from gril_jax.rl import rewards, rollout
 
 from .frame import InPlace, best, ratios, times_in_turn
 
-__all__ = ["starts"]
-
 
 def starts(env: Env, num_envs: int, unroll: int, repeats: int) -> dict[str, Any]:
     """Steps per second with each way to make starts."""

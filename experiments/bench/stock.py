@@ -24,8 +24,6 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from .pendulum import Pendulum, SacSetting, Setting
 
-__all__ = ["BraxTask", "all_returns", "stand_in", "train"]
-
 
 class BraxTask(Env):
     """One of our tasks behind brax's interface; its state is ours."""

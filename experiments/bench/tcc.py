@@ -17,8 +17,6 @@ from gril_jax.losses import mean_cycle_consistency
 
 from .frame import median_ms, staged, times_in_turn, without_cache
 
-__all__ = ["measure", "pair_loop"]
-
 _SIZE = (8, 32, 32)  # videos, frames, width of the latent
 _COMPILATIONS = 3  # of each, whose median counts
 

@@ -25,8 +25,6 @@ from . import seeds
 from .frame import InPlace, best, make_env, times_in_turn
 from .starts import starts
 
-__all__ = ["Sizes", "costs", "main"]
-
 
 class Sizes(NamedTuple):
     """The sizes of everything that runs."""

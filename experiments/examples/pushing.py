@@ -11,8 +11,6 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import DemoBatch
 
-__all__ = ["CLASSES", "OBJECTS", "ROBOTS", "boxes", "demonstrations", "reset", "step"]
-
 CLASSES = OBJECTS = ("goal", "robot", "block")
 ROBOTS = ("robot",)
 _SIZE = ((0.3, 0.3), (0.1, 0.1), (0.1, 0.1))

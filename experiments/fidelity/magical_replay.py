@@ -33,8 +33,6 @@ from gril_jax.errors import DemoError, GrilError
 
 from .physics_parity import arrays_of, figures_of
 
-__all__ = ["main", "measure"]
-
 _AHEAD = (10, 20, 40, 120)  # control steps from the start over which errors are taken
 _ASIDE = 1e-5  # arena units: standard deviation of a moved start
 _MOVED = 0.01  # arena units: a block this far from its start has been moved

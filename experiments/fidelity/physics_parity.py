@@ -31,8 +31,6 @@ from jaxtyping import Float
 from gril_jax import envs
 from gril_jax.errors import DemoError, GrilError
 
-__all__ = ["arrays_of", "figures_of", "main", "measure"]
-
 ROBOTS = ("gripper", "short", "medium", "long")
 _MOVED = 1e-4  # arena units: a block that goes further in a control step has moved
 _NEAR = 0.02  # arena units: a robot this near to a wall or a block may be touching it

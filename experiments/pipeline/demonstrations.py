@@ -15,8 +15,6 @@ from gril_jax.types import DemoBatch
 
 from . import make_demos
 
-__all__ = ["Demonstrations", "gather", "gather_once"]
-
 
 class Demonstrations(NamedTuple):
     """The demonstrations that a run learns from and is measured on."""

@@ -13,8 +13,6 @@ from jaxtyping import UInt8
 
 from gril_jax.demos.vision import render
 
-__all__ = ["episode", "outlines"]
-
 _PIXELS = 384
 
 

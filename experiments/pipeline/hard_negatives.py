@@ -38,8 +38,6 @@ from gril_jax.types import DemoBatch
 
 from . import policy_setup, saved, setup
 
-__all__ = ["EarlierPolicy", "gather_once", "load", "noted", "require_boxes"]
-
 _FILE = "hard_negatives.npz"
 _EACH = 256  # scenes of each run; a batch of eight videos draws 64
 

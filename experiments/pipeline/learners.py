@@ -33,8 +33,6 @@ from gril_jax.reward.latent_goal import RewardParams
 
 from . import demonstrations, setup
 
-__all__ = ["Learner", "learner", "static_config"]
-
 
 class Learner(NamedTuple):
     """Functions of a state, the data and the traced options: pure except `films`."""

@@ -23,8 +23,6 @@ from gril_jax.threads import parallel_map
 
 from . import filming, setup
 
-__all__ = ["main", "make"]
-
 
 def main(config: MakeDemosConfig, out: Path, echo: Callable[[str], None] = print) -> None:
     """Writes a demonstration set to `out`."""

@@ -11,8 +11,6 @@ from gril_jax.runs.progress import Progress
 
 from . import hard_negatives, setup
 
-__all__ = ["Echo", "OpenRun", "opened"]
-
 Echo = Callable[[str], None]
 
 

@@ -23,11 +23,6 @@ from gril_jax.types import DemoBatch
 from . import setup
 from .reward_form import RewardForm
 
-__all__ = [
-    "ENVIRONMENTAL", "LEARNED", "SHAPED", "SUBTASKS", "SUM",
-    "blank", "function", "parameters", "robots",
-]  # fmt: skip
-
 _MOST = 8  # subtasks of a chain
 
 

@@ -18,14 +18,6 @@ from gril_jax.runs.checkpoints import checkpoint
 
 from . import policy_rewards, setup
 
-__all__ = [
-    "algorithm_hyper",
-    "fresh_policy",
-    "make_algorithm",
-    "policy_config",
-    "restore_policy",
-]
-
 
 def make_algorithm(config: RunConfig, env: envs.Env, name: str | None = None) -> training.Algorithm:
     """The algorithm that the run asks for, or that of a name, on the run's reward.

@@ -9,8 +9,6 @@ from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl import rewards
 from gril_jax.types import DemoBatch
 
-__all__ = ["RewardForm"]
-
 
 class RewardForm(NamedTuple):
     """One entry of the table `REWARDS`."""

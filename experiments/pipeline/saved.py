@@ -10,8 +10,6 @@ from gril_jax.runs.checkpoints import checkpoint
 
 from . import policy_rewards, setup
 
-__all__ = ["learned_reward", "policy_reward"]
-
 
 def learned_reward(folder: Path, config: RunConfig, env: envs.Env) -> RewardParams:
     """The reward that a run has learned.

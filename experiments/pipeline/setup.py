@@ -20,24 +20,6 @@ from gril_jax.errors import ConfigError
 from gril_jax.pretraining import pixel_pretrain, pretrain
 from gril_jax.reward.latent_goal import RewardParams
 
-__all__ = [
-    "blank_reward",
-    "build",
-    "by_name",
-    "device_in_words",
-    "encoder_config",
-    "few_updates",
-    "make_env",
-    "picture_border",
-    "pixel_pretrain_config",
-    "pretrain_config",
-    "pretrain_hyper",
-    "quieten_warp",
-    "require_boxes",
-    "task_options",
-]
-
-
 Kind = TypeVar("Kind")
 
 _FEW_UPDATES = 5000  # it pays after 4,300 with displaced copies, 7,800 without (H200, JAX 0.11)

@@ -11,8 +11,6 @@ from jaxtyping import Float
 
 from .correlation import Correlation, correlation
 
-__all__ = ["AUDIT", "COLUMNS", "PREDICTORS", "SECTIONS", "text"]
-
 AUDIT = [f"{name}_{variant}" for variant in VARIANTS for name in FIGURES]
 COLUMNS = ("row", "seed", "tau", *AUDIT, *LAST)
 

@@ -10,8 +10,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import rankdata
 
-__all__ = ["Correlation", "correlation", "spearman"]
-
 
 class Correlation(NamedTuple):
     """Correlation of one figure with success; NaN where either is the same for all encoders."""

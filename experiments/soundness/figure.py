@@ -13,8 +13,6 @@ from matplotlib.figure import Figure
 from gril_jax.errors import ShapeError
 from gril_jax.report.figures.style import COLOURS, WIDTH, shortened, styled
 
-__all__ = ["figure"]
-
 _PANELS = {
     "tau": "Kendall's tau on held-out videos",
     "order_demo": "order accuracy, Demo starts",

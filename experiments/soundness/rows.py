@@ -10,8 +10,6 @@ from gril_jax.experiments.tables import rows as named_rows
 
 from gril_jax.config import RunConfig
 
-__all__ = ["ROWS", "Settings", "with_budget"]
-
 # Every row says all that any row changes, so that defaults may move without moving the table.
 _PAPER: dict[str, Any] = {
     "encoder.relations": False,

@@ -24,8 +24,6 @@ from .columns import AUDIT, COLUMNS, text
 from .figure import figure
 from .rows import Settings
 
-__all__ = ["TABLE"]
-
 
 def _plan(rows, num_classes: int, settings: Settings) -> list[Program]:
     tasks(rows[0].config.env)  # refuses what cannot be audited

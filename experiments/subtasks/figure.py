@@ -9,8 +9,6 @@ from matplotlib.figure import Figure
 from gril_jax.report.figures.curves import reward_profile
 from gril_jax.report.figures.style import COLOURS, GREY, styled
 
-__all__ = ["stages_figure"]
-
 _GREEN = COLOURS[2]
 
 

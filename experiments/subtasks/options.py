@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 from gril_jax.config.command_line import RunFolder
 from gril_jax.config.rules import count, optional, rule
 
-__all__ = ["Options"]
-
 
 @dataclass(frozen=True)
 class Options:

@@ -38,8 +38,6 @@ from .options import Options
 from .scores import scores
 from .sets import segments, write_sets
 
-__all__ = ["Traces", "discover", "main", "traces_of"]
-
 _FIGURES = 3  # held-out demonstrations that are drawn
 
 

@@ -10,8 +10,6 @@ from jaxtyping import Int
 
 from gril_jax.subtasks.matching import match_within
 
-__all__ = ["scores"]
-
 
 def scores(
     found: Sequence[Int[np.ndarray, "M"]], stages: Sequence[Mapping[str, int]], tolerance: int

@@ -12,8 +12,6 @@ from gril_jax.demos.vision.detect import Tracks
 from gril_jax.demos.vision.video import read_video
 from gril_jax.runs.progress import Progress
 
-__all__ = ["segment", "segments", "write_sets"]
-
 _LEAST = 2  # frames of a demonstration
 
 

@@ -36,8 +36,6 @@ from gril_jax.errors import RunError
 from gril_jax.report.figures.style import png
 from gril_jax.runs import run_dir
 
-__all__ = ["TABLE", "Sweep", "read_cells"]
-
 _COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
 _WHOLE = ("env_steps", "steps_80")
 _REACHED = median_reached(unit=1e-6, digits=2)

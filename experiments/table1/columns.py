@@ -15,8 +15,6 @@ from gril_jax.experiments.tables.written import (
 
 from .rows import PAPER
 
-__all__ = ["COLUMNS", "SECTIONS", "STARTS", "policy", "text"]
-
 STARTS = ("demo", "jitter", "layout")
 _LEVELS = (50, 80, 95)  # percent of success
 

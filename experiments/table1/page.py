@@ -18,8 +18,6 @@ from gril_jax.report.html import Cell, Part, Section, Table, render
 from .columns import SECTIONS, text
 from .rows import PAPER
 
-__all__ = ["page"]
-
 
 def page(found: Found, figure: bytes) -> str:
     """The page, as one self-contained file."""

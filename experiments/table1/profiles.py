@@ -21,8 +21,6 @@ from gril_jax.metrics.cycles import two_way_cycle_consistency
 from gril_jax.pretraining import pretrain
 from gril_jax.types import DemoBatch
 
-__all__ = ["measure", "profiles", "program"]
-
 
 def profiles(demos: Demonstrations) -> Measure:
     """Cycle consistency and rewards as a measure, on demonstrations kept aside and on failures."""

@@ -16,11 +16,6 @@ from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, X
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError
 
-__all__ = [
-    "EVALUATIONS", "PAPER", "QUICK", "QUICK_SEEDS", "QUICK_STEPS", "ROWS", "Settings", "check",
-    "paths", "with_steps",
-]  # fmt: skip
-
 # Every learned row says all that any of them changes, so that defaults may move without moving the
 # table. What trains policies, `ppo` or `sac`, and the task are the configuration's in all of them.
 _PAPER: dict[str, Any] = PAPERS_OWN | {

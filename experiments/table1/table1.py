@@ -29,8 +29,6 @@ from .page import page
 from .profiles import profiles
 from .rows import ROWS, Settings
 
-__all__ = ["TABLE"]
-
 
 def _pictures(found: Found, last: bool) -> Mapping[str, bytes]:
     """Figure and page at the end alone: they take seconds."""

@@ -16,8 +16,6 @@ from gril_jax.experiments.tables.written import (
 from .measures import MEASURES
 from .rows import PAPER
 
-__all__ = ["columns", "kinds", "text"]
-
 _shares = mean_interval(middle=False)
 
 _SECTIONS = (

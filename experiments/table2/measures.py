@@ -15,8 +15,6 @@ from jaxtyping import Bool, Float, Int
 from gril_jax.demos.schema import DemoEntry
 from gril_jax.metrics.separation import CONVENTIONS, cumulative, ratio, stage_order, success_auc
 
-__all__ = ["MEASURES", "kind_of", "measure", "stages_done"]
-
 # The separation ratio first in the convention that is compared with the paper's.
 MEASURES = (
     "rho_held", "rho_resampled", "rho_natural", "auc_final", "auc_held", "auc_resampled", "order",

@@ -13,10 +13,6 @@ from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, X
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 
-__all__ = [
-    "PAPER", "QUICK", "QUICK_ROWS", "QUICK_SEEDS", "ROWS", "USUAL", "Settings", "usable",
-]  # fmt: skip
-
 # Every row says all that any of them changes, so that defaults may move without moving the table.
 _PAPER: dict[str, Any] = PAPERS_OWN | {
     "encoder.latent": 32,

@@ -31,8 +31,6 @@ from .columns import columns, text
 from .measures import MEASURES, measure, stages_done
 from .rows import Settings
 
-__all__ = ["TABLE"]
-
 _LEAST = 2  # recordings of either outcome
 
 

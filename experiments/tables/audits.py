@@ -26,8 +26,6 @@ from gril_jax.reward.latent_goal import RewardParams
 
 from .measures import Measure, blank_rewards, stacked
 
-__all__ = ["FIGURES", "VARIANTS", "Ground", "audit", "ground", "measure", "program", "tasks"]
-
 VARIANTS = ("demo", "layout")
 
 # Short names of what is kept of `gril_jax.audit.measures.Measures`.

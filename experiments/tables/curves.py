@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-__all__ = ["LAST", "Curve", "at_the_end", "curves", "first_at", "in_last_tenth"]
-
 LAST = ("env_steps", "success", "success_sampled", "success_ever", "score")  # of `at_the_end`
 
 

@@ -16,8 +16,6 @@ from gril_jax.report.figures.style import COLOURS, GREY, WIDTH, shortened, style
 
 from .curves import Curve
 
-__all__ = ["draw_spread", "learning_curves"]
-
 _FEW = 6  # bands that can be told apart where they overlap
 _COLUMNS = 3
 _SUCCESS = "success, sampled actions"

@@ -32,8 +32,6 @@ from .rows import with_seeds
 from .table import Found, Table
 from .training import learn_policies
 
-__all__ = ["make"]
-
 Echo = Callable[[str], None]
 
 

@@ -21,8 +21,6 @@ from gril_jax.runs.run_dir import RunDir
 from .rewards import LearnedReward, learns, reward_key, stack
 from .rows import Row
 
-__all__ = ["TAU", "Measure", "blank_rewards", "stacked", "tasks"]
-
 
 class Measure(NamedTuple):
     """Something measured of a row's rewards, which differ in their seeds alone."""

@@ -21,11 +21,6 @@ from gril_jax.runs import hosts
 from .rewards import keys, stack
 from .rows import Row
 
-__all__ = [
-    "Program", "Ready", "arguments", "get_ready", "programs", "tasks", "tasks_of_parts",
-    "updates_of_chunks",
-]  # fmt: skip
-
 
 class Program(NamedTuple):
     """Rows that are trained together."""

@@ -19,8 +19,6 @@ from .rows import Settings, differing, read_settings
 from .table import Found, Table
 from .written import csv, read_csv
 
-__all__ = ["join", "read", "redraw", "write"]
-
 Echo = Callable[[str], None]
 
 

@@ -24,11 +24,6 @@ from gril_jax.types import DemoBatch
 
 from .rows import Row
 
-__all__ = [
-    "LearnedReward", "Wanted", "get_ready", "keys", "learns", "needed", "reward_key", "stack",
-    "task_key", "tasks",
-]  # fmt: skip
-
 
 class LearnedReward(NamedTuple):
     """A learned reward, its tau and its demonstrations."""

@@ -16,23 +16,6 @@ from gril_jax.errors import ConfigError, RunError
 from gril_jax.runs.phases import changed_fields
 from gril_jax.safe_files import write_whole, writing
 
-__all__ = [
-    "GRAPHIRL",
-    "PAPERS_OWN",
-    "WITH_ROBOT",
-    "XIRL",
-    "Row",
-    "Rows",
-    "Settings",
-    "changed",
-    "chosen_rows",
-    "differing",
-    "read_settings",
-    "require_learned",
-    "with_seeds",
-    "write_settings",
-]  # fmt: skip
-
 # Name to what it changes: dotted paths of the configuration, and their values.
 Rows = Mapping[str, Mapping[str, Any]]
 

@@ -14,8 +14,6 @@ from .programs import Program
 from .rows import Row, Settings, changed, write_settings
 from .written import Line
 
-__all__ = ["Found", "Table"]
-
 
 class Found(NamedTuple):
     """The results of the rows and seeds that have finished, in the order of the table."""

@@ -19,8 +19,6 @@ from gril_jax.runs.run_dir import RunDir
 from .programs import Program, Ready, arguments, tasks_of_parts, updates_of_chunks
 from .rewards import LearnedReward, learns, reward_key, stack
 
-__all__ = ["learn_policies"]
-
 
 def learn_policies(
     program: Program,

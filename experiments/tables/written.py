@@ -16,11 +16,6 @@ from jaxtyping import Float
 
 from gril_jax.metrics.interquartile import interquartile_interval, interquartile_mean
 
-__all__ = [
-    "SEEDS", "Column", "Line", "Section", "by_row", "cells", "column", "csv", "markdown",
-    "mean_interval", "mean_range", "median_reached", "read_csv", "same", "with_paper",
-]  # fmt: skip
-
 Line = Mapping[str, Any]
 
 _MOST = 4  # columns beside the rows' names

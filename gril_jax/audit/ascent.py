@@ -19,8 +19,6 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from .scene_reward import Scene, SceneReward
 from .task import StagedTask
 
-__all__ = ["Found", "ascend", "search"]
-
 _FIRST, _LAST = 0.15, 0.002  # length of a step, in half extents of the plane
 _LANES = 50  # ascents side by side: their activations should fit into a CPU's cache
 

@@ -23,17 +23,6 @@ from .states import FACTORS, Battery, battery
 from .sweeps import alone, pushed
 from .task import StagedTask
 
-__all__ = [
-    "Audit",
-    "Measures",
-    "Rewards",
-    "States",
-    "audit",
-    "make_states",
-    "measure",
-    "rewards_of",
-]
-
 SUCCESS = 0.999  # true progress that counts as success
 _SIDE = 25
 _TOGETHER = 256  # states side by side

@@ -16,8 +16,6 @@ from gril_jax.errors import ConfigError
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.reward.latent_goal import latent_reward
 
-__all__ = ["Scene", "SceneReward", "activity_bits", "scene_reward"]
-
 _MOVED = 1e-4  # world units: less is rounding
 
 

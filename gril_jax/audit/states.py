@@ -27,8 +27,6 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from .scene_reward import Scene, activity_bits
 from .task import StagedTask
 
-__all__ = ["FACTORS", "Battery", "battery", "orders"]
-
 FACTORS = (
     "start", "progress", "success", "touched", "wrong place", "detour", "robot", "undone",
     "wrong object", "scattered", "random",

@@ -11,8 +11,6 @@ from jaxtyping import Array, Bool, Float
 from .scene_reward import Scene, activity_bits
 from .task import StagedTask
 
-__all__ = ["alone", "grid", "pushed"]
-
 
 def grid(half_extent: float, side: int) -> Float[Array, "G G 2"]:
     """Equally spaced places over |x|, |y| <= half_extent."""

@@ -5,8 +5,6 @@ from typing import Any, Protocol, runtime_checkable
 
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-__all__ = ["StagedTask"]
-
 
 @runtime_checkable
 class StagedTask(Protocol):

@@ -10,12 +10,6 @@ from pathlib import Path
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError, RunError
 
-__all__ = [
-    "Work", "check_surroundings", "demo_set_to_write", "echo", "existing_folder", "explained",
-    "hard_negatives", "in_full", "positional", "require_left_to_options",
-    "require_new_file", "resumed_config", "run_config", "run_config_of", "take", "whole_number",
-]  # fmt: skip
-
 _ROUNDS = 2  # of hard negatives
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood

@@ -10,8 +10,6 @@ from .arguments import Work, echo
 from .heavy_imports import heavy_imports
 from .verb import Verb
 
-__all__ = ["NoOptions", "benchmark"]
-
 
 @dataclass(frozen=True)
 class NoOptions:

@@ -14,8 +14,6 @@ from typing import NamedTuple
 
 from gril_jax.runs.run_dir import package_versions
 
-__all__ = ["Check", "check_all", "exit_code", "gl_checks", "probe", "table"]
-
 _DEVICES = "import jax; print(', '.join(str(d) for d in jax.devices()))"
 
 _JIT = """

@@ -14,8 +14,6 @@ from gril_jax.config import MakeDemosConfig, RunConfig
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
-__all__ = ["heavy_imports"]
-
 _THREADS = 4  # of XLA on a CPU, that two of them may block
 
 

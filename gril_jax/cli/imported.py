@@ -6,8 +6,6 @@ from typing import Any
 from .arguments import Work, echo
 from .heavy_imports import heavy_imports
 
-__all__ = ["imported"]
-
 
 def imported(function: str, source: Path, out: Path, *args: Any, **options: Any) -> Work:
     """A set made by a function of `gril_jax.demos.importing`, which tells its progress."""

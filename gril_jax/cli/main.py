@@ -18,8 +18,6 @@ from gril_jax.runs.interrupt import Interrupted, heard
 from . import verbs
 from .arguments import Work
 
-__all__ = ["help_page", "main"]
-
 _USAGE = """\
 usage: gril VERB [options]
 

@@ -8,8 +8,6 @@ from gril_jax.errors import ConfigError
 from .arguments import Work, hard_negatives, resumed_config, run_config, take
 from .verb import experiment
 
-__all__ = ["new_run"]
-
 _OPTIONS = (
     "--resume RUN goes on with a run that was cut off. --hard-negatives RUN,RUN also learns from "
     "states that the rewards of one or two earlier runs overestimated."

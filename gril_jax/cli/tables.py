@@ -18,8 +18,6 @@ from .arguments import Work, echo, run_config, take, whole_number
 from .heavy_imports import heavy_imports
 from .verb import Verb
 
-__all__ = ["Loader", "made", "not_beside", "redrawn", "rows_taken", "table"]
-
 Loader = Callable[[str | None, list[str]], RunConfig]  # from a configuration's name and options
 
 _GOES_ON = (

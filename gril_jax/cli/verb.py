@@ -10,8 +10,6 @@ from gril_jax.config import MakeDemosConfig, RunConfig
 from .arguments import Work, echo
 from .heavy_imports import heavy_imports
 
-__all__ = ["Verb", "experiment"]
-
 
 class Verb(NamedTuple):
     """A verb, which its module defines as `VERB`."""

@@ -26,8 +26,6 @@ import jax
 
 from gril_jax import threads
 
-__all__ = ["Task", "carry_out", "compiling", "tracing"]
-
 _FEW = 4  # cores that one compiler and one training keep busy
 _MOST = 8  # each compiler has threads of its own
 

@@ -18,8 +18,6 @@ from typing import Any
 
 import jax
 
-__all__ = ["compiled"]
-
 _OPTIONS: dict[str, dict[str, Any]] = {"cpu": {"xla_backend_optimization_level": 1}}
 _BRIEF: dict[str, dict[str, Any]] = _OPTIONS | {
     "gpu": {

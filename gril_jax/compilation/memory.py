@@ -19,8 +19,6 @@ from jax.extend.core import jaxprs_in_params
 from gril_jax.errors import ConfigError
 from gril_jax.rl.training import Algorithm
 
-__all__ = ["available_bytes", "predict_bytes", "split"]
-
 _COPIES = 3  # of the collected data
 # Peak of one control step, as a multiple of the task's physics state. 222 on MatchRegions with five
 # blocks, compiled for a CPU, whatever the number of environments and the length of an unroll; the

@@ -27,18 +27,6 @@ from gril_jax.rl import training
 
 from .compiler import compiled
 
-__all__ = [
-    "Compiled",
-    "Lowered",
-    "advance",
-    "by_seed",
-    "init",
-    "lowered",
-    "mesh",
-    "place",
-    "shardings",
-]
-
 
 def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
     """Devices as a grid of axes "seeds" and "envs", with as many as possible on "seeds".

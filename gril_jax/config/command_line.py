@@ -21,8 +21,6 @@ from gril_jax.errors import ConfigError
 
 from .rules import require
 
-__all__ = ["RunFolder", "nearest", "options", "parse"]
-
 RunFolder = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
 
 Schema = TypeVar("Schema")

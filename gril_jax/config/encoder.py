@@ -10,8 +10,6 @@ from typing import Literal
 from .rules import above, at_least, between, rule
 from .tables import ENCODERS
 
-__all__ = ["EncoderOptions", "PoolConfig"]
-
 
 @dataclass(frozen=True)
 class EncoderOptions:

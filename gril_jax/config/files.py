@@ -19,8 +19,6 @@ from gril_jax.errors import ConfigError
 
 from .command_line import nearest, parse
 
-__all__ = ["find", "load", "names", "to_yaml"]
-
 Schema = TypeVar("Schema")
 
 

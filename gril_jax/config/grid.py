@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from gril_jax.config.run_config import RunConfig
 from gril_jax.errors import ConfigError
 
-__all__ = ["Axis", "Cell", "cells", "take_axes", "with_seed"]
-
 
 @dataclass(frozen=True)
 class Axis:

@@ -7,8 +7,6 @@ from gril_jax.errors import ConfigError
 
 from .rules import above, at_least, between, rule
 
-__all__ = ["PPOConfig", "SACConfig", "check_replay"]
-
 
 @dataclass(frozen=True)
 class PPOConfig:

@@ -12,8 +12,6 @@ import tyro
 from .rules import above, at_least, between
 from .tables import ALIGNMENTS
 
-__all__ = ["LossConfig", "PretrainConfig"]
-
 
 @dataclass(frozen=True)
 class LossConfig:

@@ -5,8 +5,6 @@ from typing import Any
 
 from gril_jax.errors import ConfigError
 
-__all__ = ["above", "at_least", "between", "count", "optional", "require", "rule"]
-
 
 def rule(holds: Callable[[Any], bool], text: str) -> dict[str, Any]:
     """Field metadata: a predicate on the value, and its description after "must be"."""

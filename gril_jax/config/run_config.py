@@ -15,30 +15,10 @@ from typing import Any, Literal
 from gril_jax.errors import ConfigError
 
 from .encoder import EncoderOptions, PoolConfig
-from .policy import PPOConfig, SACConfig
 from .reward import LossConfig, PretrainConfig
 from .rules import at_least, between, require, rule
 from .tables import ALGORITHMS, ENCODERS, REWARDS, alternatives
-from .task import BLOCK_COLOURS, BLOCK_SHAPES, DemosConfig, EnvConfig, TaskName, Variant
-
-__all__ = [
-    "BLOCK_COLOURS",
-    "BLOCK_SHAPES",
-    "DemosConfig",
-    "EncoderOptions",
-    "EnvConfig",
-    "LossConfig",
-    "MakeDemosConfig",
-    "PPOConfig",
-    "PoolConfig",
-    "PretrainConfig",
-    "RunConfig",
-    "RunSettings",
-    "SACConfig",
-    "TaskName",
-    "Variant",
-    "check",
-]
+from .task import DemosConfig, EnvConfig
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,6 @@ from typing import Any, NamedTuple
 
 from .policy import PPOConfig, SACConfig
 
-__all__ = [
-    "ALGORITHMS", "ALIGNMENTS", "ENCODERS", "REWARDS", "Algorithm", "Encoder", "Reward",
-    "alternatives", "find",
-]  # fmt: skip
-
 
 class Encoder(NamedTuple):
     """A network from a scene graph, or from a picture, to a latent."""

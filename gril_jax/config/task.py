@@ -11,16 +11,6 @@ from gril_jax.errors import ConfigError
 
 from .rules import at_least, between, rule
 
-__all__ = [
-    "BLOCK_COLOURS",
-    "BLOCK_SHAPES",
-    "DemosConfig",
-    "EnvConfig",
-    "Places",
-    "TaskName",
-    "Variant",
-]
-
 BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 

@@ -24,8 +24,6 @@ from jaxtyping import UInt8
 from gril_jax.demos.vision.detect import Tracks, carried
 from gril_jax.errors import DemoError
 
-__all__ = ["COLUMNS", "BoxesFileDetector"]
-
 COLUMNS = ("frame", "class", "x_min", "y_min", "x_max", "y_max")
 
 _Boxes = dict[tuple[int, str], tuple[float, float, float, float]]

@@ -24,19 +24,8 @@ from gril_jax.errors import DemoError
 from gril_jax.types import DemoBatch
 
 from .schema import DTYPES, HEADER, DemoEntry, check_header, check_tracks, digest
-from .writer import Demo, save_demo_set
-
-__all__ = [
-    "ROBOTS",
-    "Demo",
-    "DemoSet",
-    "demo_batch",
-    "load_demo_set",
-    "padded",
-    "save_demo_set",
-    "select_objects",
-    "trim_static_tail",
-]
+from .writer import Demo as Demo
+from .writer import save_demo_set as save_demo_set
 
 ROBOTS = ("robot", "left finger", "right finger", "hand")  # classes that are parts of a robot
 _NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)

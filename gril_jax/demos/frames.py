@@ -11,8 +11,6 @@ from gril_jax.demos.vision.video import read_video
 from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import DemoError
 
-__all__ = ["frame_batch", "shrink"]
-
 
 def frame_batch(
     demo_set: DemoSet, names: Sequence[str], *, pixels: int, half_extent: float | None = None

@@ -21,8 +21,6 @@ from gril_jax.threads import parallel_map
 from .boxes_csv import BoxesFileDetector
 from .magical_pickles import FPS, HALF_EXTENT, list_magical, read_magical
 
-__all__ = ["Imported", "import_magical", "import_videos"]
-
 _VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif")
 
 

@@ -22,16 +22,6 @@ from jaxtyping import Int, UInt8
 
 from gril_jax.errors import DemoError
 
-__all__ = [
-    "FPS",
-    "HALF_EXTENT",
-    "NUM_ACTIONS",
-    "MagicalDemo",
-    "list_magical",
-    "read_actions",
-    "read_magical",
-]
-
 FPS = 8.0
 HALF_EXTENT = 1.02  # world units: half the width of the allocentric view
 NUM_ACTIONS = 18  # 2 grips x 3 turns x 3 drives

@@ -10,17 +10,6 @@ import numpy as np
 from gril_jax.demos.vision.detect import Tracks
 from gril_jax.errors import DemoError
 
-__all__ = [
-    "DTYPES",
-    "HEADER",
-    "OUTCOMES",
-    "SCHEMA_VERSION",
-    "DemoEntry",
-    "check_header",
-    "check_tracks",
-    "digest",
-]
-
 HEADER = "demos.json"
 SCHEMA_VERSION = 1
 OUTCOMES = ("success", "failure", "unknown")

@@ -18,8 +18,6 @@ from gril_jax.errors import DemoError
 
 from .schema import HEADER, OUTCOMES, SCHEMA_VERSION, check_header, check_tracks, digest
 
-__all__ = ["Demo", "save_demo_set"]
-
 
 class Demo(NamedTuple):
     """A demonstration to save."""

@@ -11,8 +11,6 @@ from gril_jax.errors import ShapeError
 from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import Nodes
 
-__all__ = ["box_corners", "class_distances", "history_features", "last_frame"]
-
 _FAR = 1e30  # finite: it is only ever hidden again
 
 

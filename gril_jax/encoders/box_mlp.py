@@ -24,8 +24,6 @@ from .box_features import history_features, last_frame
 from .message_passing import Params
 from .pooling import weighted_pool
 
-__all__ = ["MLPConfig", "apply", "init"]
-
 
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)

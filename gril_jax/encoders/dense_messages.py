@@ -17,8 +17,6 @@ from jaxtyping import Array, Bool, Float
 
 from gril_jax.errors import ShapeError
 
-__all__ = ["square_edges", "sum_messages", "thin_product"]
-
 # Up to this many nodes one sender at a time, unrolled: the (N, N, H) messages never lie in memory,
 # which makes the fastest forward pass on CPU. Beyond it the unrolled program would grow long.
 _MOST_UNROLLED = 16

@@ -24,27 +24,12 @@ from gril_jax.config.tables import ENCODERS, find
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.types import SceneGraph
 
-from .box_mlp import MLPConfig
+from .box_mlp import MLPConfig as MLPConfig
 from .ensemble import latent_size, member, num_members
-from .interaction_network import InteractionConfig
-from .message_passing import EncoderConfig, Form, Params
-from .resnet import PixelConfig
-
-__all__ = [
-    "AnyConfig",
-    "EncoderConfig",
-    "GraphConfig",
-    "InteractionConfig",
-    "MLPConfig",
-    "NodeConfig",
-    "Params",
-    "PixelConfig",
-    "apply",
-    "init",
-    "node_embeddings",
-    "readout",
-    "sees_robot",
-]
+from .interaction_network import InteractionConfig as InteractionConfig
+from .message_passing import EncoderConfig as EncoderConfig
+from .message_passing import Form, Params
+from .resnet import PixelConfig as PixelConfig
 
 _KINDS = {find(one.config): one for one in ENCODERS.values()}
 # Encoders that embed each node before they pool; of scene graphs; of anything.

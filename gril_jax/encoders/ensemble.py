@@ -17,8 +17,6 @@ from jaxtyping import Array, Float
 from gril_jax.errors import ShapeError
 from gril_jax.graphs.scene import safe_norm
 
-__all__ = ["latent_size", "member", "num_members", "split", "worst_distance"]
-
 
 def num_members(config: Any) -> int:
     """Number of networks in an encoder's config; 1 for kinds without ensembles."""

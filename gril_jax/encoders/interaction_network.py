@@ -36,8 +36,6 @@ from .dense_messages import sum_messages
 from .message_passing import Form, Params
 from .pooling import node_weights, weighted_pool
 
-__all__ = ["InteractionConfig", "init", "node_embeddings", "readout"]
-
 
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)

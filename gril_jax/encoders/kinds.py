@@ -17,8 +17,6 @@ from gril_jax.errors import ConfigError
 
 from .encoder import AnyConfig
 
-__all__ = ["KINDS", "from_json", "to_json"]
-
 KINDS = {one.saved or name: find(one.config) for name, one in ENCODERS.items()}
 
 # A file must not make its reader build a network without end.

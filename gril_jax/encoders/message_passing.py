@@ -22,8 +22,6 @@ from gril_jax.types import SceneGraph
 from .dense_messages import square_edges, sum_messages, thin_product
 from .pooling import node_weights, weighted_pool
 
-__all__ = ["EncoderConfig", "Form", "Params", "init", "node_embeddings", "readout"]
-
 Params = PyTree[Float[Array, "..."]]
 
 # How messages are computed; the numbers are the same. "dense" is for one complete graph, one

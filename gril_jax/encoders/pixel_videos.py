@@ -9,8 +9,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray, UInt8
 
-__all__ = ["VideoBatch", "turn"]
-
 
 class VideoBatch(NamedTuple):
     """Videos of square frames, padded to a common length with their last frame."""

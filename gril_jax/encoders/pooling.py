@@ -9,8 +9,6 @@ from jaxtyping import Array, Bool, Float
 
 from gril_jax.config.encoder import PoolConfig
 
-__all__ = ["node_weights", "weighted_pool"]
-
 
 def node_weights(
     active: Bool[Array, "N"],

@@ -26,8 +26,6 @@ from gril_jax.errors import ConfigError, ShapeError, require_at_least
 
 from .message_passing import Params
 
-__all__ = ["STAGES", "PixelConfig", "apply", "apply_train", "floats", "init"]
-
 # Channels and first stride of the four stages, each of two blocks of two 3 x 3 convolutions.
 STAGES = ((64, 1), (128, 2), (256, 2), (512, 2))
 

@@ -32,8 +32,6 @@ from jaxtyping import Array, Bool, Float, Int
 from gril_jax.config.encoder import PoolConfig
 from gril_jax.errors import ConfigError, ShapeError
 
-__all__ = ["Memory", "Start", "init", "step", "trajectory"]
-
 # Standard deviations of a resting centre's displacement that count as motion. For Gaussian noise
 # exp(-z^2 / 2) of the frames exceed z of them: 4 in a million.
 _DEVIATIONS = 5.0

@@ -18,8 +18,6 @@ from gril_jax.errors import ConfigError
 
 from . import activity
 
-__all__ = ["PAPER", "ActivityRule", "from_json"]
-
 
 class ActivityRule(NamedTuple):
     """Options of `activity.init` and `activity.step`, which document them. Static."""

@@ -9,8 +9,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.types import Nodes, SceneGraph
 
-__all__ = ["edge_indices", "safe_norm", "scene_graph"]
-
 
 def edge_indices(num_nodes: int) -> tuple[Int[Array, "E"], Int[Array, "E"]]:
     """Senders and receivers of the complete directed graph without self edges.

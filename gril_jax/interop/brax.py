@@ -22,8 +22,6 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from gril_jax.errors import ConfigError
 from gril_jax.reward.learned_reward import LearnedReward
 
-__all__ = ["RewardWrapper"]
-
 _KEY = "learned_reward"
 
 

@@ -14,8 +14,6 @@ import numpy as np
 
 from gril_jax.reward.learned_reward import LearnedReward
 
-__all__ = ["RewardWrapper"]
-
 
 class RewardWrapper(gymnasium.Wrapper):
     """The environment with the learned reward; its own is `info["task_reward"]` from then on."""

@@ -17,8 +17,6 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.reward.learned_reward import LearnedReward, Memory
 
-__all__ = ["RewardState", "RewardWrapper"]
-
 
 class RewardState(NamedTuple):
     """An environment's state, and the reward's memory of the episode."""

@@ -56,17 +56,6 @@ from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.safe_files import new_file, writing
 
-__all__ = [
-    "FORMAT",
-    "VERSION",
-    "action_layout",
-    "describe",
-    "main",
-    "observation_layout",
-    "policy_arrays",
-    "write",
-]
-
 FORMAT, VERSION = "gril-jax policy", 1
 
 _ACTIVATION = "swish"  # brax's default, which PPO and SAC keep; the last layer has none

@@ -45,8 +45,6 @@ from gril_jax.types import DemoBatch
 from . import reward_format
 from .reward_format import RewardFileError
 
-__all__ = ["RewardFileError", "load_reward", "save_reward"]
-
 # What NumPy and zipfile raise for damaged files.
 _DAMAGED = (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, RuntimeError,
             SyntaxError, MemoryError, OverflowError, zipfile.BadZipFile, zlib.error)  # fmt: skip

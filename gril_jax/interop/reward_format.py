@@ -23,18 +23,6 @@ from gril_jax.graphs import activity_rule
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 
-__all__ = [
-    "FORMAT",
-    "VERSION",
-    "RewardFileError",
-    "blank",
-    "check_arrays",
-    "describe",
-    "named",
-    "parse",
-    "understand",
-]
-
 FORMAT, VERSION = "gril-jax reward", 1
 
 

@@ -17,15 +17,6 @@ from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.losses.tcc.soft_neighbour import check_positive
 from gril_jax.types import Nodes
 
-__all__ = [
-    "decode",
-    "decode_graph",
-    "init",
-    "init_graph",
-    "reconstruction",
-    "reconstruction_terms",
-]
-
 
 def init(key: PRNGKeyArray, config: NodeConfig) -> Params:
     """Initial parameters of the node decoder, for an encoder of this config. Consumes the key."""

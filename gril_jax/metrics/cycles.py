@@ -9,8 +9,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-__all__ = ["nearest_frames", "two_way_cycle_consistency"]
-
 
 def two_way_cycle_consistency(
     latents: Float[Array, "B T D"],

@@ -12,8 +12,6 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.errors import ConfigError, ShapeError
 
-__all__ = ["interquartile_interval", "interquartile_mean"]
-
 
 def interquartile_mean(scores: Float[Array, "*shape"]) -> Float[Array, ""]:
     """Mean of the scores without the lowest and the highest quarter.

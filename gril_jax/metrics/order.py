@@ -11,13 +11,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-__all__ = [
-    "alignment_tau",
-    "kendall_tau",
-    "mean_alignment_tau",
-    "reward_time_tau",
-]
-
 
 def kendall_tau(
     x: Float[Array, "T"] | Int[Array, "T"], length: Int[Array, ""] | int | None = None

@@ -12,8 +12,6 @@ from typing import Literal
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-__all__ = ["CONVENTIONS", "Convention", "cumulative", "ratio", "stage_order", "success_auc"]
-
 Convention = Literal["natural", "resampled", "held"]
 CONVENTIONS: tuple[Convention, ...] = ("natural", "resampled", "held")
 

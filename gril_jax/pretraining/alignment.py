@@ -13,8 +13,6 @@ from gril_jax.losses import mean_consistency, soft_dtw_divergence, stochastic_co
 
 from .options import Hyper, PixelStatic, Static
 
-__all__ = ["aligned", "cycle", "warping"]
-
 
 def aligned(
     key: PRNGKeyArray,

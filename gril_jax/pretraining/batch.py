@@ -11,8 +11,6 @@ from gril_jax.types import DemoBatch
 
 from .options import PixelStatic
 
-__all__ = ["draw", "touch", "turn"]
-
 
 def draw(
     key: PRNGKeyArray, length: Int[Array, "B"], num_frames: int, config: PixelStatic

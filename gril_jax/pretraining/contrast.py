@@ -31,8 +31,6 @@ from . import batch
 from .final_places import FinalPlaces, misplacement
 from .options import Hyper, Static
 
-__all__ = ["Copy", "contrast", "displaced"]
-
 # How likely a displaced object goes where: anywhere, back to its start, to the last place of
 # another object, a little way off, around the object that its class refers to.
 _PLACES = (0.3, 0.1, 0.15, 0.15, 0.3)

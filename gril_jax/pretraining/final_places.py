@@ -23,8 +23,6 @@ from gril_jax.config.reward import LossConfig
 from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import DemoBatch
 
-__all__ = ["FinalPlaces", "astray", "final_places", "has_moved", "intrusion", "misplacement"]
-
 _TAIL = 0.1  # share of the ends that the box leaves out on each side: mishaps and overhangs
 _STRAY = 0.05  # a class of which more than this share of ends lies in a box is no intruder
 

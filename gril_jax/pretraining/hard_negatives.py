@@ -23,8 +23,6 @@ from gril_jax.graphs.scene import safe_norm
 
 from .final_places import FinalPlaces, misplacement
 
-__all__ = ["Chosen", "choose", "due_rewards"]
-
 
 class Chosen(NamedTuple):
     """Chosen states of episodes, the most overestimated first."""

@@ -26,8 +26,6 @@ from gril_jax.types import DemoBatch, Nodes
 from .alignment import aligned
 from .options import Hyper, Static
 
-__all__ = ["Terms", "init_decoder", "latents", "terms"]
-
 
 class Terms(NamedTuple):
     """The parts of the loss, before lambda."""

@@ -15,8 +15,6 @@ from gril_jax.config.tables import ALIGNMENTS
 from gril_jax.encoders.encoder import GraphConfig, NodeConfig, PixelConfig
 from gril_jax.errors import ConfigError, require_at_least
 
-__all__ = ["Hyper", "PixelStatic", "Static"]
-
 Number = Float[Array, ""] | float
 
 

@@ -29,8 +29,6 @@ from . import batch
 from .alignment import aligned
 from .options import Hyper, PixelStatic
 
-__all__ = ["Metrics", "TrainState", "evaluate", "init", "step"]
-
 
 class TrainState(NamedTuple):
     """Everything the next update depends on; saving it is enough to resume bit for bit."""

@@ -34,19 +34,6 @@ from . import loss as pretrain_loss
 from .final_places import final_places
 from .options import Hyper, Static
 
-__all__ = [
-    "Hyper",
-    "Metrics",
-    "Static",
-    "TrainParams",
-    "TrainState",
-    "activity_bits",
-    "embed",
-    "evaluate",
-    "init",
-    "step",
-]
-
 
 class TrainParams(NamedTuple):
     """Trained parameters. The reward needs only the encoder."""

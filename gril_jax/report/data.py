@@ -21,18 +21,6 @@ from gril_jax.config.tables import ALGORITHMS
 from gril_jax.errors import RunError
 from gril_jax.runs.run_dir import read_metrics, read_results
 
-__all__ = [
-    "SPLITS",
-    "Profiles",
-    "Rollouts",
-    "number",
-    "read_finished",
-    "read_profiles",
-    "read_rollouts",
-    "read_rows",
-    "read_versions",
-]
-
 SPLITS = ("train", "validation", "failure")
 _NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
 # Which field counts, by phase.

@@ -12,8 +12,6 @@ from gril_jax.errors import RunError
 
 from .data import number
 
-__all__ = ["Tile", "Verdict", "headline", "in_words", "stage_times", "verdict", "wilson"]
-
 _Z = 1.959963984540054  # 97.5% of a standard normal distribution lie below it
 _WHERE = "results.json"
 _SOLVED = 0.9  # success rate from which a run is said to have worked

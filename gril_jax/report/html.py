@@ -14,8 +14,6 @@ from gril_jax.safe_files import write_whole, writing
 
 from .headline import Tile, Verdict
 
-__all__ = ["Cell", "Part", "Section", "Table", "render", "save"]
-
 
 class Part(NamedTuple):
     """A picture or video with its caption; or only a sentence if `contents` is None."""

@@ -25,8 +25,6 @@ from gril_jax.threads import parallel_map
 from .data import Profiles, read_finished, read_profiles, read_rows
 from .html import save
 
-__all__ = ["Inputs", "films_of", "read_inputs"]
-
 _FILMS = 3  # demonstrations on the contact sheet
 _bits = jax.jit(activity.trajectory, static_argnames=("window", "smoothing", "noise"))
 

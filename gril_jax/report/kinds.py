@@ -11,8 +11,6 @@ from pathlib import Path
 
 from gril_jax.errors import RunError
 
-__all__ = ["made_by", "require_single"]
-
 _SINGLE = (None, "train", "pretrain")
 _INSTEAD = {"table1": "its page is report.html, its table table1.md"} | {
     name: f"it has no page, but the table {name}.md and the figure {name}.png"

@@ -28,8 +28,6 @@ from .html import Part, Section, render
 from .inputs import Inputs, films_of, read_inputs
 from .kinds import require_single
 
-__all__ = ["write_report"]
-
 _TOP = 4  # numbers on the first screen
 _NO_POLICY = Part("No policy has been trained in this run.")
 

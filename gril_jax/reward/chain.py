@@ -32,8 +32,6 @@ from gril_jax.encoders.ensemble import split, worst_distance
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs.scene import safe_norm
 
-__all__ = ["ChainParams", "ChainProgress", "from_latents", "init", "step", "trajectory"]
-
 
 class ChainParams(NamedTuple):
     """Goals in order. A distance is in units of its own stage: 1 at the stage's start."""

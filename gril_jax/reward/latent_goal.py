@@ -36,16 +36,6 @@ from gril_jax.graphs import activity
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.types import DemoBatch, SceneGraph
 
-__all__ = [
-    "Options",
-    "RewardParams",
-    "demo_latents",
-    "from_demos",
-    "from_latents",
-    "latent_goal_reward",
-    "latent_reward",
-]
-
 # How a goal is made: the mean of the last frames, each of them, or the caller's own latents.
 Goal = Literal["mean", "each"] | Float[Array, "D"] | Float[Array, "G D"]
 

@@ -27,8 +27,6 @@ from gril_jax.graphs import activity
 from gril_jax.graphs.activity_rule import PAPER, ActivityRule
 from gril_jax.reward.latent_goal import RewardParams, latent_goal_reward
 
-__all__ = ["LearnedReward", "Memory"]
-
 
 class Memory(NamedTuple):
     """Memory of an episode, to be reset when an episode begins."""

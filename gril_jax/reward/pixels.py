@@ -20,8 +20,6 @@ from gril_jax.reward.latent_goal import RewardParams
 
 from . import latent_goal
 
-__all__ = ["embed", "from_videos"]
-
 
 @jax.jit
 def embed(params: Params, videos: VideoBatch, config: PixelConfig) -> Float[Array, "B T D"]:

@@ -26,8 +26,6 @@ from jaxtyping import Array, Bool, Float
 
 from gril_jax.errors import ConfigError, ShapeError
 
-__all__ = ["episode", "step"]
-
 
 def step(
     potential: Float[Array, "*batch"],

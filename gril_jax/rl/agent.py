@@ -17,8 +17,6 @@ from .episodes import Episodes, EpisodeState
 from .policy import Policy
 from .rewards import AnyReward
 
-__all__ = ["Agent", "Sizes"]
-
 
 @runtime_checkable
 class Sizes(Protocol):

@@ -14,8 +14,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
-__all__ = ["count", "join", "minibatches", "split"]
-
 _MOST = 64  # devices that one seed may usefully be spread over
 _LEAST = 256  # environments of a block: enough of them to be shuffled among
 

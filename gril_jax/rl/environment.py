@@ -4,8 +4,6 @@ from typing import Any, Protocol, runtime_checkable
 
 from jaxtyping import Array, Float, PRNGKeyArray
 
-__all__ = ["Environment"]
-
 
 @runtime_checkable
 class Environment(Protocol):

@@ -18,8 +18,6 @@ from gril_jax.graphs import activity
 from .environment import Environment
 from .rewards import AnyReward, Reward, as_reward
 
-__all__ = ["EpisodeState", "Episodes", "StepResult", "reset_where"]
-
 
 class EpisodeState(NamedTuple):
     """Episode state of one environment."""

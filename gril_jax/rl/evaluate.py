@@ -10,8 +10,6 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from .policy import Policy
 from .training import Algorithm
 
-__all__ = ["Evaluation", "evaluate"]
-
 
 class Evaluation(NamedTuple):
     """E episodes of T control steps; frame 0 of `states` is the reset."""

@@ -9,16 +9,6 @@ import jax.numpy as jnp
 from brax.training.acme import running_statistics, specs
 from jaxtyping import Array, Float, PRNGKeyArray
 
-__all__ = [
-    "LEAST_DEVIATION",
-    "MAX_OBSERVATION",
-    "Policy",
-    "fresh_normalizer",
-    "fresh_weights",
-    "normalize",
-    "observed",
-]
-
 # Tasks give observations of about unit size. An input that hardly varies in training, such as the
 # place of a region that always lies there, has next to no deviation: divided by it, a change that
 # nobody would notice is beyond all that the networks have seen. Policies of MatchRegions whose

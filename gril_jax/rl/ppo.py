@@ -27,8 +27,6 @@ from .environment import Environment
 from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
 from .rewards import AnyReward
 
-__all__ = ["PPO", "Hyper", "Static", "TrainState"]
-
 Number = Float[Array, ""] | float
 
 

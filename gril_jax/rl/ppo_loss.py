@@ -17,8 +17,6 @@ from brax.training.agents.ppo.losses import PPONetworkParams
 from brax.training.agents.ppo.networks import PPONetworks
 from jaxtyping import Array, Float, PRNGKeyArray
 
-__all__ = ["Batch", "Weights", "advantages", "loss"]
-
 _VALUE_WEIGHT = 0.25  # of the squared error; brax's 0.5, and the half of a square
 
 

@@ -15,8 +15,6 @@ from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
 from gril_jax.errors import ShapeError
 
-__all__ = ["Replay", "init", "insert", "sample"]
-
 
 class Replay(NamedTuple):
     """The C newest rows."""

@@ -20,20 +20,6 @@ from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward import shaping
 from gril_jax.reward.latent_goal import latent_goal_reward
 
-__all__ = [
-    "AnyReward",
-    "Reward",
-    "RewardFn",
-    "as_reward",
-    "environmental",
-    "learned",
-    "offset",
-    "pixels",
-    "shaped",
-    "subtasks",
-    "weighted_sum",
-]
-
 # (parameters, environment state, activity bits (N,)) -> reward of this moment.
 RewardFn = Callable[[Any, Any, Bool[Array, "N"]], Float[Array, ""]]
 

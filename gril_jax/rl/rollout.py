@@ -19,8 +19,6 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 from . import blocks
 from .episodes import Episodes, EpisodeState, StepResult, reset_where
 
-__all__ = ["Rollout", "VectorState", "init", "renew", "renewals", "scatter", "summary", "unroll"]
-
 # (observations (B, O), key) -> actions (B, A) and what else the learner keeps of each.
 Act = Callable[[Float[Array, "B O"], PRNGKeyArray], tuple[Float[Array, "B A"], Any]]
 

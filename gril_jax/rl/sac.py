@@ -33,8 +33,6 @@ from .policy import Policy, fresh_normalizer, normalize, observed
 from .rewards import AnyReward
 from .sac_loss import Hyper, Learned
 
-__all__ = ["SAC", "Hyper", "Row", "Seen", "Static", "TrainState"]
-
 
 @dataclasses.dataclass(frozen=True)
 class Static:

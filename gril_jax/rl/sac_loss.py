@@ -21,9 +21,6 @@ from gril_jax.config.policy import SACConfig
 
 from .policy import fresh_weights
 
-__all__ = ["Hyper", "Learned", "Params", "begin", "gradient_step"]
-
-
 Number = Float[Array, ""] | float
 
 

@@ -24,8 +24,6 @@ from .environment import Environment
 from .episodes import Episodes, EpisodeState
 from .rollout import Rollout
 
-__all__ = ["Algorithm", "Scores", "chunk", "rounds", "step"]
-
 
 @runtime_checkable
 class Algorithm(Protocol):

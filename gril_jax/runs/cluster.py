@@ -11,8 +11,6 @@ from typing import NamedTuple
 
 from gril_jax.errors import ConfigError
 
-__all__ = ["Cluster", "cluster_of"]
-
 _NAMES = ("COORDINATOR_ADDRESS", "NUM_PROCESSES", "PROCESS_ID")
 _SLURM = ("SLURM_JOB_ID", "SLURM_NTASKS", "SLURM_PROCID")
 

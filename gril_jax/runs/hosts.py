@@ -24,16 +24,6 @@ from gril_jax.errors import RunError
 from .checkpoints.state_leaves import is_key
 from .cluster import Cluster
 
-__all__ = [
-    "gathered",
-    "initialize",
-    "is_first",
-    "largest",
-    "placed_like",
-    "same_everywhere",
-    "scratch",
-]
-
 
 def initialize(cluster: Cluster | None, *, timeout_s: int = 300) -> None:
     """Connects the processes of a job; afterwards `jax.devices()` lists the devices of all of them.

@@ -8,8 +8,6 @@ from collections.abc import Iterator
 
 from gril_jax.errors import GrilError
 
-__all__ = ["Interrupted", "Notice", "heard", "noticed"]
-
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SOON = 0.01  # seconds
 

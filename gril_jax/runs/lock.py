@@ -11,8 +11,6 @@ from typing import TextIO
 
 from gril_jax.errors import RunError
 
-__all__ = ["take_lock"]
-
 
 def take_lock(folder: Path, *, note: bool = True) -> TextIO:
     """Opens and locks the file `lock` of a folder; it stays locked until it is closed.

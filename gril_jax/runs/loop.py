@@ -25,8 +25,6 @@ from . import hosts
 from .interrupt import Interrupted, noticed
 from .run_dir import RunDir
 
-__all__ = ["Begun", "Trained", "restore", "run_chunks"]
-
 
 class Begun(NamedTuple):
     """The point at which a phase starts, or goes on."""

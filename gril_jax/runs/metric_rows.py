@@ -14,8 +14,6 @@ from typing import Any
 from gril_jax.errors import RunError
 from gril_jax.safe_files import writing
 
-__all__ = ["MetricRows", "plain", "read_rows"]
-
 
 class MetricRows:
     """The file, open for appending; an incomplete last line is removed."""

@@ -22,8 +22,6 @@ from gril_jax.safe_files import write_whole, writing
 
 from .metric_rows import plain
 
-__all__ = ["Phases", "changed_fields", "json_digest", "read_phases", "with_digest", "write_phases"]
-
 _FILE = "phases.json"
 
 

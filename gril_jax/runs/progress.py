@@ -15,8 +15,6 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-__all__ = ["Phase", "Progress", "duration"]
-
 
 class Progress:
     """Shows one phase after another.

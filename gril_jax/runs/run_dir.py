@@ -34,22 +34,6 @@ from .metric_rows import MetricRows, plain, read_rows
 from .phases import Phases, changed_fields, read_phases, write_phases
 from .sinks import Sink, open_sink
 
-__all__ = [
-    "PACKAGES",
-    "RunDir",
-    "create",
-    "create_or_resume",
-    "default_path",
-    "package_versions",
-    "read_config",
-    "read_metrics",
-    "read_results",
-    "require_new",
-    "require_resumable",
-    "resume",
-    "writing",
-]
-
 # What the numbers of a run can depend on; `gril doctor` shows the same list.
 PACKAGES = (
     "gril-jax", "jax", "jaxlib", "flax", "optax", "jraph", "mujoco", "mujoco-mjx", "brax",

@@ -15,8 +15,6 @@ from typing import Any, Protocol, runtime_checkable
 
 from gril_jax.errors import ConfigError, RunError
 
-__all__ = ["PACKAGES", "Sink", "open_sink", "require_installed", "scalars"]
-
 PACKAGES = {"tensorboard": "tensorboardX", "wandb": "wandb"}
 
 _STEPS = ("env_steps", "step")  # the names that a row's step may have

@@ -24,8 +24,6 @@ from gril_jax.subtasks.boundaries import running_median, transitions
 
 from .matching import boundary_frames, shared_boundaries
 
-__all__ = ["MOST", "AgreedBoundaries", "agreed_boundaries", "agreed_stages", "each_alone"]
-
 MOST = 12  # boundaries of one demonstration, at most
 # Patiences that are tried, in shares of the middle length of the videos.
 _SHARES = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)

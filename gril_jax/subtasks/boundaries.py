@@ -13,12 +13,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.errors import ConfigError
 
-__all__ = [
-    "running_median",
-    "segments",
-    "transitions",
-]
-
 
 def transitions(
     reward: Float[Array, "T"],

@@ -17,15 +17,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.errors import ConfigError, ShapeError
 
-__all__ = [
-    "SharedBoundaries",
-    "boundary_frames",
-    "match_in_order",
-    "match_within",
-    "place_in_order",
-    "shared_boundaries",
-]
-
 
 class SharedBoundaries(NamedTuple):
     """The same stages in every demonstration; kept ones come first, in order of time."""

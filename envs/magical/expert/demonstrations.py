@@ -9,8 +9,6 @@ import numpy as np
 from gril_jax.envs.base import Demonstrations, Episode, ExpertError, Wanted
 from jaxtyping import Array, Int, PRNGKeyArray
 
-__all__ = ["record"]
-
 _SPARE = 2  # successes played for each that is kept: the brisker half, as a person would choose
 _ROUNDS = 8  # batches of episodes before giving up on an expert that fails
 _AFTER = 12  # frames that a video goes on once the task is done

@@ -8,8 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-__all__ = ["BERTH", "BODY", "REACH", "STAND", "WIDTH", "choose_dock"]
-
 REACH = 0.38  # of a block that it holds: the tips of closing fingers are 0.35 to 0.37 ahead
 STAND = 0.62  # from where it drives up to the block
 BODY = 0.20  # radius without fingers

@@ -11,8 +11,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-__all__ = ["Obstacles", "cost_to_go", "waypoint"]
-
 _POINTS = 25
 _SWEEPS = 44  # a way over more points than this is not found; the arena's side has 25
 _REACH = 0.4  # how far a point to head for is, at most

@@ -5,10 +5,9 @@ from collections.abc import Callable
 from gril_jax.envs.base import Demonstrations, Wanted
 from gril_jax.envs.magical.expert.demonstrations import record
 
-from .expert.scripted import FAILURES, rollout
+from .expert.plans import FAILURES
+from .expert.scripted import rollout
 from .task import MatchRegions
-
-__all__ = ["demonstrate"]
 
 
 def demonstrate(

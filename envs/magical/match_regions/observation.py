@@ -18,8 +18,6 @@ from jaxtyping import Array, Bool, Float
 
 from .score import DIAGONAL
 
-__all__ = ["OBSERVATIONS", "Scene", "names", "observe"]
-
 OBSERVATIONS = ("rich", "sorted", "xmagical")
 
 _FAR = 100.0  # more than any squared distance in an arena

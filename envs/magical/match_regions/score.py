@@ -12,8 +12,6 @@ from jaxtyping import Array, Bool, Float
 
 from . import SPEC
 
-__all__ = ["REWARDS", "Progress", "reward", "score"]
-
 REWARDS = SPEC.rewards
 DIAGONAL = 2.8284271247461903  # by which V5 and S3 divide distances: of a +-1 arena
 

@@ -9,8 +9,6 @@ from gril_jax.envs.magical.match_regions import score as rewards
 from gril_jax.envs.stages import Stage, Stages, free_place
 from jaxtyping import Array, Float
 
-__all__ = ["REGION", "ROBOT", "stages"]
-
 REGION, ROBOT, _FIRST = 0, 1, 2
 
 

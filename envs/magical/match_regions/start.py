@@ -9,9 +9,6 @@ from gril_jax.envs.planar.joints import Strengths
 from gril_jax.envs.planar.robots import Robot
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-__all__ = ["DEMO_BLOCKS", "DEMO_GOAL", "DEMO_ROBOT", "looks", "places", "robot_pose", "strengths",
-           "varied"]  # fmt: skip
-
 # MAGICAL's Demo layout: x, y (arena units) and angle (rad).
 DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
 DEMO_BLOCKS = {

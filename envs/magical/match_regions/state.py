@@ -10,8 +10,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .score import Progress
 
-__all__ = ["PlanarData", "distances", "objects", "progress"]
-
 
 class PlanarData(NamedTuple):
     """The simulator's memory; E bodies are the robot's parts, then B blocks."""

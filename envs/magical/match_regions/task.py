@@ -35,8 +35,6 @@ from . import start as starts
 from . import state as states
 from .state import PlanarData
 
-__all__ = ["DISTRACTORS", "TARGETS", "MatchRegions"]
-
 TARGETS = ("green star", "green square")
 DISTRACTORS = ("blue pentagon", "yellow circle", "yellow pentagon")
 

@@ -10,8 +10,6 @@ from gril_jax.envs.tabletop.task import Tabletop
 from . import expert
 from .task import shoes_in_box
 
-__all__ = ["demonstrate"]
-
 
 def demonstrate(
     make: Callable[..., Tabletop], wanted: Wanted, tell: Callable[[int], None]

@@ -25,8 +25,6 @@ from . import moves
 from .marks import shows
 from .style import Style, draw
 
-__all__ = ["KINDS", "as_meant", "perform", "play"]
-
 KINDS = ("success", "lid only", "one shoe", "shoe outside", "lid closed again", "stops early",
          "wrong order", "shoe knocked away")  # fmt: skip
 _AFTER = 10  # moments kept after success

@@ -9,8 +9,6 @@ from jaxtyping import Bool, Float
 
 from . import model
 
-__all__ = ["shows"]
-
 _SHUT, _OPENED = 0.1, 1.571  # rad
 _OFF_TABLE = 0.1  # metres: the centre of a carried shoe
 _ON_LID = (0.17, 0.25)  # metres: the centre of a shoe that lies on the closed lid

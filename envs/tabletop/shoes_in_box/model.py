@@ -8,11 +8,6 @@ A shoe is one box for contacts: capsules roll out of a grasp. Lengths are metres
 from gril_jax.envs.panda.model import PADS, PALM, TIPS, words
 from gril_jax.envs.tabletop.model import TABLE, Scene
 
-__all__ = [
-    "BOX_HALF", "FLOOR_HALF", "HINGE", "LID_CENTER", "LID_HALF", "LID_RANGE", "LIP", "RIM",
-    "SHOE_HALF", "scene",
-]  # fmt: skip
-
 RIM = 0.15  # height of the walls
 BOX_HALF = (0.18, 0.13, RIM / 2)  # outside
 FLOOR_HALF = (0.17, 0.12)  # inside

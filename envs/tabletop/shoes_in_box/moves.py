@@ -10,11 +10,6 @@ from jaxtyping import Float
 
 from .style import Style
 
-__all__ = [
-    "box_yaw", "carry", "close_lid", "holds", "knock", "open_lid", "out_of_box", "release",
-    "shoe_place", "take",
-]  # fmt: skip
-
 _HINGE, _FIRST_SHOE = 9, 10  # positions of the joints after the arm's
 # Closed fingers below the lip, up with it, over the top, and down behind it (y, z).
 _LIFT = ((0.21, 0.2), (0.195, 0.1), (0.155, 0.1), (0.15, 0.22), (0.11, 0.3), (0.05, 0.37),

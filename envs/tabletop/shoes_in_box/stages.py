@@ -18,8 +18,6 @@ import jax.numpy as jnp
 from gril_jax.envs.stages import Stage, Stages, free_place
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-__all__ = ["BOX", "LID", "LID_CURVE", "ROBOTS", "SHOES", "stages"]
-
 ROBOTS, BOX, LID, SHOES = (0, 1, 2), 3, 4, (5, 6)
 
 # Angle of the hinge, rad; middle of the lid's box, in sizes of the box; its width and height, as

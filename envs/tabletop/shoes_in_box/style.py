@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Style", "draw"]
-
 
 class Style(NamedTuple):
     """Parameters of one style."""

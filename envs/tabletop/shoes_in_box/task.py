@@ -27,8 +27,6 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from . import expert, model, stages
 
-__all__ = ["LAYOUT", "shoes_in_box", "task"]
-
 LAYOUT = ((0.493, -0.15, 0.0), (0.48, 0.14, 0.0), (0.48, 0.27, 0.0))  # box, shoes: x, y, yaw
 # The hand is above the things, its fingers open along y: tool centre point (0.50, 0.05, 0.30).
 _HOME = (0.0571, -0.1029, 0.0417, -2.2644, 0.0052, 2.1616, 0.8812)

@@ -5,8 +5,6 @@ from types import ModuleType
 from ..arguments import positional
 from ..tables import Loader, rows_taken, table
 
-__all__ = ["VERB"]
-
 
 def _choose(known: ModuleType, args: list[str], quick: bool, load: Loader):
     name, rows = positional(args), rows_taken(known, args)

@@ -14,8 +14,6 @@ from gril_jax.errors import RunError
 from ..arguments import Work, run_config_of
 from ..verb import Verb, experiment
 
-__all__ = ["VERB"]
-
 
 @dataclass(frozen=True)
 class _Options:

@@ -7,8 +7,6 @@ from gril_jax.config.command_line import parse
 from ..arguments import Work, echo
 from ..verb import Verb
 
-__all__ = ["VERB"]
-
 
 @dataclass(frozen=True)
 class _Options:

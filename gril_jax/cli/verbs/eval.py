@@ -10,8 +10,6 @@ from gril_jax.config.rules import between, count
 from ..arguments import Work, run_config_of
 from ..verb import Verb, experiment
 
-__all__ = ["VERB"]
-
 
 @dataclass(frozen=True)
 class _Options:

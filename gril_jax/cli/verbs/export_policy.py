@@ -9,8 +9,6 @@ from ..arguments import Work, echo, require_new_file, run_config_of
 from ..heavy_imports import heavy_imports
 from ..verb import Verb
 
-__all__ = ["VERB"]
-
 
 @dataclass(frozen=True)
 class _Options:

@@ -4,8 +4,6 @@ from ..arguments import Work
 from ..new_run import new_run
 from ..verb import Verb
 
-__all__ = ["VERB"]
-
 
 def _plan(args: list[str]) -> Work:
     resumes = any(arg.partition("=")[0] == "--resume" for arg in args)

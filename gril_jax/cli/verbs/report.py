@@ -8,8 +8,6 @@ from gril_jax.config.command_line import RunFolder, parse
 from ..arguments import Work, run_config_of
 from ..verb import Verb, experiment
 
-__all__ = ["VERB"]
-
 
 @dataclass(frozen=True)
 class _Options:

@@ -5,8 +5,6 @@ from types import ModuleType
 from ..arguments import positional, whole_number
 from ..tables import Loader, rows_taken, table
 
-__all__ = ["VERB"]
-
 
 def _choose(known: ModuleType, args: list[str], quick: bool, load: Loader):
     name, steps = positional(args), whole_number(args, "--steps-per-policy", None, least=0)

@@ -7,8 +7,6 @@ from gril_jax.config.command_line import parse
 from ..arguments import Work, run_config_of
 from ..verb import Verb, experiment
 
-__all__ = ["VERB"]
-
 
 def _plan(args: list[str]) -> Work:
     from gril_jax.experiments.subtasks.options import Options

@@ -19,8 +19,6 @@ from ..arguments import (
 from ..tables import made, not_beside
 from ..verb import Verb
 
-__all__ = ["VERB"]
-
 _ABOUT = (
     "Train every combination of the values given, over --seeds N seeds (5 by default). An option "
     "whose value has commas is an axis: --reward learned,environmental --lambda 0.1,1. --rows A,B "

@@ -5,8 +5,6 @@ from types import ModuleType
 from ..arguments import positional, require_left_to_options, whole_number
 from ..tables import Loader, rows_taken, table
 
-__all__ = ["VERB"]
-
 
 def _choose(known: ModuleType, args: list[str], quick: bool, load: Loader):
     name = positional(args) or ("quickstart" if quick else "match_regions")

@@ -5,8 +5,6 @@ from types import ModuleType
 from ..arguments import echo, positional
 from ..tables import Loader, rows_taken, table
 
-__all__ = ["VERB"]
-
 
 def _choose(known: ModuleType, args: list[str], quick: bool, load: Loader):
     from gril_jax.experiments.tables.rows import require_learned

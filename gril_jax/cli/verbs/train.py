@@ -4,8 +4,6 @@ from ..arguments import Work, positional
 from ..new_run import new_run
 from ..verb import Verb
 
-__all__ = ["VERB"]
-
 
 def _plan(args: list[str]) -> Work:
     about = "Learn a reward, then a policy from it."

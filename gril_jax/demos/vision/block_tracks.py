@@ -25,8 +25,6 @@ from .shape_fit import (
     true_roundness,
 )
 
-__all__ = ["BlockTracker", "count_shapes"]
-
 _AREA_SLACK = 0.2  # a mask this much off a shape's area is another shape, a part, or two blocks
 _ROUNDNESS_SLACK = 0.06
 _SEEN = 0.55  # least match of a fitted outline that counts as a sighting

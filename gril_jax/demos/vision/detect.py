@@ -19,8 +19,6 @@ from .block_tracks import BlockTracker, count_shapes
 from .landmarks import Goal, find_goal, find_robot, without_dashes
 from .palette import BLOCK_COLOURS, PALETTE_CLASSES, block_code, classify
 
-__all__ = ["PALETTE_CLASSES", "ColourDetector", "Detector", "Tracks", "carried"]
-
 _SAMPLES = 16  # frames, spread over a video, from which the goal and the set of blocks are read
 _SLACK = 0.3  # pixels: what the codec's edges move a resting block's centre and box
 

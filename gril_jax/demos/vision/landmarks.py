@@ -13,8 +13,6 @@ from jaxtyping import Bool, Float, UInt8
 
 from .palette import BLOCK_COLOURS, GREY, block_code, goal_code
 
-__all__ = ["Goal", "Sighting", "find_goal", "find_robot", "without_dashes"]
-
 _MIN_GOAL_AREA = 0.05  # square world units; the smallest goal of any variant has 0.25
 _MIN_GOAL_PART = 0.005
 _BORDER = 0.025  # world units: half the width of the band around the edge that holds dashes

@@ -10,17 +10,6 @@ import functools
 import numpy as np
 from jaxtyping import UInt8
 
-__all__ = [
-    "BLOCK_COLOURS",
-    "BLOCK_SHAPES",
-    "GREY",
-    "PALETTE_CLASSES",
-    "RGB",
-    "block_code",
-    "classify",
-    "goal_code",
-]
-
 BLOCK_COLOURS = ("green", "blue", "yellow", "red")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 PALETTE_CLASSES = (

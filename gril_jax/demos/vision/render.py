@@ -9,8 +9,6 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-__all__ = ["paint"]
-
 _SHIFT = 6  # cv2 takes fixed-point coordinates: this many bits behind the point
 
 

@@ -13,16 +13,6 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
-__all__ = [
-    "Pose",
-    "angle_of",
-    "expected_area",
-    "fit_blob",
-    "roundness_of",
-    "shape_outline",
-    "true_roundness",
-]
-
 _SIZE = 0.12  # world units: the blocks' common scale (0.6 x the robot's radius)
 _SQUARE_SIDE = math.sqrt(math.pi) * _SIZE
 _PENTAGON_SIDE = 0.1622

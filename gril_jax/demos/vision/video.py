@@ -18,8 +18,6 @@ from jaxtyping import UInt8
 
 from gril_jax.errors import DemoError
 
-__all__ = ["read_fps", "read_video", "write_video"]
-
 _OPTIONS = {
     "crf": "12",  # constant quality: 0 is lossless, 23 is what films use
     "x264-params": "mbtree=0",  # with it, equal small frames now and then give other bytes

@@ -16,8 +16,6 @@ from gril_jax.losses.tcc.cycle import matching_options, prepared_agreement, prep
 
 from .soft_neighbour import check_batch, prepare
 
-__all__ = ["mean_consistency", "mean_cycle_consistency"]
-
 
 def mean_cycle_consistency(
     latents: Float[Array, "B T D"],

@@ -19,12 +19,6 @@ from gril_jax.errors import ShapeError
 from .forms import cycle_error
 from .soft_neighbour import check_positive, check_videos, closeness, match_weights, prepare
 
-__all__ = [
-    "cycle_consistency",
-    "frame_times",
-    "time_agreement",
-]
-
 
 def frame_times(
     frames: Int[Array, "*batch T"], length: Int[Array, "*batch"]

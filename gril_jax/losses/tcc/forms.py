@@ -12,8 +12,6 @@ from gril_jax.errors import ConfigError, ShapeError
 
 from .soft_neighbour import check_positive, log_match_weights, match_weights
 
-__all__ = ["FORMS", "cycle_error"]
-
 FORMS = ("regression_mse", "regression_mse_var", "regression_huber", "classification")
 
 # A match on one frame alone has variance 0, whose logarithm is not finite. This is the variance

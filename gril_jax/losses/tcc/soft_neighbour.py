@@ -11,16 +11,6 @@ from jaxtyping import Array, Bool, Float
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs.scene import safe_norm
 
-__all__ = [
-    "check_batch",
-    "check_positive",
-    "check_videos",
-    "closeness",
-    "log_match_weights",
-    "match_weights",
-    "prepare",
-]
-
 # Logit of a frame that does not count, once the best frame that counts has 0. Finite, so that a
 # video without any valid frame gives uniform weights and zero gradients where -inf gives NaN.
 _HIDDEN = -1e9

@@ -19,8 +19,6 @@ from gril_jax.losses.tcc.cycle import matching_options
 from .forms import cycle_error
 from .soft_neighbour import check_batch, closeness, match_weights, prepare
 
-__all__ = ["draw_cycles", "sampled_cycle_consistency", "stochastic_consistency"]
-
 
 def draw_cycles(
     key: PRNGKeyArray,

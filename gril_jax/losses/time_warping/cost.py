@@ -11,8 +11,6 @@ from gril_jax.errors import ShapeError
 
 from .problem import Lengths, spread
 
-__all__ = ["pairwise_cost"]
-
 
 def pairwise_cost(
     query: Float[Array, "*batch T D"],

@@ -12,8 +12,6 @@ from gril_jax.errors import ShapeError
 
 from .soft_dtw import best_value, best_value_and_alignment, prepare
 
-__all__ = ["dtw", "dtw_path"]
-
 Lengths = Int[Array, "..."] | int | None
 
 

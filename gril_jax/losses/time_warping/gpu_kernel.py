@@ -26,8 +26,6 @@ from jaxtyping import Array, Float, Int
 
 from .recursion import FORBIDDEN, soft_minimum
 
-__all__ = ["kernel"]
-
 
 def kernel(
     cost: Float[Array, "B T S"],

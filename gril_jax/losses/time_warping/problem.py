@@ -14,8 +14,6 @@ from gril_jax.errors import ConfigError, ShapeError
 
 from .recursion import FORBIDDEN
 
-__all__ = ["Lengths", "Problem", "prepare", "spread"]
-
 Lengths = Int[Array, "..."] | int | None
 
 # A traced gamma cannot be refused; below this it counts as this.

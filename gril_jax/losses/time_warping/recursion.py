@@ -24,8 +24,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-__all__ = ["FORBIDDEN", "recursion", "soft_minimum", "strip_height"]
-
 # Cost of a cell that no path may enter. Finite, because inf - inf is NaN; its exponential is 0 for
 # every gamma, and its square over gamma squared still fits into float32.
 FORBIDDEN = 1e20

@@ -29,15 +29,6 @@ from .cost import pairwise_cost
 from .problem import Lengths, prepare, spread
 from .solver import best_value, best_value_and_alignment, scan
 
-__all__ = [
-    "Options",
-    "expected_alignment",
-    "pairwise_cost",
-    "soft_dtw",
-    "soft_dtw_between",
-    "soft_dtw_divergence",
-]
-
 Implementation = Literal["auto", "scan", "pallas"]
 
 # More rows than this make the kernel's vectors spill out of a GPU's registers.

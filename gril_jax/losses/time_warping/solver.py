@@ -15,8 +15,6 @@ from jax.custom_derivatives import SymbolicZero
 
 from .recursion import recursion, strip_height
 
-__all__ = ["best_value", "best_value_and_alignment", "scan"]
-
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(4, 5))
 def best_value(cost, gamma, rows, columns, implementation, hard):

@@ -15,8 +15,6 @@ from gril_jax.audit.states import FACTORS
 
 from .maps import View
 
-__all__ = ["ASKED", "Asked", "Findings"]
-
 
 class Asked(NamedTuple):
     """The bound of one measure."""

@@ -15,8 +15,6 @@ from matplotlib.patches import Rectangle
 
 from gril_jax.report.figures.style import COLOURS, GREY, HALF, shortened, styled
 
-__all__ = ["Situation", "View", "reward_maps", "state_pictures"]
-
 _MOST = 6  # maps in a row
 
 

@@ -13,8 +13,6 @@ from gril_jax.report.html import Part, render, save
 from .findings import ASKED, Findings
 from .maps import Situation, reward_maps, state_pictures
 
-__all__ = ["write_report"]
-
 
 def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, title: str) -> Path:
     """Writes `report.html`, a self-contained page, and its pictures beside it; returns its path.

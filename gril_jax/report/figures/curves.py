@@ -19,8 +19,6 @@ from gril_jax.errors import ShapeError
 
 from .style import COLOURS, GREY, HALF, INK, shortened, styled
 
-__all__ = ["learning_curve", "pretrain_curve", "reward_profile", "success_failure"]
-
 _BLUE, _RED, _GREEN = COLOURS[:3]
 _EXAMINED = {"linestyle": "none", "marker": "s", "color": INK, "markersize": 5}
 _BY_MEANS, _BY_SAMPLES = "evaluation, deterministic actions", "evaluation, sampled actions"

@@ -19,8 +19,6 @@ from gril_jax.errors import ShapeError
 
 from .style import COLOURS, GREY, HALF, pixels, shortened, styled
 
-__all__ = ["Film", "beside_reward", "contact_sheet", "with_boxes"]
-
 _CLASS_COLOURS = {"goal": "#333333", "robot": "#8C3FA8"}
 _SHIFT = 4  # cv2 takes fixed-point coordinates: this many bits behind the point
 _COLUMNS = 4  # frames of each demonstration on a contact sheet

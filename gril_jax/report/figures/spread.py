@@ -10,8 +10,6 @@ from gril_jax.errors import ShapeError
 
 from .style import COLOURS, GREY, WIDTH, shortened, styled
 
-__all__ = ["spread"]
-
 _ROW, _MARGIN = 0.27, 0.75  # inches
 
 

@@ -17,8 +17,6 @@ from jaxtyping import UInt8
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "GREY", "HALF", "INK", "WIDTH", "pixels", "png", "shortened", "styled"]
-
 # Okabe and Ito's colours, which the common kinds of colour blindness can tell apart.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7")
 GREY, INK = "#6E6E6E", "#222222"

@@ -33,11 +33,6 @@ from gril_jax.safe_files import sync, writing
 
 from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
 
-__all__ = [
-    "DamagedError", "discard", "latest", "manifest", "newest", "restore", "save",
-    "save_part", "steps", "write",
-]  # fmt: skip
-
 _FORMAT = 1
 
 

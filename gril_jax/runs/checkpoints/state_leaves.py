@@ -11,8 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-__all__ = ["Leaf", "digest", "host_copy", "is_key", "key_kind", "leaf_name", "like_of", "to_device"]
-
 
 class Leaf(NamedTuple):
     """One leaf, as a checkpoint holds it."""

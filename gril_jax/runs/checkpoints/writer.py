@@ -13,8 +13,6 @@ from typing import Any
 from . import checkpoint
 from .state_leaves import host_copy
 
-__all__ = ["CheckpointWriter"]
-
 
 class CheckpointWriter:
     """Writes a state's checkpoints to one folder; closed by `with`, which waits for the last one.

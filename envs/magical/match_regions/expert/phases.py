@@ -15,9 +15,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .plans import Job, Plan
 
-__all__ = ["BACK", "CARRY", "CLOSE", "DOCK", "GO", "OPEN", "View", "aim", "drive", "leave",
-           "stand", "unit"]  # fmt: skip
-
 GO, DOCK, CLOSE, CARRY, OPEN, BACK = range(6)
 _CARRY_TIME = 50  # control steps after which a way that leads nowhere is given up
 _GO_TIME = 70

@@ -12,8 +12,6 @@ from gril_jax.envs.base import State
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-__all__ = ["FAILURES", "Job", "Plan", "Style", "next_job", "plan"]
-
 FAILURES = ("none", "stops_early", "wrong_block", "wrong_place", "drops")
 _NEVER = 100_000  # control steps
 _APART = 0.33  # arena units between the centres of two blocks that do not touch

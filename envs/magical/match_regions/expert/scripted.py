@@ -18,9 +18,7 @@ from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import phases, plans
-from .plans import FAILURES, Job, Plan, Style, plan
-
-__all__ = ["FAILURES", "Memory", "Plan", "Style", "act", "init", "plan", "rollout"]
+from .plans import Job, Plan, Style, plan
 
 _STILL, _STILL_TURN = 0.004, 0.03  # units and rad a control step: slower is standing
 

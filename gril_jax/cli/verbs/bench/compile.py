@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 from ...bench import benchmark
 
-__all__ = ["VERB"]
-
 
 @dataclass(frozen=True)
 class _Options:

@@ -2,6 +2,4 @@
 
 from ...bench import benchmark
 
-__all__ = ["VERB"]
-
 VERB = benchmark("losses", "the losses beside those of other libraries")

@@ -2,6 +2,4 @@
 
 from ...bench import benchmark
 
-__all__ = ["VERB"]
-
 VERB = benchmark("replay", "the replay buffer beside brax's, alone and for eight seeds")

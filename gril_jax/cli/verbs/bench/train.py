@@ -8,8 +8,6 @@ from gril_jax.config.rules import count, optional
 
 from ...bench import benchmark
 
-__all__ = ["VERB"]
-
 
 @dataclass(frozen=True)
 class _Options:

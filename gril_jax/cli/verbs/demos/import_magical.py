@@ -11,8 +11,6 @@ from ...arguments import Work, demo_set_to_write, existing_folder
 from ...imported import imported
 from ...verb import Verb
 
-__all__ = ["VERB"]
-
 
 @dataclass(frozen=True)
 class _Options:

@@ -6,8 +6,6 @@ from gril_jax.errors import ConfigError
 from ...arguments import Work, demo_set_to_write, explained, in_full, positional, take
 from ...verb import Verb, experiment
 
-__all__ = ["VERB"]
-
 _SHORTCUTS = {
     "--num": "--demos.num",
     "--failures": "--demos.num-failures",

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs.magical.match_regions.expert import scripted
+from gril_jax.envs.magical.match_regions.expert.plans import FAILURES
 
 from gril_jax import envs
 
@@ -22,8 +23,8 @@ def env():
 def played(env):
     """All episodes of this file, in one compiled program: states and stages."""
     keys = jax.random.split(jax.random.key(0), NUM)
-    failures = jnp.repeat(jnp.arange(1, len(scripted.FAILURES)), NUM // 2)
-    keys = jnp.concatenate([keys, keys[:1], jnp.tile(keys[: NUM // 2], len(scripted.FAILURES) - 1)])
+    failures = jnp.repeat(jnp.arange(1, len(FAILURES)), NUM // 2)
+    keys = jnp.concatenate([keys, keys[:1], jnp.tile(keys[: NUM // 2], len(FAILURES) - 1)])
     failures = jnp.concatenate([jnp.zeros(NUM + 1, jnp.int32), failures])
     keys = jnp.concatenate([keys, keys[:BUMPING]])
     failures = jnp.concatenate([failures, jnp.zeros(BUMPING, jnp.int32)])
@@ -41,7 +42,7 @@ def _success(played):
 
 
 def _failing(array, failure):
-    start = NUM + 1 + NUM // 2 * (scripted.FAILURES.index(failure) - 1)
+    start = NUM + 1 + NUM // 2 * (FAILURES.index(failure) - 1)
     return array[start : start + NUM // 2]
 
 
@@ -57,7 +58,7 @@ def test_what_the_expert_has_solved_stays_solved(played):
     assert np.mean([row[when:].mean() > 0.9 for row, when in solved]) > 0.8
 
 
-@pytest.mark.parametrize("failure", scripted.FAILURES[1:])
+@pytest.mark.parametrize("failure", FAILURES[1:])
 def test_a_failure_fails(played, failure):
     assert _failing(_success(played), failure)[:, -1].mean() < 0.2
 
@@ -94,7 +95,7 @@ def test_both_orders_of_the_targets_occur(played):
 def test_stages_begin_at_zero_and_are_passed_one_by_one(played):
     stages = np.asarray(played[1])
     assert (stages[:, 0] == 0).all()
-    assert stages.shape == (NUM + 1 + (len(scripted.FAILURES) - 1) * (NUM // 2) + BUMPING, 221)
+    assert stages.shape == (NUM + 1 + (len(FAILURES) - 1) * (NUM // 2) + BUMPING, 221)
     failing = stages[NUM + 1 : -BUMPING]  # these fetch nothing again
     assert set(np.diff(failing, axis=1).ravel()) <= {0, 1}
     solved = stages[:NUM][_success(played)[:NUM, -1] == 1]
