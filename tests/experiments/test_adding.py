@@ -9,28 +9,18 @@ import numpy as np
 import pytest
 from support import dummies
 
+from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.runs.checkpoints import checkpoint
-
-ARGS = (
-    *("train", "quickstart", "--demos.num", "4", "--demos.num-validation", "1"),
-    *("--demos.num-failures", "1", "--pretrain.steps", "2", "--pretrain.num-videos", "2"),
-    *("--pretrain.num-frames", "4", "--env.episode-length", "90", "--run.evaluations", "0"),
-    *("--run.eval-episodes", "2", "--encoder.kind", "dummy", "--encoder.latent", "3"),
-    *("--loss.consistency", "dummy", "--loss.decoder", "graph", "--loss.warmup", "0"),
-    *("--run.reward", "dummy", "--run.algorithm", "dummy", "--dummy.num-envs", "4"),
-    *("--dummy.unroll-length", "5", "--dummy.num-timesteps", "20", "--dummy.hidden", "8"),
-)
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """The folder of a run of all of them, and what its command printed; one start of Python."""
+    """The folder of a run of all of them, evaluated; one start of Python for all."""
     folder = tmp_path_factory.mktemp("dummies")
-    out = folder / "run"
-    command = [sys.executable, dummies.__file__, str(folder), *ARGS, "--out", str(out)]
+    command = [sys.executable, dummies.__file__, str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ)
     assert done.returncode == 0, done.stderr[-2000:]
-    return out
+    return folder / "run"
 
 
 def _rows(run, phase):
@@ -38,10 +28,17 @@ def _rows(run, phase):
     return [row for row in map(json.loads, lines) if row["phase"] == phase]
 
 
+def test_a_task_is_a_folder_a_line_and_a_yaml_file(run):
+    assert (run / "report.html").is_file()
+    demos = load_demo_set(run / "demos")
+    assert (demos.task, demos.classes) == ("reach", ("goal", "robot"))
+    assert [e.outcome for e in demos.entries] == ["success"] * 6 + ["failure"]
+
+
 def test_an_encoder_is_a_file_and_a_line(run):
     leaves = checkpoint.manifest(checkpoint.latest(run / "reward"))["leaves"]
     kernel = next(leaf for leaf in leaves if "dummy_kernel" in leaf["path"])
-    assert kernel["shape"] == [4, 3]
+    assert kernel["shape"] == [4, 4]
 
 
 def test_a_loss_is_a_file_and_a_line(run):

@@ -1,4 +1,4 @@
-"""An encoder, a loss, a form of the reward and an algorithm, each a file and a line of a table."""
+"""A task, an encoder, a loss, a form of the reward and an algorithm, each a file and one line."""
 
 import sys
 from pathlib import Path
@@ -57,22 +57,38 @@ class Dummy(PPO):
 }
 
 
-def main(folder: str, *args: str) -> int:
-    """Runs the command line with all four, whose files are put into a folder."""
+OPTIONS = (
+    *("--encoder.kind", "dummy", "--loss.consistency", "dummy", "--loss.decoder", "graph"),
+    *("--loss.warmup", "0", "--run.reward", "dummy", "--run.algorithm", "dummy"),
+    *("--dummy.num-envs", "4", "--dummy.unroll-length", "5", "--dummy.num-timesteps", "20"),
+    *("--dummy.hidden", "8"),
+)
+
+
+def main(folder: str) -> int:
+    """Trains with all five, whose files go into a folder, and evaluates, by the command line."""
+    config = new_task.write(Path(folder))
     for name, text in FILES.items():
         Path(folder, f"{name}.py").write_text(text)
     sys.path.insert(0, folder)
+    from gril_jax.envs import registry
+
     from gril_jax.config import tables
     from gril_jax.config.policy import PPOConfig
 
+    registry.TASKS["reach"] = "reach_task:SPEC"
     tables.ENCODERS["dummy"] = tables.Encoder("dummy_encoder.DummyConfig")
     tables.ALIGNMENTS["dummy"] = ("dummy_loss.loss",)
     tables.REWARDS["dummy"] = tables.Reward("dummy_form.FORM")
     tables.ALGORITHMS["dummy"] = tables.Algorithm("dummy_algorithm.Dummy", PPOConfig)
     from gril_jax.cli.main import main
 
-    return main(list(args))
+    out = str(Path(folder, "run"))
+    return main(["train", str(config), "--out", out, *OPTIONS]) or main(["eval", out])
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    sys.path.append(str(Path(__file__).parents[1]))
+    from support import new_task
+
+    sys.exit(main(sys.argv[1]))
