@@ -87,10 +87,15 @@ def surroundings(tmp_path, monkeypatch):
     return of
 
 
+UNDERSTOOD = set()  # many a command stands on several pages
+
+
 @pytest.mark.parametrize("path", [p for p in PAGES if _commands(p)], ids=_name)
 def test_the_commands_of_a_page_are_understood(path, surroundings):
-    for line in _commands(path):
-        _understood(line, surroundings)
+    for line in dict.fromkeys(_commands(path)):
+        if line not in UNDERSTOOD:
+            _understood(line, surroundings)
+            UNDERSTOOD.add(line)
 
 
 def _understood(line, surroundings):

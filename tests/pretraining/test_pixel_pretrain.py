@@ -1,6 +1,7 @@
 """XIRL's training and reward on tiny made-up videos, with the first blocks of its network."""
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import jax
@@ -55,7 +56,8 @@ def _small_network():
 def found():
     """Metrics, the state, its reward and the figures on the videos, out of a single program."""
 
-    @jax.jit
+    # Convolutions take a minute as tests/conftest.py has them compiled, and seconds like this.
+    @functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 1})
     def everything(key, videos):
         state = pixel_pretrain.init(key, videos, CONFIG)
         trained, metrics = pixel_pretrain.step(state, videos, HYPER, CONFIG)
