@@ -61,8 +61,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def help_page() -> str:
     """The help of `gril` itself, from what the verbs say of themselves."""
     page = _USAGE
-    for title, group in verbs.TABLE.items():
-        lines = (line for name in group for line in verbs.find(name).lines.items())
+    for title in verbs.TABLE:
+        lines = (line for verb in verbs.group(title) for line in verb.lines.items())
         page += f"\n{title}:\n" + "".join(_line(*line) for line in lines)
     return page + _NOTE
 

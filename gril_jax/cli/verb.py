@@ -1,6 +1,7 @@
 """A verb of the command line: its lines of the help, and what turns its arguments into work."""
 
 import importlib
+import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -12,12 +13,17 @@ from .heavy_imports import heavy_imports
 
 
 class Verb(NamedTuple):
-    """A verb, which its module defines as `VERB`."""
+    """A verb, which its module has in `VERBS`."""
 
-    usage: str  # "train [CONFIG]"
+    usage: str  # "demos make [CONFIG]", its name first
     summary: str
     plan: Callable[[list[str]], Work]  # from the arguments; imports nothing heavy
     more: Mapping[str, str] = MappingProxyType({})  # further lines of the help: usage, summary
+
+    @property
+    def name(self) -> str:
+        """The words that call it, such as "demos make"."""
+        return re.match(r"[a-z\d-]+( [a-z\d-]+)*", self.usage)[0]
 
     @property
     def lines(self) -> dict[str, str]:

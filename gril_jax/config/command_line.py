@@ -21,7 +21,11 @@ from gril_jax.errors import ConfigError
 
 from .rules import require
 
-RunFolder = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+RunFolder = Annotated[
+    str,
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="RUN", help="The folder that a run made."),
+]
 
 Schema = TypeVar("Schema")
 

@@ -16,8 +16,8 @@ from ..arguments import (
     take,
     whole_number,
 )
-from ..tables import made, not_beside
 from ..verb import Verb
+from .tables import made, not_beside
 
 _ABOUT = (
     "Train every combination of the values given, over --seeds N seeds (5 by default). An option "
@@ -109,8 +109,10 @@ def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
     return made("sweep", config, read, folder, connect=connect)
 
 
-VERB = Verb(
-    "sweep [CONFIG] --seeds N",
-    "every combination of options with commas, over seeds; --distributed on several hosts",
-    _plan,
+VERBS = (
+    Verb(
+        "sweep [CONFIG] --seeds N",
+        "every combination of options with commas, over seeds; --distributed on several hosts",
+        _plan,
+    ),
 )
