@@ -1,14 +1,12 @@
-"""Writes files so that a crash or a full disk leaves the old ones or the new ones, never halves.
-
-Neither JAX nor MuJoCo is imported here.
-"""
+"""Writes files so that a crash or a full disk leaves the old ones or the new ones, never halves."""
 
 import contextlib
 import errno
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from .errors import RunError
 
@@ -38,6 +36,21 @@ def write_whole(file: Path, contents: str | bytes, *, durable: bool = True) -> N
     os.replace(part, file)
     if durable:
         sync(file.parent)
+
+
+def read_object(file: Path) -> dict[str, Any]:
+    """A JSON object; a RunError for any other contents, a FileNotFoundError without the file."""
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{file} cannot be read ({error})") from None
+    except (ValueError, RecursionError):
+        raise RunError(f"{file} is not JSON") from None
+    if not isinstance(found, dict):
+        raise RunError(f"{file} must be an object with fields")
+    return found
 
 
 @contextlib.contextmanager

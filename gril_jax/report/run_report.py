@@ -21,25 +21,23 @@ from gril_jax.report.figures.curves import (
 )
 from gril_jax.report.figures.filmstrip import Film, beside_reward, contact_sheet, with_boxes
 from gril_jax.report.figures.style import png
+from gril_jax.runs.phases import require_single
 
 from .data import number, read_rollouts, read_versions
 from .headline import headline, in_words, stage_times, verdict
 from .html import Part, Section, render
 from .inputs import Inputs, films_of, read_inputs
-from .kinds import require_single
 
 _TOP = 4  # numbers on the first screen
 _NO_POLICY = Part("No policy has been trained in this run.")
 
 
 def write_report(run_folder: str | os.PathLike) -> Path:
-    """Draws everything about a run into its folder: PNGs, videos, and `report.html`.
-
-    The run may be finished or not; the page, whose path is returned, needs no other file.
+    """Draws everything about a run into its folder: PNGs, videos, and `report.html`, which needs no
+    other file and whose path is returned. The run may be finished or not.
 
     Raises:
-      RunError: it is no run's folder, or that of a table; a file in it is damaged, or it cannot
-        be written to.
+      RunError: it is no run's folder or that of a table, is damaged, or cannot be written to.
     """
     folder = Path(run_folder)
     require_single(folder)

@@ -27,7 +27,7 @@ from typing import Any, TextIO
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load, to_yaml
 from gril_jax.errors import ConfigError, RunError
-from gril_jax.safe_files import write_whole, writing
+from gril_jax.safe_files import read_object, write_whole, writing
 
 from .lock import take_lock
 from .metric_rows import MetricRows, plain, read_rows
@@ -254,16 +254,9 @@ def read_results(path: Path) -> dict[str, Any]:
     """The results of a finished run; a `RunError` for any other."""
     file = _config_file(path).with_name("results.json")
     try:
-        results = json.loads(file.read_text(encoding="utf-8"))
+        return read_object(file)
     except FileNotFoundError:
         raise RunError(f"the run in {path} has not finished: it lacks results.json") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise RunError(f"{file} cannot be read ({error})") from None
-    except ValueError:
-        raise RunError(f"{file} is not JSON") from None
-    if not isinstance(results, dict):
-        raise RunError(f"{file} must be an object with fields")
-    return results
 
 
 def package_versions() -> dict[str, str]:

@@ -66,14 +66,14 @@ class _Report:
 
 
 def _report(args: list[str]) -> Work:
-    from gril_jax.report import kinds
+    from gril_jax.runs import phases
 
     given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
     folder = Path(given.run)
     run_config_of(folder)
-    if kinds.made_by(folder) == "table1":
+    if phases.made_by(folder) == "table1":
         return of_results("redraw", "table1", folder)
-    kinds.require_single(folder)
+    phases.require_single(folder)
     return experiment("report", folder)
 
 
