@@ -76,8 +76,7 @@ def render(
       title, summary: its heading, and its name in the browser; a sentence below the heading.
       tiles: the numbers at the top.
       facts: short lines of what was run.
-      tables: of names and values, each folded under its title.
-      listings: longer texts such as the configuration, each folded under its title.
+      tables, listings: values by name, and longer texts, each folded under its title.
       film: on the first screen, on a phone's, too.
       beside: on the first screen of a desk: what belongs below the film, and what to its right.
       more: numbers that can wait until what was run is told.
@@ -115,14 +114,14 @@ def _tiles(tiles: Sequence[Tile]) -> str:
 
 
 def _section(section: Section) -> str:
-    parts = "\n".join(
-        _wide_table(part) if isinstance(part, Table) else _part(part) for part in section.parts
-    )
+    parts = "\n".join(map(_part, section.parts))
     head = f"<section><h2>{escape(section.title)}</h2>"
     return f'{head}\n<div class="parts">\n{parts}\n</div></section>'
 
 
-def _part(part: Part) -> str:
+def _part(part: Part | Table) -> str:
+    if isinstance(part, Table):
+        return _wide_table(part)
     if part.contents is None:
         return f'<p class="absent">{escape(part.caption)}</p>'
     source = f"data:{part.mime};base64,{base64.b64encode(part.contents).decode('ascii')}"

@@ -1,7 +1,4 @@
-"""The findings of an audit: the numbers in its JSON file, lines for the terminal, and states.
-
-The four numbers that a sound reward reaches are in `ASKED`.
-"""
+"""The findings of an audit: the numbers in its JSON file, lines for the terminal, and states."""
 
 import math
 from collections.abc import Callable
@@ -24,7 +21,7 @@ class Asked(NamedTuple):
     holds: Callable[[float], bool]  # whether a value is so; NaN never is
 
 
-ASKED = {
+ASKED = {  # what a sound reward reaches
     "order_accuracy": Asked(
         "pairs of states in their true order", "at least 0.97", lambda x: x >= 0.97
     ),
@@ -102,11 +99,12 @@ class Findings(NamedTuple):
 
     def in_words(self) -> list[str]:
         """One line for each measure with a requirement."""
-        numbers, lines = self.numbers(), []
-        for name, asked in ASKED.items():
-            fault = "" if asked.holds(numbers[name]) else "   NOT SOUND"
-            lines.append(f"{name:15} {numbers[name]:7.3f}  ({asked.bound}) {asked.words}{fault}")
-        return lines
+        numbers, fault = self.numbers(), "   NOT SOUND"
+        return [
+            f"{name:15} {numbers[name]:7.3f}  ({asked.bound}) {asked.words}"
+            f"{'' if asked.holds(numbers[name]) else fault}"
+            for name, asked in ASKED.items()
+        ]
 
     def view(self, title: str, scene: Scene) -> View:
         """A state to draw."""

@@ -15,12 +15,8 @@ from .maps import Situation, reward_maps, state_pictures
 
 
 def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, title: str) -> Path:
-    """Writes `report.html`, a self-contained page, and its pictures beside it; returns its path.
-
-    Args:
-      folder: an existing one; a `RunError` if it cannot be written to.
-      results: what `audit.json` holds.
-    """
+    """Writes and returns `report.html`, a self-contained page, and its pictures beside it;
+    `results` are what `audit.json` holds."""
     page = render(
         title=title,
         summary="Made-up states with known true progress, and a search for states that the reward "
