@@ -10,7 +10,7 @@ them wait for all processes. In a process by itself each of them is a no-op.
 
 import contextlib
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +22,10 @@ from jax.sharding import SingleDeviceSharding
 from gril_jax.errors import RunError
 
 from .checkpoints.state_leaves import is_key
-from .cluster import Cluster
 
 
-def initialize(cluster: Cluster | None, *, timeout_s: int = 300) -> None:
-    """Connects the processes of a job; afterwards `jax.devices()` lists the devices of all of them.
-
-    Without a cluster JAX asks SLURM.
+def initialize(cluster: Mapping[str, Any], *, timeout_s: int = 300) -> None:
+    """Connects the processes of the job of `cluster_of`; then `jax.devices()` lists those of all.
 
     Raises:
       RunError: the others cannot be reached, or JAX has been used already.
@@ -36,14 +33,8 @@ def initialize(cluster: Cluster | None, *, timeout_s: int = 300) -> None:
     # JAX's own handler would swallow SIGTERM, at which a run is saved.
     jax.config.update("jax_enable_preemption_service", False)
     jax.config.update("jax_cpu_collectives_implementation", "gloo")
-    known = {} if cluster is None else {
-        "coordinator_address": cluster.address,
-        "num_processes": cluster.count,
-        "process_id": cluster.index,
-        "cluster_detection_method": "deactivate",  # or it would leave us one GPU
-    }  # fmt: skip
     try:
-        jax.distributed.initialize(**known, initialization_timeout=timeout_s)
+        jax.distributed.initialize(**cluster, initialization_timeout=timeout_s)
     except (RuntimeError, ValueError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise RunError(f"the processes of the job cannot be connected ({reason})") from None
@@ -82,11 +73,8 @@ def largest(numbers: Sequence[int]) -> list[int]:
 
 
 def gathered(tree: Any) -> Any:
-    """The tree with arrays that are spread over processes gathered into whole ones.
-
-    They are NumPy arrays, in the memory of each process; one leaf after the other is whole on a
-    device meanwhile.
-    """
+    """The tree with arrays that are spread over processes as whole NumPy arrays in each of them;
+    one leaf after the other is whole on a device meanwhile."""
 
     def whole(leaf):
         if not isinstance(leaf, jax.Array) or leaf.is_fully_addressable:
@@ -111,10 +99,8 @@ def placed_like(tree: Any, like: Any) -> Any:
 
 @contextlib.contextmanager
 def scratch() -> Iterator[Path | None]:
-    """A temporary folder for files of processes other than the first; None in the first.
-
-    What is written there is a by-product: only the first process's files are kept.
-    """
+    """A temporary folder for files of processes other than the first, which are not kept; None in
+    the first."""
     if is_first():
         yield None
         return

@@ -1,7 +1,6 @@
-"""The lock of a run's folder: a file `lock`, held by the one process that writes there.
+"""The lock of a run's folder: a file `lock` with the id of the one process that writes there.
 
-The file holds that process's id. The kernel drops the lock with the process, however it ends, so
-that none is ever left behind; the file is. JAX is not imported here.
+The kernel drops the lock with the process, however it ends; the file stays behind.
 """
 
 import fcntl
@@ -13,10 +12,7 @@ from gril_jax.errors import RunError
 
 
 def take_lock(folder: Path, *, note: bool = True) -> TextIO:
-    """Opens and locks the file `lock` of a folder; it stays locked until it is closed.
-
-    Args:
-      note: whether to write this process's id into the file.
+    """Locks the file `lock` of a folder until it is closed, and notes this process's id in it.
 
     Raises:
       RunError: a process has the lock, this one included.

@@ -43,15 +43,10 @@ class Trained(NamedTuple):
 
 
 def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) -> Begun:
-    """The newest undamaged checkpoint of a phase, or a fresh state if there is none.
+    """The newest undamaged checkpoint of a phase, or the fresh state, strongly typed, without one.
 
-    Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside. What is restored
-    goes to the devices on which the fresh state is. The first process alone looks for it.
-
-    Args:
-      name: the phase.
-      state: its fresh state; a weakly typed leaf becomes a strongly typed one.
-      tell: takes a sentence for each damaged checkpoint.
+    Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside, and `tell` takes a
+    sentence for each. What is restored goes to the devices on which the fresh state is.
 
     Raises:
       RunError: a checkpoint is of another structure than the state, or rows have been lost.
@@ -98,8 +93,8 @@ def run_chunks(
       chunks: how many there are in all.
       row: from the chunks done, the seconds they took and a chunk's metrics on the host to a line
         of metrics.jsonl.
-      every_s: least time between two checkpoints, seconds; the last state is always saved.
-      keep: how many of the newest checkpoints stay.
+      every_s, keep: seconds between two checkpoints, and how many of the newest ones stay; the
+        last state is always saved.
 
     Raises:
       Interrupted: SIGINT or SIGTERM came; the state is saved.
@@ -129,17 +124,14 @@ def run_chunks(
                 saved_s = now
             if number:
                 writer.wait()
-                raise _interrupted(number, run, name, done, chunks)
+                how = f"gril {run.experiment} --resume {run.path} goes on with it"
+                raise Interrupted(
+                    f"{signal.Signals(number).name} came, and the run is saved after {done} of "
+                    f"{chunks} chunks of phase {name!r}: "
+                    f"{how if hosts.is_first() else 'the first process says how to go on'}",
+                    number,
+                )
     return Trained(state, seconds, writer.longest_stall_s)
-
-
-def _interrupted(number: int, run: RunDir, name: str, done: int, chunks: int) -> Interrupted:
-    how = f"gril {run.experiment} --resume {run.path} goes on with it"
-    return Interrupted(
-        f"{signal.Signals(number).name} came, and the run is saved after {done} of {chunks} chunks "
-        f"of phase {name!r}: {how if hosts.is_first() else 'the first process says how to go on'}",
-        number,
-    )
 
 
 def _strong(leaf: Any) -> Any:

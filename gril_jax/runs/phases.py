@@ -1,8 +1,6 @@
 """phases.json: a run's original configuration, and its finished phases with their results.
 
-    {"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}}, "sha256": "..."}
-
-JAX is not imported here.
+{"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}}, "sha256": "..."}
 """
 
 import dataclasses

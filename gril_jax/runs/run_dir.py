@@ -8,8 +8,8 @@
     checkpoints/     one folder a phase, see `gril_jax.runs.checkpoints.checkpoint`
     lock             see `gril_jax.runs.lock`
 
-Neither JAX nor MuJoCo is imported here. Whatever is wrong with a run's folder, from a damaged file
-to a full disk, is a `RunError` of one sentence.
+JAX is not imported here. Whatever is wrong with a run's folder, from a damaged file to a full disk,
+is a `RunError`.
 """
 
 import dataclasses
@@ -32,7 +32,7 @@ from gril_jax.safe_files import read_object, write_whole, writing
 from .lock import take_lock
 from .metric_rows import MetricRows, plain, read_rows
 from .phases import Phases, changed_fields, read_phases, write_phases
-from .sinks import Sink, open_sink
+from .sinks import open_sink
 
 # What the numbers of a run can depend on; `gril doctor` shows the same list.
 PACKAGES = (
@@ -48,7 +48,7 @@ class RunDir:
         self.path, self.checkpoints = path, path / "checkpoints"
         self.experiment = phases.experiment  # the one that can resume the run
         self._lock, self._phases = lock, phases
-        self._sinks: list[Sink] = []
+        self._sinks: list[Any] = []
         self._rows = MetricRows(path / "metrics.jsonl")
         try:
             rows = read_rows(self._rows.file)
@@ -129,7 +129,6 @@ def create(
     """Creates a run's folder, which must not exist, and opens it for writing.
 
     Args:
-      path: the folder; folders above it are created where they lack.
       device: what the run computes on, in words.
       command: how the process was started; `sys.argv` where None.
       experiment: what can go on with the run if it is cut off; None if nothing can.
@@ -224,24 +223,24 @@ def require_new(path: Path) -> None:
 def read_config(path: Path) -> RunConfig:
     """Reads a run's configuration."""
     try:
-        return load(str(_config_file(path)))
+        return load(str(_file(path, "config.yaml")))
     except ConfigError as error:
         raise RunError(str(error)) from None
 
 
-def _config_file(path: Path) -> Path:
+def _file(path: Path, name: str) -> Path:
+    """A file of a run, which need not be there yet; a RunError if the folder is of no run."""
     if not path.is_dir():
         fault = "is a file" if path.exists() else "does not exist"
         raise RunError(f"{path} {fault}, but must be the folder of a run")
-    file = path / "config.yaml"
-    if not file.is_file():
+    if not (path / "config.yaml").is_file():
         raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
-    return file
+    return path / name
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
     """Reads a run's metrics so far, oldest first; an incomplete last line is left out."""
-    file = _config_file(path).with_name("metrics.jsonl")
+    file = _file(path, "metrics.jsonl")
     try:
         return read_rows(file)
     except FileNotFoundError:
@@ -252,9 +251,8 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
 
 def read_results(path: Path) -> dict[str, Any]:
     """The results of a finished run; a `RunError` for any other."""
-    file = _config_file(path).with_name("results.json")
     try:
-        return read_object(file)
+        return read_object(_file(path, "results.json"))
     except FileNotFoundError:
         raise RunError(f"the run in {path} has not finished: it lacks results.json") from None
 

@@ -48,10 +48,7 @@ def save(folder: Path, step: int, state: Any) -> Path:
 def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None = None) -> Path:
     """Writes a checkpoint from a copy on the host; one writer per folder at a time.
 
-    Args:
-      folder: where a run's checkpoints go; made where it lacks.
-      step: at least 0, and new to the folder.
-      keep: how many of the newest checkpoints stay; None keeps all.
+    Of the checkpoints in the folder, the `keep` newest stay, or all.
 
     Raises:
       RunError: the step exists already, or the disk is full or not writable.
@@ -95,10 +92,7 @@ def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None =
 
 
 def restore(path: Path, like: Any) -> Any:
-    """Reads a checkpoint back.
-
-    Args:
-      like: a state of the same structure, shapes and dtypes; its values are not used.
+    """Reads a checkpoint back into the structure, shapes and dtypes of another state.
 
     Raises:
       DamagedError: a file is missing or has changed.
@@ -188,12 +182,10 @@ def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> No
     # Older versions called "fleet" what is "envs" today, and its "lanes" the "running" ones.
     stored = [re.sub(r"^fleet\.lanes\.", "fleet.running.", name) for name in stored]
     stored = [re.sub(r"^fleet\.", "envs.", name) for name in stored]
-    for name in names:
-        if name not in stored:
-            raise RunError(f"checkpoint {path} lacks the leaf {name} of the state it is to fill")
-    for name in stored:
-        if name not in names:
-            raise RunError(f"checkpoint {path} has a leaf {name} that the state to fill lacks")
+    if lacks := [name for name in names if name not in stored]:
+        raise RunError(f"checkpoint {path} lacks the leaf {lacks[0]} of the state it is to fill")
+    if has := [name for name in stored if name not in names]:
+        raise RunError(f"checkpoint {path} has a leaf {has[0]} that the state to fill lacks")
     for entry, present, (name, leaf) in zip(entries, stored, wanted, strict=True):
         found = (entry["key"], entry["dtype"], tuple(entry["shape"]))
         need = like_of(leaf)
