@@ -40,12 +40,10 @@ def save_demo_set(
     fps: float,
     source: str,
 ) -> None:
-    """Writes a demo set; an older one of that name is replaced once the new one is complete.
+    """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
-    Args:
-      folder: where to; new, empty, or a demo set.
-      demos: consumed one at a time, so that a generator need hold only one video.
-      task, classes, half_extent, fps, source: see `DemoSet`.
+    Demonstrations are consumed one at a time, so that a generator need hold only one video; the
+    other arguments are as in `DemoSet`.
 
     Raises:
       DemoError: the folder holds something else, a demonstration is malformed, there is none,
@@ -63,9 +61,7 @@ def save_demo_set(
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
-        entries = []
-        for number, demo in enumerate(demos):
-            entries.append(_write(part, folder, number, demo, classes, fps))
+        entries = [_write(part, folder, i, demo, classes, fps) for i, demo in enumerate(demos)]
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
         header = {

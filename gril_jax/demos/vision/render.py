@@ -1,7 +1,4 @@
-"""Draws pictures from a task's outlines, seen from above.
-
-Any object with the fields of `gril_jax.envs.base.Outline` will do: this module knows no task.
-"""
+"""Draws pictures from outlines as of `gril_jax.envs.base.Outline`, seen from above."""
 
 from collections.abc import Iterable
 
