@@ -57,10 +57,9 @@ def predict_bytes(algorithm: Algorithm, hyper: Any, reward_params: Any) -> int:
 
 
 def available_bytes(device: Any) -> int | None:
-    """Bytes of a device that a program may use; None if the platform does not tell.
+    """Bytes of a device of this process that a program may use; None if the platform does not tell.
 
-    Several CPU devices, as `--xla_force_host_platform_device_count` makes them, share that of the
-    machine evenly. The device is one of this process.
+    Several CPU devices, as `--xla_force_host_platform_device_count` makes them, share evenly.
     """
     if device.platform == "cpu":
         try:
@@ -75,10 +74,8 @@ def available_bytes(device: Any) -> int | None:
 def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -> int:
     """The number of seeds to run at once, such that they fit: a multiple of `devices` if possible.
 
-    Args:
-      rows: seeds in all, at least 1.
-      bytes_each: from `predict_bytes`.
-      available: bytes of one device; None where they are not known, and all run at once.
+    `rows` are the seeds in all, which need `bytes_each`, and `available` the bytes of one device;
+    where they are not known, all run at once.
 
     Raises:
       ConfigError: not even one seed fits into the memory of all devices together.

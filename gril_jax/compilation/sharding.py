@@ -41,8 +41,8 @@ def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
             f"{count} devices cannot share {seeds} seeds of {num_envs} environments evenly: the "
             f"seeds must be a multiple of {count}, or num_envs of {count // across}"
         )
-    shape, names, auto = (across, count // across), ("seeds", "envs"), (AxisType.Auto,) * 2
-    return jax.make_mesh(shape, names, axis_types=auto, devices=devices)
+    shape, auto = (across, count // across), (AxisType.Auto,) * 2
+    return jax.make_mesh(shape, ("seeds", "envs"), axis_types=auto, devices=devices)
 
 
 def by_seed(layout: Mesh) -> NamedSharding:
@@ -108,12 +108,8 @@ def lowered(
 ) -> Lowered:
     """Traces `init` and `advance` ahead of time, without computing anything.
 
-    The small one is compiled in a thread of its own while the large one is traced, which keeps one
-    core busy.
-
-    Args:
-      keys, hyper: with a leading axis of seeds, placed.
-      reward_params: arrays, or their shapes and types.
+    The small one is compiled in a thread while the large one is traced. Keys and hyper-parameters
+    are placed; of the reward's parameters, shapes and types will do.
     """
     make, shapes = _maker(algorithm, layout, keys, hyper)
     thread = ThreadPoolExecutor(1, "compile init")

@@ -2,7 +2,6 @@
 
 The words of a command line are first held against the dataclass's own types and ranges. tyro, whose
 complaints are boxes for a terminal, then reads what is known to be right, and prints the help.
-Neither JAX nor MuJoCo is imported here.
 """
 
 import contextlib
@@ -107,7 +106,11 @@ def _check(schema: type[Any], args: Sequence[str], prog: str, *, complete: bool)
     for option, words in given.items():
         _check_value(option, words, known[option], prog)
     top = {"--" + _spelt(field.name): field for field in dataclasses.fields(schema)}
-    places = [field for option, field in top.items() if option not in known and not _nested(field)]
+    places = [
+        option
+        for option, field in top.items()
+        if option not in known and not dataclasses.is_dataclass(field.default)
+    ]
     if stray := loose[len(places) :]:
         raise ConfigError(f"there is no use for {' '.join(stray)!r}: see {prog} --help")
     required = {
@@ -118,10 +121,6 @@ def _check(schema: type[Any], args: Sequence[str], prog: str, *, complete: bool)
     present = sum(required.values()) + len(loose)
     if not complete and present < len(required):
         raise ConfigError(f"{prog} needs {', '.join(required)}: see {prog} --help")
-
-
-def _nested(field: dataclasses.Field) -> bool:
-    return dataclasses.is_dataclass(field.default)
 
 
 def _sorted_words(

@@ -2,7 +2,7 @@
 
 A YAML file holds values only. It is flattened to `--section.field=value` and read by the parser
 that also reads the command line, so that one message serves both; what the file says then
-becomes the default that the command line overrides. Neither JAX nor MuJoCo is imported here.
+becomes the default that the command line overrides. JAX is not imported here.
 """
 
 import dataclasses
@@ -62,8 +62,7 @@ def load(
       name: a path, the name of a shipped configuration, or None for the defaults alone.
       overrides: options such as `("--ppo.num-envs", "64")`.
       schema: what to build; sections of the file that it lacks are checked and left out.
-      prog: the command as it appears in the help.
-      description: the help's first paragraph.
+      prog, description: the command as it appears in the help, and the help's first paragraph.
 
     Raises:
       ConfigError: the file or an option is unknown, of the wrong type or out of range.

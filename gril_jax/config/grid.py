@@ -2,8 +2,7 @@
 
     gril sweep quickstart --seeds 8 --reward learned,environmental --lambda 0.1,1
 
-An option whose value has commas is an axis of the sweep; every other option changes all runs. JAX
-is not imported here.
+An option whose value has commas is an axis of the sweep; every other option changes all runs.
 """
 
 import dataclasses
@@ -59,9 +58,8 @@ def take_axes(args: list[str]) -> list[Axis]:
             rest += [arg] if equals or not value else [arg, value]
     args[:] = rest
     seen = [axis.option for axis in axes]
-    twice = next((option for option in seen if seen.count(option) > 1), None)
-    if twice is not None:
-        raise ConfigError(f"{twice} is given twice, but is one axis of the sweep")
+    if twice := [option for option in seen if seen.count(option) > 1]:
+        raise ConfigError(f"{twice[0]} is given twice, but is one axis of the sweep")
     return axes
 
 
@@ -69,9 +67,8 @@ def _axis(option: str, value: str) -> Axis:
     values = tuple(part.strip() for part in value.split(","))
     if "" in values:
         raise ConfigError(f"{option} is {value!r}, but must have a value between all commas")
-    twice = next((part for part in values if values.count(part) > 1), None)
-    if twice is not None:
-        raise ConfigError(f"{option} is {value!r}, but must name {twice} once")
+    if twice := [part for part in values if values.count(part) > 1]:
+        raise ConfigError(f"{option} is {value!r}, but must name {twice[0]} once")
     if option == "--run.seed":
         raise ConfigError("--run.seed cannot be an axis: --seeds N takes N seeds from it on")
     return Axis(option, values)
@@ -80,13 +77,8 @@ def _axis(option: str, value: str) -> Axis:
 def cells(
     axes: Sequence[Axis], args: list[str], load: Callable[[list[str]], RunConfig]
 ) -> list[Cell]:
-    """Every combination; the last axis changes fastest.
-
-    Args:
-      axes: from `take_axes`.
-      args: the options that are the same for all.
-      load: from options to a checked configuration.
-    """
+    """Every combination of the axes, beside the options that are the same for all; the last axis
+    changes fastest. `load` makes a checked configuration of options."""
     found = []
     for chosen in itertools.product(*(axis.values for axis in axes)):
         pairs = [(axis.option, value) for axis, value in zip(axes, chosen, strict=True)]

@@ -1,22 +1,21 @@
 """The configuration of a run: its fields, their defaults, their help texts and their ranges.
 
-`RunConfig` nests one frozen dataclass for each concern. The string under a field is its help
-text on the command line. A `RunConfig` is checked when it is built, so one that exists is
-valid. This is the schema that users see; which numbers a compiled program treats as static and
-which as traced is decided by the algorithms' own types. Neither JAX nor MuJoCo is imported
-here.
+`RunConfig` nests one frozen dataclass for each concern; it is checked when it is built. The string
+under a field is its help text on the command line. Which numbers a compiled program treats as
+static and which as traced is decided by the algorithms' own types. JAX is not imported here.
 """
 
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any, Literal
 
 from gril_jax.errors import ConfigError
 
 from .encoder import EncoderOptions, PoolConfig
 from .reward import LossConfig, PretrainConfig
-from .rules import at_least, between, require, rule
+from .rules import at_least, between, optional, require, rule
 from .tables import ALGORITHMS, ENCODERS, REWARDS, alternatives
 from .task import DemosConfig, EnvConfig
 
@@ -33,20 +32,15 @@ class RunSettings:
     """Reward of the policy: the learned one, the task's own, the chain of the learned subtasks, the
     first two together, or the task's own with the learned one as its potential."""
     reward_weights: tuple[float, float] = field(
-        default=(1.0, 0.1),
-        metadata=rule(lambda x: all(abs(w) < float("inf") for w in x), "two finite numbers"),
+        default=(1.0, 0.1), metadata=rule(lambda x: all(map(isfinite, x)), "two finite numbers")
     )
     """Weights of the learned and of the task's own reward in their sum, or in the shaped one."""
-    reward_offset: float = field(
-        default=0.0, metadata=rule(lambda x: abs(x) < float("inf"), "a finite number")
-    )
+    reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
     """Constant added to the learned reward if that is the whole reward. With 1 it starts at about 0
     instead of -1: no policy is better or worse for it, but some are found sooner."""
     evaluations: int = field(default=8, metadata=at_least(0))
     """Number of evaluations during policy training, in the training program itself."""
-    out: str | None = field(
-        default=None, metadata=rule(lambda x: x is None or bool(x.strip()), "a folder or None")
-    )
+    out: str | None = field(default=None, metadata=optional(rule(str.strip, "a folder or None")))
     """Folder to create for the results; None names one after the time, under runs/."""
     eval_episodes: int = field(default=100, metadata=at_least(1))
     """Episodes of an evaluation."""
@@ -69,36 +63,6 @@ class RunSettings:
 
 
 @dataclass(frozen=True)
-class _Sections:
-    """All settings that a run depends on.
-
-    Raises:
-      ConfigError: a field is out of its range, or two fields contradict each other.
-    """
-
-    env: EnvConfig = field(default=EnvConfig())
-    demos: DemosConfig = field(default=DemosConfig())
-    encoder: EncoderOptions = field(default=EncoderOptions())
-    pool: PoolConfig = field(default=PoolConfig())
-    loss: LossConfig = field(default=LossConfig())
-    pretrain: PretrainConfig = field(default=PretrainConfig())
-    run: RunSettings = RunSettings()
-
-    def __post_init__(self) -> None:
-        check(self)
-
-
-# With one section more for each algorithm.
-RunConfig = dataclasses.make_dataclass(
-    "RunConfig",
-    [(name, one.options, field(default=one.options())) for name, one in ALGORITHMS.items()],
-    bases=(_Sections,),
-    namespace={"__doc__": _Sections.__doc__, "__module__": __name__},
-    frozen=True,
-)
-
-
-@dataclass(frozen=True)
 class MakeDemosConfig:
     """The part of a configuration that scripted demonstrations depend on.
 
@@ -113,7 +77,28 @@ class MakeDemosConfig:
         check(self)
 
 
-def check(config: _Sections | MakeDemosConfig) -> None:
+@dataclass(frozen=True)
+class _Sections(MakeDemosConfig):
+    """All settings that a run depends on; errors are those of `MakeDemosConfig`."""
+
+    encoder: EncoderOptions = field(default=EncoderOptions())
+    pool: PoolConfig = field(default=PoolConfig())
+    loss: LossConfig = field(default=LossConfig())
+    pretrain: PretrainConfig = field(default=PretrainConfig())
+    run: RunSettings = RunSettings()
+
+
+# With one section more for each algorithm.
+RunConfig = dataclasses.make_dataclass(
+    "RunConfig",
+    [(name, one.options, field(default=one.options())) for name, one in ALGORITHMS.items()],
+    bases=(_Sections,),
+    namespace={"__doc__": _Sections.__doc__, "__module__": __name__},
+    frozen=True,
+)
+
+
+def check(config: MakeDemosConfig) -> None:
     """Raises ConfigError for the first field that is out of range, with its dotted path."""
     for path, value, metadata in _leaves(config, ""):
         require(path, value, metadata)
@@ -152,7 +137,7 @@ def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
 
 
 def _check_sizes(config: RunConfig) -> None:
-    demos, pretrain = config.demos, config.pretrain
+    demos, pretrain, env = config.demos, config.pretrain, config.env
     _check_encoder(config)
     for name in ALGORITHMS:
         chosen = getattr(config, name)
@@ -163,7 +148,15 @@ def _check_sizes(config: RunConfig) -> None:
                 f"{name}.num_timesteps is {chosen.num_timesteps}, but must cover one update of "
                 f"{name}.num_envs x {name}.unroll_length = {unroll} steps"
             )
-    _check_worlds(config)
+    at_once = {
+        f"{config.run.algorithm}.num_envs": getattr(config, config.run.algorithm).num_envs,
+        "run.eval_episodes": config.run.eval_episodes,
+    }
+    for path, number in at_once.items():
+        if env.impl == "warp" and env.worlds < number:
+            raise ConfigError(
+                f"env.worlds is {env.worlds}, but must be at least {path}, which is {number}"
+            )
     if demos.path is None and pretrain.num_videos > demos.num:
         raise ConfigError(
             f"pretrain.num_videos is {pretrain.num_videos}, but must be at most demos.num, "
@@ -206,18 +199,4 @@ def _check_pictures(config: RunConfig) -> None:
             raise ConfigError(
                 f"{path} is {value!r}, but must be {text}, because encoder.kind is "
                 f"{config.encoder.kind!r}"
-            )
-
-
-def _check_worlds(config: RunConfig) -> None:
-    """Raises ConfigError for more environments than Warp has contact room for."""
-    env, name = config.env, config.run.algorithm
-    at_once = {
-        f"{name}.num_envs": getattr(config, name).num_envs,
-        "run.eval_episodes": config.run.eval_episodes,
-    }
-    for path, number in at_once.items():
-        if env.impl == "warp" and env.worlds < number:
-            raise ConfigError(
-                f"env.worlds is {env.worlds}, but must be at least {path}, which is {number}"
             )

@@ -70,11 +70,7 @@ def main(
     *,
     echo: Callable[[str], None] = print,
 ) -> None:
-    """Writes the newest policy of a run to a new file; the run's folder is only read.
-
-    Args:
-      out: the file, which must not exist, in a folder that does.
-      algorithm, hyper: built from `config`, the run's own, to restore the checkpoint into.
+    """Writes the newest policy of a run to a new file; its algorithm is built from its config.
 
     Raises:
       RunError: the run has no policy or a broken one, or `out` exists or cannot be written.
@@ -82,11 +78,9 @@ def main(
     found = checkpoint.newest(folder, "policy")
     fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
     arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
-    for name, array in arrays.items():
-        if not np.isfinite(array).all():
-            raise RunError(f"{name} of the policy in {found} is not finite: train it again")
-    episodes = algorithm.episodes
-    objects: Sequence[str] = ()
+    if broken := [name for name, array in arrays.items() if not np.isfinite(array).all()]:
+        raise RunError(f"{broken[0]} of the policy in {found} is not finite: train it again")
+    episodes, objects = algorithm.episodes, []
     if episodes.observe_activity:
         labels = fresh.envs.running.state.objects.label[0]
         objects = [episodes.env.classes[i] for i in np.asarray(labels)]
@@ -162,10 +156,8 @@ def describe(
 def observation_layout(env: Any, objects: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Name, start and stop of each part of the policy's input, in order.
 
-    Args:
-      env: the task; `observation_names`, if it has them, name each number, and equal names in a
-        row are one part. Without them there is a single part "observation".
-      objects: names of the objects whose activity bits follow the task's own observation.
+    The task's `observation_names`, if it has them, name each number, and equal names in a row are
+    one part; without them there is a single part "observation". The objects' activity bits follow.
 
     Raises:
       ShapeError: the task names more or fewer numbers than it observes.

@@ -95,9 +95,7 @@ def save_reward(
         params, config, tuple(classes), tuple(robots), tuple(objects), rule, softness
     )
     made = _digest(demos) if demos is not None else {}
-    text = reward_format.describe(
-        learned, half_extent=half_extent, unit=unit, provenance=made | dict(provenance or {})
-    )
+    text = reward_format.describe(learned, half_extent, unit, made | dict(provenance or {}))
     arrays = {name: np.asarray(leaf) for name, leaf in reward_format.named(params)}
     wanted = dict(reward_format.named(reward_format.blank(config)))
     reward_format.check_arrays(arrays, wanted, "params")

@@ -3,7 +3,6 @@
 `gril_jax.interop.reward_file` says what the fields of the description mean.
 """
 
-import importlib.metadata
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
+from gril_jax import __version__
 from gril_jax.encoders import encoder
 from gril_jax.encoders import kinds as encoder_choices
 from gril_jax.encoders.encoder import AnyConfig
@@ -56,11 +56,10 @@ def check_arrays(
       RewardFileError: an array is missing, unknown, not float32 or not finite.
       ShapeError: an array has another shape.
     """
-    for name in wanted:
-        if name not in arrays:
-            raise RewardFileError(
-                f"{where} lacks the array {name!r}; its encoder needs one: save the reward again."
-            )
+    if lacks := [name for name in wanted if name not in arrays]:
+        raise RewardFileError(
+            f"{where} lacks the array {lacks[0]!r}; its encoder needs one: save the reward again."
+        )
     for name, array in arrays.items():
         if name not in wanted:
             raise RewardFileError(
@@ -79,11 +78,7 @@ def check_arrays(
 
 
 def describe(
-    learned: LearnedReward,
-    *,
-    half_extent: float | None,
-    unit: str | None,
-    provenance: Mapping[str, Any],
+    learned: LearnedReward, half_extent: float | None, unit: str | None, provenance: dict[str, Any]
 ) -> str:
     """The description as JSON text; a `ConfigError` if its choices are wrong or are no JSON."""
     about = {
@@ -97,7 +92,7 @@ def describe(
         "objects": [*learned.objects],
         "half_extent": half_extent,
         "unit": unit,
-        "provenance": {"gril_jax": _version(), **provenance},
+        "provenance": {"gril_jax": __version__, **provenance},
     }
     _check_choices(learned, half_extent)
     return _json(about)
@@ -174,13 +169,6 @@ def _names(about, field):
     if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
         raise ConfigError(f"{field} is {names!r:.60}; it must be a list of names.")
     return tuple(names)
-
-
-def _version():
-    try:
-        return importlib.metadata.version("gril-jax")
-    except importlib.metadata.PackageNotFoundError:
-        return "unknown"
 
 
 def _json(content):

@@ -11,6 +11,8 @@ import sys
 import pytest
 
 from gril_jax.config import (
+    BLOCK_COLOURS,
+    BLOCK_SHAPES,
     DemosConfig,
     EncoderOptions,
     EnvConfig,
@@ -240,7 +242,7 @@ def test_every_field_is_an_option():
 def test_the_blocks_and_the_defaults_are_those_of_the_task():
     from gril_jax.envs.magical.match_regions import start, task
 
-    blocks = {f"{c} {s}" for c in schema.BLOCK_COLOURS for s in schema.BLOCK_SHAPES}
+    blocks = {f"{c} {s}" for c in BLOCK_COLOURS for s in BLOCK_SHAPES}
     assert blocks == set(task.CLASSES) - {"goal", "robot"}
     assert EnvConfig().targets == task.TARGETS
     assert EnvConfig().distractors == task.DISTRACTORS
