@@ -3,6 +3,7 @@
 `gril_jax.interop.reward_file` says what the fields of the description mean.
 """
 
+import importlib.metadata
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -13,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from gril_jax import __version__
 from gril_jax.encoders import encoder
 from gril_jax.encoders import kinds as encoder_choices
 from gril_jax.encoders.encoder import AnyConfig
@@ -92,7 +92,7 @@ def describe(
         "objects": [*learned.objects],
         "half_extent": half_extent,
         "unit": unit,
-        "provenance": {"gril_jax": __version__, **provenance},
+        "provenance": {"gril_jax": _version(), **provenance},
     }
     _check_choices(learned, half_extent)
     return _json(about)
@@ -169,6 +169,13 @@ def _names(about, field):
     if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
         raise ConfigError(f"{field} is {names!r:.60}; it must be a list of names.")
     return tuple(names)
+
+
+def _version():
+    try:
+        return importlib.metadata.version("gril-jax")
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"
 
 
 def _json(content):

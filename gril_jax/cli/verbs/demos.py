@@ -7,6 +7,7 @@ import tyro
 
 from gril_jax.config import MakeDemosConfig
 from gril_jax.config.command_line import parse
+from gril_jax.config.files import load
 from gril_jax.config.rules import above
 from gril_jax.errors import ConfigError
 
@@ -32,8 +33,6 @@ _SHORTCUTS = {
 
 
 def _make(args: list[str]) -> Work:
-    from gril_jax.config.files import load
-
     name, out = positional(args), take(args, "--out")
     config = load(
         name,

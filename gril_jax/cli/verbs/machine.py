@@ -7,11 +7,17 @@ from typing import Literal
 
 from gril_jax.config import TaskName, Variant
 from gril_jax.config.command_line import parse
+from gril_jax.config.files import load
 from gril_jax.config.rules import above, count, optional
+from gril_jax.config.tables import ALGORITHMS
 
+from .. import doctor
 from ..arguments import Work, echo
 from ..heavy_imports import heavy_imports
 from ..verb import Verb
+
+_PARTS = ("training", "starts", "seeds", "devices")
+_TASKS = ("pendulum", "inverted_pendulum", "reacher")
 
 
 @dataclass(frozen=True)
@@ -25,8 +31,6 @@ def _doctor(args: list[str]) -> Work:
     given = parse(_Doctor, args, prog="gril doctor", description=about)
 
     def work() -> int:
-        from .. import doctor
-
         checks = doctor.check_all(timeout_s=given.timeout_s)
         echo(doctor.table(checks))
         return doctor.exit_code(checks)
@@ -45,12 +49,7 @@ class _Train:
     """Environments; None is 256 on a CPU and 8,192 elsewhere."""
     variant: Variant = "demo"
     """Quantities randomised at the start of an episode."""
-    parts: tuple[Literal["training", "starts", "seeds", "devices"], ...] = (
-        "training",
-        "starts",
-        "seeds",
-        "devices",
-    )
+    parts: tuple[Literal[*_PARTS], ...] = _PARTS
     """Parts to measure; devices only where there are several."""
     repeats: int = field(default=5, metadata=count())
     """Timed calls of each program."""
@@ -90,13 +89,9 @@ class _SAC:
 
 @dataclass(frozen=True)
 class _Known:
-    tasks: tuple[Literal["pendulum", "inverted_pendulum", "reacher"], ...] = (
-        "pendulum",
-        "inverted_pendulum",
-        "reacher",
-    )
+    tasks: tuple[Literal[*_TASKS], ...] = _TASKS
     """Tasks to train on."""
-    algorithms: tuple[Literal["ppo", "sac"], ...] = ("ppo", "sac")
+    algorithms: tuple[Literal[*ALGORITHMS], ...] = tuple(ALGORITHMS)
     """Algorithms to train with."""
     seeds: int = field(default=3, metadata=count())
     """Runs of each."""
@@ -111,8 +106,6 @@ def _benchmark(name: str, summary: str, options: type = _Nothing) -> Verb:
     """
 
     def plan(args: list[str]) -> Work:
-        from gril_jax.config.files import load
-
         about = f"{summary[0].upper()}{summary[1:]}, as JSON."
         given = vars(parse(options, args, prog=f"gril bench {name}", description=about))
         chosen = given.get("task", given.get("config"))

@@ -8,8 +8,10 @@ import tyro
 
 from gril_jax.config import RunConfig, TaskName, Variant
 from gril_jax.config.command_line import RunFolder, parse
+from gril_jax.config.files import load
 from gril_jax.config.rules import between, count
 from gril_jax.errors import RunError
+from gril_jax.runs import run_dir
 
 from ..arguments import Work, echo, require_new_file, run_config_of
 from ..heavy_imports import heavy_imports
@@ -35,8 +37,6 @@ class _Audit:
 
 
 def _audit(args: list[str]) -> Work:
-    from gril_jax.config.files import load
-
     about = "Find how a learned reward could be hacked, before a policy does."
     given = parse(_Audit, args, prog="gril audit", description=about)
     source = Path(given.reward)
@@ -55,7 +55,6 @@ def _audit(args: list[str]) -> Work:
 
 def _subtasks(args: list[str]) -> Work:
     from gril_jax.experiments.subtasks.options import Options
-    from gril_jax.runs import run_dir
 
     about = "Find the stages of a task in a learned reward, and cut its demonstrations at them."
     options = parse(Options, args, prog="gril subtasks", description=about)

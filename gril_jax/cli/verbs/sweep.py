@@ -4,8 +4,11 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from gril_jax.config.files import load
 from gril_jax.config.grid import Cell, cells, take_axes
 from gril_jax.errors import RunError
+from gril_jax.runs import run_dir
+from gril_jax.runs.cluster import cluster_of
 
 from ..arguments import (
     Work,
@@ -32,8 +35,6 @@ Connect = Callable[[], None]
 
 
 def _plan(args: list[str]) -> Work:
-    from gril_jax.config.files import load
-
     connect = _connection(args)
     resume = take(args, "--resume")
     if resume is not None:
@@ -75,8 +76,6 @@ def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[C
 
 def _connection(args: list[str]) -> Connect | None:
     """Takes --distributed off; returns what connects the processes of a job, if it was there."""
-    from gril_jax.runs.cluster import cluster_of
-
     if "--distributed" not in args:
         return None
     args.remove("--distributed")
@@ -91,8 +90,6 @@ def _connection(args: list[str]) -> Connect | None:
 
 
 def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
-    from gril_jax.runs import run_dir
-
     not_beside(args, "--resume", f"its options from {folder}")
     if connect is None:
         config = run_dir.require_resumable(folder, "sweep")

@@ -13,6 +13,7 @@ from typing import Any
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
+from gril_jax.runs import run_dir
 
 from ..arguments import (
     Work,
@@ -130,7 +131,6 @@ def not_beside(args: list[str], option: str, takes: str) -> None:
 def _begun(args: list[str], name: str, kind: type) -> Work | None:
     """The work that is left where --resume is given; None without it."""
     from gril_jax.experiments.tables.rows import read_settings
-    from gril_jax.runs import run_dir
 
     given = take(args, "--resume")
     if given is None:
@@ -143,8 +143,6 @@ def _begun(args: list[str], name: str, kind: type) -> Work | None:
 
 def _joined(args: list[str], name: str) -> Work | None:
     """The work where --join is given, with --out alone beside it; None without it."""
-    from gril_jax.runs import run_dir
-
     names = take(args, "--join")
     if names is None:
         return None

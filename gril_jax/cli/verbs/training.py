@@ -8,6 +8,7 @@ from gril_jax.config import Variant
 from gril_jax.config.command_line import RunFolder, parse
 from gril_jax.config.rules import between, count
 from gril_jax.errors import ConfigError
+from gril_jax.runs import phases
 
 from ..arguments import (
     Work,
@@ -66,8 +67,6 @@ class _Report:
 
 
 def _report(args: list[str]) -> Work:
-    from gril_jax.runs import phases
-
     given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
     folder = Path(given.run)
     run_config_of(folder)
