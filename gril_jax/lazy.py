@@ -12,15 +12,10 @@ from typing import Any
 
 
 def offer(package: str, **homes: str) -> tuple[list[str], Callable[[str], Any]]:
-    """A package's `__all__` and `__getattr__`.
+    """The `__all__` and `__getattr__` of the package of this `__name__`.
 
-    Args:
-      package: its `__name__`.
-      homes: a module, relative to the package, to the public names that it defines, with a space
-        between them; a name that it lacks stands for the module.
-
-    Raises:
-      AttributeError: from what is returned, for a name that is not offered.
+    Each of its modules comes with the public names that it defines, with a space between them; a
+    name that the module lacks stands for the module itself.
     """
     home = {name: module for module, names in homes.items() for name in names.split()}
 

@@ -55,12 +55,8 @@ def read_object(file: Path) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def new_file(path: Path, *, overwrite: bool = False) -> Iterator[BinaryIO]:
-    """A stream into a file that appears under its name, whole, when the block ends well.
-
-    Raises:
-      FileExistsError: there is a file of this name, and it is not to be overwritten.
-      OSError: the folder is missing, full or not writable.
-    """
+    """A stream into a file that appears under its name, whole, when the block ends well; a
+    FileExistsError if there is one that is not to be overwritten."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     claimed = False
     try:

@@ -38,12 +38,8 @@ def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunC
 def resumed_config(
     folder: Path, name: str | None, args: list[str], *, prog: str, experiment: str
 ) -> RunConfig:
-    """The configuration of a run to resume; `name` and `args` are given beside it.
-
-    Raises:
-      ConfigError: the command line says something else than the run; the fields are listed.
-      RunError: the folder is no run that can go on.
-    """
+    """The configuration of a run to resume; a ConfigError with the fields in which the `name` and
+    `args` given beside it say something else."""
     config = run_dir.require_resumable(folder, experiment)
     args = in_full(args)
     given = load(name or str(folder / "config.yaml"), args, prog=prog)
@@ -59,12 +55,8 @@ def resumed_config(
 
 
 def hard_negatives(names: str, config: RunConfig) -> list[Path]:
-    """The folders of the one or two runs whose policies give a new run hard negatives.
-
-    Raises:
-      ConfigError: these are more, or of another task or other blocks than the new configuration.
-      RunError: a folder is no run, or its run has no policy yet.
-    """
+    """The folders of the one or two runs whose policies give a new run hard negatives; an error if
+    these are more, have no policy, or are of another task or other blocks than the new run."""
     folders = [Path(name) for name in names.split(",") if name]
     if not 1 <= len(folders) <= _ROUNDS:
         raise ConfigError(

@@ -35,17 +35,11 @@ def _steps_in_mjx(config: RunConfig | MakeDemosConfig) -> bool:
 def heavy_imports(
     config: RunConfig | MakeDemosConfig | None = None, *, devices: bool = False
 ) -> Iterator[None]:
-    """Context for importing JAX and MuJoCo: sets XLA's options and threads, keeps stdout clean.
+    """Context for importing JAX and MuJoCo: sets XLA's options and threads, as the config of what is
+    to be done needs them, and keeps reports of MJX on missing parts from stdout.
 
-    MJX reports on stdout, while it is imported, that optional parts are missing.
-
-    Args:
-      config: of what is to be done, where it may need other options than usual.
-      devices: JAX takes its devices meanwhile; not for what leaves them to other processes, or
-        has to connect to other hosts first.
-
-    Raises:
-      ConfigError: JAX cannot use its devices, or JAX_PLATFORMS names some that are not here.
+    With `devices` JAX takes its devices meanwhile, or a ConfigError says why it cannot; not for what
+    leaves them to other processes, or has to connect to other hosts first.
     """
     flags = [] if config is None else _xla_flags(config)
     if flags:

@@ -29,11 +29,8 @@ from .compiler import compiled
 
 
 def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
-    """Devices as a grid of axes "seeds" and "envs", with as many as possible on "seeds".
-
-    Raises:
-      ConfigError: the devices cannot be shared out evenly.
-    """
+    """Devices as a grid of axes "seeds" and "envs", with as many as possible on "seeds"; a
+    ConfigError if they cannot be shared out evenly."""
     count = len(devices)
     across = math.gcd(count, seeds)
     if num_envs % (count // across):
@@ -133,12 +130,10 @@ def advance(
     updates: int,
     evaluation: tuple[Any, ...] = (),
 ) -> Callable[[Any, Any, Any, Any, Any], tuple[Any, tuple[Any, Any]]]:
-    """Runs `training.chunk` over seeds, compiled once.
+    """`training.chunk` over seeds, compiled once and called with its state, which is donated, hyper,
+    reward parameters, each with a leading axis of seeds, count and examine.
 
-    Returns:
-      (state, hyper, reward parameters, count, examine) -> (state, (metrics, scores)), the first
-      three with a leading axis of seeds, and so what it returns. Metrics and scores come back whole
-      to every host. The state is donated.
+    It returns (state, (metrics, scores)); metrics and scores come back whole to every host.
     """
 
     def chunk(state, hyper, reward_params, count, examine):

@@ -29,11 +29,7 @@ def names() -> tuple[str, ...]:
 
 
 def find(name: str) -> Traversable:
-    """Finds a configuration file by its path, or by the name of a shipped one.
-
-    Raises:
-      ConfigError: there is no such file.
-    """
+    """A configuration file by its path, or the name of a shipped one; a ConfigError without it."""
     if name in names():
         return resources.files("gril_jax.configs") / f"{name}.yaml"
     path = Path(name)

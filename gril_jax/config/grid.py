@@ -37,11 +37,8 @@ class Cell:
 
 
 def take_axes(args: list[str]) -> list[Axis]:
-    """Removes the options with commas in their values and returns them, in order.
-
-    Raises:
-      ConfigError: an option is given twice, or a value is empty or given twice.
-    """
+    """Removes the options with commas in their values and returns them, in order; a ConfigError
+    if one is given twice, or one of its values is empty or given twice."""
     axes: list[Axis] = []
     rest: list[str] = []
     pending = iter(list(args))

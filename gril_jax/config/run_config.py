@@ -64,11 +64,8 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class MakeDemosConfig:
-    """The part of a configuration that scripted demonstrations depend on.
-
-    Raises:
-      ConfigError: a field is out of its range, or two fields contradict each other.
-    """
+    """The part of a configuration that scripted demonstrations depend on; a ConfigError if a field
+    is out of its range, or two contradict each other."""
 
     env: EnvConfig = field(default=EnvConfig())
     demos: DemosConfig = field(default=DemosConfig())
@@ -79,7 +76,7 @@ class MakeDemosConfig:
 
 @dataclass(frozen=True)
 class _Sections(MakeDemosConfig):
-    """All settings that a run depends on; errors are those of `MakeDemosConfig`."""
+    """All settings that a run depends on."""
 
     encoder: EncoderOptions = field(default=EncoderOptions())
     pool: PoolConfig = field(default=PoolConfig())

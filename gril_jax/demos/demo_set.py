@@ -113,12 +113,10 @@ def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> 
 
 
 def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
-    """The same demonstrations with only the named objects, trimmed to the end of their motion.
+    """The same demonstrations with only the named objects, trimmed to the end of their motion; a
+    DemoError if one lacks an object.
 
     A task with fewer blocks than a video shows can so learn from it. Files stay as they are.
-
-    Raises:
-      DemoError: a demonstration lacks one of the objects.
     """
     entries, tracks = [], []
     for entry, track in zip(demo_set.entries, demo_set.tracks, strict=True):
@@ -142,10 +140,8 @@ def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
 def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBatch:
     """Demonstrations as arrays, padded to the longest with their last frames; all without `names`.
 
-    Objects are ordered by label, those of one label by their x in the first frame.
-
-    Raises:
-      DemoError: an unknown name, no name, or demonstrations with different objects.
+    Objects are ordered by label, those of one label by their x in the first frame; a DemoError if
+    they differ between demonstrations.
     """
     names = [entry.name for entry in demo_set.entries] if names is None else list(names)
     if not names:
@@ -183,14 +179,8 @@ def frame_batch(
 ) -> VideoBatch:
     """The frames of some demonstrations as small squares, padded as `demo_batch` pads their boxes.
 
-    One video at a time is decoded; what is kept takes 3 bytes a pixel, on the host.
-
-    Args:
-      pixels: width and height of a frame.
-      half_extent: half the width of the world that a frame shall show; None: the set's own.
-
-    Raises:
-      DemoError: a name is unknown, or a video is damaged, not square, or not as long as its boxes.
+    They show the world as far as `half_extent`, or the set's own. One video at a time is decoded; a
+    DemoError if it is damaged, not square, or not as long as its boxes.
     """
     zoom = 1.0 if half_extent is None else half_extent / demo_set.half_extent
     videos = []

@@ -55,11 +55,8 @@ class RewardWrapper:
         return self._with(state, jnp.zeros_like(state.reward), memory, jnp.zeros((), jnp.int32))
 
     def step(self, state: Any, action: Float[Array, "A"]) -> Any:
-        """The next state, with its learned reward.
-
-        Raises:
-          ConfigError: an automatic reset hides the ends of episodes, as no episode wrapper counts.
-        """
+        """The next state, with its learned reward; a ConfigError where an automatic reset hides the
+        ends of episodes, since no episode wrapper counts."""
         memory, count = state.info[_KEY]
         new = self._is_new(state, count)
         fresh = self.learned.init(*self._boxes(state))

@@ -70,11 +70,8 @@ def main(
     *,
     echo: Callable[[str], None] = print,
 ) -> None:
-    """Writes the newest policy of a run to a new file; its algorithm is built from its config.
-
-    Raises:
-      RunError: the run has no policy or a broken one, or `out` exists or cannot be written.
-    """
+    """Writes the newest policy of a run to a new file; its algorithm is built from its config. A
+    RunError if the run has no policy or a broken one, or the file exists or cannot be written."""
     found = checkpoint.newest(folder, "policy")
     fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
     arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
@@ -106,11 +103,7 @@ def describe(
 ) -> dict[str, Any]:
     """The meaning of the arrays, as JSON has it. Index ranges are [start, stop).
 
-    Args:
-      arrays: from `policy_arrays`.
-      objects: names of the objects whose activity bits the policy sees, in order; often none.
-
-    Returns:
+    The objects are those whose activity bits the policy sees, in order. Its fields:
       format, version, gril_jax: what wrote the file.
       layers: `in`, `out` and `activation` (swish, relu, tanh or none) of each.
       output: the ranges of the last layer that hold the action's mean and its spread before
@@ -122,9 +115,6 @@ def describe(
       action: name, range and limits of each number of the action.
       control_hz: actions a second.
       env: the task's settings in the run.
-
-    Raises:
-      ShapeError: the task's names do not fit its sizes.
     """
     kernels = [array for name, array in arrays.items() if name.startswith("kernel_")]
     activations = [_ACTIVATION] * (len(kernels) - 1) + ["none"]
@@ -156,11 +146,9 @@ def describe(
 def observation_layout(env: Any, objects: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Name, start and stop of each part of the policy's input, in order.
 
-    The task's `observation_names`, if it has them, name each number, and equal names in a row are
-    one part; without them there is a single part "observation". The objects' activity bits follow.
-
-    Raises:
-      ShapeError: the task names more or fewer numbers than it observes.
+    The task's `observation_names`, if it has them, name each number, or it is a ShapeError; equal
+    names in a row are one part. Without them there is a single part "observation". The objects'
+    activity bits follow.
     """
     own = _names(env, "observation", env.observation_size)
     return _ranges([*own, *(f"{name} has moved" for name in objects)])

@@ -33,12 +33,9 @@ _NO_POLICY = Part("No policy has been trained in this run.")
 
 
 def write_report(run_folder: str | os.PathLike) -> Path:
-    """Draws everything about a run into its folder: PNGs, videos, and `report.html`, which needs no
-    other file and whose path is returned. The run may be finished or not.
-
-    Raises:
-      RunError: it is no run's folder or that of a table, is damaged, or cannot be written to.
-    """
+    """Draws everything about a run, finished or not, into its folder: PNGs, videos, and
+    `report.html`, which needs no other file and whose path is returned. A folder of no run or of a
+    table, or one that is damaged or cannot be written to, is a RunError."""
     folder = Path(run_folder)
     require_single(folder)
     try:

@@ -25,11 +25,8 @@ from .checkpoints.state_leaves import is_key
 
 
 def initialize(cluster: Mapping[str, Any], *, timeout_s: int = 300) -> None:
-    """Connects the processes of the job of `cluster_of`; then `jax.devices()` lists those of all.
-
-    Raises:
-      RunError: the others cannot be reached, or JAX has been used already.
-    """
+    """Connects the processes of the job of `cluster_of`; then `jax.devices()` lists those of all. A
+    RunError if the others cannot be reached, or JAX has been used already."""
     # JAX's own handler would swallow SIGTERM, at which a run is saved.
     jax.config.update("jax_enable_preemption_service", False)
     jax.config.update("jax_cpu_collectives_implementation", "gloo")

@@ -12,12 +12,8 @@ from gril_jax.errors import RunError
 
 
 def take_lock(folder: Path, *, note: bool = True) -> TextIO:
-    """Locks the file `lock` of a folder until it is closed, and notes this process's id in it.
-
-    Raises:
-      RunError: a process has the lock, this one included.
-      OSError: the file cannot be made or written.
-    """
+    """Locks the file `lock` of a folder until it is closed, and notes this process's id in it; a
+    RunError if a process has the lock, this one included."""
     lock = open(folder / "lock", "a+", encoding="utf-8")  # closed by the caller
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -46,10 +46,8 @@ def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) 
     """The newest undamaged checkpoint of a phase, or the fresh state, strongly typed, without one.
 
     Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside, and `tell` takes a
-    sentence for each. What is restored goes to the devices on which the fresh state is.
-
-    Raises:
-      RunError: a checkpoint is of another structure than the state, or rows have been lost.
+    sentence for each. What is restored goes to the devices on which the fresh state is. Another
+    structure than that of the state, or lost rows, are a RunError.
     """
     found, chunks, seconds = state, 0, 0.0
     if hosts.is_first():

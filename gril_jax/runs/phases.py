@@ -82,12 +82,8 @@ def require_single(folder: Path) -> None:
 
 
 def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:
-    """The changed fields of a configuration, such as `run.seed (0, not 1)`.
-
-    Args:
-      began: as it was; fields that its YAML lacks are newer, and do not count.
-      now: as it is.
-    """
+    """The changed fields of a configuration, such as `run.seed (0, not 1)`; those that the YAML of
+    the older one lacks are newer, and do not count."""
     before = yaml.safe_load(began if isinstance(began, str) else to_yaml(began))
     after = yaml.safe_load(to_yaml(now))
     return [

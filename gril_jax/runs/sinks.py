@@ -34,12 +34,8 @@ def require_installed(names: Sequence[str]) -> None:
 
 
 def open_sink(name: str, folder: Path, config: Mapping[str, Any]) -> "_TensorBoard | _Wandb":
-    """Opens a sink for the run in a folder; its own files go to a folder below of its name.
-
-    Raises:
-      ConfigError: the package is not installed.
-      RunError: the sink cannot start.
-    """
+    """Opens a sink for the run in a folder; its own files go to a folder below of its name. A
+    ConfigError if its package is not installed, a RunError if it cannot start."""
     require_installed([name])
     return {"tensorboard": _TensorBoard, "wandb": _Wandb}[name](folder, config)
 

@@ -74,10 +74,8 @@ class ColourDetector:
 
         An object that cannot be seen in a frame keeps its last box (before its first sighting:
         its first). Centres and boxes follow with a slack of 0.3 pixels, so that what rests in
-        the world rests in the tracks.
-
-        Raises:
-          DemoError: no frame, no goal region, or an object that is never seen.
+        the world rests in the tracks. No frame or goal region, or an object that is never seen, is
+        a DemoError.
         """
         if len(frames) == 0:
             raise DemoError(f"{name}: the video holds no frames, at least 1 is needed.")

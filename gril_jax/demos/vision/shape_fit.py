@@ -93,13 +93,10 @@ def fit_blob(
     *,
     unknown: Bool[np.ndarray, "H W"] | None = None,
 ) -> list[Pose]:
-    """Poses of shapes that together cover a mask.
+    """Poses of shapes that together cover a mask, 1 where the blocks' colour is.
 
-    Args:
-      mask: 1 where the blocks' colour is, cut out around them.
-      previous: each shape's pose in the frame before, or None where nothing is known.
-      scale: pixels per world unit.
-      unknown: pixels whose colour says nothing about blocks.
+    `previous` are their poses in the frame before, as far as they are known, `scale` pixels per
+    world unit, and `unknown` pixels whose colour says nothing about blocks.
     """
     field = _Field(mask, scale, unknown)
     poses = [

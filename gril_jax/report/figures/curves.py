@@ -41,12 +41,9 @@ def reward_profile(
 
     Args:
       boundary: frames at which a stage ends (`gril_jax.subtasks.agreement`).
-      frames: the video, of V = T frames; its first frame, those at the boundaries and the last
-        are shown above the curve, seven at the most. None shows the curve alone.
+      frames: the video, of V = T frames, or a ShapeError; its first frame, those at the boundaries
+        and the last are shown above the curve, seven at the most. None shows the curve alone.
       name, fps: of the demonstration, for the title and the axis.
-
-    Raises:
-      ShapeError: the video has another number of frames than the reward.
     """
     if frames is not None and len(frames) != len(reward):
         raise ShapeError(

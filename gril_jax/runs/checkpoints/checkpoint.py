@@ -48,10 +48,7 @@ def save(folder: Path, step: int, state: Any) -> Path:
 def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None = None) -> Path:
     """Writes a checkpoint from a copy on the host; one writer per folder at a time.
 
-    Of the checkpoints in the folder, the `keep` newest stay, or all.
-
-    Raises:
-      RunError: the step exists already, or the disk is full or not writable.
+    Of those in the folder the `keep` newest stay, or all; a step that exists is a RunError.
     """
     final, part = folder / f"{step:012d}", folder / f".{step:012d}.part"
     if (final / "manifest.json").exists():
@@ -92,12 +89,8 @@ def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None =
 
 
 def restore(path: Path, like: Any) -> Any:
-    """Reads a checkpoint back into the structure, shapes and dtypes of another state.
-
-    Raises:
-      DamagedError: a file is missing or has changed.
-      RunError: there is no checkpoint, or it is of another structure than `like`.
-    """
+    """Reads a checkpoint back into the structure, shapes and dtypes of another state; a RunError if
+    it has others, a DamagedError if a file is missing or has changed."""
     content = manifest(path)
     entries = content["leaves"]
     _check_structure(path, entries, like)
@@ -153,12 +146,8 @@ def discard(path: Path) -> Path:
 
 
 def manifest(path: Path) -> dict[str, Any]:
-    """A checkpoint's step and leaves, without reading the arrays.
-
-    Raises:
-      DamagedError: the manifest has changed.
-      RunError: there is no checkpoint, or another version wrote it.
-    """
+    """A checkpoint's step and leaves, without reading the arrays; a RunError if there is none or
+    another version wrote it, a DamagedError if it has changed."""
     file = path / "manifest.json"
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
