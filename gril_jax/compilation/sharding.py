@@ -130,10 +130,9 @@ def advance(
     updates: int,
     evaluation: tuple[Any, ...] = (),
 ) -> Callable[[Any, Any, Any, Any, Any], tuple[Any, tuple[Any, Any]]]:
-    """`training.chunk` over seeds, compiled once and called with its state, which is donated, hyper,
-    reward parameters, each with a leading axis of seeds, count and examine.
-
-    It returns (state, (metrics, scores)); metrics and scores come back whole to every host.
+    """`training.chunk` over seeds, compiled once: (state, hyper, reward parameters, count, examine)
+    -> (state, (metrics, scores)), the first three with a leading axis of seeds, and so what it
+    returns. Metrics and scores come back whole to every host. The state is donated.
     """
 
     def chunk(state, hyper, reward_params, count, examine):

@@ -45,8 +45,8 @@ def parse(
     prog: str,
     description: str | None = None,
 ) -> Schema:
-    """Parses options into a dataclass; `--help` prints the help and exits with 0. A ConfigError says
-    which option is unknown, lacks its value, is of the wrong type or out of range."""
+    """Parses options into a dataclass; `--help` prints the help and exits with 0. A ConfigError
+    says which option is unknown, lacks its value, is of the wrong type or out of range."""
     _check(schema, args, prog, complete=default is not None)
     try:
         with contextlib.redirect_stderr(io.StringIO()):

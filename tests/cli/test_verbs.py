@@ -338,7 +338,7 @@ def test_the_doctor_s_verdict_is_the_exit_code(monkeypatch, capsys):
 
 def test_a_verb_is_one_file_and_the_file_s_name_in_the_table(tmp_path, monkeypatch, capsys):
     (tmp_path / "manners.py").write_text(
-        "from gril_jax.cli.verb import Verb\n"
+        "from gril_jax.cli.verbs import Verb\n"
         "def plan(args):\n"
         "    return lambda: print('hello', *args)\n"
         "VERBS = [Verb('greet-all NAME', 'says hello', plan)]\n"

@@ -4,10 +4,17 @@ The table gives their order in the help. Nothing else names a verb.
 """
 
 import importlib
+import re
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
-from ..verb import Verb
+from gril_jax.config import MakeDemosConfig
 
-__all__ = ["TABLE", "find", "group", "names"]
+from ..arguments import Work, echo
+from ..heavy_imports import heavy_imports
+
+__all__ = ["TABLE", "Verb", "experiment", "find", "group", "names"]
 
 TABLE: dict[str, tuple[str, ...]] = {
     "Learn a reward, and a policy from it": ("training",),
@@ -16,6 +23,45 @@ TABLE: dict[str, tuple[str, ...]] = {
     "Compare, over seeds": ("sweep", "tables"),
     "This machine": ("machine",),
 }
+
+
+class Verb(NamedTuple):
+    """A verb, which its module has in `VERBS`."""
+
+    usage: str  # "demos make [CONFIG]", its name first
+    summary: str
+    plan: Callable[[list[str]], Work]  # from the arguments; imports nothing heavy
+    more: Mapping[str, str] = MappingProxyType({})  # further lines of the help: usage, summary
+
+    @property
+    def name(self) -> str:
+        """The words that call it, such as "demos make"."""
+        return re.match(r"[a-z\d-]+( [a-z\d-]+)*", self.usage)[0]
+
+    @property
+    def lines(self) -> dict[str, str]:
+        """Everything that `gril --help` says of the verb."""
+        return {self.usage: self.summary, **self.more}
+
+
+def experiment(
+    name: str,
+    *args: Any,
+    config: MakeDemosConfig | None = None,
+    devices: bool = False,
+    **options: Any,
+) -> Work:
+    """The work of `gril_jax.experiments.NAME`: its `main` with these arguments and `echo`.
+
+    `config` and `devices` are those of `heavy_imports`.
+    """
+
+    def work() -> None:
+        with heavy_imports(config, devices=devices):
+            module = importlib.import_module(f"gril_jax.experiments.{name}")
+        module.main(*args, **options, echo=echo)
+
+    return work
 
 
 def group(title: str) -> list[Verb]:

@@ -22,7 +22,7 @@ from ..arguments import (
     take,
 )
 from ..heavy_imports import heavy_imports
-from ..verb import Verb, experiment
+from . import Verb, experiment
 
 _SHORTCUTS = {
     "--num": "--demos.num",

@@ -14,7 +14,7 @@ from gril_jax.config.tables import ALGORITHMS
 from .. import doctor
 from ..arguments import Work, echo
 from ..heavy_imports import heavy_imports
-from ..verb import Verb
+from . import Verb
 
 _PARTS = ("training", "starts", "seeds", "devices")
 _TASKS = ("pendulum", "inverted_pendulum", "reacher")

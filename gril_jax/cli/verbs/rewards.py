@@ -15,7 +15,7 @@ from gril_jax.runs import run_dir
 
 from ..arguments import Work, echo, require_new_file, run_config_of
 from ..heavy_imports import heavy_imports
-from ..verb import Verb, experiment
+from . import Verb, experiment
 
 
 @dataclass(frozen=True)

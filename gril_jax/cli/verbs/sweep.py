@@ -19,7 +19,7 @@ from ..arguments import (
     take,
     whole_number,
 )
-from ..verb import Verb
+from . import Verb
 from .tables import made, not_beside
 
 _ABOUT = (

@@ -25,7 +25,7 @@ from ..arguments import (
     whole_number,
 )
 from ..heavy_imports import heavy_imports
-from ..verb import Verb
+from . import Verb
 
 Loader = Callable[[str | None, list[str]], RunConfig]  # from a configuration's name and options
 

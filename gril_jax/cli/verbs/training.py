@@ -19,7 +19,7 @@ from ..arguments import (
     run_config_of,
     take,
 )
-from ..verb import Verb, experiment
+from . import Verb, experiment
 from .tables import of_results
 
 _TRAIN = "Learn a reward, then a policy from it."
