@@ -7,12 +7,10 @@
 
     ahead.carry_out([Task("a", wanted, frozenset(), do), ...])   # first what is compiled first
 
-XLA compiles outside of Python's lock, so a machine with cores to spare has compiled what comes next
-when what comes before is done. Tracing holds that lock: programs are traced one by one, within
-`with ahead.tracing()`, so that the first need not wait until all are.
-
-A machine with two cores has none to spare: there each thing is compiled when it is asked for. So it
-is with several processes, since arrays of all of them are placed by all at once, in one order.
+XLA compiles outside of Python's lock, but tracing holds it: programs are traced one by one, within
+`with ahead.tracing()`, so that the first need not wait until all are. With two cores each thing is
+compiled when it is asked for; so it is with several processes, since arrays of all of them are
+placed by all at once, in one order.
 """
 
 import contextlib

@@ -7,9 +7,8 @@
 
 or, before there is a state, `lowered(algorithm, layout, keys, hyper, params, updates).compile()`.
 
-Nothing else changes: the program is the one for a single device, and the compiler splits it along
-the axes that are laid out here, so that results agree up to the order of float sums. With several
-hosts (`jax.distributed`), the devices of all of them are one mesh.
+The program is the one for a single device, and the compiler splits it along the axes laid out here,
+so that results agree up to the order of float sums. The devices of several hosts are one mesh.
 """
 
 import functools

@@ -61,7 +61,7 @@ def save_demo_set(
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
-        entries = [_write(part, folder, i, demo, classes, fps) for i, demo in enumerate(demos)]
+        entries = [_write(part, str(folder), i, demo, classes, fps) for i, demo in enumerate(demos)]
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
         header = {
@@ -99,15 +99,10 @@ def _move_into_place(part: pathlib.Path, folder: pathlib.Path) -> None:
 
 
 def _write(
-    part: pathlib.Path,
-    folder: pathlib.Path,
-    number: int,
-    demo: Demo,
-    classes: Sequence[str],
-    fps: float,
+    part: pathlib.Path, where: str, number: int, demo: Demo, classes: Sequence[str], fps: float
 ) -> dict[str, Any]:
     """Writes the files of a demonstration; returns its entry in the header, a `DemoEntry`."""
-    where = f"{folder}, demonstration {demo.name!r}"
+    where = f"{where}, demonstration {demo.name!r}"
     if demo.outcome not in OUTCOMES:
         raise DemoError(f"{where}: outcome {demo.outcome!r} is not one of {', '.join(OUTCOMES)}.")
     check_tracks(demo.tracks, len(demo.frames), len(demo.tracks.label), classes, where)

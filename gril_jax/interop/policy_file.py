@@ -182,9 +182,5 @@ def _names(env: Any, kind: str, size: int) -> Sequence[str]:
 
 
 def _ranges(names: Sequence[str]) -> list[dict[str, Any]]:
-    entries, start = [], 0
-    for name, group in itertools.groupby(names):
-        stop = start + len([*group])
-        entries.append({"name": name, "start": start, "stop": stop})
-        start = stop
-    return entries
+    groups = (list(group) for _, group in itertools.groupby(enumerate(names), lambda x: x[1]))
+    return [{"name": g[0][1], "start": g[0][0], "stop": g[-1][0] + 1} for g in groups]

@@ -79,12 +79,9 @@ def read_rows(file: Path) -> list[dict[str, Any]]:
 
 def plain(value: Any) -> Any:
     """Numbers, strings and lists of them, from Python's, NumPy's or JAX's; null if not finite."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
+    value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

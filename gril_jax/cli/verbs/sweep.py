@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from gril_jax.config.files import load
 from gril_jax.config.grid import Cell, cells, take_axes
@@ -31,14 +32,11 @@ _ABOUT = (
 )
 _PROG = "gril sweep"
 
-Connect = Callable[[], None]
-
 
 def _plan(args: list[str]) -> Work:
-    connect = _connection(args)
-    resume = take(args, "--resume")
+    cluster, resume = _job(args), take(args, "--resume")
     if resume is not None:
-        return _resume(Path(resume), args, connect)
+        return _resume(Path(resume), args, cluster)
     name, seeds = positional(args), whole_number(args, "--seeds", 5)
     rows = take(args, "--rows")
     args[:] = in_full(args)
@@ -52,7 +50,7 @@ def _plan(args: list[str]) -> Work:
 
         return Sweep(found, seeds)
 
-    return made("sweep", config, settings, connect=connect)
+    return made("sweep", config, settings, cluster=cluster)
 
 
 def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[Cell]]:
@@ -74,24 +72,17 @@ def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[C
     return each
 
 
-def _connection(args: list[str]) -> Connect | None:
-    """Takes --distributed off; returns what connects the processes of a job, if it was there."""
+def _job(args: list[str]) -> dict[str, Any] | None:
+    """Takes --distributed off; what connects the processes of the job, if it was there."""
     if "--distributed" not in args:
         return None
     args.remove("--distributed")
-    cluster = cluster_of(os.environ)
-
-    def connect() -> None:
-        from gril_jax.runs import hosts
-
-        hosts.initialize(cluster)
-
-    return connect
+    return cluster_of(os.environ)
 
 
-def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
+def _resume(folder: Path, args: list[str], cluster: dict[str, Any] | None) -> Work:
     not_beside(args, "--resume", f"its options from {folder}")
-    if connect is None:
+    if cluster is None:
         config = run_dir.require_resumable(folder, "sweep")
     else:  # processes that look at the same time are in each other's way: the first one will
         config = run_dir.read_config(folder)
@@ -103,7 +94,7 @@ def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
 
         return read_cells(folder)
 
-    return made("sweep", config, read, folder, connect=connect)
+    return made("sweep", config, read, folder, cluster=cluster)
 
 
 VERBS = (

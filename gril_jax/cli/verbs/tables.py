@@ -84,18 +84,19 @@ def made(
     config: RunConfig,
     settings: Callable[[], Any],
     resume: Path | None = None,
-    connect: Callable[[], None] | None = None,
+    cluster: dict[str, Any] | None = None,
 ) -> Work:
-    """The table of a new run, or of one to go on with.
+    """The table of a new run, or of one to go on with, in the processes of a cluster if given.
 
-    `settings` makes what rows do not have in common, when JAX may be imported; `connect`
-    connects the processes of a job, before anything else touches JAX.
+    `settings` makes what rows do not have in common, when JAX may be imported.
     """
 
     def work() -> None:
-        with heavy_imports(config, devices=connect is None):
-            if connect is not None:
-                connect()
+        with heavy_imports(config, devices=cluster is None):
+            if cluster is not None:  # before anything else touches JAX
+                from gril_jax.runs import hosts
+
+                hosts.initialize(cluster)
             from gril_jax.experiments.tables import frame
 
             family = _family(name)

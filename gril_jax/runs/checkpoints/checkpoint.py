@@ -3,10 +3,9 @@
     FOLDER/000000001000/arrays/         Orbax, one folder a leaf
     FOLDER/000000001000/manifest.json   step; shape, dtype and SHA-256 of each leaf and file
 
-A checkpoint is written under another name and renamed when all of it is on the disk, so that one
-which is cut short is never chosen. Files are verified before Orbax reads them, leaves after. Typed
-keys are stored as their data. Leaves come back bit for bit, on the default device; a weakly typed
-leaf comes back strongly typed.
+A checkpoint is written under another name and renamed when all of it is on the disk. Files are
+verified before Orbax reads them, leaves after. Typed keys are stored as their data. Leaves come
+back bit for bit, on the default device, and strongly typed.
 """
 
 import contextlib
