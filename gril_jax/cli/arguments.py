@@ -1,6 +1,7 @@
 """Arguments that verbs share, read and checked before anything heavy is imported."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from gril_jax.safe_files import writing
 _ROUNDS = 2  # of hard negatives
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood
+echo = functools.partial(print, flush=True)  # at once, also into a pipe
 
 _SHORTCUTS = {
     "--out": "--run.out",
@@ -168,8 +170,3 @@ def demo_set_to_write(name: str) -> Path:
     else:
         run_dir.require_new(path)
     return path
-
-
-def echo(line: str) -> None:
-    """Prints a line at once, also into a pipe."""
-    print(line, flush=True)

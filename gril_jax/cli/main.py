@@ -1,9 +1,7 @@
 """`gril VERB`: the command line.
 
-The command line is read, and every path on it looked at, before anything heavy is imported: a
-misspelt option is answered at once. The verbs are in `gril_jax.cli.verbs`; what they do lives in
-`gril_jax.experiments`, imported when the verb runs. Exit codes: 0 done, 1 failed at work, 2 the
-command line is wrong, 130 interrupted by Ctrl-C, 143 by SIGTERM.
+The command line is read, and every path on it looked at, before anything heavy is imported. Exit
+codes: 0 done, 1 failed at work, 2 a wrong command line, 130 interrupted by Ctrl-C, 143 by SIGTERM.
 """
 
 import os

@@ -141,16 +141,13 @@ def _check(tree: Mapping[Any, Any]) -> None:
             if key not in defaults:
                 hint = nearest(str(key), [*defaults]) or f" beside {', '.join(defaults)}"
                 raise ConfigError(f"there is no field {path}{hint}")
-            _check_value(path, value, is_list=isinstance(defaults[key], list))
-
-
-def _check_value(path: str, value: Any, *, is_list: bool) -> None:
-    if isinstance(value, dict) or (isinstance(value, list) and not is_list):
-        raise ConfigError(f"{path} must be a single value")
-    if is_list and not isinstance(value, list):
-        raise ConfigError(f"{path} is {value!r}, but must be a list such as [a, b]")
-    if isinstance(value, list) and any(isinstance(x, dict | list) for x in value):
-        raise ConfigError(f"{path} must be a list of single values")
+            is_list = isinstance(defaults[key], list)
+            if isinstance(value, dict if is_list else dict | list):
+                raise ConfigError(f"{path} must be a single value")
+            if is_list and not isinstance(value, list):
+                raise ConfigError(f"{path} is {value!r}, but must be a list such as [a, b]")
+            if is_list and any(isinstance(x, dict | list) for x in value):
+                raise ConfigError(f"{path} must be a list of single values")
 
 
 def _flags(tree: Mapping[str, Any], prefix: str) -> Iterator[str]:

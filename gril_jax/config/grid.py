@@ -8,22 +8,20 @@ An option whose value has commas is an axis of the sweep; every other option cha
 import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from gril_jax.config.run_config import RunConfig
 from gril_jax.errors import ConfigError
 
 
-@dataclass(frozen=True)
-class Axis:
+class Axis(NamedTuple):
     """An option and its values."""
 
     option: str  # in full, such as --ppo.discounting
     values: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Cell:
+class Cell(NamedTuple):
     """One combination: its labels, and its configuration with the first seed."""
 
     labels: tuple[tuple[str, str], ...]  # option without dashes, value
@@ -77,8 +75,7 @@ def cells(
     """Every combination of the axes, beside the options that are the same for all; the last axis
     changes fastest. `load` makes a checked configuration of options."""
     found = []
-    for chosen in itertools.product(*(axis.values for axis in axes)):
-        pairs = [(axis.option, value) for axis, value in zip(axes, chosen, strict=True)]
+    for pairs in itertools.product(*([(axis.option, x) for x in axis.values] for axis in axes)):
         config = load([*args, *itertools.chain.from_iterable(pairs)])
         found.append(Cell(tuple((option[2:], value) for option, value in pairs), config))
     return found

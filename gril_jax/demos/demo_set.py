@@ -56,8 +56,7 @@ def trim_static_tail(tracks: Tracks, classes: Sequence[str]) -> int:
     """The number of frames to keep: all in which a block is still on its way, and a few more.
 
     Many equal frames at the end would carry different times, which temporal cycle-consistency
-    can only fit by chance. Robot and goal do not count: a robot may wander off when it is done.
-    At least 6 frames are kept (or all, if there are fewer).
+    can only fit by chance. Robot and goal do not count. At least 6 frames are kept if there are.
     """
     kinds = [classes[label] for label in tracks.label]
     blocks = [i for i, kind in enumerate(kinds) if kind not in ("goal", *ROBOTS)]

@@ -197,9 +197,9 @@ def _what_was_run(run: Inputs) -> dict[str, Any]:
     versions = read_versions(run.folder)
     known = ("command", "device", "started", "python", "platform")
     facts = {name: versions[name] for name in known if name in versions}
-    times = {name: in_words(seconds) for name, seconds in stage_times(run.results)}
+    times = {f"time for {name}": in_words(seconds) for name, seconds in stage_times(run.results)}
     return {
-        "facts": _in_text(facts) | {f"time for {name}": text for name, text in times.items()},
+        "facts": _in_text(facts | times),
         "tables": {
             "All results": _in_text(run.results),
             "Package versions": _in_text(versions.get("packages", {})),

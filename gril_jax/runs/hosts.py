@@ -21,7 +21,7 @@ from jax.sharding import SingleDeviceSharding
 
 from gril_jax.errors import RunError
 
-from .checkpoints.state_leaves import is_key
+from .checkpoints.state_leaves import data_of, wrapped
 
 
 def initialize(cluster: Mapping[str, Any], *, timeout_s: int = 300) -> None:
@@ -51,12 +51,12 @@ def same_everywhere(tree: Any) -> Any:
         return tree
 
     def sent(leaf):
-        like = jax.eval_shape(_data, leaf)
-        values = _data(leaf) if is_first() else np.zeros(like.shape, like.dtype)
+        like = jax.eval_shape(data_of, leaf)
+        values = data_of(leaf) if is_first() else np.zeros(like.shape, like.dtype)
         # As bytes, because the processes' contributions are added up: -0.0 + 0.0 is not -0.0.
         flat = np.asarray(values, like.dtype).reshape(-1).view(np.uint8)
         sent = multihost_utils.broadcast_one_to_all(flat)
-        return _wrapped(np.asarray(sent).view(like.dtype).reshape(like.shape), leaf)
+        return wrapped(np.asarray(sent).view(like.dtype).reshape(like.shape), leaf)
 
     return jax.tree.map(sent, tree)
 
@@ -76,7 +76,7 @@ def gathered(tree: Any) -> Any:
     def whole(leaf):
         if not isinstance(leaf, jax.Array) or leaf.is_fully_addressable:
             return leaf
-        return _wrapped(multihost_utils.process_allgather(_data(leaf), tiled=True), leaf)
+        return wrapped(multihost_utils.process_allgather(data_of(leaf), tiled=True), leaf)
 
     return jax.tree.map(whole, tree)
 
@@ -87,9 +87,9 @@ def placed_like(tree: Any, like: Any) -> Any:
     def place(leaf, old):
         if not isinstance(old, jax.Array) or isinstance(old.sharding, SingleDeviceSharding):
             return leaf
-        host, where = np.asarray(_data(leaf)), _data(old).sharding
+        host, where = np.asarray(data_of(leaf)), data_of(old).sharding
         placed = jax.make_array_from_callback(host.shape, where, lambda index: host[index])
-        return _wrapped(placed, old)
+        return wrapped(placed, old)
 
     return jax.tree.map(place, tree, like)
 
@@ -103,11 +103,3 @@ def scratch() -> Iterator[Path | None]:
         return
     with tempfile.TemporaryDirectory(prefix="gril-") as folder:
         yield Path(folder)
-
-
-def _data(leaf: Any) -> Any:
-    return jax.random.key_data(leaf) if is_key(leaf) else leaf
-
-
-def _wrapped(data: Any, like: Any) -> Any:
-    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(like)) if is_key(like) else data

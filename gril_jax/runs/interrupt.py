@@ -1,4 +1,4 @@
-"""Handles SIGTERM and Ctrl-C as requests to stop at a safe point. JAX is not imported here."""
+"""Handles SIGTERM and Ctrl-C as requests to stop at a safe point."""
 
 import contextlib
 import signal

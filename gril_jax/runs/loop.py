@@ -98,7 +98,7 @@ def run_chunks(
     """
     state, done, before_s = begun
     folder = run.checkpoints / name
-    writer = CheckpointWriter(folder, keep=keep, before=run.sync_metrics)
+    writer = CheckpointWriter(folder, keep=keep, before=run.rows.sync)
     begun_s = saved_s = time.monotonic()
     seconds = before_s
     with writer, noticed() as notice:

@@ -49,9 +49,9 @@ class RunDir:
         self.experiment = phases.experiment  # the one that can resume the run
         self._lock, self._phases = lock, phases
         self._sinks: list[Any] = []
-        self._rows = MetricRows(path / "metrics.jsonl")
+        self.rows = MetricRows(path / "metrics.jsonl")
         try:
-            rows = read_rows(self._rows.file)
+            rows = read_rows(self.rows.file)
             self._count = len(rows)
             for name in config.run.sinks:
                 self._sinks.append(open_sink(name, path, dataclasses.asdict(config)))
@@ -63,18 +63,14 @@ class RunDir:
     def log(self, **metrics: Any) -> None:
         """Appends one line of metrics; arrays become lists, non-finite numbers become null."""
         row = plain(metrics)
-        self._rows.append(row)
+        self.rows.append(row)
         for sink in self._sinks:
             sink.log(self._count, row)
         self._count += 1
 
-    def sync_metrics(self) -> None:
-        """Returns once the metrics so far are on disk."""
-        self._rows.sync()
-
     def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
         """Keeps and returns the first `count` rows of a phase, and other rows before them."""
-        rows = self._rows.keep(phase, count)
+        rows = self.rows.keep(phase, count)
         if len(rows) != self._count:
             for sink in self._sinks:
                 sink.begin(rows)
@@ -100,7 +96,7 @@ class RunDir:
         """Releases the lock; closing twice is harmless."""
         while self._sinks:
             self._sinks.pop().close()
-        self._rows.close()
+        self.rows.close()
         self._lock.close()
 
     def __enter__(self) -> "RunDir":

@@ -56,8 +56,7 @@ def _table(
         other = _begun(args, name, known.Settings) or _joined(args, name)
         if other is not None:
             return other
-        quick = hasattr(known, "QUICK_SEEDS") and "--quick" in args
-        if quick:
+        if quick := hasattr(known, "QUICK_SEEDS") and "--quick" in args:
             args.remove("--quick")
         usual = known.Settings(**({"seeds": known.QUICK_SEEDS} if quick else {}))
         numbers = {

@@ -98,8 +98,7 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
 
 def read_fps(path: str | os.PathLike) -> float:
     """Frames per second of a video file, from its header; errors are those of `read_video`."""
-    path = pathlib.Path(path)
-    with _opened(path) as container:
+    with _opened(pathlib.Path(path)) as container:
         rate = container.streams.video[0].average_rate
     if not rate:
         raise DemoError(f"{path}: the video states no frame rate.")

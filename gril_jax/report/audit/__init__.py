@@ -3,5 +3,5 @@
 from gril_jax.lazy import offer
 
 __all__, __getattr__ = offer(
-    __name__, findings="Findings", maps="reward_maps state_pictures", page="write_report"
+    __name__, maps="reward_maps state_pictures", page="Findings write_report"
 )
