@@ -1,12 +1,15 @@
-"""Writes files so that a crash or a full disk leaves the old ones or the new ones, never halves."""
+"""Writes files so that a crash or a full disk leaves the old ones or the new ones, never halves,
+and one process at a time writes to a folder.
+"""
 
 import contextlib
 import errno
+import fcntl
 import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TextIO
 
 from .errors import RunError
 
@@ -82,3 +85,26 @@ def sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def take_lock(folder: Path, *, note: bool = True) -> TextIO:
+    """Locks the file `lock` of a folder until it is closed, and notes this process's id in it; a
+    RunError if a process has the lock, this one included.
+
+    The kernel drops the lock with the process, however it ends; the file stays behind.
+    """
+    lock = open(folder / "lock", "a+", encoding="utf-8")  # closed by the caller
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.seek(0)
+        holder = lock.read().strip() or "unknown"
+        lock.close()
+        raise RunError(
+            f"{folder} is being written by process {holder}: wait for it or give another folder"
+        ) from None
+    if note:
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}\n")
+        lock.flush()
+    return lock

@@ -119,7 +119,9 @@ def probe(
         return Check(name, True, needed, _last_line(done.stdout))
     if done.returncode < 0:
         return Check(name, False, needed, f"stopped by signal {-done.returncode}")
-    return Check(name, False, needed, _error_line(done.stderr))
+    # The exception's own line: a renderer that fails to start complains again when freed.
+    head = done.stderr.split("Exception ignored in")[0]
+    return Check(name, False, needed, _last_line(head) or _last_line(done.stderr))
 
 
 def table(checks: Sequence[Check]) -> str:
@@ -135,9 +137,3 @@ def exit_code(checks: Sequence[Check]) -> int:
 
 def _last_line(text: str) -> str:
     return (text.strip().splitlines() or [""])[-1][:200]
-
-
-def _error_line(stderr: str) -> str:
-    """The exception's own line: a renderer that fails to start complains again when freed."""
-    head = stderr.split("Exception ignored in")[0]
-    return _last_line(head) or _last_line(stderr)

@@ -2,9 +2,8 @@
 
 The estimate counts what is surely there at once: the state (twice: while it is replaced; a replay
 once, as it is written in place), the data of an unroll (as collected, in brax's order, and
-shuffled), and what the networks of one minibatch keep for their gradients. What a simulator holds
-during one control step, of all environments, comes on top, as a multiple of its state; and what
-the reward's own arrays take then, of which those of a picture's encoder are many times larger.
+shuffled), what the networks of one minibatch keep for their gradients, and what a simulator holds
+during one control step of all environments, or the reward's own arrays, if these are larger.
 """
 
 import math
@@ -20,9 +19,8 @@ from gril_jax.errors import ConfigError
 from gril_jax.rl.training import Algorithm
 
 _COPIES = 3  # of the collected data
-# Peak of one control step, as a multiple of the task's physics state. 222 on MatchRegions with five
-# blocks, compiled for a CPU, whatever the number of environments and the length of an unroll; the
-# data of an unroll, counted below, are not there at the same moment.
+# Peak of one control step, as a multiple of the task's physics state: 222 on MatchRegions with five
+# blocks on a CPU, but the data of an unroll, counted below, are not there at the same moment.
 _STEP_COPIES = 180
 # Arrays of the size of its largest one that a reward holds at once, of all environments: a layer's
 # input, its output, and what the output becomes before the next layer.

@@ -163,14 +163,15 @@ def _check_sizes(config: RunConfig) -> None:
 
 def _check_encoder(config: RunConfig) -> None:
     encoder, kind = config.encoder, ENCODERS[config.encoder.kind]
-    if encoder.members > 1 and not kind.ensembles:
-        raise ConfigError(
-            f"encoder.members is {encoder.members}, but must be 1, because encoder.kind is "
-            f"{encoder.kind!r}"
-        )
+    found = {"encoder.members": (encoder.members, encoder.members == 1 or kind.ensembles, "1")}
     if not kind.boxes:
-        _check_pictures(config)
-    elif config.loss.decoder == "node" and not kind.nodes:
+        found |= _of_pictures(config)
+    for path, (value, holds, text) in found.items():
+        if not holds:
+            raise ConfigError(
+                f"{path} is {value!r}, but must be {text}, because encoder.kind is {encoder.kind!r}"
+            )
+    if kind.boxes and config.loss.decoder == "node" and not kind.nodes:
         raise ConfigError(
             f"loss.decoder is 'node', but encoder.kind is {encoder.kind!r}, which embeds no nodes, "
             "so it must be 'graph'"
@@ -181,19 +182,13 @@ def _check_encoder(config: RunConfig) -> None:
         )
 
 
-def _check_pictures(config: RunConfig) -> None:
-    """Raises ConfigError for choices that need boxes while the encoder takes pixels."""
+def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
+    """Choices that may need boxes: their values, whether pixels do, and what else they must be."""
     run, form = config.run, REWARDS[config.run.reward]
     relabel = getattr(getattr(config, run.algorithm), "relabel", False)
     with_pictures = alternatives([name for name, one in REWARDS.items() if one.pictures])
-    found = {
+    return {
         "loss.consistency": (config.loss.consistency, config.loss.consistency == "tcc", "'tcc'"),
         "run.reward": (run.reward, form.pictures, with_pictures),
         f"{run.algorithm}.relabel": (relabel, not (relabel and form.learns), "False"),
     }
-    for path, (value, holds, text) in found.items():
-        if not holds:
-            raise ConfigError(
-                f"{path} is {value!r}, but must be {text}, because encoder.kind is "
-                f"{config.encoder.kind!r}"
-            )

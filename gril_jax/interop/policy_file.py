@@ -32,9 +32,8 @@ Arrays, all float32, for O inputs and layers i of H_i outputs:
   description ()   a JSON text; `describe` lists its fields
 
 Of the observation's normalisation, clip((x - mean) / std, -10, 10), the division is folded into
-`kernel_0`; mean and limit = 10 std stay apart. A clip cannot be folded into a matrix. The mean
-could be, but of an input that hardly varies x / std and mean / std are both large, and in float32
-their difference loses digits.
+`kernel_0`; mean and limit = 10 std stay apart, since of an input that hardly varies x / std and
+mean / std are both large, and in float32 their difference loses digits.
 """
 
 import dataclasses

@@ -1,7 +1,6 @@
 """A progress line for the phases of a run: compiling, rate, time left, metrics.
 
-On a terminal one line is redrawn in place; elsewhere a plain line is printed now and then. All
-of it goes to stderr, so that stdout stays clean.
+On a terminal one line is redrawn in place; elsewhere a plain line is printed now and then.
 """
 
 import io

@@ -6,7 +6,7 @@
     metrics.jsonl    see `gril_jax.runs.metric_rows`
     results.json     written when the run has finished
     checkpoints/     one folder a phase, see `gril_jax.runs.checkpoints.checkpoint`
-    lock             see `gril_jax.runs.lock`
+    lock             see `take_lock` of `gril_jax.safe_files`
 
 JAX is not imported here. Whatever is wrong with a run's folder, from a damaged file to a full disk,
 is a `RunError`.
@@ -27,9 +27,8 @@ from typing import Any, TextIO
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load, to_yaml
 from gril_jax.errors import ConfigError, RunError
-from gril_jax.safe_files import read_object, write_whole, writing
+from gril_jax.safe_files import read_object, take_lock, write_whole, writing
 
-from .lock import take_lock
 from .metric_rows import MetricRows, plain, read_rows
 from .phases import Phases, changed_fields, read_phases, write_phases
 from .sinks import open_sink

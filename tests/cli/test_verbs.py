@@ -272,10 +272,8 @@ def test_imports_hand_on_their_folders_and_tell_their_progress(
     assert main.main(["demos", "import-magical", str(tmp_path), "--out", str(out)]) == 0
     args = ["demos", "import-videos", str(tmp_path), "--out", str(out), "--half-extent", "1.5"]
     assert main.main([*args, "--outcome", "success", "--boxes", "True"]) == 0
-    assert calls == [
-        ((tmp_path, out), {}),
-        ((tmp_path, out, 1.5, "match_regions", True), {"outcome": "success"}),
-    ]
+    chosen = {"half_extent": 1.5, "task": "match_regions", "boxes": True, "outcome": "success"}
+    assert calls == [((tmp_path, out), {}), ((tmp_path, out), chosen)]
     stdout, stderr = capsys.readouterr()
     assert stdout == f"wrote {out}\n" * 2
     assert "reading: 1/2 demonstrations (50%)" in stderr
@@ -287,12 +285,8 @@ def test_the_arguments_that_an_import_gets_are_those_that_it_takes():
     from gril_jax.demos import importing
 
     signature(importing.import_magical).bind("a", "b", progress=None)
-    bound = signature(importing.import_videos).bind(
-        "a", "b", 1.0, "match_regions", False, outcome="unknown", progress=None
-    )
-    assert list(bound.arguments)[:5] == [
-        "source_dir", "out_dir", "half_extent", "task", "boxes"
-    ]  # fmt: skip
+    given = {"half_extent": 1.0, "task": "match_regions", "boxes": False, "outcome": "unknown"}
+    signature(importing.import_videos).bind("a", "b", **given, progress=None)
 
 
 # --- failures at work

@@ -1,7 +1,7 @@
 """Verbs that make demonstration sets."""
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -69,47 +69,36 @@ class _ImportVideos(_Import):
     """Outcome of all the videos."""
 
 
-def _import_magical(args: list[str]) -> Work:
-    about = "Make a demonstration set from MAGICAL's public demonstrations."
-    given = parse(_Import, args, prog="gril demos import-magical", description=about)
-    return _imported("import_magical", given)
+def _importing(kind: str, options: type[_Import], summary: str) -> Verb:
+    """The verb of `gril_jax.demos.importing.import_KIND`, which tells its progress."""
 
+    def plan(args: list[str]) -> Work:
+        prog, about = f"gril demos import-{kind}", f"Make {summary}."
+        given = dict(vars(parse(options, args, prog=prog, description=about)))
+        source, out = existing_folder(given.pop("source")), demo_set_to_write(given.pop("out"))
 
-def _import_videos(args: list[str]) -> Work:
-    about = "Make a demonstration set from a folder of videos."
-    given = parse(_ImportVideos, args, prog="gril demos import-videos", description=about)
-    options = (given.half_extent, given.task, given.boxes)
-    return _imported("import_videos", given, *options, outcome=given.outcome)
+        def work() -> None:
+            with heavy_imports():
+                from gril_jax.demos import importing
+                from gril_jax.runs.progress import Progress
 
+            with Progress() as progress:
+                phase = progress.phase("reading", total=0, unit="demonstrations", compiles=False)
 
-def _imported(function: str, given: _Import, *args: Any, **options: Any) -> Work:
-    """A set made by a function of `gril_jax.demos.importing`, which tells its progress."""
-    source, out = existing_folder(given.source), demo_set_to_write(given.out)
+                def tell(done: int, total: int, last: object) -> None:
+                    phase.total = total
+                    phase.update(done)
 
-    def work() -> None:
-        with heavy_imports():
-            from gril_jax.demos import importing
-            from gril_jax.runs.progress import Progress
+                getattr(importing, f"import_{kind}")(source, out, **given, progress=tell)
+            echo(f"wrote {out}")
 
-        with Progress() as progress:
-            phase = progress.phase("reading", total=0, unit="demonstrations", compiles=False)
+        return work
 
-            def tell(done: int, total: int, last: object) -> None:
-                phase.total = total
-                phase.update(done)
-
-            getattr(importing, function)(source, out, *args, **options, progress=tell)
-        echo(f"wrote {out}")
-
-    return work
+    return Verb(f"demos import-{kind} DIR", summary, plan)
 
 
 VERBS = (
     Verb("demos make [CONFIG]", "scripted demonstrations", _make),
-    Verb("demos import-videos DIR", "a demonstration set from a folder of videos", _import_videos),
-    Verb(
-        "demos import-magical DIR",
-        "a demonstration set from MAGICAL's public demonstrations",
-        _import_magical,
-    ),
+    _importing("videos", _ImportVideos, "a demonstration set from a folder of videos"),
+    _importing("magical", _Import, "a demonstration set from MAGICAL's public demonstrations"),
 )

@@ -17,10 +17,8 @@ def _to_pixels(vertices: np.ndarray, half_extent: float, pixels: int) -> np.ndar
 
 
 def _dashes(vertices: np.ndarray, dash: float, width: float) -> list[np.ndarray]:
-    """The closed outline cut into dashes of one length with gaps of the same length.
-
-    Each piece is shorter by the line's width, because cv2 rounds the ends of thick lines.
-    """
+    """The closed outline cut into dashes with gaps of the same length, each shorter by the line's
+    width, because cv2 rounds the ends of thick lines."""
     pieces = []
     for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
         length = float(np.linalg.norm(b - a))

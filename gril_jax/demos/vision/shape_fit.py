@@ -1,8 +1,7 @@
 """Finds known shapes in a mask: outlines of the blocks, shape recognition and pose fitting.
 
-A single block's centre is its mask's centroid. Blocks of one colour that touch are one blob;
-there, each block's outline is moved and turned until the outlines together cover the blob.
-Positions are in pixels, measured between pixel centres (x right, y down); angles in radians.
+Blocks of one colour that touch are one blob: each block's outline is moved and turned until the
+outlines together cover it. Positions are in pixels between pixel centres, x right and y down.
 """
 
 import functools
