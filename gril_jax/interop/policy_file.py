@@ -149,14 +149,14 @@ def observation_layout(env: Any, objects: Sequence[str] = ()) -> list[dict[str, 
     names in a row are one part. Without them there is a single part "observation". The objects'
     activity bits follow.
     """
-    own = _names(env, "observation", env.observation_size)
-    return _ranges([*own, *(f"{name} has moved" for name in objects)])
+    bits = [f"{name} has moved" for name in objects]
+    return _layout(env, "observation", env.observation_size, bits)
 
 
 def action_layout(env: Any) -> list[dict[str, Any]]:
     """Name, start, stop, low and high of each part of the action, as `observation_layout`."""
-    own = _names(env, "action", env.action_size)
-    return [entry | {"low": -1.0, "high": 1.0} for entry in _ranges(own)]
+    found = _layout(env, "action", env.action_size)
+    return [entry | {"low": -1.0, "high": 1.0} for entry in found]
 
 
 def write(
@@ -172,14 +172,11 @@ def write(
             raise RunError(f"{out} exists already, but --out must be a new file") from None
 
 
-def _names(env: Any, kind: str, size: int) -> Sequence[str]:
+def _layout(env: Any, kind: str, size: int, more: Sequence[str] = ()) -> list[dict[str, Any]]:
     names = getattr(env, f"{kind}_names", [kind] * size)
     if len(names) != size:
         task = type(env).__name__
         raise ShapeError(f"{task} names {len(names)} numbers of its {kind}, but it has {size}")
-    return names
-
-
-def _ranges(names: Sequence[str]) -> list[dict[str, Any]]:
-    groups = (list(group) for _, group in itertools.groupby(enumerate(names), lambda x: x[1]))
-    return [{"name": g[0][1], "start": g[0][0], "stop": g[-1][0] + 1} for g in groups]
+    numbered = itertools.groupby(enumerate([*names, *more]), lambda entry: entry[1])
+    groups = [(name, [index for index, _ in group]) for name, group in numbered]
+    return [{"name": name, "start": at[0], "stop": at[-1] + 1} for name, at in groups]
