@@ -8,9 +8,8 @@ from pathlib import Path
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.errors import ConfigError, DemoError, RunError
-from gril_jax.runs import run_dir
+from gril_jax.runs import run_dir, sinks
 from gril_jax.runs.phases import changed_fields
-from gril_jax.runs.sinks import require_installed
 from gril_jax.safe_files import writing
 
 _ROUNDS = 2  # of hard negatives
@@ -98,7 +97,7 @@ def explained(about: str, shortcuts: Mapping[str, str] = _SHORTCUTS) -> str:
 
 def check_surroundings(config: RunConfig) -> None:
     """Raises if a run lacks what it needs beside its configuration."""
-    require_installed(config.run.sinks)
+    sinks.require_installed(config.run.sinks)
     if config.demos.path is not None:
         folder = existing_folder(config.demos.path)
         if not (folder / "demos.json").is_file():
