@@ -8,24 +8,22 @@ from .lazy import offer
 __version__ = "0.1.0"
 
 _ROOMS = (
-    "audit", "config", "demos", "encoders", "envs", "graphs", "interop", "losses", "metrics",
+    "audit", "config", "demos", "encoders", "graphs", "interop", "losses", "metrics",
     "pretraining", "reward", "rl", "subtasks",
 )  # fmt: skip
-_HOMES = {room: room for room in _ROOMS} | {
-    "LearnedReward": "reward.learned_reward",
-    "latent_goal_reward": "reward.latent_goal",
-    "load_demo_set": "demos.demo_set",
-    "load_reward": "interop.reward_file",
-    "make": "envs",
-    "reward_file": "interop.reward_file",
-    "save_demo_set": "demos.demo_set",
-    "save_reward": "interop.reward_file",
-    "scene_graph": "graphs.scene",
-}
-
-__all__ = ["__version__", *sorted(_HOMES)]
-
-__getattr__ = offer(__name__, _HOMES)
+_names, __getattr__ = offer(
+    __name__,
+    **{room: room for room in _ROOMS}
+    | {
+        "demos.demo_set": "load_demo_set save_demo_set",
+        "envs": "envs make",
+        "graphs.scene": "scene_graph",
+        "interop.reward_file": "load_reward reward_file save_reward",
+        "reward.latent_goal": "latent_goal_reward",
+        "reward.learned_reward": "LearnedReward",
+    },
+)
+__all__ = ["__version__", *_names]
 
 
 def __dir__() -> list[str]:

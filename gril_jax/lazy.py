@@ -1,33 +1,28 @@
 """Public names of a package that are loaded when they are first used (PEP 562).
 
-    __all__ = ["load_reward"]
-    __getattr__ = offer(__name__, {"load_reward": "reward_file"})
+    __all__, __getattr__ = offer(__name__, reward_file="load_reward save_reward")
 
 A package that lists heavy modules in this way costs nothing to import. Nothing but the standard
 library is imported here.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
 
-def offer(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """A package's `__getattr__`.
+def offer(package: str, **homes: str) -> tuple[list[str], Callable[[str], Any]]:
+    """The `__all__` and `__getattr__` of the package of this `__name__`.
 
-    Args:
-      package: its `__name__`.
-      homes: a public name to the module that defines it, relative to the package; a name that
-        maps to itself, or that its home lacks, stands for the module.
-
-    Raises:
-      AttributeError: from what is returned, for a name that is not offered.
+    Each of its modules comes with the public names that it defines, with a space between them; a
+    name that the module lacks stands for the module itself.
     """
+    home = {name: module for module, names in homes.items() for name in names.split()}
 
     def load(name: str) -> Any:
-        if name not in homes:
+        if name not in home:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        module = import_module(f"{package}.{homes[name]}")
+        module = import_module(f"{package}.{home[name]}")
         return getattr(module, name, module)
 
-    return load
+    return sorted(home), load

@@ -1,14 +1,15 @@
-"""Writes files so that a crash or a full disk leaves the old ones or the new ones, never halves.
-
-Neither JAX nor MuJoCo is imported here.
+"""Writes files so that a crash or a full disk leaves the old ones or the new ones, never halves,
+and one process at a time writes to a folder.
 """
 
 import contextlib
 import errno
+import fcntl
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, TextIO
 
 from .errors import RunError
 
@@ -40,14 +41,25 @@ def write_whole(file: Path, contents: str | bytes, *, durable: bool = True) -> N
         sync(file.parent)
 
 
+def read_object(file: Path) -> dict[str, Any]:
+    """A JSON object; a RunError for any other contents, a FileNotFoundError without the file."""
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{file} cannot be read ({error})") from None
+    except (ValueError, RecursionError):
+        raise RunError(f"{file} is not JSON") from None
+    if not isinstance(found, dict):
+        raise RunError(f"{file} must be an object with fields")
+    return found
+
+
 @contextlib.contextmanager
 def new_file(path: Path, *, overwrite: bool = False) -> Iterator[BinaryIO]:
-    """A stream into a file that appears under its name, whole, when the block ends well.
-
-    Raises:
-      FileExistsError: there is a file of this name, and it is not to be overwritten.
-      OSError: the folder is missing, full or not writable.
-    """
+    """A stream into a file that appears under its name, whole, when the block ends well; a
+    FileExistsError if there is one that is not to be overwritten."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     claimed = False
     try:
@@ -73,3 +85,26 @@ def sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def take_lock(folder: Path, *, note: bool = True) -> TextIO:
+    """Locks the file `lock` of a folder until it is closed, and notes this process's id in it; a
+    RunError if a process has the lock, this one included.
+
+    The kernel drops the lock with the process, however it ends; the file stays behind.
+    """
+    lock = open(folder / "lock", "a+", encoding="utf-8")  # closed by the caller
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.seek(0)
+        holder = lock.read().strip() or "unknown"
+        lock.close()
+        raise RunError(
+            f"{folder} is being written by process {holder}: wait for it or give another folder"
+        ) from None
+    if note:
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}\n")
+        lock.flush()
+    return lock

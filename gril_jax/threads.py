@@ -17,18 +17,15 @@ _MOST = 8  # threads, each with an item in memory
 
 
 def cores() -> int:
-    """Number of processor cores that this process may use; a scheduler may allow fewer than the
-    machine has."""
+    """Number of processor cores that this process may use, of those that the machine has."""
     if hasattr(os, "sched_getaffinity"):  # not on macOS
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def parallel_map(function: Callable[[X], Y], items: Iterable[X]) -> Iterator[Y]:
-    """The results, in the order of the items; an exception is raised in place of its result.
-
-    Not more than one item a thread is begun before it is asked for, so that few are in memory.
-    """
+    """The results in order; an exception is raised in place of its result. Not more than one item
+    a thread is begun before it is asked for, so that few are in memory."""
     jobs = min(_MOST, cores())
     with ThreadPoolExecutor(jobs) as pool:
         begun: deque[Future[Y]] = deque()

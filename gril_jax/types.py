@@ -1,8 +1,7 @@
 """Types shared by the modules: scene graphs and batches of demonstrations.
 
-Shapes use N for objects (nodes), E = N (N - 1) for edges, T for frames and B
-for demonstrations. Positions and sizes are in world units, never in pixels, so
-that videos with different framing mix.
+Shapes use N for objects (nodes), E = N (N - 1) for edges, T for frames and B for demonstrations.
+Positions and sizes are in world units, never in pixels, so that videos with different framing mix.
 """
 
 from typing import NamedTuple

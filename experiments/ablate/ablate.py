@@ -19,7 +19,7 @@ from gril_jax.experiments.tables.written import SEEDS, Column, Section, by_row, 
 from gril_jax.compilation import ahead
 from gril_jax.compilation.compiler import compiled
 from gril_jax.pretraining import pretrain
-from gril_jax.report.figures.spread import spread
+from gril_jax.report.figures.curves import spread
 from gril_jax.report.figures.style import png
 
 from .rows import Settings

@@ -9,8 +9,7 @@ from gril_jax.experiments.tables.table import Found
 from gril_jax.experiments.tables.written import Section as TableSection
 from gril_jax.experiments.tables.written import by_row, cells, with_paper
 
-from gril_jax.report.figures.curves import success_failure
-from gril_jax.report.figures.spread import spread
+from gril_jax.report.figures.curves import spread, success_failure
 from gril_jax.report.figures.style import png
 from gril_jax.report.headline import Tile
 from gril_jax.report.html import Cell, Part, Section, Table, render

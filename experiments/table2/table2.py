@@ -24,7 +24,7 @@ from gril_jax.experiments.tables.written import by_row
 from gril_jax import reward
 from gril_jax.demos.schema import DemoEntry
 from gril_jax.errors import DemoError
-from gril_jax.report.figures.spread import spread
+from gril_jax.report.figures.curves import spread
 from gril_jax.report.figures.style import png
 
 from .columns import columns, text

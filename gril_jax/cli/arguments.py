@@ -1,18 +1,21 @@
-"""Arguments that verbs share, read and checked before anything heavy is imported.
-
-What reads YAML or run folders is imported late: `gril --help` needs none of it.
-"""
+"""Arguments that verbs share, read and checked before anything heavy is imported."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from gril_jax.config import RunConfig
+from gril_jax.config.files import load
 from gril_jax.errors import ConfigError, DemoError, RunError
+from gril_jax.runs import run_dir, sinks
+from gril_jax.runs.phases import changed_fields
+from gril_jax.safe_files import writing
 
 _ROUNDS = 2  # of hard negatives
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood
+echo = functools.partial(print, flush=True)  # at once, also into a pipe
 
 _SHORTCUTS = {
     "--out": "--run.out",
@@ -26,9 +29,6 @@ _SHORTCUTS = {
 
 def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunConfig:
     """The configuration of a run, with its values and paths checked."""
-    from gril_jax.config.files import load
-    from gril_jax.runs import run_dir
-
     config = load(name, in_full(args), prog=prog, description=explained(about))
     check_surroundings(config)
     if config.run.out is not None:
@@ -39,18 +39,8 @@ def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunC
 def resumed_config(
     folder: Path, name: str | None, args: list[str], *, prog: str, experiment: str
 ) -> RunConfig:
-    """The configuration of a run to resume; raises if the command line contradicts it.
-
-    `name` is that of a configuration given beside it, `args` are options given beside it.
-
-    Raises:
-      ConfigError: the command line says something else than the run; the fields are listed.
-      RunError: the folder is no run that can go on.
-    """
-    from gril_jax.config.files import load
-    from gril_jax.runs import run_dir
-    from gril_jax.runs.phases import changed_fields
-
+    """The configuration of a run to resume; a ConfigError with the fields in which the `name` and
+    `args` given beside it say something else."""
     config = run_dir.require_resumable(folder, experiment)
     args = in_full(args)
     given = load(name or str(folder / "config.yaml"), args, prog=prog)
@@ -66,14 +56,8 @@ def resumed_config(
 
 
 def hard_negatives(names: str, config: RunConfig) -> list[Path]:
-    """The folders of the runs whose policies give a new run hard negatives.
-
-    They are one or two, with a comma between them; the configuration is the new run's.
-
-    Raises:
-      ConfigError: these are more than two, or a run is of another task or other blocks.
-      RunError: a folder is no run, or its run has no policy yet.
-    """
+    """The folders of the one or two runs whose policies give a new run hard negatives; an error if
+    these are more, have no policy, or are of another task or other blocks than the new run."""
     folders = [Path(name) for name in names.split(",") if name]
     if not 1 <= len(folders) <= _ROUNDS:
         raise ConfigError(
@@ -93,13 +77,7 @@ def hard_negatives(names: str, config: RunConfig) -> list[Path]:
 
 
 def run_config_of(folder: Path, part: str | None = None) -> RunConfig:
-    """The configuration of a run.
-
-    Raises:
-      RunError: the folder is no run, or has no such part yet: "reward" or "policy".
-    """
-    from gril_jax.runs import run_dir
-
+    """The configuration of a run; a RunError if it has not got to a part, "reward" or "policy"."""
     config = run_dir.read_config(folder)
     if part is not None and not any(folder.glob(f"{part}/[0-9]*/manifest.json")):
         raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
@@ -119,9 +97,7 @@ def explained(about: str, shortcuts: Mapping[str, str] = _SHORTCUTS) -> str:
 
 def check_surroundings(config: RunConfig) -> None:
     """Raises if a run lacks what it needs beside its configuration."""
-    from gril_jax.runs.sinks import require_installed
-
-    require_installed(config.run.sinks)
+    sinks.require_installed(config.run.sinks)
     if config.demos.path is not None:
         folder = existing_folder(config.demos.path)
         if not (folder / "demos.json").is_file():
@@ -148,11 +124,7 @@ def take(args: list[str], option: str) -> str | None:
 
 
 def whole_number(args: list[str], option: str, usual: int | None, least: int = 1) -> int | None:
-    """Takes an option that is a whole number off the arguments; the usual one where it lacks.
-
-    Raises:
-      ConfigError: it is something else, or below the least.
-    """
+    """Takes a whole number off the arguments that is not below the least; the usual without it."""
     text = take(args, option)
     if text is None:
         return usual
@@ -180,9 +152,7 @@ def require_left_to_options(args: list[str], taken: set[str]) -> None:
 
 def require_new_file(path: Path) -> None:
     """Raises RunError unless a file can be created here."""
-    from gril_jax.runs import run_dir
-
-    with run_dir.writing(path.parent):  # a name may be too long, or a folder closed to us
+    with writing(path.parent):  # a name may be too long, or a folder closed to us
         if path.exists() or path.is_symlink():
             raise RunError(f"{path} exists already, but --out must be a new file")
         if not path.parent.is_dir():
@@ -192,8 +162,6 @@ def require_new_file(path: Path) -> None:
 
 def demo_set_to_write(name: str) -> Path:
     """Checks that a path is a new or empty folder, or a demonstration set to replace."""
-    from gril_jax.runs import run_dir
-
     path = Path(name)
     if path.is_dir():
         if any(path.iterdir()) and not (path / "demos.json").is_file():
@@ -201,8 +169,3 @@ def demo_set_to_write(name: str) -> Path:
     else:
         run_dir.require_new(path)
     return path
-
-
-def echo(line: str) -> None:
-    """Prints a line at once, also into a pipe."""
-    print(line, flush=True)

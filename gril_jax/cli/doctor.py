@@ -1,8 +1,7 @@
 """Checks of `gril doctor`: versions, devices, rendering, compilation, video encoding.
 
 Each check is a process of its own with a time limit: a package that crashes on import, or an
-OpenGL driver that hangs, becomes a row of the table. So neither JAX nor MuJoCo is imported
-here.
+OpenGL driver that hangs, becomes a row of the table.
 """
 
 import os
@@ -61,8 +60,6 @@ assert packets
 print('libx264 encodes')
 """
 
-_GL_BACKENDS = ("egl", "osmesa", "glfw")
-
 
 class Check(NamedTuple):
     """One row of the table."""
@@ -72,25 +69,28 @@ class Check(NamedTuple):
     needed: bool  # nothing runs without it
     detail: str
 
+    @property
+    def verdict(self) -> str:
+        """In a word."""
+        return "ok" if self.works else "BROKEN" if self.needed else "no"
+
 
 def check_all(*, timeout_s: int | float = 120.0) -> list[Check]:
     """Runs every check, in the order of the table."""
     rows = [Check("python", True, True, platform.python_version())]
     for name, version in package_versions().items():
         rows.append(Check(name, version != "missing", True, version))
-    rows.append(probe("jax devices", _DEVICES, timeout_s=timeout_s))
-    rows.append(probe("jax compiles", _JIT, timeout_s=timeout_s))
-    rows.append(probe("mjx", _MJX, timeout_s=timeout_s))
+    needed = {"jax devices": _DEVICES, "jax compiles": _JIT, "mjx": _MJX}
+    rows += [probe(name, code, timeout_s=timeout_s) for name, code in needed.items()]
     rows += gl_checks(timeout_s=timeout_s)
-    rows.append(probe("video", _X264, needed=False, timeout_s=timeout_s))
-    return rows
+    return [*rows, probe("video", _X264, needed=False, timeout_s=timeout_s)]
 
 
 def gl_checks(*, timeout_s: int | float) -> list[Check]:
     """One row for each rendering backend; a run without drawing needs none of them."""
     return [
         probe(f"MUJOCO_GL={backend}", _GL, needed=False, timeout_s=timeout_s, gl_backend=backend)
-        for backend in _GL_BACKENDS
+        for backend in ("egl", "osmesa", "glfw")
     ]
 
 
@@ -119,13 +119,15 @@ def probe(
         return Check(name, True, needed, _last_line(done.stdout))
     if done.returncode < 0:
         return Check(name, False, needed, f"stopped by signal {-done.returncode}")
-    return Check(name, False, needed, _error_line(done.stderr))
+    # The exception's own line: a renderer that fails to start complains again when freed.
+    head = done.stderr.split("Exception ignored in")[0]
+    return Check(name, False, needed, _last_line(head) or _last_line(done.stderr))
 
 
 def table(checks: Sequence[Check]) -> str:
     """The rows in aligned columns."""
     width = max(len(check.name) for check in checks)
-    return "\n".join(f"{c.name:<{width}}  {_verdict(c):<8}  {c.detail}".rstrip() for c in checks)
+    return "\n".join(f"{c.name:<{width}}  {c.verdict:<8}  {c.detail}".rstrip() for c in checks)
 
 
 def exit_code(checks: Sequence[Check]) -> int:
@@ -133,17 +135,5 @@ def exit_code(checks: Sequence[Check]) -> int:
     return int(any(check.needed and not check.works for check in checks))
 
 
-def _verdict(check: Check) -> str:
-    if check.works:
-        return "ok"
-    return "BROKEN" if check.needed else "no"
-
-
 def _last_line(text: str) -> str:
     return (text.strip().splitlines() or [""])[-1][:200]
-
-
-def _error_line(stderr: str) -> str:
-    """The exception's own line: a renderer that fails to start complains again when freed."""
-    head = stderr.split("Exception ignored in")[0]
-    return _last_line(head) or _last_line(stderr)

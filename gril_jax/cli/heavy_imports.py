@@ -17,43 +17,34 @@ from gril_jax.errors import ConfigError
 _THREADS = 4  # of XLA on a CPU, that two of them may block
 
 
-def _xla_flags(config: RunConfig | MakeDemosConfig) -> list[str]:
-    flags = []
+def _set_for(config: MakeDemosConfig) -> None:
+    """Sets the options that a task needs."""
+    task, flags = registry.spec(config.env.name), os.environ.get("XLA_FLAGS", "").split()
     if isinstance(config, RunConfig) and config.run.deterministic:
         flags.append("--xla_gpu_deterministic_ops=true")
-    for version, needed in registry.spec(config.env.name).xla_flags.items():
+    for version, needed in task.xla_flags.items():
         if metadata.version("jaxlib").startswith(version):
             flags += needed
-    return flags
-
-
-def _steps_in_mjx(config: RunConfig | MakeDemosConfig) -> bool:
-    return registry.spec(config.env.name).steps_in_mjx or config.env.engine == "mjx"
+    if flags:
+        os.environ["XLA_FLAGS"] = " ".join(flags)
+    if (task.steps_in_mjx or config.env.engine == "mjx") and threads.cores() < _THREADS:
+        # jaxlib's Cholesky of a batch (0.10.2) blocks a thread of XLA's pool until others have
+        # done the work. MJX has two at once, which on two cores wait for each other for ever.
+        os.environ.setdefault("PJRT_NPROC", str(_THREADS))
 
 
 @contextlib.contextmanager
 def heavy_imports(
-    config: RunConfig | MakeDemosConfig | None = None, *, devices: bool = False
+    config: MakeDemosConfig | None = None, *, devices: bool = False
 ) -> Iterator[None]:
-    """Context for importing JAX and MuJoCo: sets XLA's options and threads, keeps stdout clean.
+    """Context for importing JAX and MuJoCo: sets XLA's options and threads, as the config of what
+    is to be done needs them, and keeps reports of MJX on missing parts from stdout.
 
-    MJX reports on stdout, while it is imported, that optional parts are missing.
-
-    Args:
-      config: of what is to be done, where it may need other options than usual.
-      devices: JAX takes its devices meanwhile; not for what leaves them to other processes, or
-        has to connect to other hosts first.
-
-    Raises:
-      ConfigError: JAX cannot use its devices, or JAX_PLATFORMS names some that are not here.
+    With `devices` JAX takes its devices meanwhile, or a ConfigError says why it cannot; not for
+    what leaves them to other processes, or has to connect to other hosts first.
     """
-    flags = [] if config is None else _xla_flags(config)
-    if flags:
-        os.environ["XLA_FLAGS"] = " ".join([*os.environ.get("XLA_FLAGS", "").split(), *flags])
-    if config is not None and _steps_in_mjx(config) and threads.cores() < _THREADS:
-        # jaxlib's Cholesky of a batch (0.10.2) blocks a thread of XLA's pool until others have
-        # done the work. MJX has two at once, which on two cores wait for each other for ever.
-        os.environ.setdefault("PJRT_NPROC", str(_THREADS))
+    if config is not None:
+        _set_for(config)
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
     with contextlib.suppress(OSError):  # without a writable cache everything works, only slower
         folder.mkdir(parents=True, exist_ok=True)

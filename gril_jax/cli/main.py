@@ -1,9 +1,7 @@
 """`gril VERB`: the command line.
 
-The command line is read, and every path on it looked at, before anything heavy is imported: a
-misspelt option is answered at once. The verbs are in `gril_jax.cli.verbs`; what they do lives in
-`gril_jax.experiments`, imported when the verb runs. Exit codes: 0 done, 1 failed at work, 2 the
-command line is wrong, 130 interrupted by Ctrl-C, 143 by SIGTERM.
+The command line is read, and every path on it looked at, before anything heavy is imported. Exit
+codes: 0 done, 1 failed at work, 2 a wrong command line, 130 interrupted by Ctrl-C, 143 by SIGTERM.
 """
 
 import os
@@ -61,8 +59,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def help_page() -> str:
     """The help of `gril` itself, from what the verbs say of themselves."""
     page = _USAGE
-    for title, group in verbs.TABLE.items():
-        lines = (line for name in group for line in verbs.find(name).lines.items())
+    for title in verbs.TABLE:
+        lines = (line for verb in verbs.group(title) for line in verb.lines.items())
         page += f"\n{title}:\n" + "".join(_line(*line) for line in lines)
     return page + _NOTE
 

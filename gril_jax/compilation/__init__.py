@@ -2,15 +2,10 @@
 
 from gril_jax.lazy import offer
 
-_HOMES = {
-    "advance": "sharding",
-    "compiled": "compiler",
-    "compiling": "ahead",
-    "mesh": "sharding",
-    "predict_bytes": "memory",
-    "tracing": "ahead",
-}
-
-__all__ = sorted(_HOMES)
-
-__getattr__ = offer(__name__, _HOMES)
+__all__, __getattr__ = offer(
+    __name__,
+    sharding="advance mesh",
+    compiler="compiled",
+    ahead="compiling tracing",
+    memory="predict_bytes",
+)

@@ -7,13 +7,10 @@
 
     ahead.carry_out([Task("a", wanted, frozenset(), do), ...])   # first what is compiled first
 
-XLA compiles outside of Python's lock, so a machine with cores to spare has compiled what comes next
-when what comes before is done. Tracing holds that lock: programs are traced one by one, within
-`with ahead.tracing()`, so that the first need not wait until all are.
-
-A machine with two cores has none to spare: there each thing is compiled when it is asked for, since
-side by side both would take longer than one after the other. So it is with several processes, since
-arrays of all of them are placed by all at once, in one order.
+XLA compiles outside of Python's lock, but tracing holds it: programs are traced one by one, within
+`with ahead.tracing()`, so that the first need not wait until all are. With two cores each thing is
+compiled when it is asked for; so it is with several processes, since arrays of all of them are
+placed by all at once, in one order.
 """
 
 import contextlib
@@ -65,19 +62,15 @@ class Task(NamedTuple):
 def carry_out(tasks: Iterable[Task]) -> None:
     """Runs each task once: always the first one whose needs are done and whose program is ready.
 
-    So a device has work while there is any that can be done. Where programs are compiled when they
-    are asked for, the order is that of the tasks as far as their needs allow, in every process.
-
-    Raises:
-      ValueError: a task needs one that is not among them, or itself in the end.
+    Where programs are compiled when they are asked for, the order is that of the tasks as far as
+    their needs allow, in every process. A need that never comes is a ValueError.
     """
     left, done = list(tasks), set[str]()
     while left:
         able = [task for task in left if task.needs <= done]
         if not able:
-            raise ValueError(
-                f"task {left[0].name!r} needs what never comes: {left[0].needs - done}"
-            )
+            name, needs = left[0].name, left[0].needs - done
+            raise ValueError(f"task {name!r} needs what never comes: {needs}")
         # Of a `_Task` there is nothing to wait for: asking is what makes it.
         ready = (t for t in able if not t.wanted or isinstance(t.wanted, _Task) or t.wanted.done())
         task = next(ready, None)

@@ -2,16 +2,11 @@
 
     program = compiled(jax.jit(f).lower(x))
 
-LLVM works on the code between matrix products and sorts, which waits for memory more than for
-instructions. On a CPU its first level of optimisation in place of its third saves up to a quarter
-of the compiler's seconds: 14 in place of 19 for an encoder's training, 3.4 in place of 4.2 for PPO
-on a pendulum, 39 in place of 47 for a task of MJX, next to none for the planar tasks. The programs
-are as fast, as far as they were timed: all of these but MJX's.
-
-On a GPU XLA takes longest over choosing what to fuse, and over trying out kernels of each product
-of matrices. Without both an encoder's training is compiled in 1.5 s in place of 7, or in 6 in place
-of 16 with displaced copies, and its updates take three times as long (1.1 ms in place of 0.35, or
-3.3 in place of 1.0; one H200, JAX 0.11). So brief programs do without.
+On a CPU LLVM's first level of optimisation in place of its third saves up to a quarter of the
+compiler's seconds (14 in place of 19 for an encoder's training), and the programs, which wait for
+memory more than for instructions, are as fast. On a GPU XLA takes longest over choosing what to
+fuse, and over trying out kernels of each product of matrices: without both an encoder's training is
+compiled in 1.5 s in place of 7, and its updates take three times as long (H200, JAX 0.11).
 """
 
 from typing import Any

@@ -2,9 +2,8 @@
 
 The estimate counts what is surely there at once: the state (twice: while it is replaced; a replay
 once, as it is written in place), the data of an unroll (as collected, in brax's order, and
-shuffled), and what the networks of one minibatch keep for their gradients. What a simulator holds
-during one control step, of all environments, comes on top, as a multiple of its state; and what
-the reward's own arrays take then, of which those of a picture's encoder are many times larger.
+shuffled), what the networks of one minibatch keep for their gradients, and what a simulator holds
+during one control step of all environments, or the reward's own arrays, if these are larger.
 """
 
 import math
@@ -20,9 +19,8 @@ from gril_jax.errors import ConfigError
 from gril_jax.rl.training import Algorithm
 
 _COPIES = 3  # of the collected data
-# Peak of one control step, as a multiple of the task's physics state. 222 on MatchRegions with five
-# blocks, compiled for a CPU, whatever the number of environments and the length of an unroll; the
-# data of an unroll, counted below, are not there at the same moment.
+# Peak of one control step, as a multiple of the task's physics state: 222 on MatchRegions with five
+# blocks on a CPU, but the data of an unroll, counted below, are not there at the same moment.
 _STEP_COPIES = 180
 # Arrays of the size of its largest one that a reward holds at once, of all environments: a layer's
 # input, its output, and what the output becomes before the next layer.
@@ -57,10 +55,9 @@ def predict_bytes(algorithm: Algorithm, hyper: Any, reward_params: Any) -> int:
 
 
 def available_bytes(device: Any) -> int | None:
-    """Bytes of a device that a program may use; None if the platform does not tell.
+    """Bytes of a device of this process that a program may use; None if the platform does not tell.
 
-    Several CPU devices, as `--xla_force_host_platform_device_count` makes them, share that of the
-    machine evenly. The device is one of this process.
+    Several CPU devices, as `--xla_force_host_platform_device_count` makes them, share evenly.
     """
     if device.platform == "cpu":
         try:
@@ -75,10 +72,8 @@ def available_bytes(device: Any) -> int | None:
 def split(rows: int, bytes_each: int, available: int | None, devices: int = 1) -> int:
     """The number of seeds to run at once, such that they fit: a multiple of `devices` if possible.
 
-    Args:
-      rows: seeds in all, at least 1.
-      bytes_each: from `predict_bytes`.
-      available: bytes of one device; None where they are not known, and all run at once.
+    `rows` are the seeds in all, which need `bytes_each`, and `available` the bytes of one device;
+    where they are not known, all run at once.
 
     Raises:
       ConfigError: not even one seed fits into the memory of all devices together.

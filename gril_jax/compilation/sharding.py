@@ -7,9 +7,8 @@
 
 or, before there is a state, `lowered(algorithm, layout, keys, hyper, params, updates).compile()`.
 
-Nothing else changes: the program is the one for a single device, and the compiler splits it along
-the axes that are laid out here, so that results agree up to the order of float sums. With several
-hosts (`jax.distributed`), the devices of all of them are one mesh.
+The program is the one for a single device, and the compiler splits it along the axes laid out here,
+so that results agree up to the order of float sums. The devices of several hosts are one mesh.
 """
 
 import functools
@@ -29,11 +28,8 @@ from .compiler import compiled
 
 
 def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
-    """Devices as a grid of axes "seeds" and "envs", with as many as possible on "seeds".
-
-    Raises:
-      ConfigError: the devices cannot be shared out evenly.
-    """
+    """Devices as a grid of axes "seeds" and "envs", with as many as possible on "seeds"; a
+    ConfigError if they cannot be shared out evenly."""
     count = len(devices)
     across = math.gcd(count, seeds)
     if num_envs % (count // across):
@@ -41,8 +37,8 @@ def mesh(devices: Sequence[Any], *, seeds: int, num_envs: int) -> Mesh:
             f"{count} devices cannot share {seeds} seeds of {num_envs} environments evenly: the "
             f"seeds must be a multiple of {count}, or num_envs of {count // across}"
         )
-    shape, names, auto = (across, count // across), ("seeds", "envs"), (AxisType.Auto,) * 2
-    return jax.make_mesh(shape, names, axis_types=auto, devices=devices)
+    shape, auto = (across, count // across), (AxisType.Auto,) * 2
+    return jax.make_mesh(shape, ("seeds", "envs"), axis_types=auto, devices=devices)
 
 
 def by_seed(layout: Mesh) -> NamedSharding:
@@ -108,12 +104,8 @@ def lowered(
 ) -> Lowered:
     """Traces `init` and `advance` ahead of time, without computing anything.
 
-    The small one is compiled in a thread of its own while the large one is traced, which keeps one
-    core busy.
-
-    Args:
-      keys, hyper: with a leading axis of seeds, placed.
-      reward_params: arrays, or their shapes and types.
+    The small one is compiled in a thread while the large one is traced. Keys and hyper-parameters
+    are placed; of the reward's parameters, shapes and types will do.
     """
     make, shapes = _maker(algorithm, layout, keys, hyper)
     thread = ThreadPoolExecutor(1, "compile init")
@@ -137,12 +129,9 @@ def advance(
     updates: int,
     evaluation: tuple[Any, ...] = (),
 ) -> Callable[[Any, Any, Any, Any, Any], tuple[Any, tuple[Any, Any]]]:
-    """Runs `training.chunk` over seeds, compiled once.
-
-    Returns:
-      (state, hyper, reward parameters, count, examine) -> (state, (metrics, scores)), the first
-      three with a leading axis of seeds, and so what it returns. Metrics and scores come back whole
-      to every host. The state is donated.
+    """`training.chunk` over seeds, compiled once: (state, hyper, reward parameters, count, examine)
+    -> (state, (metrics, scores)), the first three with a leading axis of seeds, and so what it
+    returns. Metrics and scores come back whole to every host. The state is donated.
     """
 
     def chunk(state, hyper, reward_params, count, examine):

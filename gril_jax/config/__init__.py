@@ -6,24 +6,11 @@ once. Names are imported when they are used: a network needs no parser of comman
 
 from gril_jax.lazy import offer
 
-_HOMES = {
-    "BLOCK_COLOURS": "task",
-    "BLOCK_SHAPES": "task",
-    "DemosConfig": "task",
-    "EncoderOptions": "encoder",
-    "EnvConfig": "task",
-    "LossConfig": "reward",
-    "MakeDemosConfig": "run_config",
-    "PPOConfig": "policy",
-    "PoolConfig": "encoder",
-    "PretrainConfig": "reward",
-    "RunConfig": "run_config",
-    "RunSettings": "run_config",
-    "SACConfig": "policy",
-    "TaskName": "task",
-    "Variant": "task",
-    "check": "run_config",
-}
-
-__all__ = sorted(_HOMES)
-__getattr__ = offer(__name__, _HOMES)
+__all__, __getattr__ = offer(
+    __name__,
+    task="BLOCK_COLOURS BLOCK_SHAPES DemosConfig EnvConfig TaskName Variant",
+    encoder="EncoderOptions PoolConfig",
+    reward="LossConfig PretrainConfig",
+    run_config="MakeDemosConfig RunConfig RunSettings check",
+    policy="PPOConfig SACConfig",
+)

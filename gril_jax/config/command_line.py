@@ -2,7 +2,6 @@
 
 The words of a command line are first held against the dataclass's own types and ranges. tyro, whose
 complaints are boxes for a terminal, then reads what is known to be right, and prints the help.
-Neither JAX nor MuJoCo is imported here.
 """
 
 import contextlib
@@ -21,7 +20,11 @@ from gril_jax.errors import ConfigError
 
 from .rules import require
 
-RunFolder = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+RunFolder = Annotated[
+    str,
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="RUN", help="The folder that a run made."),
+]
 
 Schema = TypeVar("Schema")
 
@@ -42,11 +45,8 @@ def parse(
     prog: str,
     description: str | None = None,
 ) -> Schema:
-    """Parses options into a dataclass; `--help` prints the help and exits with 0.
-
-    Raises:
-      ConfigError: an option is unknown, lacks its value, is of the wrong type or out of range.
-    """
+    """Parses options into a dataclass; `--help` prints the help and exits with 0. A ConfigError
+    says which option is unknown, lacks its value, is of the wrong type or out of range."""
     _check(schema, args, prog, complete=default is not None)
     try:
         with contextlib.redirect_stderr(io.StringIO()):
@@ -103,7 +103,11 @@ def _check(schema: type[Any], args: Sequence[str], prog: str, *, complete: bool)
     for option, words in given.items():
         _check_value(option, words, known[option], prog)
     top = {"--" + _spelt(field.name): field for field in dataclasses.fields(schema)}
-    places = [field for option, field in top.items() if option not in known and not _nested(field)]
+    places = [
+        option
+        for option, field in top.items()
+        if option not in known and not dataclasses.is_dataclass(field.default)
+    ]
     if stray := loose[len(places) :]:
         raise ConfigError(f"there is no use for {' '.join(stray)!r}: see {prog} --help")
     required = {
@@ -114,10 +118,6 @@ def _check(schema: type[Any], args: Sequence[str], prog: str, *, complete: bool)
     present = sum(required.values()) + len(loose)
     if not complete and present < len(required):
         raise ConfigError(f"{prog} needs {', '.join(required)}: see {prog} --help")
-
-
-def _nested(field: dataclasses.Field) -> bool:
-    return dataclasses.is_dataclass(field.default)
 
 
 def _sorted_words(

@@ -1,13 +1,12 @@
 """The sections `encoder` and `pool`: the network that a learned reward is made of.
 
-The string under a field is its help text on the command line. The networks' own configurations take
-their defaults from here. Nothing but the standard library is imported.
+The networks' own configurations take their defaults from here.
 """
 
 from dataclasses import dataclass, field
 from typing import Literal
 
-from .rules import above, at_least, between, rule
+from .rules import above, at_least, between, optional, rule
 from .tables import ENCODERS
 
 
@@ -60,8 +59,6 @@ class PoolConfig:
         default=1, metadata=rule(lambda x: x >= 1 and x % 2 == 1, "odd and at least 1")
     )
     """Frames of the running median of positions, against single bad detections; 1 for none."""
-    noise: float | None = field(
-        default=None, metadata=rule(lambda x: x is None or 0 <= x < float("inf"), "at least 0")
-    )
+    noise: float | None = field(default=None, metadata=optional(at_least(0)))
     """Standard deviation of a detected position along one axis, world units; displacements that it
     explains do not count. None for exact positions."""

@@ -2,7 +2,7 @@
 
 A YAML file holds values only. It is flattened to `--section.field=value` and read by the parser
 that also reads the command line, so that one message serves both; what the file says then
-becomes the default that the command line overrides. Neither JAX nor MuJoCo is imported here.
+becomes the default that the command line overrides. JAX is not imported here.
 """
 
 import dataclasses
@@ -29,11 +29,7 @@ def names() -> tuple[str, ...]:
 
 
 def find(name: str) -> Traversable:
-    """Finds a configuration file by its path, or by the name of a shipped one.
-
-    Raises:
-      ConfigError: there is no such file.
-    """
+    """A configuration file by its path, or the name of a shipped one; a ConfigError without it."""
     if name in names():
         return resources.files("gril_jax.configs") / f"{name}.yaml"
     path = Path(name)
@@ -62,8 +58,7 @@ def load(
       name: a path, the name of a shipped configuration, or None for the defaults alone.
       overrides: options such as `("--ppo.num-envs", "64")`.
       schema: what to build; sections of the file that it lacks are checked and left out.
-      prog: the command as it appears in the help.
-      description: the help's first paragraph.
+      prog, description: the command as it appears in the help, and the help's first paragraph.
 
     Raises:
       ConfigError: the file or an option is unknown, of the wrong type or out of range.
@@ -146,16 +141,13 @@ def _check(tree: Mapping[Any, Any]) -> None:
             if key not in defaults:
                 hint = nearest(str(key), [*defaults]) or f" beside {', '.join(defaults)}"
                 raise ConfigError(f"there is no field {path}{hint}")
-            _check_value(path, value, is_list=isinstance(defaults[key], list))
-
-
-def _check_value(path: str, value: Any, *, is_list: bool) -> None:
-    if isinstance(value, dict) or (isinstance(value, list) and not is_list):
-        raise ConfigError(f"{path} must be a single value")
-    if is_list and not isinstance(value, list):
-        raise ConfigError(f"{path} is {value!r}, but must be a list such as [a, b]")
-    if isinstance(value, list) and any(isinstance(x, dict | list) for x in value):
-        raise ConfigError(f"{path} must be a list of single values")
+            is_list = isinstance(defaults[key], list)
+            if isinstance(value, dict if is_list else dict | list):
+                raise ConfigError(f"{path} must be a single value")
+            if is_list and not isinstance(value, list):
+                raise ConfigError(f"{path} is {value!r}, but must be a list such as [a, b]")
+            if is_list and any(isinstance(x, dict | list) for x in value):
+                raise ConfigError(f"{path} must be a list of single values")
 
 
 def _flags(tree: Mapping[str, Any], prefix: str) -> Iterator[str]:

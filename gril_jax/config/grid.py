@@ -2,29 +2,26 @@
 
     gril sweep quickstart --seeds 8 --reward learned,environmental --lambda 0.1,1
 
-An option whose value has commas is an axis of the sweep; every other option changes all runs. JAX
-is not imported here.
+An option whose value has commas is an axis of the sweep; every other option changes all runs.
 """
 
 import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from gril_jax.config.run_config import RunConfig
 from gril_jax.errors import ConfigError
 
 
-@dataclass(frozen=True)
-class Axis:
+class Axis(NamedTuple):
     """An option and its values."""
 
     option: str  # in full, such as --ppo.discounting
     values: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Cell:
+class Cell(NamedTuple):
     """One combination: its labels, and its configuration with the first seed."""
 
     labels: tuple[tuple[str, str], ...]  # option without dashes, value
@@ -38,11 +35,8 @@ class Cell:
 
 
 def take_axes(args: list[str]) -> list[Axis]:
-    """Removes the options with commas in their values and returns them, in order.
-
-    Raises:
-      ConfigError: an option is given twice, or a value is empty or given twice.
-    """
+    """Removes the options with commas in their values and returns them, in order; a ConfigError
+    if one is given twice, or one of its values is empty or given twice."""
     axes: list[Axis] = []
     rest: list[str] = []
     pending = iter(list(args))
@@ -59,9 +53,8 @@ def take_axes(args: list[str]) -> list[Axis]:
             rest += [arg] if equals or not value else [arg, value]
     args[:] = rest
     seen = [axis.option for axis in axes]
-    twice = next((option for option in seen if seen.count(option) > 1), None)
-    if twice is not None:
-        raise ConfigError(f"{twice} is given twice, but is one axis of the sweep")
+    if twice := [option for option in seen if seen.count(option) > 1]:
+        raise ConfigError(f"{twice[0]} is given twice, but is one axis of the sweep")
     return axes
 
 
@@ -69,9 +62,8 @@ def _axis(option: str, value: str) -> Axis:
     values = tuple(part.strip() for part in value.split(","))
     if "" in values:
         raise ConfigError(f"{option} is {value!r}, but must have a value between all commas")
-    twice = next((part for part in values if values.count(part) > 1), None)
-    if twice is not None:
-        raise ConfigError(f"{option} is {value!r}, but must name {twice} once")
+    if twice := [part for part in values if values.count(part) > 1]:
+        raise ConfigError(f"{option} is {value!r}, but must name {twice[0]} once")
     if option == "--run.seed":
         raise ConfigError("--run.seed cannot be an axis: --seeds N takes N seeds from it on")
     return Axis(option, values)
@@ -80,16 +72,10 @@ def _axis(option: str, value: str) -> Axis:
 def cells(
     axes: Sequence[Axis], args: list[str], load: Callable[[list[str]], RunConfig]
 ) -> list[Cell]:
-    """Every combination; the last axis changes fastest.
-
-    Args:
-      axes: from `take_axes`.
-      args: the options that are the same for all.
-      load: from options to a checked configuration.
-    """
+    """Every combination of the axes, beside the options that are the same for all; the last axis
+    changes fastest. `load` makes a checked configuration of options."""
     found = []
-    for chosen in itertools.product(*(axis.values for axis in axes)):
-        pairs = [(axis.option, value) for axis, value in zip(axes, chosen, strict=True)]
+    for pairs in itertools.product(*([(axis.option, x) for x in axis.values] for axis in axes)):
         config = load([*args, *itertools.chain.from_iterable(pairs)])
         found.append(Cell(tuple((option[2:], value) for option, value in pairs), config))
     return found

@@ -1,11 +1,14 @@
 """The sections of the configuration that train a policy, one for each algorithm."""
 
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any
 
 from gril_jax.errors import ConfigError
 
 from .rules import above, at_least, between, rule
+
+_WIDTHS = rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1")
 
 
 @dataclass(frozen=True)
@@ -40,10 +43,7 @@ class PPOConfig:
     """Factor on the reward before it reaches the value function."""
     max_grad_norm: float = field(default=1.0, metadata=above(0))
     """Gradients whose global norm is larger are scaled down to it."""
-    hidden: tuple[int, ...] = field(
-        default=(64, 64),
-        metadata=rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
-    )
+    hidden: tuple[int, ...] = field(default=(64, 64), metadata=_WIDTHS)
     """Widths of the hidden layers of policy and value function."""
     observe_activity: bool | None = None
     """True if the policy sees which objects have moved, as the reward does; None: unless the
@@ -84,9 +84,7 @@ class SACConfig:
     """Learning rate of the logarithm of the temperature; 0 keeps the temperature."""
     initial_alpha: float = field(default=1.0, metadata=above(0))
     """Initial temperature: the value of a nat of entropy in units of scaled reward."""
-    target_entropy: float = field(
-        default=-0.5, metadata=rule(lambda x: abs(x) < float("inf"), "finite")
-    )
+    target_entropy: float = field(default=-0.5, metadata=rule(isfinite, "finite"))
     """Target entropy for the temperature, in nats for each number of an action."""
     discounting: float = field(default=0.99, metadata=between(0, 1))
     """Discount of a control step."""
@@ -96,10 +94,7 @@ class SACConfig:
     """Factor on the reward before it reaches the critics."""
     max_grad_norm: float = field(default=10.0, metadata=above(0))
     """Gradients of larger norm are scaled down to it: actor, critics and temperature each."""
-    hidden: tuple[int, ...] = field(
-        default=(128, 128),
-        metadata=rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1"),
-    )
+    hidden: tuple[int, ...] = field(default=(128, 128), metadata=_WIDTHS)
     """Widths of the hidden layers of actor and critics."""
     observe_activity: bool | None = None
     """True if the policy sees which objects have moved, as the reward does; None: unless the

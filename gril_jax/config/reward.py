@@ -1,7 +1,6 @@
 """The sections `loss` and `pretrain`: how the encoder of a learned reward is trained.
 
-The string under a field is its help text on the command line. The training's own types take their
-defaults from here.
+The training's own types take their defaults from here.
 """
 
 from dataclasses import dataclass, field

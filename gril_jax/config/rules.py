@@ -26,9 +26,9 @@ def between(low: int | float, high: int | float) -> dict[str, Any]:
     return rule(lambda x: low <= x <= high, f"from {low} to {high}")
 
 
-def count(least: int = 1) -> dict[str, Any]:
-    """A whole number that is not below a limit."""
-    return rule(lambda x: x >= least, f"at least {least}")
+def count() -> dict[str, Any]:
+    """Rule for a whole number of at least 1."""
+    return rule(lambda x: x >= 1, "at least 1")
 
 
 def optional(metadata: dict[str, Any]) -> dict[str, Any]:

@@ -1,22 +1,21 @@
 """The configuration of a run: its fields, their defaults, their help texts and their ranges.
 
-`RunConfig` nests one frozen dataclass for each concern. The string under a field is its help
-text on the command line. A `RunConfig` is checked when it is built, so one that exists is
-valid. This is the schema that users see; which numbers a compiled program treats as static and
-which as traced is decided by the algorithms' own types. Neither JAX nor MuJoCo is imported
-here.
+`RunConfig` nests one frozen dataclass for each concern; it is checked when it is built. The string
+under a field is its help text on the command line. Which numbers a compiled program treats as
+static and which as traced is decided by the algorithms' own types. JAX is not imported here.
 """
 
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any, Literal
 
 from gril_jax.errors import ConfigError
 
 from .encoder import EncoderOptions, PoolConfig
 from .reward import LossConfig, PretrainConfig
-from .rules import at_least, between, require, rule
+from .rules import at_least, between, optional, require, rule
 from .tables import ALGORITHMS, ENCODERS, REWARDS, alternatives
 from .task import DemosConfig, EnvConfig
 
@@ -33,20 +32,15 @@ class RunSettings:
     """Reward of the policy: the learned one, the task's own, the chain of the learned subtasks, the
     first two together, or the task's own with the learned one as its potential."""
     reward_weights: tuple[float, float] = field(
-        default=(1.0, 0.1),
-        metadata=rule(lambda x: all(abs(w) < float("inf") for w in x), "two finite numbers"),
+        default=(1.0, 0.1), metadata=rule(lambda x: all(map(isfinite, x)), "two finite numbers")
     )
     """Weights of the learned and of the task's own reward in their sum, or in the shaped one."""
-    reward_offset: float = field(
-        default=0.0, metadata=rule(lambda x: abs(x) < float("inf"), "a finite number")
-    )
+    reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
     """Constant added to the learned reward if that is the whole reward. With 1 it starts at about 0
     instead of -1: no policy is better or worse for it, but some are found sooner."""
     evaluations: int = field(default=8, metadata=at_least(0))
     """Number of evaluations during policy training, in the training program itself."""
-    out: str | None = field(
-        default=None, metadata=rule(lambda x: x is None or bool(x.strip()), "a folder or None")
-    )
+    out: str | None = field(default=None, metadata=optional(rule(str.strip, "a folder or None")))
     """Folder to create for the results; None names one after the time, under runs/."""
     eval_episodes: int = field(default=100, metadata=at_least(1))
     """Episodes of an evaluation."""
@@ -69,23 +63,26 @@ class RunSettings:
 
 
 @dataclass(frozen=True)
-class _Sections:
-    """All settings that a run depends on.
-
-    Raises:
-      ConfigError: a field is out of its range, or two fields contradict each other.
-    """
+class MakeDemosConfig:
+    """The part of a configuration that scripted demonstrations depend on; a ConfigError if a field
+    is out of its range, or two contradict each other."""
 
     env: EnvConfig = field(default=EnvConfig())
     demos: DemosConfig = field(default=DemosConfig())
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True)
+class _Sections(MakeDemosConfig):
+    """All settings that a run depends on."""
+
     encoder: EncoderOptions = field(default=EncoderOptions())
     pool: PoolConfig = field(default=PoolConfig())
     loss: LossConfig = field(default=LossConfig())
     pretrain: PretrainConfig = field(default=PretrainConfig())
     run: RunSettings = RunSettings()
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 # With one section more for each algorithm.
@@ -98,22 +95,7 @@ RunConfig = dataclasses.make_dataclass(
 )
 
 
-@dataclass(frozen=True)
-class MakeDemosConfig:
-    """The part of a configuration that scripted demonstrations depend on.
-
-    Raises:
-      ConfigError: a field is out of its range, or two fields contradict each other.
-    """
-
-    env: EnvConfig = field(default=EnvConfig())
-    demos: DemosConfig = field(default=DemosConfig())
-
-    def __post_init__(self) -> None:
-        check(self)
-
-
-def check(config: _Sections | MakeDemosConfig) -> None:
+def check(config: MakeDemosConfig) -> None:
     """Raises ConfigError for the first field that is out of range, with its dotted path."""
     for path, value, metadata in _leaves(config, ""):
         require(path, value, metadata)
@@ -152,7 +134,7 @@ def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
 
 
 def _check_sizes(config: RunConfig) -> None:
-    demos, pretrain = config.demos, config.pretrain
+    demos, pretrain, env = config.demos, config.pretrain, config.env
     _check_encoder(config)
     for name in ALGORITHMS:
         chosen = getattr(config, name)
@@ -163,7 +145,15 @@ def _check_sizes(config: RunConfig) -> None:
                 f"{name}.num_timesteps is {chosen.num_timesteps}, but must cover one update of "
                 f"{name}.num_envs x {name}.unroll_length = {unroll} steps"
             )
-    _check_worlds(config)
+    at_once = {
+        f"{config.run.algorithm}.num_envs": getattr(config, config.run.algorithm).num_envs,
+        "run.eval_episodes": config.run.eval_episodes,
+    }
+    for path, number in at_once.items():
+        if env.impl == "warp" and env.worlds < number:
+            raise ConfigError(
+                f"env.worlds is {env.worlds}, but must be at least {path}, which is {number}"
+            )
     if demos.path is None and pretrain.num_videos > demos.num:
         raise ConfigError(
             f"pretrain.num_videos is {pretrain.num_videos}, but must be at most demos.num, "
@@ -173,14 +163,15 @@ def _check_sizes(config: RunConfig) -> None:
 
 def _check_encoder(config: RunConfig) -> None:
     encoder, kind = config.encoder, ENCODERS[config.encoder.kind]
-    if encoder.members > 1 and not kind.ensembles:
-        raise ConfigError(
-            f"encoder.members is {encoder.members}, but must be 1, because encoder.kind is "
-            f"{encoder.kind!r}"
-        )
+    found = {"encoder.members": (encoder.members, encoder.members == 1 or kind.ensembles, "1")}
     if not kind.boxes:
-        _check_pictures(config)
-    elif config.loss.decoder == "node" and not kind.nodes:
+        found |= _of_pictures(config)
+    for path, (value, holds, text) in found.items():
+        if not holds:
+            raise ConfigError(
+                f"{path} is {value!r}, but must be {text}, because encoder.kind is {encoder.kind!r}"
+            )
+    if kind.boxes and config.loss.decoder == "node" and not kind.nodes:
         raise ConfigError(
             f"loss.decoder is 'node', but encoder.kind is {encoder.kind!r}, which embeds no nodes, "
             "so it must be 'graph'"
@@ -191,33 +182,13 @@ def _check_encoder(config: RunConfig) -> None:
         )
 
 
-def _check_pictures(config: RunConfig) -> None:
-    """Raises ConfigError for choices that need boxes while the encoder takes pixels."""
+def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
+    """Choices that may need boxes: their values, whether pixels do, and what else they must be."""
     run, form = config.run, REWARDS[config.run.reward]
     relabel = getattr(getattr(config, run.algorithm), "relabel", False)
     with_pictures = alternatives([name for name, one in REWARDS.items() if one.pictures])
-    found = {
+    return {
         "loss.consistency": (config.loss.consistency, config.loss.consistency == "tcc", "'tcc'"),
         "run.reward": (run.reward, form.pictures, with_pictures),
         f"{run.algorithm}.relabel": (relabel, not (relabel and form.learns), "False"),
     }
-    for path, (value, holds, text) in found.items():
-        if not holds:
-            raise ConfigError(
-                f"{path} is {value!r}, but must be {text}, because encoder.kind is "
-                f"{config.encoder.kind!r}"
-            )
-
-
-def _check_worlds(config: RunConfig) -> None:
-    """Raises ConfigError for more environments than Warp has contact room for."""
-    env, name = config.env, config.run.algorithm
-    at_once = {
-        f"{name}.num_envs": getattr(config, name).num_envs,
-        "run.eval_episodes": config.run.eval_episodes,
-    }
-    for path, number in at_once.items():
-        if env.impl == "warp" and env.worlds < number:
-            raise ConfigError(
-                f"env.worlds is {env.worlds}, but must be at least {path}, which is {number}"
-            )

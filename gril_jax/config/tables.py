@@ -1,7 +1,6 @@
 """The tables of what can be chosen by name: encoders, losses, forms of the reward, algorithms.
 
-To add one, write its file and a line here; whatever asks for a name finds it then. Entries name
-code by its path and import none of it, since a command line is read before JAX is loaded.
+Entries name code by its path, since a command line is read before JAX is loaded.
 """
 
 from importlib import import_module

@@ -1,7 +1,4 @@
-"""The sections `env` and `demos` of a run's configuration: the task, and its demonstrations.
-
-The string under a field is its help text on the command line.
-"""
+"""The sections `env` and `demos` of a run's configuration: the task, and its demonstrations."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -9,7 +6,7 @@ from typing import Literal
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
-from .rules import at_least, between, rule
+from .rules import at_least, between, optional, rule
 
 BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
@@ -18,17 +15,12 @@ TaskName = str  # `EnvConfig` checks it against the registry
 Variant = Literal["demo", "jitter", "layout", "color", "shape", "dynamics", "all"]
 Places = Literal["demo", "jitter", "layout"]
 
-
-def _is_block(name: str) -> bool:
-    words = name.split(" ")
-    return len(words) == 2 and words[0] in BLOCK_COLOURS and words[1] in BLOCK_SHAPES
-
-
 _BLOCKS = rule(
-    lambda names: all(map(_is_block, names)),
+    lambda names: {*names} <= {f"{c} {s}" for c in BLOCK_COLOURS for s in BLOCK_SHAPES},
     "a list of blocks, each a colour and a shape such as 'green star', with a colour of "
     f"{', '.join(BLOCK_COLOURS)} and a shape of {', '.join(BLOCK_SHAPES)}",
 )
+_STEPS = rule(lambda x: 1 <= x <= 100, "None or from 1 to 100")
 
 
 @dataclass(frozen=True)
@@ -68,13 +60,9 @@ class EnvConfig:
     reward: str | None = None
     """The task's own reward, which only `run.reward environmental` learns from: match_regions has
     S4, V5, S3, sparse, a task on a table staged, stages, sparse; None is the first of them."""
-    substeps: int | None = field(
-        default=None, metadata=rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
-    )
+    substeps: int | None = field(default=None, metadata=optional(_STEPS))
     """Physics steps for each control step; None is the engine's own (10, or 5 with mjx)."""
-    iterations: int | None = field(
-        default=None, metadata=rule(lambda x: x is None or 1 <= x <= 100, "None or from 1 to 100")
-    )
+    iterations: int | None = field(default=None, metadata=optional(_STEPS))
     """Sweeps of the solver for each physics step; None is the engine's own (6, or 2 with mjx)."""
     impl: Literal["jax", "warp"] = "jax"
     """Engine of a task on a table: MuJoCo MJX, or MuJoCo Warp where that is installed."""

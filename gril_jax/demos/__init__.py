@@ -2,17 +2,9 @@
 
 from gril_jax.lazy import offer
 
-_HOMES = {
-    "BoxesFileDetector": "boxes_csv",
-    "Demo": "demo_set",
-    "DemoSet": "demo_set",
-    "demo_batch": "demo_set",
-    "import_magical": "importing",
-    "import_videos": "importing",
-    "load_demo_set": "demo_set",
-    "save_demo_set": "demo_set",
-}
-
-__all__ = sorted(_HOMES)
-
-__getattr__ = offer(__name__, _HOMES)
+__all__, __getattr__ = offer(
+    __name__,
+    boxes_csv="BoxesFileDetector",
+    demo_set="Demo DemoSet demo_batch load_demo_set save_demo_set",
+    importing="import_magical import_videos",
+)

@@ -48,11 +48,10 @@ class BoxesFileDetector:
                 f"{self.path}: the boxes file of {name} has no row of class 'goal'; "
                 "at least one frame must hold the goal region."
             )
-        corners = np.zeros((len(frames), len(names), 4))
-        seen = np.zeros(corners.shape[:2], bool)
+        corners = np.full((len(frames), len(names), 4), np.nan)
         for (frame, class_name), box in boxes.items():
             corners[frame, names.index(class_name)] = box
-            seen[frame, names.index(class_name)] = True
+        seen = ~np.isnan(corners[..., 0])
         corners = carried(corners, seen)
         height, width = frames.shape[1:3]
         scale = width / (2 * self.half_extent)
@@ -81,9 +80,7 @@ class BoxesFileDetector:
                 f"not {','.join(header) or 'an empty line'}."
             )
         boxes: _Boxes = {}
-        for row in rows:
-            if not row:
-                continue
+        for row in filter(None, rows):
             where = f"{self.path}, line {rows.line_num}"
             if len(row) != len(COLUMNS):
                 raise DemoError(

@@ -15,11 +15,16 @@ import zipfile
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
+import cv2
 import jax
 import numpy as np
+from jaxtyping import UInt8
 
 from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.vision.video import read_video
+from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import DemoError
 from gril_jax.types import DemoBatch
 
@@ -51,8 +56,7 @@ def trim_static_tail(tracks: Tracks, classes: Sequence[str]) -> int:
     """The number of frames to keep: all in which a block is still on its way, and a few more.
 
     Many equal frames at the end would carry different times, which temporal cycle-consistency
-    can only fit by chance. Robot and goal do not count: a robot may wander off when it is done.
-    At least 6 frames are kept (or all, if there are fewer).
+    can only fit by chance. Robot and goal do not count. At least 6 frames are kept if there are.
     """
     kinds = [classes[label] for label in tracks.label]
     blocks = [i for i, kind in enumerate(kinds) if kind not in ("goal", *ROBOTS)]
@@ -63,12 +67,7 @@ def trim_static_tail(tracks: Tracks, classes: Sequence[str]) -> int:
 
 
 def load_demo_set(folder: str | os.PathLike) -> DemoSet:
-    """Reads and checks a demo set.
-
-    Raises:
-      DemoError: a file is missing or was changed, or the header or an array is not what this
-        version's schema says.
-    """
+    """Reads a demo set; a DemoError for what is missing, was changed, or breaks the schema."""
     folder = pathlib.Path(folder)
     try:
         header = json.loads((folder / HEADER).read_text(encoding="utf-8"))
@@ -101,8 +100,7 @@ def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> 
     path = folder / entry.tracks
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            missing = set(DTYPES) - set(arrays.files)
-            if missing:
+            if missing := set(DTYPES) - set(arrays.files):
                 raise DemoError(f"{path}: the array {sorted(missing)[0]!r} is missing.")
             tracks = Tracks(**{field: arrays[field] for field in Tracks._fields})
     except _NO_ARRAYS as error:
@@ -114,17 +112,14 @@ def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> 
 
 
 def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
-    """The same demonstrations with only the named objects, trimmed to the end of their motion.
+    """The same demonstrations with only the named objects, trimmed to the end of their motion; a
+    DemoError if one lacks an object.
 
     A task with fewer blocks than a video shows can so learn from it. Files stay as they are.
-
-    Raises:
-      DemoError: a demonstration lacks one of the objects.
     """
     entries, tracks = [], []
     for entry, track in zip(demo_set.entries, demo_set.tracks, strict=True):
-        missing = [name for name in objects if name not in entry.objects]
-        if missing:
+        if missing := [name for name in objects if name not in entry.objects]:
             raise DemoError(
                 f"{demo_set.folder}: {entry.name!r} shows {', '.join(entry.objects)}, but the "
                 f"task also has {missing[0]}."
@@ -142,27 +137,15 @@ def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
 
 
 def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBatch:
-    """Demonstrations as arrays, padded to the longest with their last frames.
+    """Demonstrations as arrays, padded to the longest with their last frames; all without `names`.
 
-    Objects are ordered by label, those of one label by their x in the first frame.
-
-    Args:
-      names: which demonstrations, in that order; None takes all.
-
-    Raises:
-      DemoError: an unknown name, no name, or demonstrations with different objects.
+    Objects are ordered by label, those of one label by their x in the first frame; a DemoError if
+    they differ between demonstrations.
     """
-    by_name = {e.name: t for e, t in zip(demo_set.entries, demo_set.tracks, strict=True)}
-    names = list(by_name) if names is None else list(names)
+    names = [entry.name for entry in demo_set.entries] if names is None else list(names)
     if not names:
         raise DemoError(f"{demo_set.folder}: a batch needs at least 1 demonstration, got none.")
-    for name in names:
-        if name not in by_name:
-            raise DemoError(
-                f"{demo_set.folder}: there is no demonstration {name!r}; there are "
-                f"{', '.join(by_name)}."
-            )
-    tracks = [by_name[name] for name in names]
+    tracks = _named(demo_set, names, demo_set.tracks)
     tracks = [track.of(np.lexsort((track.center[0, :, 0], track.label))) for track in tracks]
     for name, track in zip(names, tracks, strict=True):
         if not np.array_equal(track.label, tracks[0].label):
@@ -188,3 +171,52 @@ def padded(arrays: Sequence[np.ndarray]) -> np.ndarray:
     """Arrays of several lengths as one, each held at its last entry to the longest's length."""
     longest = max(map(len, arrays))
     return np.stack([a[np.minimum(np.arange(longest), len(a) - 1)] for a in arrays])
+
+
+def frame_batch(
+    demo_set: DemoSet, names: Sequence[str], *, pixels: int, half_extent: float | None = None
+) -> VideoBatch:
+    """The frames of some demonstrations as small squares, padded as `demo_batch` pads their boxes.
+
+    They show the world as far as `half_extent`, or the set's own. One video at a time is decoded; a
+    DemoError if it is damaged, not square, or not as long as its boxes.
+    """
+    zoom = 1.0 if half_extent is None else half_extent / demo_set.half_extent
+    videos = []
+    for entry in _named(demo_set, names, demo_set.entries):
+        path = demo_set.folder / entry.video
+        frames = read_video(path)
+        count, height, width, _ = frames.shape
+        if count != entry.frames:
+            raise DemoError(
+                f"{path}: holds {count} frames, but its boxes are those of {entry.frames}."
+            )
+        if height != width:
+            raise DemoError(f"{path}: frames are {width} x {height}, but must be square.")
+        videos.append(shrink(frames, pixels, zoom=zoom))
+    return VideoBatch(padded(videos), np.array([len(frames) for frames in videos], np.int32))
+
+
+def shrink(
+    frames: UInt8[np.ndarray, "T S S 3"], pixels: int, *, zoom: float = 1.0
+) -> UInt8[np.ndarray, "T P P 3"]:
+    """Frames resized by area, of which a square of `zoom` times their side is shown: above 1 the
+    outermost pixels go on."""
+    margin = round((zoom - 1.0) * frames.shape[1] / 2)
+    if margin < 0:
+        frames = frames[:, -margin:margin, -margin:margin]
+    border = (max(margin, 0),) * 4
+    wider = (cv2.copyMakeBorder(frame, *border, cv2.BORDER_REPLICATE) for frame in frames)
+    size = (pixels, pixels)
+    return np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in wider])
+
+
+def _named(demo_set: DemoSet, names: Sequence[str], values: Sequence[Any]) -> list[Any]:
+    """What belongs to the demonstrations of these names, from what belongs to all of them."""
+    known = {entry.name: value for entry, value in zip(demo_set.entries, values, strict=True)}
+    if unknown := [name for name in names if name not in known]:
+        raise DemoError(
+            f"{demo_set.folder}: there is no demonstration {unknown[0]!r}; there are "
+            f"{', '.join(known)}."
+        )
+    return [known[name] for name in names]

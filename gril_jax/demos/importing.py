@@ -1,15 +1,12 @@
-"""Converts foreign demonstrations to a demo set: detect, trim the static tail, save.
-
-One demonstration is in memory at a time (a MAGICAL file unpacks to about 107 MB).
-"""
+"""Converts foreign demonstrations to a demo set, one in memory at a time: detect, trim, save."""
 
 import os
 import pathlib
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import UInt8
 
 from gril_jax.config import EnvConfig
 from gril_jax.demos.demo_set import Demo, save_demo_set, trim_static_tail
@@ -54,30 +51,29 @@ def import_magical(
     paths = list_magical(source_dir)
     detector = ColourDetector(PALETTE_CLASSES, HALF_EXTENT)
     task = read_magical(paths[0]).env_name
-    report: list[Imported] = []
 
-    def looked_at() -> Iterator[_Seen]:
-        for path in paths:
-            demo = read_magical(path)
-            if demo.env_name != task:
-                raise DemoError(
-                    f"{path}: recorded in {demo.env_name!r}, but {paths[0].name} in {task!r}; "
-                    "a demo set holds one task."
-                )
-            outcome = "success" if demo.score >= 1 else "failure"
-            tracks = detector.detect(demo.frames, name=str(path))
-            yield path.name.removesuffix(".pkl.gz"), demo.frames, tracks, outcome
+    def seen(path: pathlib.Path) -> _Seen:
+        demo = read_magical(path)
+        if demo.env_name != task:
+            raise DemoError(
+                f"{path}: recorded in {demo.env_name!r}, but {paths[0].name} in {task!r}; "
+                "a demo set holds one task."
+            )
+        tracks = detector.detect(demo.frames, name=str(path))
+        outcome = "success" if demo.score >= 1 else "failure"
+        return path.name.removesuffix(".pkl.gz"), demo.frames, tracks, outcome
 
-    save_demo_set(
+    return _save(
         out_dir,
-        _trimmed(looked_at(), PALETTE_CLASSES, len(paths), report, progress),
-        task=_snake(task.split("-")[0]),
+        map(seen, paths),
+        len(paths),
+        progress,
+        task=re.sub("(?<!^)(?=[A-Z])", "_", task.split("-")[0]).lower(),  # match_regions
         classes=PALETTE_CLASSES,
         half_extent=HALF_EXTENT,
         fps=FPS,
         source=f"MAGICAL human demonstrations, {task}, allocentric view",
     )
-    return report
 
 
 def import_videos(
@@ -93,10 +89,9 @@ def import_videos(
     source: str | None = None,
     progress: AfterEach | None = None,
 ) -> list[Imported]:
-    """Converts a folder of videos to a demo set.
+    """Converts a folder of videos of one frame rate to a demo set, sorted by name.
 
     Args:
-      source_dir: folder of videos of one frame rate; sorted by name.
       out_dir: the demo set; replaced if it is one already.
       half_extent: half the width of the world that a frame shows, in world units.
       boxes: read `NAME.csv` beside each `NAME.mp4` (`gril_jax.demos.boxes_csv`) instead of
@@ -119,10 +114,9 @@ def import_videos(
         if stems.count(path.stem) > 1:
             raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")
     fps = read_fps(paths[0])
-    report: list[Imported] = []
     colours: Detector = ColourDetector(classes, half_extent, objects=None if boxes else objects)
 
-    def look(path: pathlib.Path) -> tuple[UInt8[np.ndarray, "T H W 3"], Tracks]:
+    def seen(path: pathlib.Path) -> _Seen:
         if abs(read_fps(path) - fps) > 0.01:
             raise DemoError(
                 f"{path}: has {read_fps(path):g} frames per second, but {paths[0].name} "
@@ -131,41 +125,40 @@ def import_videos(
         frames, detector = read_video(path), colours
         if boxes:
             detector = BoxesFileDetector(path.with_suffix(".csv"), classes, half_extent)
-        return frames, detector.detect(frames, name=str(path))
+        kind = outcome if isinstance(outcome, str) else outcome[path.stem]
+        return path.stem, frames, detector.detect(frames, name=str(path)), kind
 
-    def looked_at() -> Iterator[_Seen]:
-        for path, seen in zip(paths, parallel_map(look, paths), strict=True):
-            yield path.stem, *seen, outcome if isinstance(outcome, str) else outcome[path.stem]
-
-    save_demo_set(
+    return _save(
         out_dir,
-        _trimmed(looked_at(), classes, len(paths), report, progress),
+        parallel_map(seen, paths),
+        len(paths),
+        progress,
         task=task,
         classes=classes,
         half_extent=half_extent,
         fps=fps,
         source=f"{len(paths)} videos of {folder.name}" if source is None else source,
     )
-    return report
 
 
-def _trimmed(
+def _save(
+    out_dir: str | os.PathLike,
     videos: Iterable[_Seen],
-    classes: Sequence[str],
     total: int,
-    report: list[Imported],
     progress: AfterEach | None,
-) -> Iterator[Demo]:
-    """The videos without their static tails, each reported once the next is asked for."""
-    for name, frames, tracks, outcome in videos:
-        kept = trim_static_tail(tracks, classes)
-        short, cut = tracks.during(slice(kept)), len(frames) - kept
-        report.append(Imported(name, kept, cut, outcome, float(short.seen.mean())))
-        yield Demo(name, frames[:kept], short, cut, outcome)
-        if progress is not None:
-            progress(len(report), total, report[-1])
+    **header: Any,
+) -> list[Imported]:
+    """Saves videos without their static tails, each reported once the next is asked for."""
+    report: list[Imported] = []
 
+    def demos() -> Iterator[Demo]:
+        for name, frames, tracks, outcome in videos:
+            kept = trim_static_tail(tracks, header["classes"])
+            short, cut = tracks.during(slice(kept)), len(frames) - kept
+            report.append(Imported(name, kept, cut, outcome, float(short.seen.mean())))
+            yield Demo(name, frames[:kept], short, cut, outcome)
+            if progress is not None:
+                progress(len(report), total, report[-1])
 
-def _snake(name: str) -> str:
-    """Converts a name to snake case: MatchRegions -> match_regions."""
-    return "".join(f"_{c.lower()}" if c.isupper() else c for c in name).lstrip("_")
+    save_demo_set(out_dir, demos(), **header)
+    return report

@@ -1,11 +1,8 @@
 """Reads frames of MAGICAL's public human demonstrations (`*.pkl.gz`) without running pickled code.
 
-The files are pickles, which can name any function of any installed module and call it on
-loading. This reader's unpickler knows six names, all mapped to stand-ins below that hold data;
-any other name ends the reading. One file unpacks to about 107 MB.
-
-A demonstration set holds frames alone: `read_magical` drops the actions. `read_actions` reads
-them, for replaying them in the simulator and so for judging its physics.
+The files are pickles, which can name any function of any installed module and call it on loading.
+This reader's unpickler knows six names, all mapped to stand-ins below that hold data; any other
+name ends the reading. One file unpacks to about 107 MB.
 """
 
 import gzip
@@ -14,7 +11,7 @@ import os
 import pathlib
 import pickle
 import zlib
-from collections import OrderedDict
+from collections import OrderedDict, namedtuple
 from typing import NamedTuple
 
 import numpy as np
@@ -73,10 +70,7 @@ def read_actions(path: str | os.PathLike) -> Int[np.ndarray, "T"]:
     """The actions of one file, int64, each a flat number: 9 * grip + 3 * turn + drive.
 
     grip: 0 open, 1 close. turn: 0 none, 1 left, 2 right. drive: 0 none, 1 forward, 2 reverse.
-    Action t leads from frame t to frame t + 1.
-
-    Raises:
-      DemoError: as `read_magical`, or the actions are no whole numbers from 0 to 17.
+    Action t leads from frame t to frame t + 1. Errors are those of `read_magical`.
     """
     content = _content(path)
     try:
@@ -140,10 +134,6 @@ class _Array:
         self.array = np.frombuffer(data, dtype.dtype).reshape(shape, order="F" if fortran else "C")
 
 
-def _reconstruct(*_: object) -> _Array:
-    return _Array()
-
-
 def _frombuffer(
     data: bytes | bytearray, dtype: _DType, shape: tuple, order: str, *_: object
 ) -> _Array:
@@ -154,19 +144,13 @@ def _frombuffer(
     return array
 
 
-class _Trajectory(tuple):
-    """Stands in for the named tuple (acts, obs, rews, infos)."""
-
-    def __new__(cls, *fields: object) -> "_Trajectory":
-        return super().__new__(cls, fields)
-
-
+_Trajectory = namedtuple("_Trajectory", "acts obs rews infos")
 _ALLOWED = {  # numpy 1 and numpy 2 name the same functions differently
     ("collections", "OrderedDict"): OrderedDict,
     ("numpy", "dtype"): _DType,
     ("numpy", "ndarray"): _Array,
-    ("numpy.core.multiarray", "_reconstruct"): _reconstruct,
-    ("numpy._core.multiarray", "_reconstruct"): _reconstruct,
+    ("numpy.core.multiarray", "_reconstruct"): lambda *_: _Array(),
+    ("numpy._core.multiarray", "_reconstruct"): lambda *_: _Array(),
     ("numpy.core.numeric", "_frombuffer"): _frombuffer,
     ("numpy._core.numeric", "_frombuffer"): _frombuffer,
     ("milbench.baselines.saved_trajectories", "MILBenchTrajectory"): _Trajectory,

@@ -15,13 +15,8 @@ SCHEMA_VERSION = 1
 OUTCOMES = ("success", "failure", "unknown")
 DTYPES = {"center": np.float32, "size": np.float32, "label": np.int32, "seen": np.bool_}
 _FIELDS = {
-    "task": str,
-    "classes": list,
-    "half_extent": float,
-    "fps": float,
-    "source": str,
-    "demos": list,
-}
+    "task": str, "classes": list, "half_extent": float, "fps": float, "source": str, "demos": list,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -64,13 +59,10 @@ def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
         raise DemoError(f"{where}: classes must be a list of names.")
     if not header["demos"]:
         raise DemoError(f"{where}: demos is empty; a demo set needs at least 1 demonstration.")
-    entries = []
-    for i, entry in enumerate(header["demos"]):
-        _check_fields(entry, _ENTRY, f"{where}, demos[{i}]")
-        _check_stages(entry.get("stages"), f"{where}, demos[{i}]")
-        found = {field: entry[field] for field in _ENTRY}
-        entries.append(DemoEntry(**found, stages=entry.get("stages")))
-        _check_entry(entries[-1], header["classes"], f"{where}, demos[{i}]")
+    entries = [
+        _entry(entry, header["classes"], f"{where}, demos[{i}]")
+        for i, entry in enumerate(header["demos"])
+    ]
     names = [entry.name for entry in entries]
     for name in names:
         if names.count(name) > 1:
@@ -91,7 +83,10 @@ def _check_fields(holder: object, fields: dict[str, object], where: str) -> None
             raise DemoError(f"{where}: {field} must be {kind.__name__}, not {value!r:.60}.")
 
 
-def _check_entry(entry: DemoEntry, classes: list[str], where: str) -> None:
+def _entry(fields: object, classes: list[str], where: str) -> DemoEntry:
+    _check_fields(fields, _ENTRY, where)
+    _check_stages(stages := fields.get("stages"), where)
+    entry = DemoEntry(**{field: fields[field] for field in _ENTRY}, stages=stages)
     for file in (entry.video, entry.tracks):
         if pathlib.PurePath(file).name != file or "\\" in file:
             raise DemoError(f"{where}: {file!r} must be a plain file name within the folder.")
@@ -104,6 +99,7 @@ def _check_entry(entry: DemoEntry, classes: list[str], where: str) -> None:
     for name in entry.objects:
         if name not in classes:
             raise DemoError(f"{where}: the object {name!r} is not one of the set's classes.")
+    return entry
 
 
 def _check_stages(stages: object, where: str) -> None:
@@ -120,18 +116,14 @@ def check_tracks(
     """Raises `DemoError` unless the arrays have the schema's shapes, types and ranges."""
     if frames < 2:
         raise DemoError(f"{where}: a demonstration needs at least 2 frames, not {frames}.")
-    shapes = {
-        "center": (frames, objects, 2),
-        "size": (frames, objects, 2),
-        "label": (objects,),
-        "seen": (frames, objects),
-    }
-    for field, shape in shapes.items():
+    seen = (frames, objects)
+    shapes = ((*seen, 2), (*seen, 2), (objects,), seen)
+    for (field, kind), shape in zip(DTYPES.items(), shapes, strict=True):
         array = getattr(tracks, field)
-        if array.shape != shape or array.dtype != DTYPES[field]:
+        if array.shape != shape or array.dtype != kind:
             raise DemoError(
                 f"{where}: {field} is {array.dtype} {array.shape}, it must be "
-                f"{np.dtype(DTYPES[field])} {shape}."
+                f"{np.dtype(kind)} {shape}."
             )
     if not (np.isfinite(tracks.center).all() and np.isfinite(tracks.size).all()):
         raise DemoError(f"{where}: center and size must be finite numbers.")

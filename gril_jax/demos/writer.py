@@ -40,12 +40,10 @@ def save_demo_set(
     fps: float,
     source: str,
 ) -> None:
-    """Writes a demo set; an older one of that name is replaced once the new one is complete.
+    """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
-    Args:
-      folder: where to; new, empty, or a demo set.
-      demos: consumed one at a time, so that a generator need hold only one video.
-      task, classes, half_extent, fps, source: see `DemoSet`.
+    Demonstrations are consumed one at a time, so that a generator need hold only one video; the
+    other arguments are as in `DemoSet`.
 
     Raises:
       DemoError: the folder holds something else, a demonstration is malformed, there is none,
@@ -63,9 +61,7 @@ def save_demo_set(
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
-        entries = []
-        for number, demo in enumerate(demos):
-            entries.append(_write(part, folder, number, demo, classes, fps))
+        entries = [_write(part, str(folder), i, demo, classes, fps) for i, demo in enumerate(demos)]
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
         header = {
@@ -103,15 +99,10 @@ def _move_into_place(part: pathlib.Path, folder: pathlib.Path) -> None:
 
 
 def _write(
-    part: pathlib.Path,
-    folder: pathlib.Path,
-    number: int,
-    demo: Demo,
-    classes: Sequence[str],
-    fps: float,
+    part: pathlib.Path, where: str, number: int, demo: Demo, classes: Sequence[str], fps: float
 ) -> dict[str, Any]:
     """Writes the files of a demonstration; returns its entry in the header, a `DemoEntry`."""
-    where = f"{folder}, demonstration {demo.name!r}"
+    where = f"{where}, demonstration {demo.name!r}"
     if demo.outcome not in OUTCOMES:
         raise DemoError(f"{where}: outcome {demo.outcome!r} is not one of {', '.join(OUTCOMES)}.")
     check_tracks(demo.tracks, len(demo.frames), len(demo.tracks.label), classes, where)

@@ -2,13 +2,6 @@
 
 from gril_jax.lazy import offer
 
-_HOMES = {
-    "RewardFileError": "reward_file",
-    "load_reward": "reward_file",
-    "policy_arrays": "policy_file",
-    "save_reward": "reward_file",
-}
-
-__all__ = sorted(_HOMES)
-
-__getattr__ = offer(__name__, _HOMES)
+__all__, __getattr__ = offer(
+    __name__, reward_file="RewardFileError load_reward save_reward", policy_file="policy_arrays"
+)

@@ -29,6 +29,12 @@ class RewardWrapper:
     """The environment with the learned reward in place of its own, which becomes a metric.
 
     Everything else is the environment's. Wrap before it is batched, limited in time or reset.
+
+    Args:
+      learned: from `gril_jax.interop.reward_file.load_reward`.
+      boxes: box centres and sizes of a state, in the order of `learned.objects`, in the world units
+        of the reward.
+      action_repeat: of the episode wrapper around this one, which counts that many steps once.
     """
 
     def __init__(
@@ -39,14 +45,6 @@ class RewardWrapper:
         *,
         action_repeat: int = 1,
     ):
-        """
-        Args:
-          env: the environment.
-          learned: from `gril_jax.interop.reward_file.load_reward`.
-          boxes: box centres and sizes of a state, in the order of `learned.objects`, in the world
-            units of the reward.
-          action_repeat: of the episode wrapper around this one, which counts that many steps once.
-        """
         self.env, self.learned = env, learned
         self._boxes, self._repeat = boxes, action_repeat
 
@@ -57,11 +55,8 @@ class RewardWrapper:
         return self._with(state, jnp.zeros_like(state.reward), memory, jnp.zeros((), jnp.int32))
 
     def step(self, state: Any, action: Float[Array, "A"]) -> Any:
-        """The next state, with its learned reward.
-
-        Raises:
-          ConfigError: an automatic reset hides the ends of episodes, as no episode wrapper counts.
-        """
+        """The next state, with its learned reward; a ConfigError where an automatic reset hides the
+        ends of episodes, since no episode wrapper counts."""
         memory, count = state.info[_KEY]
         new = self._is_new(state, count)
         fresh = self.learned.init(*self._boxes(state))

@@ -16,7 +16,11 @@ from gril_jax.reward.learned_reward import LearnedReward
 
 
 class RewardWrapper(gymnasium.Wrapper):
-    """The environment with the learned reward; its own is `info["task_reward"]` from then on."""
+    """The environment with the learned reward; its own is `info["task_reward"]` from then on.
+
+    `boxes(env, observation)`, of the environment unwrapped, gives box centres and sizes: arrays of
+    shape (N, 2) in the order of `learned.objects`, in the world units of the reward.
+    """
 
     def __init__(
         self,
@@ -24,11 +28,6 @@ class RewardWrapper(gymnasium.Wrapper):
         learned: LearnedReward,
         boxes: Callable[[gymnasium.Env, Any], tuple[Any, Any]],
     ):
-        """
-        Args:
-          boxes: `boxes(env, observation)` gives box centres and sizes, arrays of shape (N, 2) in
-            the order of `learned.objects`, in the world units of the reward. `env` is unwrapped.
-        """
         super().__init__(env)
         self._boxes, self._memory = boxes, None
         self._init = jax.jit(learned.init)

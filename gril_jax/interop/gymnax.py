@@ -28,7 +28,11 @@ class RewardState(NamedTuple):
 class RewardWrapper(Environment):
     """The environment with the learned reward; its own is `info["task_reward"]` from then on.
 
-    Everything else is the environment's.
+    Args:
+      boxes: box centres and sizes of the environment's state, in the order of `learned.objects`, in
+        the world units of the reward.
+      five_values: `step` gives `done` in place of terminated and truncated, as gymnax did before
+        1.0 and rejax 0.1 expects.
     """
 
     def __init__(
@@ -39,13 +43,6 @@ class RewardWrapper(Environment):
         *,
         five_values: bool = False,
     ):
-        """
-        Args:
-          boxes: box centres and sizes of the environment's state, in the order of
-            `learned.objects`, in the world units of the reward.
-          five_values: `step` gives `done` in place of terminated and truncated, as gymnax did
-            before 1.0 and rejax 0.1 expects.
-        """
         self._env, self._learned, self._boxes = env, learned, boxes
         self._five_values = five_values
 

@@ -32,9 +32,8 @@ Arrays, all float32, for O inputs and layers i of H_i outputs:
   description ()   a JSON text; `describe` lists its fields
 
 Of the observation's normalisation, clip((x - mean) / std, -10, 10), the division is folded into
-`kernel_0`; mean and limit = 10 std stay apart. A clip cannot be folded into a matrix. The mean
-could be, but of an input that hardly varies x / std and mean / std are both large, and in float32
-their difference loses digits.
+`kernel_0`; mean and limit = 10 std stay apart, since of an input that hardly varies x / std and
+mean / std are both large, and in float32 their difference loses digits.
 """
 
 import dataclasses
@@ -70,23 +69,14 @@ def main(
     *,
     echo: Callable[[str], None] = print,
 ) -> None:
-    """Writes the newest policy of a run to a new file; the run's folder is only read.
-
-    Args:
-      out: the file, which must not exist, in a folder that does.
-      algorithm, hyper: built from `config`, the run's own, to restore the checkpoint into.
-
-    Raises:
-      RunError: the run has no policy or a broken one, or `out` exists or cannot be written.
-    """
+    """Writes the newest policy of a run to a new file; its algorithm is built from its config. A
+    RunError if the run has no policy or a broken one, or the file exists or cannot be written."""
     found = checkpoint.newest(folder, "policy")
     fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
     arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
-    for name, array in arrays.items():
-        if not np.isfinite(array).all():
-            raise RunError(f"{name} of the policy in {found} is not finite: train it again")
-    episodes = algorithm.episodes
-    objects: Sequence[str] = ()
+    if broken := [name for name, array in arrays.items() if not np.isfinite(array).all()]:
+        raise RunError(f"{broken[0]} of the policy in {found} is not finite: train it again")
+    episodes, objects = algorithm.episodes, []
     if episodes.observe_activity:
         labels = fresh.envs.running.state.objects.label[0]
         objects = [episodes.env.classes[i] for i in np.asarray(labels)]
@@ -112,11 +102,7 @@ def describe(
 ) -> dict[str, Any]:
     """The meaning of the arrays, as JSON has it. Index ranges are [start, stop).
 
-    Args:
-      arrays: from `policy_arrays`.
-      objects: names of the objects whose activity bits the policy sees, in order; often none.
-
-    Returns:
+    The objects are those whose activity bits the policy sees, in order. Its fields:
       format, version, gril_jax: what wrote the file.
       layers: `in`, `out` and `activation` (swish, relu, tanh or none) of each.
       output: the ranges of the last layer that hold the action's mean and its spread before
@@ -128,9 +114,6 @@ def describe(
       action: name, range and limits of each number of the action.
       control_hz: actions a second.
       env: the task's settings in the run.
-
-    Raises:
-      ShapeError: the task's names do not fit its sizes.
     """
     kernels = [array for name, array in arrays.items() if name.startswith("kernel_")]
     activations = [_ACTIVATION] * (len(kernels) - 1) + ["none"]
@@ -162,22 +145,18 @@ def describe(
 def observation_layout(env: Any, objects: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Name, start and stop of each part of the policy's input, in order.
 
-    Args:
-      env: the task; `observation_names`, if it has them, name each number, and equal names in a
-        row are one part. Without them there is a single part "observation".
-      objects: names of the objects whose activity bits follow the task's own observation.
-
-    Raises:
-      ShapeError: the task names more or fewer numbers than it observes.
+    The task's `observation_names`, if it has them, name each number, or it is a ShapeError; equal
+    names in a row are one part. Without them there is a single part "observation". The objects'
+    activity bits follow.
     """
-    own = _names(env, "observation", env.observation_size)
-    return _ranges([*own, *(f"{name} has moved" for name in objects)])
+    bits = [f"{name} has moved" for name in objects]
+    return _layout(env, "observation", env.observation_size, bits)
 
 
 def action_layout(env: Any) -> list[dict[str, Any]]:
     """Name, start, stop, low and high of each part of the action, as `observation_layout`."""
-    own = _names(env, "action", env.action_size)
-    return [entry | {"low": -1.0, "high": 1.0} for entry in _ranges(own)]
+    found = _layout(env, "action", env.action_size)
+    return [entry | {"low": -1.0, "high": 1.0} for entry in found]
 
 
 def write(
@@ -193,18 +172,11 @@ def write(
             raise RunError(f"{out} exists already, but --out must be a new file") from None
 
 
-def _names(env: Any, kind: str, size: int) -> Sequence[str]:
+def _layout(env: Any, kind: str, size: int, more: Sequence[str] = ()) -> list[dict[str, Any]]:
     names = getattr(env, f"{kind}_names", [kind] * size)
     if len(names) != size:
         task = type(env).__name__
         raise ShapeError(f"{task} names {len(names)} numbers of its {kind}, but it has {size}")
-    return names
-
-
-def _ranges(names: Sequence[str]) -> list[dict[str, Any]]:
-    entries, start = [], 0
-    for name, group in itertools.groupby(names):
-        stop = start + len([*group])
-        entries.append({"name": name, "start": start, "stop": stop})
-        start = stop
-    return entries
+    numbered = itertools.groupby(enumerate([*names, *more]), lambda entry: entry[1])
+    groups = [(name, [index for index, _ in group]) for name, group in numbered]
+    return [{"name": name, "start": at[0], "stop": at[-1] + 1} for name, at in groups]

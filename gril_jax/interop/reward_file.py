@@ -72,13 +72,9 @@ def save_reward(
       path: the file, in a folder that exists.
       params: from `gril_jax.reward.from_demos`; of one seed, float32, all finite.
       config: the encoder's, of any kind.
-      classes: names that a label is an index into, as many as `config.num_classes`.
-      robots: the classes that belong to the robot.
-      objects: class of each object of the usual scene, in order.
+      classes, robots, objects, softness, half_extent, unit: as the description has them; as many
+        classes as `config.num_classes`, and softness in units of the reward.
       activity: the rule that the reward was made with: {"tau": 0.005, "window": 40}.
-      softness: of the minimum over a set of goals, in units of the reward; None for the nearest.
-      half_extent: half the width of the world that a frame of the videos shows, in world units.
-      unit: what a world unit is, in words.
       demos: what the reward was learned from; only its digest and number are kept.
       provenance: what else a reader should know, as JSON: {"kendall_tau": 0.95, "source": "..."}.
       overwrite: replace a file of this name.
@@ -95,9 +91,7 @@ def save_reward(
         params, config, tuple(classes), tuple(robots), tuple(objects), rule, softness
     )
     made = _digest(demos) if demos is not None else {}
-    text = reward_format.describe(
-        learned, half_extent=half_extent, unit=unit, provenance=made | dict(provenance or {})
-    )
+    text = reward_format.describe(learned, half_extent, unit, made | dict(provenance or {}))
     arrays = {name: np.asarray(leaf) for name, leaf in reward_format.named(params)}
     wanted = dict(reward_format.named(reward_format.blank(config)))
     reward_format.check_arrays(arrays, wanted, "params")

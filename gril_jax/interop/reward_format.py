@@ -50,17 +50,12 @@ def blank(config: AnyConfig) -> RewardParams:
 def check_arrays(
     arrays: Mapping[str, np.ndarray], wanted: Mapping[str, jax.ShapeDtypeStruct], where: str
 ) -> None:
-    """Checks arrays against the `named` shapes of their encoder; `where` begins the message.
-
-    Raises:
-      RewardFileError: an array is missing, unknown, not float32 or not finite.
-      ShapeError: an array has another shape.
-    """
-    for name in wanted:
-        if name not in arrays:
-            raise RewardFileError(
-                f"{where} lacks the array {name!r}; its encoder needs one: save the reward again."
-            )
+    """Raises RewardFileError, or a ShapeError, unless arrays are finite float32 of the `named`
+    shapes of their encoder; `where` begins the message."""
+    if lacks := [name for name in wanted if name not in arrays]:
+        raise RewardFileError(
+            f"{where} lacks the array {lacks[0]!r}; its encoder needs one: save the reward again."
+        )
     for name, array in arrays.items():
         if name not in wanted:
             raise RewardFileError(
@@ -79,11 +74,7 @@ def check_arrays(
 
 
 def describe(
-    learned: LearnedReward,
-    *,
-    half_extent: float | None,
-    unit: str | None,
-    provenance: Mapping[str, Any],
+    learned: LearnedReward, half_extent: float | None, unit: str | None, provenance: dict[str, Any]
 ) -> str:
     """The description as JSON text; a `ConfigError` if its choices are wrong or are no JSON."""
     about = {
@@ -123,12 +114,8 @@ def parse(text: Any, where: str) -> dict[str, Any]:
 
 
 def understand(about: Mapping[str, Any], where: str) -> LearnedReward:
-    """The reward that a description defines, with shapes in place of arrays.
-
-    Raises:
-      RewardFileError: a field is missing or is not what it should be.
-      ConfigError: the file asks for a choice that this version does not have.
-    """
+    """The reward that a description defines, with shapes in place of arrays; a RewardFileError for
+    a field that is missing, a ConfigError for a choice that this version does not have."""
     try:
         config = encoder_choices.from_json(about["encoder"])
         learned = LearnedReward(

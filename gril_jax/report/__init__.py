@@ -2,13 +2,6 @@
 
 from gril_jax.lazy import offer
 
-_HOMES = {
-    "read_finished": "data",
-    "read_profiles": "data",
-    "read_rollouts": "data",
-    "write_report": "run_report",
-}
-
-__all__ = sorted(_HOMES)
-
-__getattr__ = offer(__name__, _HOMES)
+__all__, __getattr__ = offer(
+    __name__, data="read_finished read_profiles read_rollouts", run_report="write_report"
+)

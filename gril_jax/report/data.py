@@ -1,12 +1,12 @@
-"""Reads and checks a run's folder for its report: parts that are missing are None.
+"""Reads and checks a run's folder for its report: what is missing is None.
 
     profiles.npz   the learned reward along each demonstration (B, T), where its stages end
     rollouts.npz   the reward in each evaluation episode (E, T), and which one was filmed
 
-B is demonstrations, E episodes, T frames or steps. `gril_jax.runs.run_dir` has the other files.
+B is demonstrations, E episodes, T frames or steps. `gril_jax.runs.run_dir` has the other files. A
+file that is damaged, or whose parts do not fit together, is a `RunError`.
 """
 
-import json
 import math
 import zipfile
 import zlib
@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Int
 from gril_jax.config.tables import ALGORITHMS
 from gril_jax.errors import RunError
 from gril_jax.runs.run_dir import read_metrics, read_results
+from gril_jax.safe_files import read_object
 
 SPLITS = ("train", "validation", "failure")
 _NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
@@ -52,11 +53,7 @@ class Rollouts(NamedTuple):
 
 
 def read_profiles(folder: Path) -> Profiles | None:
-    """Reads profiles.npz; None if there is none.
-
-    Raises:
-      RunError: the file is damaged, or its arrays do not fit together.
-    """
+    """Reads profiles.npz; None if there is none."""
     path = folder / "profiles.npz"
     fields = {"names": "U", "split": "U", "reward": "f", "length": "iu", "transitions": "b"}
     arrays = _arrays(path, fields)
@@ -78,16 +75,12 @@ def read_profiles(folder: Path) -> Profiles | None:
 
 
 def read_rollouts(folder: Path) -> Rollouts | None:
-    """Reads rollouts.npz; None if there is none.
-
-    Raises:
-      RunError: the file is damaged, or its arrays do not fit together.
-    """
+    """Reads rollouts.npz; None if there is none."""
     path = folder / "rollouts.npz"
     arrays = _arrays(path, {"reward": "f", "success": "bf", "shown": "iu"})
     if arrays is None:
         return None
-    reward, success, shown = (arrays[field] for field in ("reward", "success", "shown"))
+    reward, success, shown = arrays["reward"], arrays["success"], arrays["shown"]
     if reward.ndim != 2 or not reward.size:
         raise RunError(f"{path}: reward has shape {reward.shape}, but must be (E, T)")
     _require_shape(path, "success", success, reward.shape[:1])
@@ -120,11 +113,7 @@ def _require_shape(path: Path, field: str, array: np.ndarray, shape: tuple) -> N
 
 
 def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Rows of metrics.jsonl by phase, "pretrain" and the algorithm; empty if there is no file.
-
-    Raises:
-      RunError: a line is damaged, or a value in it is no number.
-    """
+    """Rows of metrics.jsonl by phase, "pretrain" and the algorithm; empty if there is no file."""
     rows: dict[str, list[dict[str, Any]]] = {phase: [] for phase in _STEP}
     if not (folder / "metrics.jsonl").exists():
         return rows
@@ -141,40 +130,21 @@ def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def read_finished(folder: Path) -> dict[str, Any] | None:
-    """Reads results.json; None if the run has not finished.
-
-    Raises:
-      RunError: the file is damaged.
-    """
-    if not (folder / "results.json").exists():
-        return None
-    return read_results(folder)
+    """Reads results.json; None if the run has not finished."""
+    return read_results(folder) if (folder / "results.json").exists() else None
 
 
 def read_versions(folder: Path) -> dict[str, Any]:
-    """Reads versions.json; empty if there is none.
-
-    Raises:
-      RunError: the file is damaged.
-    """
+    """Reads versions.json; empty if there is none."""
     path = folder / "versions.json"
-    if not path.exists():
-        return {}
-    try:
-        versions = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise RunError(f"{path} is not JSON") from error
-    if not isinstance(versions, dict) or not isinstance(versions.get("packages", {}), dict):
+    versions = read_object(path) if path.exists() else {}
+    if not isinstance(versions.get("packages", {}), dict):
         raise RunError(f"{path} must be an object with fields, and packages another")
     return versions
 
 
 def number(holder: Mapping[str, Any], field: str, where: str) -> float | None:
-    """A field that is a number; None if it is missing, null or not finite.
-
-    Raises:
-      RunError: it is something else.
-    """
+    """A field that is a number; None if it is missing, null or not finite."""
     value = holder.get(field)
     if value is None:
         return None

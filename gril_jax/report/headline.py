@@ -33,10 +33,8 @@ class Verdict(NamedTuple):
 
 
 def wilson(rate: float, count: int) -> tuple[float, float]:
-    """Wilson's 95% interval of a success rate from 0 to 1 in `count` trials, at least 1.
-
-    Unlike the textbook's normal interval it stays within 0 and 1, and has a width where all of
-    the trials succeeded.
+    """Wilson's 95% interval of a success rate from 0 to 1 in `count` trials, at least 1: within 0
+    and 1, and of some width even where all trials succeeded.
 
     >>> [round(x, 3) for x in wilson(0.5, 20)]
     [0.299, 0.701]
@@ -102,13 +100,11 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
 def _rate_tile(field: str, rate: float, episodes: int, label: str) -> Tile:
     if not 0 <= rate <= 1:
         raise RunError(f"{_WHERE}: {field} is {rate:g}, but must be from 0 to 1")
-    if episodes < 1:
-        return Tile(f"{100 * rate:.1f}%", label)
-    low, high = wilson(rate, episodes)
-    note = (
-        f"{round(rate * episodes)} of {episodes} episodes; "
-        f"95% Wilson interval {100 * low:.1f}% to {100 * high:.1f}%"
-    )
+    note = ""
+    if episodes >= 1:
+        low, high = (100 * bound for bound in wilson(rate, episodes))
+        note = f"{round(rate * episodes)} of {episodes} episodes; "
+        note += f"95% Wilson interval {low:.1f}% to {high:.1f}%"
     return Tile(f"{100 * rate:.1f}%", label, note)
 
 

@@ -1,13 +1,15 @@
 """Renders a report as one self-contained HTML file, with its pictures and videos.
 
-Every text that reaches the page is escaped here, wherever it came from. The page's own policy
-forbids scripts and any address but its own data.
+Every text that reaches the page is escaped here, wherever it came from. The frame of the page is
+`page.html`; its policy forbids scripts and any address but its own data.
 """
 
 import base64
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib import resources
 from pathlib import Path
+from string import Template
 from typing import NamedTuple
 
 from gril_jax.safe_files import write_whole, writing
@@ -74,8 +76,7 @@ def render(
       title, summary: its heading, and its name in the browser; a sentence below the heading.
       tiles: the numbers at the top.
       facts: short lines of what was run.
-      tables: of names and values, each folded under its title.
-      listings: longer texts such as the configuration, each folded under its title.
+      tables, listings: values by name, and longer texts, each folded under its title.
       film: on the first screen, on a phone's, too.
       beside: on the first screen of a desk: what belongs below the film, and what to its right.
       more: numbers that can wait until what was run is told.
@@ -100,7 +101,8 @@ def render(
         "</section>",
     ]
     content = "\n".join(piece for piece in body if piece)
-    return _PAGE.format(title=escape(title), style=_STYLE, policy=_POLICY, body=content)
+    page = (resources.files("gril_jax.report") / "page.html").read_text(encoding="utf-8")
+    return Template(page).substitute(title=escape(title), body=content)
 
 
 def _tiles(tiles: Sequence[Tile]) -> str:
@@ -112,14 +114,14 @@ def _tiles(tiles: Sequence[Tile]) -> str:
 
 
 def _section(section: Section) -> str:
-    parts = "\n".join(
-        _wide_table(part) if isinstance(part, Table) else _part(part) for part in section.parts
-    )
+    parts = "\n".join(map(_part, section.parts))
     head = f"<section><h2>{escape(section.title)}</h2>"
     return f'{head}\n<div class="parts">\n{parts}\n</div></section>'
 
 
-def _part(part: Part) -> str:
+def _part(part: Part | Table) -> str:
+    if isinstance(part, Table):
+        return _wide_table(part)
     if part.contents is None:
         return f'<p class="absent">{escape(part.caption)}</p>'
     source = f"data:{part.mime};base64,{base64.b64encode(part.contents).decode('ascii')}"
@@ -163,94 +165,3 @@ def _table(rows: Mapping[str, str], kind: str) -> str:
 
 def _folded(title: str, content: str) -> str:
     return f"<details><summary>{escape(title)}</summary>{content}</details>" if content else ""
-
-
-_POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'"
-
-_STYLE = """
-:root { color-scheme: light dark; --page: #ffffff; --ink: #1f2328; --soft: #59636e;
-        --line: #d8dee4; --tile: #f6f8fa;
-        --good: #1a7f37; --fair: #9a6700; --bad: #c22732; --open: #59636e; }
-@media (prefers-color-scheme: dark) {
-  :root { --page: #14171b; --ink: #e6e9ec; --soft: #a2abb4; --line: #343a41; --tile: #1e2328;
-          --good: #4ac26b; --fair: #d4a72c; --bad: #ff7b72; --open: #a2abb4; }
-  img, video { filter: brightness(.88); }
-}
-* { box-sizing: border-box; }
-body { margin: 0 auto 4rem; max-width: 80rem; padding: 1.1rem 1rem 0; background: var(--page);
-       color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
-h1 { font-size: 1.45rem; line-height: 1.25; margin: 0; overflow-wrap: anywhere; }
-h2 { font-size: 1.2rem; margin: 2.2rem 0 .9rem; padding-top: 1.1rem;
-     border-top: 1px solid var(--line); }
-.top p { margin: .15rem 0 0; color: var(--soft); max-width: 52rem; }
-.top .verdict { margin: .8rem 0; padding: .5rem .9rem; color: var(--ink); font-weight: 600;
-                background: var(--tile); border-radius: .5rem;
-                border-left: .4rem solid var(--open); }
-.top .good { border-color: var(--good); }
-.top .fair { border-color: var(--fair); }
-.top .bad { border-color: var(--bad); }
-.first { display: grid; gap: .9rem 1.4rem; }
-.first > div { min-width: 0; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .6rem;
-         margin: 1rem 0; }
-.first .tiles { margin: 0; }
-.film video { max-height: 19.5rem; object-fit: contain; }
-.tiles div { background: var(--tile); border-radius: .5rem; padding: .6rem .8rem;
-             font-size: .92rem; line-height: 1.35; }
-.tiles b { display: block; font-size: 1.5rem; line-height: 1.2; }
-small { display: block; color: var(--soft); font-size: .8rem; line-height: 1.35;
-        margin-top: .2rem; }
-figure { margin: 0; min-width: 0; }
-img, video { display: block; width: 100%; height: auto; background: #ffffff;
-             border: 1px solid var(--line); border-radius: .5rem; }
-img { padding: .35rem; }
-figcaption { color: var(--soft); font-size: .88rem; line-height: 1.4; margin-top: .35rem;
-             max-width: 52rem; }
-.absent { color: var(--soft); margin: 0; padding: 1rem; border: 1px dashed var(--line);
-          border-radius: .5rem; }
-.parts { display: grid; gap: 1.6rem 1.4rem; align-items: start;
-         grid-template-columns: repeat(auto-fill, minmax(min(100%, 30rem), 1fr)); }
-.parts > .whole { grid-column: 1 / -1; }
-@media (min-width: 64rem) {
-  .top { display: flex; gap: 1.4rem; align-items: center; justify-content: space-between;
-         margin-bottom: .8rem; }
-  .top .verdict { margin: 0; flex: 0 1 36rem; }
-  .first { grid-template-columns: 1fr 1fr; grid-template-rows: auto auto 1fr; }
-  .first .tiles { grid-area: 1 / 1 / 2 / 3; }
-  .first .film { grid-area: 2 / 1; }
-  .first .film ~ div:last-child { grid-area: 2 / 2 / 4 / 3; }
-}
-table { border-collapse: collapse; font-size: .92rem; margin: .5rem 0 1rem; }
-th { font-weight: 500; text-align: left; color: var(--soft); vertical-align: top;
-     padding: .15rem 1.5rem .15rem 0; white-space: nowrap; }
-td { padding: .15rem 0; overflow-wrap: anywhere; font-variant-numeric: tabular-nums; }
-.wide { overflow-x: auto; }
-.wide table { margin: 0; border-collapse: separate; border-spacing: 0; }
-.wide th, .wide td { padding: .4rem .9rem; text-align: right; white-space: nowrap;
-                     vertical-align: top; border-bottom: 1px solid var(--line); }
-.wide thead th { vertical-align: bottom; white-space: normal; min-width: 5rem; }
-.wide tbody th, .wide thead td { position: sticky; left: 0; background: var(--page);
-                                 padding-left: 0; text-align: left; white-space: normal;
-                                 min-width: 7rem; }
-.wide tbody th { color: var(--ink); }
-.wide small { margin: 0; }
-details { border: 1px solid var(--line); border-radius: .5rem; padding: .5rem .9rem;
-          margin: .6rem 0; }
-summary { cursor: pointer; }
-pre { overflow-x: auto; font-size: .85rem; line-height: 1.4; }
-"""
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>{style}</style>
-</head>
-<body>
-{body}
-</body>
-</html>
-"""

@@ -1,7 +1,4 @@
-"""Inputs of a report: a run's folder and its demonstrations, read once.
-
-What is damaged, in the folder or in the demonstrations, is a `RunError` or a `DemoError`.
-"""
+"""A run's folder and its demonstrations, read once; what is damaged is a RunError or DemoError."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -21,26 +21,21 @@ from gril_jax.report.figures.curves import (
 )
 from gril_jax.report.figures.filmstrip import Film, beside_reward, contact_sheet, with_boxes
 from gril_jax.report.figures.style import png
+from gril_jax.runs.phases import require_single
 
 from .data import number, read_rollouts, read_versions
 from .headline import headline, in_words, stage_times, verdict
 from .html import Part, Section, render
 from .inputs import Inputs, films_of, read_inputs
-from .kinds import require_single
 
 _TOP = 4  # numbers on the first screen
 _NO_POLICY = Part("No policy has been trained in this run.")
 
 
 def write_report(run_folder: str | os.PathLike) -> Path:
-    """Draws everything about a run into its folder: PNGs, videos, and `report.html`.
-
-    The run may be finished or not; the page, whose path is returned, needs no other file.
-
-    Raises:
-      RunError: it is no run's folder, or that of a table; a file in it is damaged, or it cannot
-        be written to.
-    """
+    """Draws everything about a run, finished or not, into its folder: PNGs, videos, and
+    `report.html`, which needs no other file and whose path is returned. A folder of no run or of a
+    table, or one that is damaged or cannot be written to, is a RunError."""
     folder = Path(run_folder)
     require_single(folder)
     try:
@@ -202,9 +197,9 @@ def _what_was_run(run: Inputs) -> dict[str, Any]:
     versions = read_versions(run.folder)
     known = ("command", "device", "started", "python", "platform")
     facts = {name: versions[name] for name in known if name in versions}
-    times = {name: in_words(seconds) for name, seconds in stage_times(run.results)}
+    times = {f"time for {name}": in_words(seconds) for name, seconds in stage_times(run.results)}
     return {
-        "facts": _in_text(facts) | {f"time for {name}": text for name, text in times.items()},
+        "facts": _in_text(facts | times),
         "tables": {
             "All results": _in_text(run.results),
             "Package versions": _in_text(versions.get("packages", {})),

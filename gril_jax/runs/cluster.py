@@ -7,7 +7,7 @@ GPU. JAX is not imported here.
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any
 
 from gril_jax.errors import ConfigError
 
@@ -15,24 +15,13 @@ _NAMES = ("COORDINATOR_ADDRESS", "NUM_PROCESSES", "PROCESS_ID")
 _SLURM = ("SLURM_JOB_ID", "SLURM_NTASKS", "SLURM_PROCID")
 
 
-class Cluster(NamedTuple):
-    """The processes of a job, and this one's index."""
-
-    address: str  # HOST:PORT of the first
-    count: int
-    index: int  # from 0
-
-
-def cluster_of(environment: Mapping[str, str]) -> Cluster | None:
-    """The job that an environment describes; None under SLURM, which describes it to JAX.
-
-    Raises:
-      ConfigError: it describes none, or not all of it, or its numbers do not fit together.
-    """
+def cluster_of(environment: Mapping[str, str]) -> dict[str, Any]:
+    """What an environment says of a job to `jax.distributed`; nothing under SLURM, which JAX asks,
+    and a ConfigError if it describes none, or not all of it, or its numbers do not fit."""
     given = [name for name in _NAMES if environment.get(name)]
     if not given:
         if all(environment.get(name) for name in _SLURM):
-            return None
+            return {}
         raise ConfigError(
             "--distributed finds no job: start it by srun, or set COORDINATOR_ADDRESS (HOST:PORT), "
             "NUM_PROCESSES and PROCESS_ID"
@@ -52,4 +41,9 @@ def cluster_of(environment: Mapping[str, str]) -> Cluster | None:
         raise ConfigError(
             f"PROCESS_ID is {index}, but must be less than NUM_PROCESSES, which is {count}"
         )
-    return Cluster(address, count, index)
+    return {
+        "coordinator_address": address,
+        "num_processes": count,
+        "process_id": index,
+        "cluster_detection_method": "deactivate",  # or it would leave us one GPU
+    }

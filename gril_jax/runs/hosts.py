@@ -10,7 +10,7 @@ them wait for all processes. In a process by itself each of them is a no-op.
 
 import contextlib
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,29 +21,17 @@ from jax.sharding import SingleDeviceSharding
 
 from gril_jax.errors import RunError
 
-from .checkpoints.state_leaves import is_key
-from .cluster import Cluster
+from .checkpoints.state_leaves import data_of, wrapped
 
 
-def initialize(cluster: Cluster | None, *, timeout_s: int = 300) -> None:
-    """Connects the processes of a job; afterwards `jax.devices()` lists the devices of all of them.
-
-    Without a cluster JAX asks SLURM.
-
-    Raises:
-      RunError: the others cannot be reached, or JAX has been used already.
-    """
+def initialize(cluster: Mapping[str, Any], *, timeout_s: int = 300) -> None:
+    """Connects the processes of the job of `cluster_of`; then `jax.devices()` lists those of all. A
+    RunError if the others cannot be reached, or JAX has been used already."""
     # JAX's own handler would swallow SIGTERM, at which a run is saved.
     jax.config.update("jax_enable_preemption_service", False)
     jax.config.update("jax_cpu_collectives_implementation", "gloo")
-    known = {} if cluster is None else {
-        "coordinator_address": cluster.address,
-        "num_processes": cluster.count,
-        "process_id": cluster.index,
-        "cluster_detection_method": "deactivate",  # or it would leave us one GPU
-    }  # fmt: skip
     try:
-        jax.distributed.initialize(**known, initialization_timeout=timeout_s)
+        jax.distributed.initialize(**cluster, initialization_timeout=timeout_s)
     except (RuntimeError, ValueError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise RunError(f"the processes of the job cannot be connected ({reason})") from None
@@ -63,12 +51,12 @@ def same_everywhere(tree: Any) -> Any:
         return tree
 
     def sent(leaf):
-        like = jax.eval_shape(_data, leaf)
-        values = _data(leaf) if is_first() else np.zeros(like.shape, like.dtype)
+        like = jax.eval_shape(data_of, leaf)
+        values = data_of(leaf) if is_first() else np.zeros(like.shape, like.dtype)
         # As bytes, because the processes' contributions are added up: -0.0 + 0.0 is not -0.0.
         flat = np.asarray(values, like.dtype).reshape(-1).view(np.uint8)
         sent = multihost_utils.broadcast_one_to_all(flat)
-        return _wrapped(np.asarray(sent).view(like.dtype).reshape(like.shape), leaf)
+        return wrapped(np.asarray(sent).view(like.dtype).reshape(like.shape), leaf)
 
     return jax.tree.map(sent, tree)
 
@@ -82,16 +70,13 @@ def largest(numbers: Sequence[int]) -> list[int]:
 
 
 def gathered(tree: Any) -> Any:
-    """The tree with arrays that are spread over processes gathered into whole ones.
-
-    They are NumPy arrays, in the memory of each process; one leaf after the other is whole on a
-    device meanwhile.
-    """
+    """The tree with arrays that are spread over processes as whole NumPy arrays in each of them;
+    one leaf after the other is whole on a device meanwhile."""
 
     def whole(leaf):
         if not isinstance(leaf, jax.Array) or leaf.is_fully_addressable:
             return leaf
-        return _wrapped(multihost_utils.process_allgather(_data(leaf), tiled=True), leaf)
+        return wrapped(multihost_utils.process_allgather(data_of(leaf), tiled=True), leaf)
 
     return jax.tree.map(whole, tree)
 
@@ -102,29 +87,19 @@ def placed_like(tree: Any, like: Any) -> Any:
     def place(leaf, old):
         if not isinstance(old, jax.Array) or isinstance(old.sharding, SingleDeviceSharding):
             return leaf
-        host, where = np.asarray(_data(leaf)), _data(old).sharding
+        host, where = np.asarray(data_of(leaf)), data_of(old).sharding
         placed = jax.make_array_from_callback(host.shape, where, lambda index: host[index])
-        return _wrapped(placed, old)
+        return wrapped(placed, old)
 
     return jax.tree.map(place, tree, like)
 
 
 @contextlib.contextmanager
 def scratch() -> Iterator[Path | None]:
-    """A temporary folder for files of processes other than the first; None in the first.
-
-    What is written there is a by-product: only the first process's files are kept.
-    """
+    """A temporary folder for files of processes other than the first, which are not kept; None in
+    the first."""
     if is_first():
         yield None
         return
     with tempfile.TemporaryDirectory(prefix="gril-") as folder:
         yield Path(folder)
-
-
-def _data(leaf: Any) -> Any:
-    return jax.random.key_data(leaf) if is_key(leaf) else leaf
-
-
-def _wrapped(data: Any, like: Any) -> Any:
-    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(like)) if is_key(like) else data

@@ -1,4 +1,4 @@
-"""Handles SIGTERM and Ctrl-C as requests to stop at a safe point. JAX is not imported here."""
+"""Handles SIGTERM and Ctrl-C as requests to stop at a safe point."""
 
 import contextlib
 import signal
@@ -30,8 +30,7 @@ class Notice:
 def noticed() -> Iterator[Notice]:
     """Notes the first SIGINT or SIGTERM; a second one acts as if this handler were absent.
 
-    The handlers from before are back at the end. In any thread but the main one, where Python
-    takes no handlers, signals act as ever.
+    In any thread but the main one, where Python takes no handlers, signals act as ever.
     """
     notice = Notice()
     if threading.current_thread() is not threading.main_thread():
@@ -58,9 +57,8 @@ def noticed() -> Iterator[Notice]:
 def heard() -> Iterator[None]:
     """Raises a KeyboardInterrupt again that Python would only print, a moment later.
 
-    So it is with whatever is raised in a callback of the garbage collector, of which JAX has one
-    that runs often while programs are traced, in one of a weak reference, and in a `__del__`.
-    The hook from before is back at the end, and takes everything else.
+    It only prints what is raised in a `__del__`, or in a callback of a weak reference or of the
+    garbage collector, of which JAX has one that runs often while programs are traced.
     """
     before, again = sys.unraisablehook, []
 

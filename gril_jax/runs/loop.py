@@ -4,10 +4,8 @@
     trained = run_chunks(advance, begun, run=run, name="ppo", chunks=20, row=row)
 
 The state is any pytree. A run that was cut off, at whatever moment, goes on from its newest
-checkpoint bit for bit: what a chunk does depends on nothing but the state before it.
-
-With several processes (`gril_jax.runs.hosts`) each runs the chunks of one program; the first
-decides when to save, logs, and writes checkpoints of the whole state.
+checkpoint bit for bit: what a chunk does depends on nothing but the state before it. Of several
+processes (`gril_jax.runs.hosts`) the first decides when to save, logs, and writes whole states.
 """
 
 import signal
@@ -43,18 +41,11 @@ class Trained(NamedTuple):
 
 
 def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) -> Begun:
-    """The newest undamaged checkpoint of a phase, or a fresh state if there is none.
+    """The newest undamaged checkpoint of a phase, or the fresh state, strongly typed, without one.
 
-    Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside. What is restored
-    goes to the devices on which the fresh state is. The first process alone looks for it.
-
-    Args:
-      name: the phase.
-      state: its fresh state; a weakly typed leaf becomes a strongly typed one.
-      tell: takes a sentence for each damaged checkpoint.
-
-    Raises:
-      RunError: a checkpoint is of another structure than the state, or rows have been lost.
+    Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside, and `tell` takes a
+    sentence for each. What is restored goes to the devices on which the fresh state is. Another
+    structure than that of the state, or lost rows, are a RunError.
     """
     found, chunks, seconds = state, 0, 0.0
     if hosts.is_first():
@@ -98,8 +89,8 @@ def run_chunks(
       chunks: how many there are in all.
       row: from the chunks done, the seconds they took and a chunk's metrics on the host to a line
         of metrics.jsonl.
-      every_s: least time between two checkpoints, seconds; the last state is always saved.
-      keep: how many of the newest checkpoints stay.
+      every_s, keep: seconds between two checkpoints, and how many of the newest ones stay; the
+        last state is always saved.
 
     Raises:
       Interrupted: SIGINT or SIGTERM came; the state is saved.
@@ -107,7 +98,7 @@ def run_chunks(
     """
     state, done, before_s = begun
     folder = run.checkpoints / name
-    writer = CheckpointWriter(folder, keep=keep, before=run.sync_metrics)
+    writer = CheckpointWriter(folder, keep=keep, before=run.rows.sync)
     begun_s = saved_s = time.monotonic()
     seconds = before_s
     with writer, noticed() as notice:
@@ -129,17 +120,14 @@ def run_chunks(
                 saved_s = now
             if number:
                 writer.wait()
-                raise _interrupted(number, run, name, done, chunks)
+                how = f"gril {run.experiment} --resume {run.path} goes on with it"
+                raise Interrupted(
+                    f"{signal.Signals(number).name} came, and the run is saved after {done} of "
+                    f"{chunks} chunks of phase {name!r}: "
+                    f"{how if hosts.is_first() else 'the first process says how to go on'}",
+                    number,
+                )
     return Trained(state, seconds, writer.longest_stall_s)
-
-
-def _interrupted(number: int, run: RunDir, name: str, done: int, chunks: int) -> Interrupted:
-    how = f"gril {run.experiment} --resume {run.path} goes on with it"
-    return Interrupted(
-        f"{signal.Signals(number).name} came, and the run is saved after {done} of {chunks} chunks "
-        f"of phase {name!r}: {how if hosts.is_first() else 'the first process says how to go on'}",
-        number,
-    )
 
 
 def _strong(leaf: Any) -> Any:

@@ -1,4 +1,4 @@
-"""metrics.jsonl: one JSON object for each line, appended and flushed. JAX is not imported here.
+"""metrics.jsonl: one JSON object for each line, appended and flushed.
 
 A full disk or a folder that cannot be written to is a `RunError`; earlier lines stay readable.
 """
@@ -61,12 +61,7 @@ class MetricRows:
 
 
 def read_rows(file: Path) -> list[dict[str, Any]]:
-    """Reads all rows, oldest first; an incomplete last line is left out.
-
-    Raises:
-      OSError: the file cannot be read.
-      RunError: a line before the last is damaged.
-    """
+    """Reads all rows, oldest first, but an incomplete last line; a RunError for a damaged one."""
     try:
         lines = file.read_text(encoding="utf-8").split("\n")[:-1]
     except UnicodeDecodeError as error:
@@ -84,12 +79,9 @@ def read_rows(file: Path) -> list[dict[str, Any]]:
 
 def plain(value: Any) -> Any:
     """Numbers, strings and lists of them, from Python's, NumPy's or JAX's; null if not finite."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
+    value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

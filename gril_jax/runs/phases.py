@@ -1,8 +1,6 @@
 """phases.json: a run's original configuration, and its finished phases with their results.
 
-    {"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}}, "sha256": "..."}
-
-JAX is not imported here.
+{"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}}, "sha256": "..."}
 """
 
 import dataclasses
@@ -18,11 +16,15 @@ import yaml
 from gril_jax.config import RunConfig
 from gril_jax.config.files import to_yaml
 from gril_jax.errors import RunError
-from gril_jax.safe_files import write_whole, writing
+from gril_jax.safe_files import read_object, write_whole, writing
 
 from .metric_rows import plain
 
 _FILE = "phases.json"
+_INSTEAD = {"table1": "its page is report.html, its table table1.md"} | {
+    name: f"it has no page, but the table {name}.md and the figure {name}.png"
+    for name in ("table2", "soundness", "ablate", "sweep")
+}
 
 
 @dataclass(frozen=True)
@@ -57,13 +59,31 @@ def read_phases(folder: Path) -> Phases:
     raise RunError(f"{folder} cannot be resumed, because its {_FILE} has changed")
 
 
-def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:
-    """The changed fields of a configuration, such as `run.seed (0, not 1)`.
+def made_by(folder: Path) -> str | None:
+    """The experiment that made a run's folder, such as `train`; None if it is not recorded."""
+    file = folder / _FILE
+    try:
+        experiment = read_object(file)["experiment"]
+    except FileNotFoundError:
+        return None
+    except KeyError:
+        raise RunError(f"{file} does not say which experiment made the run") from None
+    if experiment is not None and not isinstance(experiment, str):
+        raise RunError(f"{file}: experiment must be a name, not {experiment!r:.40}")
+    return experiment
 
-    Args:
-      began: as it was; fields that its YAML lacks are newer, and do not count.
-      now: as it is.
-    """
+
+def require_single(folder: Path) -> None:
+    """Raises a RunError that says where its results lie if a run has not one reward and policy."""
+    experiment = made_by(folder)
+    if experiment not in (None, "train", "pretrain"):
+        instead = _INSTEAD.get(experiment, "its results lie there in files of their own")
+        raise RunError(f"{folder} holds a run of gril {experiment}, not of one policy: {instead}")
+
+
+def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:
+    """The changed fields of a configuration, such as `run.seed (0, not 1)`; those that the YAML of
+    the older one lacks are newer, and do not count."""
     before = yaml.safe_load(began if isinstance(began, str) else to_yaml(began))
     after = yaml.safe_load(to_yaml(now))
     return [

@@ -1,7 +1,6 @@
 """A progress line for the phases of a run: compiling, rate, time left, metrics.
 
-On a terminal one line is redrawn in place; elsewhere a plain line is printed now and then. All
-of it goes to stderr, so that stdout stays clean. Neither JAX nor MuJoCo is imported here.
+On a terminal one line is redrawn in place; elsewhere a plain line is printed now and then.
 """
 
 import io
@@ -15,6 +14,9 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+_INTERVAL_S = 10.0  # least time between two plain lines of a phase
+_clock = time.monotonic
+
 
 class Progress:
     """Shows one phase after another.
@@ -24,24 +26,13 @@ class Progress:
             phase.update(100, loss=0.31)
 
     The seconds of compilation count on by themselves: the line redraws in a thread of its own.
-
-    Args:
-      stream: where the lines go; stderr where None.
-      interval_s: least time between two plain lines of a phase, where `stream` is no terminal.
-      clock: seconds from a fixed moment.
+    Without a stream the lines go to stderr.
     """
 
-    def __init__(
-        self,
-        *,
-        stream: io.TextIOBase | None = None,
-        interval_s: int | float = 10.0,
-        clock: Callable[[], float] = time.monotonic,
-    ):
+    def __init__(self, *, stream: io.TextIOBase | None = None):
         self._stream = sys.stderr if stream is None else stream
-        self._interval_s, self._clock = interval_s, clock
         self._phase: Phase | None = None
-        self._printed_s = clock()
+        self._printed_s = _clock()
         self._live: Live | None = None
         if self._stream.isatty():
             console = Console(file=self._stream)
@@ -60,10 +51,9 @@ class Progress:
     def phase(
         self, name: str, *, total: int, unit: str = "steps", compiles: bool = True
     ) -> "Phase":
-        """Ends the previous phase and starts one; `compiles` if compilation comes before the first
-        `update`."""
+        """Starts a phase, which ends the one before; `compiles` until its first `update`."""
         self.end_phase()
-        self._phase = Phase(name, total, unit, self._clock, self._report)
+        self._phase = Phase(name, total, unit, self._report)
         if not compiles:
             self._phase.begin()
         self._print()
@@ -79,12 +69,12 @@ class Progress:
         self._phase = None
 
     def _report(self) -> None:
-        if self._clock() - self._printed_s >= self._interval_s:
+        if _clock() - self._printed_s >= _INTERVAL_S:
             self._print()
 
     def _print(self) -> None:
         if self._live is None and self._phase is not None:
-            self._printed_s = self._clock()
+            self._printed_s = _clock()
             print(self._phase.line(), file=self._stream, flush=True)
 
     def _line(self) -> Text:
@@ -99,22 +89,21 @@ class Phase:
     name: str
     total: int  # units in all; 0 where that is unknown
     unit: str
-    clock: Callable[[], float]
     report: Callable[[], None]  # called after each update
 
     def __post_init__(self):
-        self._begin_s = self.clock()
+        self._begin_s = _clock()
         self._first: tuple[float, int] | None = None  # when the first units were done: compiled
         self._now: tuple[float, int] = (self._begin_s, 0)
         self._metrics: Mapping[str, Any] = {}
 
     def begin(self) -> None:
         """Starts the count at zero, once compilation is done or if there is none."""
-        self._first = self._now = (self.clock(), 0)
+        self._first = self._now = (_clock(), 0)
 
     def update(self, done: int, **metrics: Any) -> None:
         """Sets the number of units done in all; metrics are shown until the next update."""
-        self._now = (self.clock(), done)
+        self._now = (_clock(), done)
         self._first = self._first or self._now
         self._metrics = metrics
         self.report()
@@ -134,7 +123,7 @@ class Phase:
     def line(self) -> str:
         """Such as `name: 400/2,000 steps (20%), 80 steps/s, 0:20 left, loss 0.31`."""
         if self._first is None:
-            return f"{self.name}: compiling ... {duration(self.clock() - self._begin_s)}"
+            return f"{self.name}: compiling ... {duration(_clock() - self._begin_s)}"
         done, total, unit, rate = self._now[1], self.total, self.unit, self.rate
         share = f"/{total:,} {unit} ({100 * done // total}%)" if total else f" {unit}"
         parts = [f"{self.name}: {done:,}{share}"]

@@ -6,10 +6,10 @@
     metrics.jsonl    see `gril_jax.runs.metric_rows`
     results.json     written when the run has finished
     checkpoints/     one folder a phase, see `gril_jax.runs.checkpoints.checkpoint`
-    lock             see `gril_jax.runs.lock`
+    lock             see `take_lock` of `gril_jax.safe_files`
 
-Neither JAX nor MuJoCo is imported here. Whatever is wrong with a run's folder, from a damaged file
-to a full disk, is a `RunError` of one sentence.
+JAX is not imported here. Whatever is wrong with a run's folder, from a damaged file to a full disk,
+is a `RunError`.
 """
 
 import dataclasses
@@ -27,12 +27,11 @@ from typing import Any, TextIO
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load, to_yaml
 from gril_jax.errors import ConfigError, RunError
-from gril_jax.safe_files import write_whole, writing
+from gril_jax.safe_files import read_object, take_lock, write_whole, writing
 
-from .lock import take_lock
 from .metric_rows import MetricRows, plain, read_rows
 from .phases import Phases, changed_fields, read_phases, write_phases
-from .sinks import Sink, open_sink
+from .sinks import open_sink
 
 # What the numbers of a run can depend on; `gril doctor` shows the same list.
 PACKAGES = (
@@ -48,10 +47,10 @@ class RunDir:
         self.path, self.checkpoints = path, path / "checkpoints"
         self.experiment = phases.experiment  # the one that can resume the run
         self._lock, self._phases = lock, phases
-        self._sinks: list[Sink] = []
-        self._rows = MetricRows(path / "metrics.jsonl")
+        self._sinks: list[Any] = []
+        self.rows = MetricRows(path / "metrics.jsonl")
         try:
-            rows = read_rows(self._rows.file)
+            rows = read_rows(self.rows.file)
             self._count = len(rows)
             for name in config.run.sinks:
                 self._sinks.append(open_sink(name, path, dataclasses.asdict(config)))
@@ -63,18 +62,14 @@ class RunDir:
     def log(self, **metrics: Any) -> None:
         """Appends one line of metrics; arrays become lists, non-finite numbers become null."""
         row = plain(metrics)
-        self._rows.append(row)
+        self.rows.append(row)
         for sink in self._sinks:
             sink.log(self._count, row)
         self._count += 1
 
-    def sync_metrics(self) -> None:
-        """Returns once the metrics so far are on disk."""
-        self._rows.sync()
-
     def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
         """Keeps and returns the first `count` rows of a phase, and other rows before them."""
-        rows = self._rows.keep(phase, count)
+        rows = self.rows.keep(phase, count)
         if len(rows) != self._count:
             for sink in self._sinks:
                 sink.begin(rows)
@@ -100,7 +95,7 @@ class RunDir:
         """Releases the lock; closing twice is harmless."""
         while self._sinks:
             self._sinks.pop().close()
-        self._rows.close()
+        self.rows.close()
         self._lock.close()
 
     def __enter__(self) -> "RunDir":
@@ -129,7 +124,6 @@ def create(
     """Creates a run's folder, which must not exist, and opens it for writing.
 
     Args:
-      path: the folder; folders above it are created where they lack.
       device: what the run computes on, in words.
       command: how the process was started; `sys.argv` where None.
       experiment: what can go on with the run if it is cut off; None if nothing can.
@@ -224,24 +218,24 @@ def require_new(path: Path) -> None:
 def read_config(path: Path) -> RunConfig:
     """Reads a run's configuration."""
     try:
-        return load(str(_config_file(path)))
+        return load(str(_file(path, "config.yaml")))
     except ConfigError as error:
         raise RunError(str(error)) from None
 
 
-def _config_file(path: Path) -> Path:
+def _file(path: Path, name: str) -> Path:
+    """A file of a run, which need not be there yet; a RunError if the folder is of no run."""
     if not path.is_dir():
         fault = "is a file" if path.exists() else "does not exist"
         raise RunError(f"{path} {fault}, but must be the folder of a run")
-    file = path / "config.yaml"
-    if not file.is_file():
+    if not (path / "config.yaml").is_file():
         raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
-    return file
+    return path / name
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
     """Reads a run's metrics so far, oldest first; an incomplete last line is left out."""
-    file = _config_file(path).with_name("metrics.jsonl")
+    file = _file(path, "metrics.jsonl")
     try:
         return read_rows(file)
     except FileNotFoundError:
@@ -252,18 +246,10 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
 
 def read_results(path: Path) -> dict[str, Any]:
     """The results of a finished run; a `RunError` for any other."""
-    file = _config_file(path).with_name("results.json")
     try:
-        results = json.loads(file.read_text(encoding="utf-8"))
+        return read_object(_file(path, "results.json"))
     except FileNotFoundError:
         raise RunError(f"the run in {path} has not finished: it lacks results.json") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise RunError(f"{file} cannot be read ({error})") from None
-    except ValueError:
-        raise RunError(f"{file} is not JSON") from None
-    if not isinstance(results, dict):
-        raise RunError(f"{file} must be an object with fields")
-    return results
 
 
 def package_versions() -> dict[str, str]:

@@ -1,8 +1,11 @@
-"""Copies of metrics.jsonl for TensorBoard and Weights & Biases, both optional.
+"""Sinks: copies of metrics.jsonl for TensorBoard and Weights & Biases, both optional.
 
-The file is the record, a sink a copy of it: one that cannot be rewound is filled again from the
-file. A row's finite numbers are sent under PHASE/NAME, at its step. The packages are imported
-when a sink is opened. JAX is not imported here.
+    begin(rows)       replaces all rows: called first, and whenever rows have been cut
+    log(index, row)   sends one more row, with its number in the file from 0
+    close()           sends the remaining rows
+
+A row's finite numbers are sent under PHASE/NAME, at its step. The packages are imported when a sink
+is opened.
 """
 
 import hashlib
@@ -11,27 +14,13 @@ import importlib.util
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from gril_jax.errors import ConfigError, RunError
 
 PACKAGES = {"tensorboard": "tensorboardX", "wandb": "wandb"}
 
 _STEPS = ("env_steps", "step")  # the names that a row's step may have
-
-
-@runtime_checkable
-class Sink(Protocol):
-    """A place that metrics are copied to, of `open_sink`."""
-
-    def begin(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Replaces all rows; called first, and whenever rows have been cut."""
-
-    def log(self, index: int, row: Mapping[str, Any]) -> None:
-        """Sends one more row, with its number in the file from 0."""
-
-    def close(self) -> None:
-        """Sends the remaining rows."""
 
 
 def require_installed(names: Sequence[str]) -> None:
@@ -44,16 +33,9 @@ def require_installed(names: Sequence[str]) -> None:
             )
 
 
-def open_sink(name: str, folder: Path, config: Mapping[str, Any]) -> Sink:
-    """Opens a sink for the run in a folder; its own files go to a folder below of its name.
-
-    Args:
-      config: what the run depends on, shown beside its curves where the sink can.
-
-    Raises:
-      ConfigError: the package is not installed.
-      RunError: the sink cannot start.
-    """
+def open_sink(name: str, folder: Path, config: Mapping[str, Any]) -> "_TensorBoard | _Wandb":
+    """Opens a sink for the run in a folder; its own files go to a folder below of its name. A
+    ConfigError if its package is not installed, a RunError if it cannot start."""
     require_installed([name])
     return {"tensorboard": _TensorBoard, "wandb": _Wandb}[name](folder, config)
 

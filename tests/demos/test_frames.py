@@ -12,8 +12,14 @@ from support.run_folders import moving_scene, save_demos
 from support.scenes import HALF_EXTENT
 
 from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
-from gril_jax.demos.demo_set import Demo, demo_batch, load_demo_set, save_demo_set
-from gril_jax.demos.frames import frame_batch, shrink
+from gril_jax.demos.demo_set import (
+    Demo,
+    demo_batch,
+    frame_batch,
+    load_demo_set,
+    save_demo_set,
+    shrink,
+)
 from gril_jax.demos.vision import render
 from gril_jax.demos.vision.detect import PALETTE_CLASSES, Tracks
 from gril_jax.demos.vision.video import read_video, write_video

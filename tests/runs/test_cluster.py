@@ -4,18 +4,21 @@ import pytest
 
 from gril_jax.cli.main import main
 from gril_jax.errors import ConfigError
-from gril_jax.runs.cluster import Cluster, cluster_of
+from gril_jax.runs.cluster import cluster_of
 
 THREE = {"COORDINATOR_ADDRESS": "job-0.job:1234", "NUM_PROCESSES": "4", "PROCESS_ID": "3"}
 SLURM = {"SLURM_JOB_ID": "1", "SLURM_NTASKS": "8", "SLURM_PROCID": "0"}
 
 
 def test_three_variables_describe_a_job_also_inside_of_slurm():
-    assert cluster_of(THREE) == cluster_of(THREE | SLURM) == Cluster("job-0.job:1234", 4, 3)
+    job = cluster_of(THREE)
+    assert job == cluster_of(THREE | SLURM)
+    assert (job["coordinator_address"], job["num_processes"]) == ("job-0.job:1234", 4)
+    assert (job["process_id"], job["cluster_detection_method"]) == (3, "deactivate")
 
 
 def test_slurm_alone_is_left_to_jax():
-    assert cluster_of(SLURM) is None
+    assert cluster_of(SLURM) == {}
 
 
 @pytest.mark.parametrize(

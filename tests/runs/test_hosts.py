@@ -15,7 +15,7 @@ from support.sharded_training import train
 from gril_jax.errors import RunError
 from gril_jax.runs import hosts
 from gril_jax.runs.checkpoints.state_leaves import host_copy
-from gril_jax.runs.cluster import Cluster
+from gril_jax.runs.cluster import cluster_of
 
 SEEDS = 2
 
@@ -34,8 +34,9 @@ def test_in_a_process_by_itself_nothing_happens():
 def test_processes_that_cannot_be_connected_are_an_error_in_one_sentence(monkeypatch):
     """As here, where JAX has been used already."""
     monkeypatch.setattr(jax.config, "update", lambda *_: None)
+    one = {"COORDINATOR_ADDRESS": "localhost:1", "NUM_PROCESSES": "1", "PROCESS_ID": "0"}
     with pytest.raises(RunError, match="the processes of the job cannot be connected"):
-        hosts.initialize(Cluster("localhost:1", 1, 0), timeout_s=1)
+        hosts.initialize(cluster_of(one), timeout_s=1)
 
 
 # One of two processes with two devices each: agrees with the other, trains, is told to stop, goes

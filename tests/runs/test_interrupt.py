@@ -11,7 +11,7 @@ import weakref
 import pytest
 
 from gril_jax.cli import main
-from gril_jax.cli.verb import Verb
+from gril_jax.cli.verbs import Verb
 from gril_jax.errors import RunError
 from gril_jax.runs.interrupt import Interrupted, heard, noticed
 

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from gril_jax.runs import progress as progress_line
 from gril_jax.runs.progress import Progress, duration
 
 
@@ -26,8 +27,10 @@ class Terminal(io.StringIO):
 
 
 @pytest.fixture
-def clock():
-    return Clock()
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(progress_line, "_clock", clock)
+    return clock
 
 
 @pytest.fixture
@@ -37,7 +40,7 @@ def stream():
 
 @pytest.fixture
 def progress(stream, clock):
-    with Progress(stream=stream, interval_s=10, clock=clock) as progress:
+    with Progress(stream=stream) as progress:
         yield progress
 
 
@@ -117,7 +120,7 @@ def test_plain_lines_come_at_an_interval(progress, stream, clock):
 
 
 def test_the_last_line_of_a_phase_is_always_printed(stream, clock):
-    with Progress(stream=stream, clock=clock) as progress:
+    with Progress(stream=stream) as progress:
         progress.phase("first", total=3).update(3)
         progress.phase("second", total=4).update(4)
     assert stream.getvalue().splitlines() == [
@@ -130,7 +133,7 @@ def test_the_last_line_of_a_phase_is_always_printed(stream, clock):
 
 def test_an_error_inside_leaves_the_last_line_and_passes_on(stream, clock):
     def fail():
-        with Progress(stream=stream, clock=clock) as progress:
+        with Progress(stream=stream) as progress:
             progress.phase("training", total=3).update(1)
             raise ZeroDivisionError
 
@@ -141,7 +144,7 @@ def test_an_error_inside_leaves_the_last_line_and_passes_on(stream, clock):
 
 def test_a_terminal_gets_each_phase_once_at_its_end(clock):
     terminal = Terminal()
-    with Progress(stream=terminal, clock=clock) as progress:
+    with Progress(stream=terminal) as progress:
         phase = progress.phase("training", total=3)
         for done in (1, 2, 3):
             clock.now += 60
@@ -151,7 +154,7 @@ def test_a_terminal_gets_each_phase_once_at_its_end(clock):
 
 def test_brackets_in_a_name_are_not_markup(clock):
     terminal = Terminal()
-    with Progress(stream=terminal, clock=clock) as progress:
+    with Progress(stream=terminal) as progress:
         progress.phase("seed [red]", total=1).update(1)
     assert "seed [red]: 1/1 steps" in terminal.getvalue()
 

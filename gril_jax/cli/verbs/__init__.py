@@ -1,33 +1,80 @@
-"""The verbs of the command line: `gril WORD` is the module WORD here, `gril WORD WORD` a folder's.
+"""The verbs of the command line, which the modules of this package list as `VERBS`.
 
-The table gives their order in the help. Nothing else names a verb: its module defines `VERB`.
+The table gives their order in the help. Nothing else names a verb.
 """
 
 import importlib
+import re
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
-from ..verb import Verb
+from gril_jax.config import MakeDemosConfig
 
-__all__ = ["TABLE", "find", "names"]
+from ..arguments import Work, echo
+from ..heavy_imports import heavy_imports
+
+__all__ = ["TABLE", "Verb", "experiment", "find", "group", "names"]
 
 TABLE: dict[str, tuple[str, ...]] = {
-    "Learn a reward, and a policy from it": ("quickstart", "train", "report", "eval", "pretrain"),
-    "Demonstrations": ("demos make", "demos import-videos", "demos import-magical"),
-    "Look into a reward, take it elsewhere":
-        ("audit", "subtasks", "export-reward", "export-policy"),
-    "Compare, over seeds": ("sweep", "ablate", "soundness", "table1", "table2"),
-    "This machine": (
-        "doctor", "bench train", "bench env", "bench losses", "bench replay", "bench compile",
-        "bench brax", "bench sac", "bench known",
-    ),
-}  # fmt: skip
+    "Learn a reward, and a policy from it": ("training",),
+    "Demonstrations": ("demos",),
+    "Look into a reward, take it elsewhere": ("rewards",),
+    "Compare, over seeds": ("sweep", "tables"),
+    "This machine": ("machine",),
+}
+
+
+class Verb(NamedTuple):
+    """A verb, which its module has in `VERBS`."""
+
+    usage: str  # "demos make [CONFIG]", its name first
+    summary: str
+    plan: Callable[[list[str]], Work]  # from the arguments; imports nothing heavy
+    more: Mapping[str, str] = MappingProxyType({})  # further lines of the help: usage, summary
+
+    @property
+    def name(self) -> str:
+        """The words that call it, such as "demos make"."""
+        return re.match(r"[a-z\d-]+( [a-z\d-]+)*", self.usage)[0]
+
+    @property
+    def lines(self) -> dict[str, str]:
+        """Everything that `gril --help` says of the verb."""
+        return {self.usage: self.summary, **self.more}
+
+
+def experiment(
+    name: str,
+    *args: Any,
+    config: MakeDemosConfig | None = None,
+    devices: bool = False,
+    **options: Any,
+) -> Work:
+    """The work of `gril_jax.experiments.NAME`: its `main` with these arguments and `echo`.
+
+    `config` and `devices` are those of `heavy_imports`.
+    """
+
+    def work() -> None:
+        with heavy_imports(config, devices=devices):
+            module = importlib.import_module(f"gril_jax.experiments.{name}")
+        module.main(*args, **options, echo=echo)
+
+    return work
+
+
+def group(title: str) -> list[Verb]:
+    """The verbs below a title of the help, in order."""
+    modules = (importlib.import_module(f"{__name__}.{module}") for module in TABLE[title])
+    return [verb for module in modules for verb in module.VERBS]
 
 
 def names() -> list[str]:
     """Every verb."""
-    return [name for group in TABLE.values() for name in group]
+    return [verb.name for title in TABLE for verb in group(title)]
 
 
 def find(name: str) -> Verb:
-    """The verb of this name; its module is imported, and no other verb's."""
-    path = name.replace(" ", ".").replace("-", "_")
-    return importlib.import_module(f"{__name__}.{path}").VERB
+    """The verb of this name, which is one of `names`."""
+    return next(verb for title in TABLE for verb in group(title) if verb.name == name)

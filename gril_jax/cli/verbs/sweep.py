@@ -3,9 +3,13 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+from gril_jax.config.files import load
 from gril_jax.config.grid import Cell, cells, take_axes
 from gril_jax.errors import RunError
+from gril_jax.runs import run_dir
+from gril_jax.runs.cluster import cluster_of
 
 from ..arguments import (
     Work,
@@ -16,8 +20,8 @@ from ..arguments import (
     take,
     whole_number,
 )
-from ..tables import made, not_beside
-from ..verb import Verb
+from . import Verb
+from .tables import made, not_beside
 
 _ABOUT = (
     "Train every combination of the values given, over --seeds N seeds (5 by default). An option "
@@ -28,16 +32,11 @@ _ABOUT = (
 )
 _PROG = "gril sweep"
 
-Connect = Callable[[], None]
-
 
 def _plan(args: list[str]) -> Work:
-    from gril_jax.config.files import load
-
-    connect = _connection(args)
-    resume = take(args, "--resume")
+    cluster, resume = _job(args), take(args, "--resume")
     if resume is not None:
-        return _resume(Path(resume), args, connect)
+        return _resume(Path(resume), args, cluster)
     name, seeds = positional(args), whole_number(args, "--seeds", 5)
     rows = take(args, "--rows")
     args[:] = in_full(args)
@@ -51,7 +50,7 @@ def _plan(args: list[str]) -> Work:
 
         return Sweep(found, seeds)
 
-    return made("sweep", config, settings, connect=connect)
+    return made("sweep", config, settings, cluster=cluster)
 
 
 def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[Cell]]:
@@ -73,28 +72,17 @@ def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[C
     return each
 
 
-def _connection(args: list[str]) -> Connect | None:
-    """Takes --distributed off; returns what connects the processes of a job, if it was there."""
-    from gril_jax.runs.cluster import cluster_of
-
+def _job(args: list[str]) -> dict[str, Any] | None:
+    """Takes --distributed off; what connects the processes of the job, if it was there."""
     if "--distributed" not in args:
         return None
     args.remove("--distributed")
-    cluster = cluster_of(os.environ)
-
-    def connect() -> None:
-        from gril_jax.runs import hosts
-
-        hosts.initialize(cluster)
-
-    return connect
+    return cluster_of(os.environ)
 
 
-def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
-    from gril_jax.runs import run_dir
-
+def _resume(folder: Path, args: list[str], cluster: dict[str, Any] | None) -> Work:
     not_beside(args, "--resume", f"its options from {folder}")
-    if connect is None:
+    if cluster is None:
         config = run_dir.require_resumable(folder, "sweep")
     else:  # processes that look at the same time are in each other's way: the first one will
         config = run_dir.read_config(folder)
@@ -106,11 +94,13 @@ def _resume(folder: Path, args: list[str], connect: Connect | None) -> Work:
 
         return read_cells(folder)
 
-    return made("sweep", config, read, folder, connect=connect)
+    return made("sweep", config, read, folder, cluster=cluster)
 
 
-VERB = Verb(
-    "sweep [CONFIG] --seeds N",
-    "every combination of options with commas, over seeds; --distributed on several hosts",
-    _plan,
+VERBS = (
+    Verb(
+        "sweep [CONFIG] --seeds N",
+        "every combination of options with commas, over seeds; --distributed on several hosts",
+        _plan,
+    ),
 )

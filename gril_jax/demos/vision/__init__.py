@@ -2,16 +2,9 @@
 
 from gril_jax.lazy import offer
 
-_HOMES = {
-    "ColourDetector": "detect",
-    "Detector": "detect",
-    "Tracks": "detect",
-    "paint": "render",
-    "read_fps": "video",
-    "read_video": "video",
-    "write_video": "video",
-}
-
-__all__ = sorted(_HOMES)
-
-__getattr__ = offer(__name__, _HOMES)
+__all__, __getattr__ = offer(
+    __name__,
+    detect="ColourDetector Detector Tracks",
+    render="paint",
+    video="read_fps read_video write_video",
+)

@@ -100,11 +100,7 @@ class BlockTracker:
 
     Whole masks are paired with blocks by distance from the last position, and by shape. Blocks
     that find none look for their outline in what is left of the mask, where blocks that touch
-    are one blob.
-
-    Args:
-      shapes: one a block; a shape may come twice.
-      unknown: pixels that are always of this colour (dashes of a goal), or None.
+    are one blob. `unknown` pixels are always of this colour, such as dashes of a goal.
     """
 
     def __init__(

@@ -74,10 +74,8 @@ class ColourDetector:
 
         An object that cannot be seen in a frame keeps its last box (before its first sighting:
         its first). Centres and boxes follow with a slack of 0.3 pixels, so that what rests in
-        the world rests in the tracks.
-
-        Raises:
-          DemoError: no frame, no goal region, or an object that is never seen.
+        the world rests in the tracks. No frame or goal region, or an object that is never seen, is
+        a DemoError.
         """
         if len(frames) == 0:
             raise DemoError(f"{name}: the video holds no frames, at least 1 is needed.")
@@ -168,10 +166,8 @@ def carried(
 
 
 def _hold(track: np.ndarray) -> None:
-    """Smooths a track like a cart on a slack rope: it rests until the rope is taut.
-
-    A plain dead band would jump by its whole width when noise crosses it.
-    """
+    """Smooths a track like a cart on a slack rope: it rests until the rope is taut, where a plain
+    dead band would jump by its whole width when noise crosses it."""
     for t in range(1, len(track)):
         pull = track[t] - track[t - 1]
         distance = float(np.linalg.norm(pull))

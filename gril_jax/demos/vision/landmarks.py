@@ -42,8 +42,7 @@ class Sighting(NamedTuple):
 def find_goal(codes: UInt8[np.ndarray, "S H W"], scale: float) -> Goal | None:
     """The goal region, from frames spread over a video, or None where there is none.
 
-    A pixel belongs to the region if it is pale in a quarter of the frames, so blocks and robots
-    may cover any part of it for a while.
+    A pixel belongs to it if it is pale in a quarter of the frames: others may cover it for a while.
     """
     few = max(1, len(codes) // 4)
     masks = {

@@ -1,8 +1,7 @@
 """The MAGICAL and x-magical palette: classifies a frame's pixels by colour.
 
-Both simulators draw flat colours, one fill and one slightly darker outline a colour. A pixel
-takes the nearest colour of the palette within a tolerance, so frames that went through a
-4:2:0 video codec, where edges mix and fills shift by a few levels, are read like exact ones.
+Both simulators draw flat colours, one fill and one slightly darker outline a colour. A pixel takes
+the nearest of them within a tolerance, so that frames from a video codec are read like exact ones.
 """
 
 import functools

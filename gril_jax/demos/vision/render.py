@@ -1,7 +1,4 @@
-"""Draws pictures from a task's outlines, seen from above.
-
-Any object with the fields of `gril_jax.envs.base.Outline` will do: this module knows no task.
-"""
+"""Draws pictures from outlines as of `gril_jax.envs.base.Outline`, seen from above."""
 
 from collections.abc import Iterable
 
@@ -20,10 +17,8 @@ def _to_pixels(vertices: np.ndarray, half_extent: float, pixels: int) -> np.ndar
 
 
 def _dashes(vertices: np.ndarray, dash: float, width: float) -> list[np.ndarray]:
-    """The closed outline cut into dashes of one length with gaps of the same length.
-
-    Each piece is shorter by the line's width, because cv2 rounds the ends of thick lines.
-    """
+    """The closed outline cut into dashes with gaps of the same length, each shorter by the line's
+    width, because cv2 rounds the ends of thick lines."""
     pieces = []
     for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
         length = float(np.linalg.norm(b - a))
@@ -37,14 +32,8 @@ def _dashes(vertices: np.ndarray, dash: float, width: float) -> list[np.ndarray]
 def paint(
     outlines: Iterable, *, half_extent: float, background: tuple[int, int, int], pixels: int = 384
 ) -> UInt8[np.ndarray, "P P 3"]:
-    """Paints outlines in order, with smooth edges.
-
-    Args:
-      outlines: what to paint; line widths and dashes are in pixels of a 384-pixel picture.
-      half_extent: half the width of the world that the square picture shows.
-      background: RGB of what no outline covers.
-      pixels: width and height of the picture.
-    """
+    """Paints outlines in order, with smooth edges; widths of lines and dashes are in pixels of a
+    square picture of 384, which shows the world as far as `half_extent` from its middle."""
     image = np.full((pixels, pixels, 3), background, np.uint8)
     zoom = pixels / 384
     for item in outlines:

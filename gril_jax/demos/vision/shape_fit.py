@@ -1,8 +1,7 @@
 """Finds known shapes in a mask: outlines of the blocks, shape recognition and pose fitting.
 
-A single block's centre is its mask's centroid. Blocks of one colour that touch are one blob;
-there, each block's outline is moved and turned until the outlines together cover the blob.
-Positions are in pixels, measured between pixel centres (x right, y down); angles in radians.
+Blocks of one colour that touch are one blob: each block's outline is moved and turned until the
+outlines together cover it. Positions are in pixels between pixel centres, x right and y down.
 """
 
 import functools
@@ -93,13 +92,10 @@ def fit_blob(
     *,
     unknown: Bool[np.ndarray, "H W"] | None = None,
 ) -> list[Pose]:
-    """Poses of shapes that together cover a mask.
+    """Poses of shapes that together cover a mask, 1 where the blocks' colour is.
 
-    Args:
-      mask: 1 where the blocks' colour is, cut out around them.
-      previous: each shape's pose in the frame before, or None where nothing is known.
-      scale: pixels per world unit.
-      unknown: pixels whose colour says nothing about blocks.
+    `previous` are their poses in the frame before, as far as they are known, `scale` pixels per
+    world unit, and `unknown` pixels whose colour says nothing about blocks.
     """
     field = _Field(mask, scale, unknown)
     poses = [

@@ -27,12 +27,8 @@ _OPTIONS = {
 def write_video(
     path: str | os.PathLike, frames: Iterable[UInt8[np.ndarray, "H W 3"]], fps: float
 ) -> None:
-    """Writes frames as H.264 in MP4; the file appears complete or not at all.
-
-    Args:
-      path: file to write or replace; its folder must exist.
-      frames: of one size, height and width even; consumed once.
-      fps: frames per second, above 0.
+    """Writes frames of one size, with even sides, as H.264 in MP4; the file appears complete or not
+    at all, in a folder that exists, in place of an older one.
 
     Raises:
       DemoError: no frames, a frame of another or an odd size, or the file cannot be written.
@@ -80,13 +76,8 @@ def _encode(part: pathlib.Path, path: pathlib.Path, frames: Iterable, fps: float
 
 
 def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
-    """All frames of a video file, in any format that FFmpeg reads, in display order.
-
-    Memory is 3 H W bytes a frame (53 MB for 121 frames of 384 x 384).
-
-    Raises:
-      DemoError: the file is missing, empty, damaged, cut short or not a video.
-    """
+    """All frames of a video file, in any format that FFmpeg reads, in display order; a DemoError
+    if the file is missing, empty, damaged, cut short or not a video."""
     path = pathlib.Path(path)
     with _opened(path) as container:
         stream = container.streams.video[0]
@@ -107,8 +98,7 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
 
 def read_fps(path: str | os.PathLike) -> float:
     """Frames per second of a video file, from its header; errors are those of `read_video`."""
-    path = pathlib.Path(path)
-    with _opened(path) as container:
+    with _opened(pathlib.Path(path)) as container:
         rate = container.streams.video[0].average_rate
     if not rate:
         raise DemoError(f"{path}: the video states no frame rate.")

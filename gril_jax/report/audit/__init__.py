@@ -2,13 +2,6 @@
 
 from gril_jax.lazy import offer
 
-_HOMES = {
-    "Findings": "findings",
-    "reward_maps": "maps",
-    "state_pictures": "maps",
-    "write_report": "page",
-}
-
-__all__ = sorted(_HOMES)
-
-__getattr__ = offer(__name__, _HOMES)
+__all__, __getattr__ = offer(
+    __name__, maps="reward_maps state_pictures", page="Findings write_report"
+)

@@ -1,7 +1,6 @@
-"""Pictures of an audit: the reward of each place of each object, and single states.
+"""Figures of an audit: the reward of each place of each object, and single states.
 
-Shapes use N for objects, M for those that are swept, W for situations and G for a side of a grid.
-Each function returns a figure; `png` of `gril_jax.report.figures.style` turns it into a file.
+Shapes use N for objects, M for those that are swept and G for a side of a grid.
 """
 
 from collections.abc import Sequence
@@ -42,13 +41,8 @@ def reward_maps(
     *,
     half_extent: float,
 ) -> Figure:
-    """A heat map for each swept object and situation, with one colour scale.
-
-    Args:
-      situations: rows of maps.
-      names: of all N objects.
-      swept: which objects, in the order of the maps.
-    """
+    """A heat map for each of the swept objects in each situation, with one colour scale; the names
+    are those of all N objects."""
     columns = min(len(swept), _MOST)
     rows_each = -(-len(swept) // columns)
     rows = rows_each * len(situations)

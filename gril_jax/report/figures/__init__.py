@@ -2,17 +2,9 @@
 
 from gril_jax.lazy import offer
 
-_HOMES = {
-    "beside_reward": "filmstrip",
-    "contact_sheet": "filmstrip",
-    "learning_curve": "curves",
-    "png": "style",
-    "pretrain_curve": "curves",
-    "reward_profile": "curves",
-    "success_failure": "curves",
-    "with_boxes": "filmstrip",
-}
-
-__all__ = sorted(_HOMES)
-
-__getattr__ = offer(__name__, _HOMES)
+__all__, __getattr__ = offer(
+    __name__,
+    filmstrip="beside_reward contact_sheet with_boxes",
+    curves="learning_curve pretrain_curve reward_profile success_failure",
+    style="png",
+)

@@ -1,8 +1,7 @@
-"""Curves: the learned reward along demonstrations, encoder training, policy training.
+"""Curves: the learned reward along demonstrations, encoder and policy training, cases over seeds.
 
-Each function returns a `matplotlib.figure.Figure` that nothing else refers to; `png` of
-`gril_jax.report.figures.style` turns it into a file. T is frames of a demonstration, K pictures on
-a strip.
+Each function returns a figure that nothing else refers to; `png` of `gril_jax.report.figures.style`
+turns it into a file. T is frames of a demonstration, K pictures on a strip.
 """
 
 import itertools
@@ -15,9 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import ConnectionPatch
 
+from gril_jax.demos.demo_set import padded
 from gril_jax.errors import ShapeError
 
-from .style import COLOURS, GREY, HALF, INK, shortened, styled
+from .style import COLOURS, GREY, HALF, INK, WIDTH, shortened, styled
 
 _BLUE, _RED, _GREEN = COLOURS[:3]
 _EXAMINED = {"linestyle": "none", "marker": "s", "color": INK, "markersize": 5}
@@ -25,6 +25,7 @@ _BY_MEANS, _BY_SAMPLES = "evaluation, deterministic actions", "evaluation, sampl
 _MOST = 7  # pictures on a strip: more would be too small to see a block in
 _LARGEST = 1.7  # inches: a picture on a strip of few
 _BELOW, _CURVE, _TIES, _ABOVE = 0.55, 2.9, 0.3, 0.5  # inches: parts of a profile's height
+_ROW = 0.27  # inches: a case of `spread`
 
 
 @styled
@@ -40,12 +41,9 @@ def reward_profile(
 
     Args:
       boundary: frames at which a stage ends (`gril_jax.subtasks.agreement`).
-      frames: the video, of V = T frames; its first frame, those at the boundaries and the last
-        are shown above the curve, seven at the most. None shows the curve alone.
+      frames: the video, of V = T frames, or a ShapeError; its first frame, those at the boundaries
+        and the last are shown above the curve, seven at the most. None shows the curve alone.
       name, fps: of the demonstration, for the title and the axis.
-
-    Raises:
-      ShapeError: the video has another number of frames than the reward.
     """
     if frames is not None and len(frames) != len(reward):
         raise ShapeError(
@@ -70,9 +68,8 @@ def reward_profile(
 def _to_show(ends: Int[np.ndarray, "S"], length: int) -> Int[np.ndarray, "K"]:
     """Frames to show: the first, stage ends (evenly thinned out if there are many), the last."""
     inner = ends[(ends > 0) & (ends < length - 1)]
-    room = _MOST - 2
-    if len(inner) > room:
-        inner = inner[np.linspace(0, len(inner) - 1, room).round().astype(int)]
+    few = min(len(inner), _MOST - 2)
+    inner = inner[np.linspace(0, len(inner) - 1, few).round().astype(int)]
     return np.unique([0, *inner, length - 1])
 
 
@@ -121,12 +118,8 @@ def _strip(figure, axes, frames, reward, ends, shown, side) -> None:
 def success_failure(
     success: Sequence[Float[np.ndarray, "_"]], failure: Sequence[Float[np.ndarray, "_"]]
 ) -> Figure:
-    """Learned rewards of successful and of failed demonstrations, each with its mean.
-
-    Args:
-      success: one reward trace a demonstration, of any lengths; at least 1.
-      failure: the same of the failed ones; the mean holds a trace's last value once it ended.
-    """
+    """Learned rewards of successful and of failed demonstrations, at least one each, and their
+    means, which hold a trace's last value once it has ended."""
     figure = Figure(figsize=(HALF, 2.8), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, traces, word, words, colour in (
@@ -135,12 +128,9 @@ def success_failure(
     ):
         for trace in traces:
             axes.plot(trace, color=colour, linewidth=0.8, alpha=0.4)
-        longest = max(map(len, traces))
-        held = [trace[np.minimum(np.arange(longest), len(trace) - 1)] for trace in traces]
-        axes.plot(np.mean(held, axis=0), color=INK, linewidth=2.2, label="mean")
-        ends = [len(trace) - 1 for trace in traces]
-        final = [trace[-1] for trace in traces]
-        axes.plot(ends, final, ".", color=colour, markersize=6, label="end of a demonstration")
+        axes.plot(padded(traces).mean(axis=0), color=INK, linewidth=2.2, label="mean")
+        ends = np.array([(len(trace) - 1, trace[-1]) for trace in traces]).T
+        axes.plot(*ends, ".", color=colour, markersize=6, label="end of a demonstration")
         axes.set_title(f"{len(traces)} {word if len(traces) == 1 else words}")
         axes.set_xlabel("frame")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
@@ -153,13 +143,11 @@ def success_failure(
 def learning_curve(
     rows: Sequence[Mapping[str, Any]], *, random_success: float | None = None
 ) -> Figure:
-    """Success rate and mean reward against environment steps.
+    """Success rate and mean reward against environment steps; the random policy is a dashed line.
 
-    Args:
-      rows: each has "env_steps" and some of "success" (from 0 to 1), "reward", "episodes",
-        "eval/success" and "eval/success_sampled". A value of None is left out, and so is the
-        success of a row in which no episode ended.
-      random_success: success rate of the random policy, a dashed line.
+    Rows have "env_steps" and some of "success" (from 0 to 1), "reward", "episodes", "eval/success"
+    and "eval/success_sampled". A value of None is left out, and so is the success of a row in which
+    no episode ended.
     """
     figure = Figure(figsize=(HALF, 3.1), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -201,8 +189,7 @@ def _points(rows, field: str) -> tuple[np.ndarray, np.ndarray]:
 def pretrain_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """The encoder's loss and its two parts against gradient steps.
 
-    Args:
-      rows: each has "step" and some of "loss", "consistency", "reconstruction"; None is left out.
+    Rows have "step" and some of "loss", "consistency", "reconstruction"; None is left out.
     """
     figure = Figure(figsize=(HALF, 2.8), layout="constrained")
     axes = figure.subplots()
@@ -225,4 +212,29 @@ def pretrain_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
         axes.tick_params(axis="y", which="minor", labelsize=9)
     axes.set(title="Encoder training", xlabel="gradient steps", ylabel="loss")
     axes.legend(loc="best")
+    return figure
+
+
+@styled
+def spread(rows: Mapping[str, Float[np.ndarray, "seeds"]], label: str) -> Figure:
+    """A dot for each seed and a bar at their mean; the first case's mean is a line through all.
+
+    Values that are not finite are left out; no case at all is a `ShapeError`.
+    """
+    if not rows:
+        raise ShapeError("rows is empty; it must hold at least one case.")
+    height = _ROW * len(rows) + 0.75
+    figure = Figure(figsize=(WIDTH, height))
+    axes = figure.add_axes((0.36, 0.55 / height, 0.62, _ROW * len(rows) / height))
+    for at, values in enumerate(rows.values()):
+        known = values[np.isfinite(values)]
+        axes.plot(known, np.full(len(known), at), "o", color=COLOURS[0], alpha=0.55, markersize=5)
+        if len(known):
+            axes.plot([known.mean()] * 2, [at - 0.3, at + 0.3], color=COLOURS[1], linewidth=2.2)
+    first = next(iter(rows.values()))
+    if np.isfinite(first).any():
+        axes.axvline(np.nanmean(first), color=GREY, linewidth=0.8, linestyle=":")
+    axes.set_yticks(range(len(rows)), [shortened(name) for name in rows])
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xlabel(label)
     return figure

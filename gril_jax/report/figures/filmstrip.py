@@ -101,7 +101,7 @@ def _legend(names, colours, height: int, moved: bool) -> UInt8[np.ndarray, "H W 
 
 def _classes_shown(films: Sequence[Film]) -> list[int]:
     """Labels that occur; their index in this list is the number on their boxes."""
-    return sorted({int(label) for film in films for label in film.tracks.label})
+    return np.unique([label for film in films for label in film.tracks.label]).tolist()
 
 
 def _colour(label: int, classes: Sequence[str], shown: list[int]) -> str:
@@ -121,7 +121,7 @@ def _boxed(
     tracks, middle = film.tracks, np.array([(width - 1) / 2, (height - 1) / 2])
     for i, label in enumerate(tracks.label):
         moved = film.active is not None and bool(film.active[t, i])
-        rgb = [round(255 * part) for part in to_rgb(_colour(int(label), classes, shown))]
+        rgb = _rgb(_colour(int(label), classes, shown))
         at = middle + tracks.center[t, i] * scale * [1, -1]
         half = tracks.size[t, i] * scale / 2
         corners = np.round(np.array([at - half, at + half]) * 2**_SHIFT).astype(int).tolist()
@@ -153,16 +153,9 @@ def beside_reward(
 ) -> Iterator[np.ndarray]:
     """Frames beside the curve of their reward, which grows along with them.
 
-    Args:
-      frames: of a demonstration, or of a rollout with its reset as frame 0.
-      reward: one a frame, or one a step of a rollout: R is T or T - 1. Where it is not finite
-        the curve has a gap.
-
-    Yields:
-      RGB frames, (H, W, 3), all of one size with even sides.
-
-    Raises:
-      ShapeError: R is neither T nor T - 1.
+    The frames are of a demonstration, or of a rollout with its reset as frame 0, and the rewards
+    one a frame, or one a step: R is T or T - 1, or it is a ShapeError. Where a reward is not finite
+    the curve has a gap. Yields RGB frames, all of one size with even sides.
     """
     first = len(frames) - len(reward)  # the frame that reward[0] belongs to
     if first not in (0, 1):
@@ -176,7 +169,7 @@ def beside_reward(
 def _beside(frames: np.ndarray, reward: np.ndarray, first: int, title: str) -> Iterator[np.ndarray]:
     height, width = (_even(length) for length in frames.shape[1:3])
     panel, points = _empty_axes(reward, first, height, title)
-    blue, red = ([round(255 * part) for part in to_rgb(c)] for c in COLOURS[:2])
+    blue, red = map(_rgb, COLOURS[:2])
     fixed = np.round(np.nan_to_num(points) * 2**_SHIFT).astype(np.int32)
     known = np.isfinite(points).all(axis=1)
     for t, frame in enumerate(frames):
@@ -202,10 +195,8 @@ def _empty_axes(
     steps = np.arange(len(reward)) + first
     figure = _figure(_even(5 * height // 4), height)
     axes = figure.add_axes((0.16, 0.14, 0.8, 0.76))
-    axes.set(
-        title=title, xlabel="frame", xlim=(0, max(1, steps[-1]) * 1.02),
-        ylim=(low - room, high + room),
-    )  # fmt: skip
+    axes.set(title=title, xlabel="frame")
+    axes.set(xlim=(0, max(1, steps[-1]) * 1.02), ylim=(low - room, high + room))
     panel = pixels(figure)
     points = axes.transData.transform(np.stack([steps, reward], axis=1).astype(float))
     return panel, np.stack([points[:, 0], panel.shape[0] - points[:, 1]], axis=1) - 0.5
@@ -214,6 +205,10 @@ def _empty_axes(
 def _figure(width: int, height: int) -> Figure:
     """A figure of this size in pixels; the half prevents rounding in inches from losing one."""
     return Figure(figsize=((width + 0.5) / 100, (height + 0.5) / 100), dpi=100)
+
+
+def _rgb(colour: str) -> list[int]:
+    return [round(255 * part) for part in to_rgb(colour)]
 
 
 def _even(length: int) -> int:

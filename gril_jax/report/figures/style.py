@@ -1,8 +1,7 @@
 """Style of every figure: colours, fonts, line widths, and rendering to pixels.
 
-Figures are drawn with Agg and belong to whoever asked for them: pyplot's global list of
-figures, the user's matplotlibrc and the display play no part. Text is never read as
-mathematics, so a name from a file may hold any character.
+Figures are drawn with Agg: pyplot's global list of figures, the user's matplotlibrc and the display
+play no part. Text is never read as mathematics, so a name from a file may hold any character.
 """
 
 import functools

@@ -2,15 +2,6 @@
 
 from gril_jax.lazy import offer
 
-_HOMES = {
-    "CheckpointWriter": "writer",
-    "DamagedError": "checkpoint",
-    "latest": "checkpoint",
-    "restore": "checkpoint",
-    "save": "checkpoint",
-    "steps": "checkpoint",
-}
-
-__all__ = sorted(_HOMES)
-
-__getattr__ = offer(__name__, _HOMES)
+__all__, __getattr__ = offer(
+    __name__, writer="CheckpointWriter", checkpoint="DamagedError latest restore save steps"
+)

@@ -3,10 +3,9 @@
     FOLDER/000000001000/arrays/         Orbax, one folder a leaf
     FOLDER/000000001000/manifest.json   step; shape, dtype and SHA-256 of each leaf and file
 
-A checkpoint is written under another name and renamed when all of it is on the disk, so that one
-which is cut short is never chosen. Files are verified before Orbax reads them, leaves after. Typed
-keys are stored as their data. Leaves come back bit for bit, on the default device; a weakly typed
-leaf comes back strongly typed.
+A checkpoint is written under another name and renamed when all of it is on the disk. Files are
+verified before Orbax reads them, leaves after. Typed keys are stored as their data. Leaves come
+back bit for bit, on the default device, and strongly typed.
 """
 
 import contextlib
@@ -48,13 +47,7 @@ def save(folder: Path, step: int, state: Any) -> Path:
 def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None = None) -> Path:
     """Writes a checkpoint from a copy on the host; one writer per folder at a time.
 
-    Args:
-      folder: where a run's checkpoints go; made where it lacks.
-      step: at least 0, and new to the folder.
-      keep: how many of the newest checkpoints stay; None keeps all.
-
-    Raises:
-      RunError: the step exists already, or the disk is full or not writable.
+    Of those in the folder the `keep` newest stay, or all; a step that exists is a RunError.
     """
     final, part = folder / f"{step:012d}", folder / f".{step:012d}.part"
     if (final / "manifest.json").exists():
@@ -95,15 +88,8 @@ def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None =
 
 
 def restore(path: Path, like: Any) -> Any:
-    """Reads a checkpoint back.
-
-    Args:
-      like: a state of the same structure, shapes and dtypes; its values are not used.
-
-    Raises:
-      DamagedError: a file is missing or has changed.
-      RunError: there is no checkpoint, or it is of another structure than `like`.
-    """
+    """Reads a checkpoint back into the structure, shapes and dtypes of another state; a RunError if
+    it has others, a DamagedError if a file is missing or has changed."""
     content = manifest(path)
     entries = content["leaves"]
     _check_structure(path, entries, like)
@@ -159,12 +145,8 @@ def discard(path: Path) -> Path:
 
 
 def manifest(path: Path) -> dict[str, Any]:
-    """A checkpoint's step and leaves, without reading the arrays.
-
-    Raises:
-      DamagedError: the manifest has changed.
-      RunError: there is no checkpoint, or another version wrote it.
-    """
+    """A checkpoint's step and leaves, without reading the arrays; a RunError if there is none or
+    another version wrote it, a DamagedError if it has changed."""
     file = path / "manifest.json"
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
@@ -188,12 +170,10 @@ def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> No
     # Older versions called "fleet" what is "envs" today, and its "lanes" the "running" ones.
     stored = [re.sub(r"^fleet\.lanes\.", "fleet.running.", name) for name in stored]
     stored = [re.sub(r"^fleet\.", "envs.", name) for name in stored]
-    for name in names:
-        if name not in stored:
-            raise RunError(f"checkpoint {path} lacks the leaf {name} of the state it is to fill")
-    for name in stored:
-        if name not in names:
-            raise RunError(f"checkpoint {path} has a leaf {name} that the state to fill lacks")
+    if lacks := [name for name in names if name not in stored]:
+        raise RunError(f"checkpoint {path} lacks the leaf {lacks[0]} of the state it is to fill")
+    if has := [name for name in stored if name not in names]:
+        raise RunError(f"checkpoint {path} has a leaf {has[0]} that the state to fill lacks")
     for entry, present, (name, leaf) in zip(entries, stored, wanted, strict=True):
         found = (entry["key"], entry["dtype"], tuple(entry["shape"]))
         need = like_of(leaf)

@@ -24,7 +24,7 @@ def host_copy(state: Any) -> list[Leaf]:
     """The leaves of a pytree copied to the host, so that its buffers may be donated right after."""
     leaves = jax.tree_util.tree_leaves_with_path(state)
     # All at once, so that the transfers overlap. On a CPU they are views of JAX's own buffers.
-    arrays = jax.device_get([_data(leaf) for _, leaf in leaves])
+    arrays = jax.device_get([_array(leaf) for _, leaf in leaves])
     return [
         Leaf(leaf_name(path), key_kind(leaf), np.array(array))
         for (path, leaf), array in zip(leaves, arrays, strict=True)
@@ -43,15 +43,13 @@ def digest(state: Any) -> str:
 
 def like_of(leaf: Any) -> tuple[str | None, str, tuple[int, ...]]:
     """A leaf's generator, dtype and shape, as `host_copy` would give them, without its values."""
-    packed = jax.eval_shape(_data, leaf)
+    packed = jax.eval_shape(_array, leaf)
     return key_kind(leaf), packed.dtype.name, packed.shape
 
 
 def to_device(array: np.ndarray, like: Any) -> jax.Array:
     """Puts a leaf's array on the default device; as a key if `like` is one."""
-    if is_key(like):
-        return jax.random.wrap_key_data(jnp.asarray(array), impl=jax.random.key_impl(like))
-    return jnp.array(array)  # a copy: a donated buffer must not be NumPy's
+    return wrapped(jnp.array(array), like)  # a copy: a donated buffer must not be NumPy's
 
 
 def leaf_name(path: Sequence[Any]) -> str:
@@ -64,8 +62,18 @@ def key_kind(leaf: Any) -> str | None:
     return str(jax.random.key_impl(leaf)) if is_key(leaf) else None
 
 
-def _data(leaf: Any) -> Any:
-    return jax.random.key_data(leaf) if is_key(leaf) else jnp.asarray(leaf)
+def data_of(leaf: Any) -> Any:
+    """A leaf, or the data of one that is a typed key."""
+    return jax.random.key_data(leaf) if is_key(leaf) else leaf
+
+
+def _array(leaf: Any) -> Any:
+    return jnp.asarray(data_of(leaf))
+
+
+def wrapped(data: Any, like: Any) -> Any:
+    """Data as a typed key if another leaf is one."""
+    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(like)) if is_key(like) else data
 
 
 def is_key(leaf: Any) -> bool:

@@ -17,10 +17,8 @@ from .state_leaves import host_copy
 class CheckpointWriter:
     """Writes a state's checkpoints to one folder; closed by `with`, which waits for the last one.
 
-    What goes wrong in the thread is raised by the next call of any of its functions.
-
-    The `keep` newest ones stay; `before` is called in the thread ahead of each, to bring to the
-    disk what it counts on.
+    What goes wrong in the thread is raised by the next call of any function. The `keep` newest ones
+    stay; `before` is called in the thread ahead of each, to bring to the disk what it counts on.
     """
 
     def __init__(self, folder: Path, *, keep: int, before: Callable[[], None] = lambda: None):

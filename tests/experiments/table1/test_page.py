@@ -10,7 +10,7 @@ from gril_jax.experiments.table1.rows import PAPER
 from gril_jax.experiments.tables.table import Found
 from gril_jax.experiments.tables.written import cells, with_paper
 
-from gril_jax.report.figures.spread import spread
+from gril_jax.report.figures.curves import spread
 from gril_jax.report.figures.style import png
 
 LOOKS = {"cycle": [0.5, 0.5], "success": [[-1.0, 0.0]], "failure": [[-1.0, -0.9, -0.8]]}

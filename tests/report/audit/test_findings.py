@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.audit_findings_made import NUMBERS, findings
 
-from gril_jax.report.audit.findings import ASKED
+from gril_jax.report.audit.page import ASKED
 
 
 @pytest.mark.parametrize("how", ["gradient ascent", "one object moved", "targets pushed"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gril_jax.errors import ShapeError
-from gril_jax.report.figures.spread import spread
+from gril_jax.report.figures.curves import spread
 from gril_jax.report.figures.style import pixels
 
 

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from gril_jax.errors import RunError
-from gril_jax.runs.lock import take_lock
+from gril_jax.safe_files import take_lock
 
 
 def test_a_lock_is_taken_once_and_again_after_it_is_closed(tmp_path):

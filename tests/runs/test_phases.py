@@ -4,9 +4,9 @@ import pytest
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
-from gril_jax.report.kinds import made_by, require_single
 from gril_jax.report.run_report import write_report
 from gril_jax.runs import run_dir
+from gril_jax.runs.phases import made_by, require_single
 
 
 @pytest.fixture

@@ -1,1 +1,0 @@
-"""`gril bench`: verbs that measure what is fast on this machine."""

@@ -1,1 +1,0 @@
-"""`gril demos`: verbs that make demonstration sets."""

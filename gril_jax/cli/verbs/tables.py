@@ -1,0 +1,234 @@
+"""Verbs that make tables of named rows: to begin, to go on with a run, to join several.
+
+A table `name` has its rows and settings in `gril_jax.experiments.NAME.rows`, which imports neither
+JAX nor MuJoCo, and its `TABLE` in `gril_jax.experiments.NAME.NAME`.
+"""
+
+import dataclasses
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError
+from gril_jax.runs import run_dir
+
+from ..arguments import (
+    Work,
+    echo,
+    positional,
+    require_left_to_options,
+    run_config,
+    take,
+    whole_number,
+)
+from ..heavy_imports import heavy_imports
+from . import Verb
+
+Loader = Callable[[str | None, list[str]], RunConfig]  # from a configuration's name and options
+
+_GOES_ON = (
+    " --resume RUN goes on with a run that was cut off; --join A,B --out FOLDER makes one table of "
+    "runs with different rows."
+)
+
+
+def _table(
+    name: str,
+    summary: str,
+    about: str,
+    choose: Callable[[ModuleType, list[str], bool, Loader], tuple[RunConfig, dict[str, Any]]],
+) -> Verb:
+    """The verb of a table; `summary` is for the help of `gril`, `about` for its own.
+
+    From the module of the rows, the arguments, whether --quick is among them, and what loads a
+    configuration, `choose` makes this and the settings that are not whole numbers.
+    """
+
+    def load(config: str | None, args: list[str]) -> RunConfig:
+        return run_config(config, args, f"gril {name}", about + _GOES_ON)
+
+    def plan(args: list[str]) -> Work:
+        # Names and numbers only: it imports neither JAX nor MuJoCo.
+        known = importlib.import_module(f"gril_jax.experiments.{name}.rows")
+        other = _begun(args, name, known.Settings) or _joined(args, name)
+        if other is not None:
+            return other
+        if quick := hasattr(known, "QUICK_SEEDS") and "--quick" in args:
+            args.remove("--quick")
+        usual = known.Settings(**({"seeds": known.QUICK_SEEDS} if quick else {}))
+        numbers = {
+            key: whole_number(args, f"--{key.replace('_', '-')}", value)
+            for key, value in vars(usual).items()
+            if type(value) is int
+        }
+        config, chosen = choose(known, args, quick, load)
+        settings = dataclasses.replace(usual, **numbers, **chosen)
+        return made(name, config, lambda: settings)
+
+    return Verb(f"{name} [CONFIG]", summary, plan)
+
+
+def _rows_taken(known: ModuleType, args: list[str], usual: str | None = None):
+    """Takes --rows off the arguments; the rows that it names, or the usual ones."""
+    from gril_jax.experiments.tables.rows import chosen_rows
+
+    return chosen_rows(take(args, "--rows") or usual, known.ROWS)
+
+
+def made(
+    name: str,
+    config: RunConfig,
+    settings: Callable[[], Any],
+    resume: Path | None = None,
+    cluster: dict[str, Any] | None = None,
+) -> Work:
+    """The table of a new run, or of one to go on with, in the processes of a cluster if given.
+
+    `settings` makes what rows do not have in common, when JAX may be imported.
+    """
+
+    def work() -> None:
+        with heavy_imports(config, devices=cluster is None):
+            if cluster is not None:  # before anything else touches JAX
+                from gril_jax.runs import hosts
+
+                hosts.initialize(cluster)
+            from gril_jax.experiments.tables import frame
+
+            family = _family(name)
+        frame.make(family, config, settings(), resume=resume, echo=echo)
+
+    return work
+
+
+def of_results(function: str, name: str, *args: Any) -> Work:
+    """The work of a function of `gril_jax.experiments.tables.results`, such as `redraw`."""
+
+    def work() -> None:
+        with heavy_imports():
+            from gril_jax.experiments.tables import results
+
+            family = _family(name)
+        getattr(results, function)(family, *args, echo=echo)
+
+    return work
+
+
+def _family(name: str) -> Any:
+    folder = "sweeps" if name == "sweep" else name
+    return importlib.import_module(f"gril_jax.experiments.{folder}.{name}").TABLE
+
+
+def not_beside(args: list[str], option: str, takes: str) -> None:
+    """Raises ConfigError if there is anything beside an option that stands alone."""
+    if args:
+        raise ConfigError(f"{option} takes {takes}, so {args[0]} must not be given beside it")
+
+
+def _begun(args: list[str], name: str, kind: type) -> Work | None:
+    """The work that is left where --resume is given; None without it."""
+    from gril_jax.experiments.tables.rows import read_settings
+
+    given = take(args, "--resume")
+    if given is None:
+        return None
+    not_beside(args, "--resume", f"its options from {given}")
+    folder = Path(given)
+    config, settings = run_dir.require_resumable(folder, name), read_settings(folder, name, kind)
+    return made(name, config, lambda: settings, folder)
+
+
+def _joined(args: list[str], name: str) -> Work | None:
+    """The work where --join is given, with --out alone beside it; None without it."""
+    names = take(args, "--join")
+    if names is None:
+        return None
+    out = take(args, "--out")
+    not_beside(args, "--join", "--out alone")
+    if out is None:
+        raise ConfigError("--out is missing, but must name the folder to make for the joined table")
+    folders = [Path(folder) for folder in names.split(",")]
+    for folder in folders:
+        run_dir.read_config(folder)
+    run_dir.require_new(Path(out))
+    return of_results("join", name, folders, Path(out))
+
+
+def _ablate(known: ModuleType, args: list[str], quick: bool, load: Loader):
+    name, rows = positional(args), _rows_taken(known, args)
+    return load(name, args), {"rows": rows}
+
+
+def _soundness(known: ModuleType, args: list[str], quick: bool, load: Loader):
+    name, steps = positional(args), whole_number(args, "--steps-per-policy", None, least=0)
+    rows = _rows_taken(known, args)
+    config = known.with_budget(load(name, args), steps)
+    return config, {"rows": rows, "policies": steps != 0}
+
+
+def _table1(known: ModuleType, args: list[str], quick: bool, load: Loader):
+    name = positional(args) or ("quickstart" if quick else "match_regions")
+    steps = whole_number(args, "--steps-per-encoder", known.QUICK_STEPS if quick else None)
+    rows = known.with_steps(_rows_taken(known, args, known.QUICK if quick else None), steps)
+    require_left_to_options(args, known.paths(rows))
+    # of two the later one counts
+    config = load(name, ["--run.evaluations", str(known.EVALUATIONS), *args])
+    known.check(config)
+    return config, {"rows": rows}
+
+
+def _table2(known: ModuleType, args: list[str], quick: bool, load: Loader):
+    from gril_jax.experiments.tables.rows import require_learned
+
+    name, every = positional(args), not quick and not any(arg.startswith("--rows") for arg in args)
+    rows = _rows_taken(known, args, known.QUICK_ROWS if quick else None)
+    usual = known.QUICK if quick else known.USUAL if name is None else {}
+    # what is said on the command line counts for more
+    args = [f"--{path}={value}" for path, value in usual.items()] + args
+    config = load(name or "shoes_in_box", args)
+    require_learned(config)
+    return config, {"rows": known.usable(config, echo) if every else rows}
+
+
+VERBS = (
+    _table(
+        "ablate",
+        "which choices of the reward's training matter, over seeds",
+        "Change each choice of encoder training alone (--rows A,B; all by default), over --seeds N "
+        "seeds (5 by default).",
+        _ablate,
+    ),
+    _table(
+        "soundness",
+        "the same by audits and by policies, and whether audits tell success; "
+        "--resume RUN goes on, --join RUN,RUN makes one table",
+        "Train encoders in several ways (--rows A,B; all by default) with --seeds N seeds each (5 "
+        "by default), audit them from --starts N starts (4) with --ascents N ascents (1000), and "
+        "train a policy with each, of --steps-per-policy N control steps (the configuration's own; "
+        "0 trains none), at most --policies-at-once N in one program (25).",
+        _soundness,
+    ),
+    _table(
+        "table1",
+        "the paper's Table I and Figure 2: policies with rewards of all kinds; "
+        "--quick on a laptop, --resume RUN goes on",
+        "Train policies with rewards of several kinds (--rows A,B; all by default), --seeds N of "
+        "each (5), alike in all else: the paper's Table I and Figure 2. Learned rewards are "
+        "audited with --ascents N ascents (1000) from --starts N starts (4). --steps-per-encoder N "
+        "trains all encoders for N gradient steps, instead of each as its row says. --quick makes "
+        "two rows with two seeds of the configuration quickstart.",
+        _table1,
+    ),
+    _table(
+        "table2",
+        "the paper's Table II: rewards that tell success from failure; --quick, --resume RUN",
+        "Train encoders in several ways (--rows A,B; all that the configuration allows by "
+        "default), --seeds N of each (5), and measure how well their rewards tell success from "
+        "failure: the paper's Table II. --quick makes two seeds of the rows without pictures from "
+        "fewer demonstrations.",
+        _table2,
+    ),
+)

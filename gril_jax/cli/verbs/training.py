@@ -1,0 +1,111 @@
+"""Verbs that learn a reward and a policy, and show what a run came to."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gril_jax.config import Variant
+from gril_jax.config.command_line import RunFolder, parse
+from gril_jax.config.rules import between, count
+from gril_jax.errors import ConfigError
+from gril_jax.runs import phases
+
+from ..arguments import (
+    Work,
+    hard_negatives,
+    positional,
+    resumed_config,
+    run_config,
+    run_config_of,
+    take,
+)
+from . import Verb, experiment
+from .tables import of_results
+
+_TRAIN = "Learn a reward, then a policy from it."
+_OPTIONS = (
+    "--resume RUN goes on with a run that was cut off. --hard-negatives RUN,RUN also learns from "
+    "states that the rewards of one or two earlier runs overestimated."
+)
+
+
+def _new_run(name: str, of: str | None, args: list[str], prog: str, about: str) -> Work:
+    """A new run, or with --resume one that was cut off; `of` None takes the defaults."""
+    resume, negatives = take(args, "--resume"), take(args, "--hard-negatives")
+    extra: dict[str, Any] = {}
+    if resume is None:
+        config = run_config(of, args, prog, f"{about} {_OPTIONS}")
+        if negatives is not None:
+            extra["hard_negatives"] = hard_negatives(negatives, config)
+    else:
+        if negatives is not None:
+            raise ConfigError(
+                "--hard-negatives is given beside --resume, but a run that goes on has its own"
+            )
+        extra["resume"] = folder = Path(resume)
+        config = resumed_config(folder, of, args, prog=prog, experiment=name)
+    return experiment(name, config, config=config, devices=True, **extra)
+
+
+def _quickstart(args: list[str]) -> Work:
+    resumes = any(arg.partition("=")[0] == "--resume" for arg in args)
+    name = None if resumes else "quickstart"  # what goes on may have begun otherwise
+    return _new_run("train", name, args, "gril quickstart", _TRAIN)
+
+
+def _train(args: list[str]) -> Work:
+    return _new_run("train", positional(args), args, "gril train", _TRAIN)
+
+
+def _pretrain(args: list[str]) -> Work:
+    return _new_run("pretrain", positional(args), args, "gril pretrain", "Learn a reward.")
+
+
+@dataclass(frozen=True)
+class _Report:
+    run: RunFolder
+
+
+def _report(args: list[str]) -> Work:
+    given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
+    folder = Path(given.run)
+    run_config_of(folder)
+    if phases.made_by(folder) == "table1":
+        return of_results("redraw", "table1", folder)
+    phases.require_single(folder)
+    return experiment("report", folder)
+
+
+@dataclass(frozen=True)
+class _Eval:
+    run: RunFolder
+    episodes: int = field(default=100, metadata=count())
+    """Episodes to play."""
+    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
+    """Seed of the episodes."""
+    variant: Variant | None = None
+    """Quantities randomised at the start; None keeps the run's own variant."""
+
+
+def _eval(args: list[str]) -> Work:
+    options = dict(vars(parse(_Eval, args, prog="gril eval", description="Play a run's policy.")))
+    folder = Path(options.pop("run"))
+    return experiment("evaluate", folder, config=run_config_of(folder), devices=True, **options)
+
+
+VERBS = (
+    Verb("quickstart", "a small run from demonstrations to a policy, on a laptop", _quickstart),
+    Verb(
+        "train [CONFIG]",
+        "the same for any configuration",
+        _train,
+        {
+            "train|pretrain|sweep --resume RUN": "go on with what was cut off, bit for bit",
+            "train|pretrain --hard-negatives RUN[,RUN]":
+                "learn from states that earlier rewards overestimated",
+        },
+    ),
+    Verb("report RUN", "figures and tables of a run", _report),
+    Verb("eval RUN", "success rate and return of a run's policy", _eval),
+    Verb("pretrain [CONFIG]", "the learned reward alone", _pretrain),
+)  # fmt: skip
