@@ -117,13 +117,7 @@ class Stages:
             center = jnp.where(want, stage.place(key_in, center, size), out)
         return center
 
-    def astray(
-        self,
-        key: PRNGKeyArray,
-        stage: Stage,
-        center: Points,
-        size: Points,
-    ) -> Points:
+    def astray(self, key: PRNGKeyArray, stage: Stage, center: Points, size: Points) -> Points:
         """Moves the objects of a stage anywhere on the plane where it does not hold."""
         allowed = lambda c: ~stage.holds(c, size)  # noqa: E731
         keys = jax.random.split(key, len(stage.moves))

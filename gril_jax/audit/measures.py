@@ -90,10 +90,7 @@ def make_states(key: PRNGKeyArray, start: Scene, *, task: StagedTask, side: int 
     )
     progress = jnp.vectorize(task.progress, signature="(n,k),(n,k)->()")
     return States(
-        made,
-        swept,
-        progress(swept.center, swept.size) <= 0,
-        *pushed(task, start, side=side),
+        made, swept, progress(swept.center, swept.size) <= 0, *pushed(task, start, side=side)
     )
 
 

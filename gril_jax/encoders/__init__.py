@@ -20,21 +20,7 @@ from .kinds import KINDS
 from .pooling import node_weights, weighted_pool
 
 __all__ = [
-    "KINDS",
-    "AnyConfig",
-    "EncoderConfig",
-    "GraphConfig",
-    "InteractionConfig",
-    "MLPConfig",
-    "NodeConfig",
-    "Params",
-    "PixelConfig",
-    "apply",
-    "init",
-    "node_embeddings",
-    "node_weights",
-    "num_members",
-    "readout",
-    "sees_robot",
-    "weighted_pool",
-]
+    "KINDS", "AnyConfig", "EncoderConfig", "GraphConfig", "InteractionConfig", "MLPConfig",
+    "NodeConfig", "Params", "PixelConfig", "apply", "init", "node_embeddings", "node_weights",
+    "num_members", "readout", "sees_robot", "weighted_pool",
+]  # fmt: skip

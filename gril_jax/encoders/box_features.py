@@ -24,10 +24,7 @@ def box_corners(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Float
 
 
 def class_distances(
-    center: Float[Array, "N 2"],
-    label: Int[Array, "N"],
-    counted: Bool[Array, "N"],
-    num_classes: int,
+    center: Float[Array, "N 2"], label: Int[Array, "N"], counted: Bool[Array, "N"], num_classes: int
 ) -> Float[Array, "N C"]:
     """Distance from each object to the nearest counted object of each class; 0 if there is none.
 
@@ -44,12 +41,7 @@ def class_distances(
 
 
 def history_features(
-    nodes: Nodes,
-    *,
-    history: int,
-    num_classes: int | None,
-    robot: bool,
-    length_unit: float,
+    nodes: Nodes, *, history: int, num_classes: int | None, robot: bool, length_unit: float
 ) -> Float[Array, "N F"]:
     """Corners, and distances if asked for, of the last `history` frames side by side.
 

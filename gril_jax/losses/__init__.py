@@ -19,23 +19,9 @@ from gril_jax.losses.time_warping.soft_dtw import (
 from .reconstruction import decode, decode_graph, reconstruction, reconstruction_terms
 
 __all__ = [
-    "cycle_consistency",
-    "decode",
-    "decode_graph",
-    "draw_cycles",
-    "dtw",
-    "dtw_path",
-    "expected_alignment",
-    "frame_times",
-    "mean_consistency",
-    "mean_cycle_consistency",
-    "pairwise_cost",
-    "reconstruction",
-    "reconstruction_terms",
-    "sampled_cycle_consistency",
-    "soft_dtw",
-    "soft_dtw_between",
-    "soft_dtw_divergence",
-    "stochastic_consistency",
+    "cycle_consistency", "decode", "decode_graph", "draw_cycles", "dtw", "dtw_path",
+    "expected_alignment", "frame_times", "mean_consistency", "mean_cycle_consistency",
+    "pairwise_cost", "reconstruction", "reconstruction_terms", "sampled_cycle_consistency",
+    "soft_dtw", "soft_dtw_between", "soft_dtw_divergence", "stochastic_consistency",
     "time_agreement",
-]
+]  # fmt: skip

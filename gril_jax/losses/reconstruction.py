@@ -104,11 +104,7 @@ def reconstruction(
 
 
 def reconstruction_terms(
-    box: Float[Array, "N 4"],
-    logits: Float[Array, "N C"],
-    nodes: Nodes,
-    *,
-    length_unit: float = 1.0,
+    box: Float[Array, "N 4"], logits: Float[Array, "N C"], nodes: Nodes, *, length_unit: float = 1.0
 ) -> tuple[Float[Array, "N"], Float[Array, "N"]]:
     """Box error and class error of each node, as `reconstruction` adds them up.
 

@@ -3,24 +3,11 @@
 from . import separation
 from .cycles import nearest_frames, two_way_cycle_consistency
 from .interquartile import interquartile_interval, interquartile_mean
-from .order import (
-    alignment_tau,
-    kendall_tau,
-    mean_alignment_tau,
-    reward_time_tau,
-)
+from .order import alignment_tau, kendall_tau, mean_alignment_tau, reward_time_tau
 from .separation import stage_order, success_auc
 
 __all__ = [
-    "alignment_tau",
-    "interquartile_interval",
-    "interquartile_mean",
-    "kendall_tau",
-    "mean_alignment_tau",
-    "nearest_frames",
-    "reward_time_tau",
-    "separation",
-    "stage_order",
-    "success_auc",
-    "two_way_cycle_consistency",
-]
+    "alignment_tau", "interquartile_interval", "interquartile_mean", "kendall_tau",
+    "mean_alignment_tau", "nearest_frames", "reward_time_tau", "separation", "stage_order",
+    "success_auc", "two_way_cycle_consistency",
+]  # fmt: skip

@@ -11,10 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 
 def two_way_cycle_consistency(
-    latents: Float[Array, "B T D"],
-    length: Int[Array, "B"] | None = None,
-    *,
-    tolerance: int = 1,
+    latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None, *, tolerance: int = 1
 ) -> Float[Array, ""]:
     """Share of frames that come back from another video, mean over all ordered pairs.
 

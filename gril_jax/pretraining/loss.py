@@ -14,11 +14,7 @@ from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import NodeConfig, Params
 from gril_jax.encoders.ensemble import num_members
 from gril_jax.graphs.scene import scene_graph
-from gril_jax.losses import (
-    decode,
-    decode_graph,
-    reconstruction,
-)
+from gril_jax.losses import decode, decode_graph, reconstruction
 from gril_jax.losses.reconstruction import init as init_node_decoder
 from gril_jax.losses.reconstruction import init_graph as init_graph_decoder
 from gril_jax.types import DemoBatch, Nodes

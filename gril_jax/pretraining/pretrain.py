@@ -90,11 +90,7 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
 
 @jax.jit
 def step(
-    state: TrainState,
-    demos: DemoBatch,
-    hyper: Hyper,
-    config: Static,
-    pool: Scene | None = None,
+    state: TrainState, demos: DemoBatch, hyper: Hyper, config: Static, pool: Scene | None = None
 ) -> tuple[TrainState, Metrics]:
     """`config.updates` gradient updates in one compiled call, without talking to the host.
 

@@ -21,11 +21,7 @@ from .soft_neighbour import check_batch, closeness, match_weights, prepare
 
 
 def draw_cycles(
-    key: PRNGKeyArray,
-    valid: Bool[Array, "B T"],
-    *,
-    num_cycles: int,
-    cycle_length: int = 2,
+    key: PRNGKeyArray, valid: Bool[Array, "B T"], *, num_cycles: int, cycle_length: int = 2
 ) -> tuple[Int[Array, "K L"], Int[Array, "K"]]:
     """Samples cycles: distinct videos in random order, and a valid frame of the first of them.
 
