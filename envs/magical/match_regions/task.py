@@ -19,7 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.base import Outline, State
 from gril_jax.envs.checks import check_counts, check_known, check_shares
-from gril_jax.envs.magical import action as actions
 from gril_jax.envs.magical import raster, scene, simulator
 from gril_jax.envs.magical.layout import CLASSES, COLOURS, RADII, VARIANTS
 from gril_jax.envs.planar import robots
@@ -86,7 +85,7 @@ class MatchRegions:
         iterations: int | None = None,
     ):
         check_known("variant", variant, VARIANTS)
-        check_known("turn", turn, [*actions.TURN_GAIN])
+        check_known("turn", turn, [*simulator.TURN_GAIN])
         check_known("observation", observation, observations.OBSERVATIONS)
         check_known("reward", reward, rewards.REWARDS)
         check_shares(varied_starts=varied_starts, on_the_way=on_the_way, facing=facing)
@@ -104,7 +103,7 @@ class MatchRegions:
         self.num_targets, self.variant = len(targets), variant
         self.varied_starts, self.on_the_way, self.facing = varied_starts, on_the_way, facing
         self.episode_length = episode_length
-        self.turn_gain = actions.TURN_GAIN[turn]
+        self.turn_gain = simulator.TURN_GAIN[turn]
         self.robot, self.physics = robots.robot(robot), physics
         self.action_size = 3 if self.robot.has_fingers else 2
         self._preset = simulator.PRESETS[physics]
@@ -199,8 +198,8 @@ class MatchRegions:
 
     def _command(self, action: Float[Array, "A"]) -> Command:
         if self.physics == "magical":
-            return actions.rounded_command(action)
-        return actions.command(action, gain=self.turn_gain, dt=self._engine.dt)
+            return simulator.rounded_command(action)
+        return simulator.command(action, gain=self.turn_gain, dt=self._engine.dt)
 
     def _observe(self, data: PlanarData) -> State:
         progress = states.progress(data, parts=self._parts, targets=self.num_targets)

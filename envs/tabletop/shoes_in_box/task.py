@@ -14,11 +14,14 @@ box, and letting it go inside.
 """
 
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+from gril_jax.envs.base import Demonstrations, Wanted
 from gril_jax.envs.panda.frames import Frame, compose, into, out_of, rotation
 from gril_jax.envs.tabletop.boxes import Boxes, box, free, lowest, stacked, touching
+from gril_jax.envs.tabletop.demonstrations import JITTER, Expert, record
 from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.reward import Progress, closeness
 from gril_jax.envs.tabletop.start import Footprint, Moments, Start, free_joint, group, place
@@ -66,6 +69,24 @@ def shoes_in_box(*, varied_starts: float = 0.0, **options) -> Tabletop:
 def _moments() -> Moments:
     """Moments of the expert, recorded once a process: they depend on no option of an episode."""
     return moments(Tabletop(task()), expert.perform)
+
+
+def demonstrate(
+    make: Callable[..., Tabletop], wanted: Wanted, tell: Callable[[int], None]
+) -> Demonstrations:
+    """The demonstrations wanted; a `gril_jax.envs.base.Demonstrate`.
+
+    The expert plays with the task's own settings: whatever options a policy has, the demonstrations
+    stay the same.
+    """
+    del make
+    shown = Expert(expert.KINDS, expert.play, expert.as_meant)
+    return record(_env(JITTER[wanted.places]), shown, wanted, tell)
+
+
+@functools.lru_cache(maxsize=1)  # what is compiled for an environment serves as long as it does
+def _env(jitter: float) -> Tabletop:
+    return Tabletop(task(), jitter=jitter)
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:

@@ -7,18 +7,20 @@ a distractor that got into the region is taken out. It is a gripper's expert: it
 between the tips of its fingers, which a stick cannot.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from gril_jax.envs.base import State
+from gril_jax.envs.base import Demonstrations, State, Wanted
+from gril_jax.envs.magical.expert.demonstrations import record
 from gril_jax.envs.magical.expert.docks import choose_dock
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import phases, plans
-from .plans import Job, Plan, Style, plan
+from .plans import FAILURES, Job, Plan, Style, plan
 
 _STILL, _STILL_TURN = 0.004, 0.03  # units and rad a control step: slower is standing
 
@@ -126,3 +128,16 @@ def rollout(
     _, (states, stages) = jax.lax.scan(move, (state, memory), length=env.episode_length)
     states = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states)
     return states, jnp.concatenate([jnp.zeros(1, stages.dtype), stages])
+
+
+def demonstrate(
+    make: Callable[..., MatchRegions], wanted: Wanted, tell: Callable[[int], None]
+) -> Demonstrations:
+    """The demonstrations wanted; a `gril_jax.envs.base.Demonstrate`.
+
+    The gripper demonstrates, whichever robot will learn: the reward does not see the robot.
+    """
+    env = make(robot="gripper", observation="rich", variant=wanted.places)
+    env.episode_length = env.episode_length * 4 // 3  # the expert is slower than a policy
+    play = lambda key, kind: rollout(env, key, kind)[0]  # noqa: E731
+    return record(env, play, len(FAILURES), wanted, tell)
