@@ -18,10 +18,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .ascent import Found, search
-from .scene_reward import Scene, SceneReward
+from .scene_reward import Scene, SceneReward, StagedTask
 from .states import FACTORS, Battery, battery
 from .sweeps import alone, pushed
-from .task import StagedTask
 
 SUCCESS = 0.999  # true progress that counts as success
 _SIDE = 25

@@ -8,8 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .scene_reward import Scene, activity_bits
-from .task import StagedTask
+from .scene_reward import Scene, StagedTask, activity_bits
 
 
 def grid(half_extent: float, side: int) -> Float[Array, "G G 2"]:
