@@ -49,10 +49,8 @@ def search(
       reward: of one state, differentiable in its centres.
       params: the reward's parameters; may be mapped over with `jax.vmap`.
       key: consumed.
-      task: a `gril_jax.envs.stages.Stages`.
-      start: the state after a reset, with true progress 0.
-      ascents: how many; static.
-      steps: of each, getting shorter; static.
+      task, start: the state after a reset of this task, with true progress 0.
+      ascents, steps: how many, and how many steps of each, getting shorter; static.
     """
 
     def one(key):

@@ -57,12 +57,9 @@ class _Group(NamedTuple):
 
 
 def battery(key: PRNGKeyArray, task: StagedTask, start: Scene) -> Battery:
-    """All states around one start; batch with `jax.vmap` over keys and starts.
+    """All states around one start, the state after a reset; batch over keys and starts.
 
-    Args:
-      key: of the places that are drawn; consumed.
-      task: a `gril_jax.envs.stages.Stages`.
-      start: the state after a reset.
+    The key, of the places that are drawn, is consumed.
     """
     ways = orders(task)
     keys = jax.random.split(key, len(ways) + 2)
@@ -121,10 +118,8 @@ def _complete(key, task, start, complete) -> list[_Group]:
     keys = jax.random.split(key, 3)
     free = [i for i in task.movable if not any(i in stage.moves for stage in task.stages)]
     placed = jax.vmap(lambda k: _chain(k, task, start, range(len(task.stages)))[-1])
-    undone = [
-        complete.at[jnp.array(stage.moves)].set(start.center[jnp.array(stage.moves)])
-        for stage in task.stages
-    ]
+    moves = [jnp.array(stage.moves) for stage in task.stages]
+    undone = [complete.at[which].set(start.center[which]) for which in moves]
     groups = [
         _Group("success", placed(jax.random.split(keys[0], _SUCCESSES))),
         _Group("undone", jnp.stack(undone), activity_bits(start, complete)),

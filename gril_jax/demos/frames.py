@@ -8,7 +8,7 @@ from jaxtyping import UInt8
 
 from gril_jax.demos.demo_set import DemoSet, padded
 from gril_jax.demos.vision.video import read_video
-from gril_jax.encoders.pixel_videos import VideoBatch
+from gril_jax.encoders.resnet import VideoBatch
 from gril_jax.errors import DemoError
 
 

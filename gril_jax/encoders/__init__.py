@@ -1,6 +1,7 @@
 """Networks from a scene graph or a picture to a latent (Eqs. 1 to 3): one file each, one table."""
 
 from .encoder import (
+    KINDS,
     AnyConfig,
     EncoderConfig,
     GraphConfig,
@@ -16,7 +17,6 @@ from .encoder import (
     sees_robot,
 )
 from .ensemble import num_members
-from .kinds import KINDS
 from .pooling import node_weights, weighted_pool
 
 __all__ = [

@@ -69,15 +69,7 @@ class EncoderConfig:
     @classmethod
     def of(cls, options: EncoderOptions, num_classes: int) -> "EncoderConfig":
         """From the section `encoder` of a run's configuration."""
-        names = (
-            "width",
-            "rounds",
-            "latent",
-            "relations",
-            "pool_robot",
-            "robot_messages",
-            "members",
-        )
+        names = "width rounds latent relations pool_robot robot_messages members".split()
         return cls(num_classes, **{name: getattr(options, name) for name in names})
 
 
@@ -161,14 +153,11 @@ class _Messages(nn.Module):
                 from_sender(embedding), from_receiver(embedding), from_edge, audible, graph
             )
         else:
+            at_once = None if self.form == "dense" else max(len(audible), 1)
             received = sum_messages(
-                from_sender(embedding),
-                from_receiver(embedding),
-                audible,
-                graph.edges,
-                from_edge,
-                at_once=None if self.form == "dense" else max(len(audible), 1),
-            )
+                from_sender(embedding), from_receiver(embedding), audible, graph.edges, from_edge,
+                at_once=at_once,
+            )  # fmt: skip
         hidden = from_node(jnp.concatenate([embedding, received], axis=-1))
         return embedding + update(nn.relu(hidden))
 

@@ -14,12 +14,12 @@ normalisations' arithmetic, the mean over the image, head and latent are float32
 """
 
 import dataclasses
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
-from jaxtyping import Array, Float, PRNGKeyArray, UInt8
+from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 
 from gril_jax.config.encoder import EncoderOptions
 from gril_jax.errors import ConfigError, ShapeError, require_at_least
@@ -52,6 +52,29 @@ class PixelConfig:
         """From the section `encoder` of a run's configuration."""
         del num_classes
         return cls(options.latent, pixels=options.pixels, precision=options.precision)
+
+
+class VideoBatch(NamedTuple):
+    """Videos of square frames, padded to a common length with their last frame."""
+
+    frames: UInt8[Array, "B T P P 3"]  # RGB; x to the right, y upwards
+    length: Int[Array, "B"]  # frames before padding, at least 1
+
+
+def turn(key: PRNGKeyArray, frames: UInt8[Array, "V F P P 3"]) -> UInt8[Array, "V F P P 3"]:
+    """Applies a random symmetry of the square to each video, the same to all of its frames.
+
+    The same symmetries as `gril_jax.pretraining.batch.turn` draws for boxes from the same key. The
+    key is consumed.
+    """
+    sign_key, swap_key = jax.random.split(key)
+    num = frames.shape[0]
+    sign = jax.random.rademacher(sign_key, (num, 1, 1, 2), dtype=jnp.float32)[..., None, None]
+    swap = jax.random.bernoulli(swap_key, shape=(num, 1, 1, 1))[..., None]
+    # x and y swapped: mirrored at the diagonal that rises to the right.
+    frames = jnp.where(swap, frames.swapaxes(2, 3)[:, :, ::-1, ::-1], frames)
+    frames = jnp.where(sign[:, :, :, 0] < 0, frames[:, :, :, ::-1], frames)
+    return jnp.where(sign[:, :, :, 1] < 0, frames[:, :, ::-1], frames)
 
 
 def init(key: PRNGKeyArray, config: PixelConfig) -> Params:
@@ -174,26 +197,15 @@ class _Block(nn.Module):
 
 def _conv(channels, size, stride, dtype, name):
     """Explicitly padded convolution: "SAME" pads strided images differently from torchvision."""
-    pad = size // 2
     return nn.Conv(
-        channels,
-        (size, size),
-        strides=(stride, stride),
-        padding=((pad, pad), (pad, pad)),
-        use_bias=False,
-        kernel_init=nn.initializers.variance_scaling(2.0, "fan_out", "normal"),
-        dtype=dtype,
-        name=name,
-    )
+        channels, (size, size), strides=stride, padding=size // 2, use_bias=False, dtype=dtype,
+        kernel_init=nn.initializers.variance_scaling(2.0, "fan_out", "normal"), name=name,
+    )  # fmt: skip
 
 
 def _norm(train, dtype, name):
     """Normalisation computed in float32, for any type of input and output."""
     return nn.BatchNorm(
-        use_running_average=not train,
-        momentum=0.9,
-        epsilon=1e-5,
+        use_running_average=not train, momentum=0.9, epsilon=1e-5, dtype=dtype, name=name,
         use_fast_variance=False,  # the fast one loses the variance of a channel far from zero
-        dtype=dtype,
-        name=name,
-    )
+    )  # fmt: skip

@@ -14,8 +14,7 @@ from jaxtyping import Array, Float
 
 from gril_jax.encoders import resnet
 from gril_jax.encoders.message_passing import Params
-from gril_jax.encoders.pixel_videos import VideoBatch
-from gril_jax.encoders.resnet import PixelConfig
+from gril_jax.encoders.resnet import PixelConfig, VideoBatch
 from gril_jax.reward.latent_goal import RewardParams
 
 from . import latent_goal

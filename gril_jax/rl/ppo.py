@@ -22,8 +22,8 @@ from gril_jax.config.encoder import PoolConfig
 from gril_jax.config.policy import PPOConfig
 
 from . import blocks, ppo_loss, rollout
-from .agent import Agent
-from .environment import Environment
+from .agent import Agent, Sizes
+from .episodes import Environment
 from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
 from .rewards import AnyReward
 
@@ -31,18 +31,14 @@ Number = Float[Array, ""] | float
 
 
 @dataclasses.dataclass(frozen=True)
-class Static:
-    """Static choices, which shape the compiled program."""
+class Static(Sizes):
+    """Static choices, with PPO's own."""
 
     num_envs: int = PPOConfig.num_envs
     unroll_length: int = PPOConfig.unroll_length
-    num_minibatches: int = PPOConfig.num_minibatches
-    num_epochs: int = PPOConfig.num_epochs
     hidden: tuple[int, ...] = PPOConfig.hidden
-    observe_activity: bool = True
-    window: int = PoolConfig.window  # of the activity memory, frames
-    smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
-    noise: float | None = PoolConfig.noise  # of centres, world units
+    num_minibatches: int = PPOConfig.num_minibatches  # a divisor of `num_envs`
+    num_epochs: int = PPOConfig.num_epochs
 
 
 class Hyper(NamedTuple):
@@ -57,9 +53,7 @@ class Hyper(NamedTuple):
     max_grad_norm: Number = PPOConfig.max_grad_norm
     tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
     decay_updates: Number = 1.0  # over which the two below are reached
-    learning_rate_left: Number = (
-        PPOConfig.learning_rate_left
-    )  # share of the learning rate, at the end
+    learning_rate_left: Number = PPOConfig.learning_rate_left  # share of the rate, at the end
     entropy_left: Number = PPOConfig.entropy_left  # share of the entropy cost, at the end
 
 
@@ -76,13 +70,7 @@ class TrainState(NamedTuple):
 
 
 class PPO(Agent):
-    """The algorithm for one environment and one reward; its functions are pure.
-
-    Args:
-      env: the task.
-      reward: what to maximise; its parameters are an argument of `step`.
-      static: sizes; `num_minibatches` divides `num_envs`.
-    """
+    """The algorithm for one environment and one reward; its functions are pure."""
 
     Static, Hyper = Static, Hyper
 

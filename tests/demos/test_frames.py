@@ -17,7 +17,7 @@ from gril_jax.demos.frames import frame_batch, shrink
 from gril_jax.demos.vision import render
 from gril_jax.demos.vision.detect import PALETTE_CLASSES, Tracks
 from gril_jax.demos.vision.video import read_video, write_video
-from gril_jax.encoders.pixel_videos import VideoBatch
+from gril_jax.encoders.resnet import VideoBatch
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.rl import rewards
 

@@ -11,7 +11,7 @@ import pytest
 from gril_jax import reward
 from gril_jax.encoders import resnet
 from gril_jax.encoders.encoder import PixelConfig
-from gril_jax.encoders.pixel_videos import VideoBatch
+from gril_jax.encoders.resnet import VideoBatch
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.pretraining import pixel_pretrain
 from gril_jax.pretraining.options import Hyper
