@@ -1,4 +1,4 @@
-"""One control step of a tabletop scene in MuJoCo MJX, from and to the few arrays that matter.
+"""The model of a tabletop scene, and a control step in MuJoCo MJX, of the few arrays that matter.
 
 What an episode must remember is joint positions and velocities and the solver's last accelerations;
 the rest of MuJoCo's data is made anew in each substep, which spares the memory of thousands of
@@ -23,14 +23,60 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from gril_jax.envs.panda import model as panda_model
 from jaxtyping import Array, Float, Int
 
 with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
     from mujoco import mjx
 
+TABLE = "table"
 IMPLEMENTATIONS = ("jax", "warp")
 
 _ROWS = 6  # of the solver for each contact: 4 of its pyramid, and what joints and limits need
+
+
+class Scene(NamedTuple):
+    """A task's additions to the arm and the table."""
+
+    bodies: str  # MJCF; joints of free things come after the arm's, in this order
+    pairs: tuple[tuple[str, str], ...]  # geoms that can touch
+
+
+def build(
+    scene: Scene, *, timestep: float, iterations: int, ls_iterations: int, max_contacts: int
+) -> mujoco.MjModel:
+    """Compiles a scene: the Panda, a table at z = 0, and the task's objects.
+
+    Numbers are as for `task.Tabletop`, `timestep` in s; `max_contacts` is MJX's: C MuJoCo has no
+    such cap. Contacts are an explicit list of pairs, all among planes, spheres, capsules and boxes.
+    How stiff they are decides how many Newton iterations a friction grasp needs: with the impedance
+    below 3 are enough for a scripted grasp and 2 throw the shoe away, while Playground's (0.99
+    0.995 0.01) needs 5, and 8 with `impratio` 10. A held shoe of 0.25 kg creeps 1.1 mm a second
+    with it (2.1 with 5 substeps), 0.2 with Playground's.
+    """
+    friction = 'condim="3" friction="1.0 1.0 0.005 0.0001 0.0001"'
+    pairs = "".join(f'<pair geom1="{a}" geom2="{b}" {friction}/>' for a, b in scene.pairs)
+    return mujoco.MjModel.from_xml_string(f"""
+<mujoco model="tabletop">
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="{timestep}" integrator="implicitfast" solver="Newton" cone="pyramidal"
+          iterations="{iterations}" ls_iterations="{ls_iterations}">
+    <flag eulerdamp="disable"/>
+  </option>
+  <custom><numeric name="max_contact_points" data="{max_contacts}"/></custom>
+  <default>
+    <geom contype="0" conaffinity="0"/>
+    <pair solref="0.01 1" solimp="0.95 0.99 0.005"/>
+  </default>
+  <worldbody>
+    <geom name="{TABLE}" type="plane" size="1 1 0.1"/>
+    {panda_model.body()}
+    {scene.bodies}
+  </worldbody>
+  <contact>{pairs}</contact>
+  <equality>{panda_model.EQUALITY}</equality>
+  <actuator>{panda_model.ACTUATORS}</actuator>
+</mujoco>""")
 
 
 class Motion(NamedTuple):
@@ -42,7 +88,7 @@ class Motion(NamedTuple):
 
 
 class Physics:
-    """A compiled scene: a model of `model.build`, and how many of its steps are a control step.
+    """A compiled scene: a model of `build`, and how many of its steps are a control step.
 
     `impl` is one of `IMPLEMENTATIONS`: "jax" is MJX, "warp" MuJoCo Warp. There, `worlds` are the
     most environments that are stepped together. Their contacts share one table, and those that find

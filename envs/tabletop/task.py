@@ -28,8 +28,7 @@ from . import camera as cameras
 from . import observation as observations
 from . import reward as rewards
 from .boxes import Boxes
-from .model import Scene, build
-from .physics import Motion
+from .physics import Motion, Scene, build
 from .reward import Progress, Record
 from .start import Moments, Start, draw_moment
 

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.base import Outline, State
 from gril_jax.envs.checks import check_counts, check_known, check_shares
+from gril_jax.envs.magical import layout as layouts
 from gril_jax.envs.magical import raster, scene, simulator
 from gril_jax.envs.magical.layout import CLASSES, COLOURS, RADII, VARIANTS
 from gril_jax.envs.planar import robots
@@ -29,7 +30,6 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from . import observation as observations
 from . import score as rewards
-from . import stages as definition
 from . import start as starts
 from . import state as states
 from .state import PlanarData
@@ -108,7 +108,7 @@ class MatchRegions:
         self.action_size = 3 if self.robot.has_fingers else 2
         self._preset = simulator.PRESETS[physics]
         self.arena, self.half_extent = self._preset.arena, 1.02 * self._preset.arena
-        self.stages = definition.stages(targets, distractors, arena=self.arena)
+        self.stages = rewards.stages(targets, distractors, arena=self.arena)
         self._reward, self._kind = reward, observation
         self._parts = len(self.robot.parts)
         self.observation_names = observations.names(
@@ -120,10 +120,11 @@ class MatchRegions:
     def reset(self, key: PRNGKeyArray) -> State:
         """Starts a new episode of the task's variant."""
         keys = jax.random.split(key, 6)
-        shape, colour = starts.looks(
-            keys[:2], self.variant, jnp.asarray(self._shape), jnp.asarray(self._colour),
-            self.num_targets,
-        )  # fmt: skip
+        shape, colour = jnp.asarray(self._shape), jnp.asarray(self._colour)
+        if self.variant in ("shape", "all"):
+            shape = layouts.shapes(keys[0], len(shape))
+        if self.variant in ("color", "all"):
+            colour = layouts.colours(keys[1], colour, self.num_targets)
         strengths = starts.strengths(keys[2], self.variant, self._preset)
         radii = jnp.asarray(RADII)[shape]
         within = dict(robot=self.robot, radii=radii, arena=self.arena)

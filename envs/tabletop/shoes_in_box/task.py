@@ -38,6 +38,8 @@ _BELOW_RIM = 0.12  # metres: of a shoe's centre; two on top of each other are
 _DROP = (0.0, 0.0, 0.12)  # in the box's frame
 _OFF = 0.005  # metres: a shoe this far off the ground is held
 _SLOW = 0.05  # m/s
+# Half extents of the box with its lip, as if that stood out on both sides.
+_ROOM = (model.BOX_HALF[0], model.HINGE[1] + model.LIP[1] + 0.006)
 
 
 def task() -> Task:
@@ -65,6 +67,10 @@ def shoes_in_box(*, varied_starts: float = 0.0, **options) -> Tabletop:
     return Tabletop(task(), varied_starts=varied_starts, moments=found, **options)
 
 
+# What is compiled for an environment serves as long as it does.
+_demonstrated = functools.lru_cache(maxsize=1)(shoes_in_box)
+
+
 @functools.cache
 def _moments() -> Moments:
     """Moments of the expert, recorded once a process: they depend on no option of an episode."""
@@ -81,12 +87,7 @@ def demonstrate(
     """
     del make
     shown = Expert(expert.KINDS, expert.play, expert.as_meant)
-    return record(_env(JITTER[wanted.places]), shown, wanted, tell)
-
-
-@functools.lru_cache(maxsize=1)  # what is compiled for an environment serves as long as it does
-def _env(jitter: float) -> Tabletop:
-    return Tabletop(task(), jitter=jitter)
+    return record(_demonstrated(jitter=JITTER[wanted.places]), shown, wanted, tell)
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:
@@ -97,10 +98,6 @@ def _start(key: PRNGKeyArray, share: float) -> Start:
     shoes, unplaced = place(key_shoes, Footprint(places[1:], halves), standing, share=share)
     joints = jnp.concatenate([jnp.zeros(1), free_joint(shoes, model.SHOE_HALF[2])])
     return Start(joints, free_joint(places[:1], 0.0)[None], unplaced)
-
-
-# Half extents of the box with its lip, as if that stood out on both sides.
-_ROOM = (model.BOX_HALF[0], model.HINGE[1] + model.LIP[1] + 0.006)
 
 
 def _box_frame(view: View) -> Frame:

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from gril_jax.envs.base import Demonstrations, State, Wanted
 from gril_jax.envs.magical.expert.demonstrations import record
-from gril_jax.envs.magical.expert.docks import choose_dock
+from gril_jax.envs.magical.expert.ways import BODY, STAND, choose_dock
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
@@ -64,7 +64,8 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
         seen.robot, seen.block, seen.blocks, seen.other, way, memory.dock, arena=env.arena
     )
     dock = jnp.where(phase == phases.GO, dock, memory.dock)
-    stand = phases.stand(env, seen, dock)
+    limit = env.arena - BODY - 0.01
+    stand = jnp.clip(seen.block - STAND * dock, -limit, limit)
     aim = phases.aim(env, seen, drawn, at, stand, roaming)
     speed, turn, opening = phases.drive(seen, aim, stand, roaming)
     grip = FINGER_OPEN - jnp.clip(opening, 0.0, FINGER_OPEN)
