@@ -17,7 +17,7 @@ from .encoder import (
     sees_robot,
 )
 from .ensemble import num_members
-from .pooling import node_weights, weighted_pool
+from .message_passing import node_weights, weighted_pool
 
 __all__ = [
     "KINDS", "AnyConfig", "EncoderConfig", "GraphConfig", "InteractionConfig", "MLPConfig",

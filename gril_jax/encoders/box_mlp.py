@@ -21,8 +21,7 @@ from gril_jax.errors import ConfigError, ShapeError, require_at_least
 from gril_jax.types import SceneGraph
 
 from .box_features import blank, history_features, last_frame
-from .message_passing import Params
-from .pooling import weighted_pool
+from .message_passing import Params, weighted_pool
 
 
 @jax.tree_util.register_static

@@ -79,10 +79,9 @@ def apply(
     `robot_messages`.
 
     Args:
-      params: from `init`, with the same config.
+      params, config: from `init`, with the same config.
       graph: from `gril_jax.graphs.scene_graph`; its edge order is taken as given there. For
         `PixelConfig` RGB frames in [0, 1].
-      config: static choices.
       alpha: weight of an active node in the pooling (Eq. 3); may be traced. Only the paper's
         encoder uses it.
       form: of `node_embeddings`.

@@ -33,8 +33,7 @@ from gril_jax.types import SceneGraph
 
 from .box_features import blank, history_features, last_frame
 from .dense_messages import sum_messages
-from .message_passing import Form, Params
-from .pooling import node_weights, weighted_pool
+from .message_passing import Form, Params, node_weights, weighted_pool
 
 
 @jax.tree_util.register_static

@@ -78,12 +78,9 @@ class PPO(Agent):
         self.static = static
         super().__init__(env, reward, static, static.num_epochs * (static.num_minibatches + 1))
         self.networks = networks.make_ppo_networks(
-            self.observation_size,
-            env.action_size,
-            preprocess_observations_fn=normalize,
-            policy_hidden_layer_sizes=static.hidden,
-            value_hidden_layer_sizes=static.hidden,
-        )
+            self.observation_size, env.action_size, preprocess_observations_fn=normalize,
+            policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,
+        )  # fmt: skip
         self._make_policy = networks.make_inference_fn(self.networks)
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
@@ -91,14 +88,9 @@ class PPO(Agent):
         key, key_weights, envs = self._begin(key)
         both = self.networks.policy_network, self.networks.value_network
         params = losses.PPONetworkParams(*fresh_weights(key_weights, *both))
-        return TrainState(
-            params=params,
-            optimiser=_optimiser(hyper, 0.0).init(params),
-            normalizer=fresh_normalizer(self.observation_size),
-            envs=envs,
-            key=key,
-            updates=jnp.zeros((), jnp.int32),
-        )
+        moments, updates = _optimiser(hyper, 0.0).init(params), jnp.zeros((), jnp.int32)
+        normalizer = fresh_normalizer(self.observation_size)
+        return TrainState(params, moments, normalizer, envs, key, updates)
 
     def policy(self, state: TrainState) -> Policy:
         """The part of the state that acting needs."""

@@ -92,25 +92,19 @@ class SAC(Agent):
         super().__init__(env, reward, static, 1 + static.updates_per_step)
         _check(static, self.episodes)
         self.networks = networks.make_sac_networks(
-            self.observation_size,
-            env.action_size,
-            preprocess_observations_fn=normalize,
+            self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             hidden_layer_sizes=static.hidden,
             activation=linen.swish,  # as in PPO, so that policies are exported alike
-        )
+        )  # fmt: skip
         self._make_policy = networks.make_inference_fn(self.networks)
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
         """Initial weights, an empty replay, and environments at random times of an episode."""
         key, key_weights, envs = self._begin(key)
-        return TrainState(
-            learned=sac_loss.begin(self.networks, key_weights, hyper),
-            normalizer=fresh_normalizer(self.observation_size),
-            replay=replay.init(self._row(envs.running), self.static.replay_size),
-            envs=envs,
-            key=key,
-            updates=jnp.zeros((), jnp.int32),
-        )
+        learned = sac_loss.begin(self.networks, key_weights, hyper)
+        normalizer = fresh_normalizer(self.observation_size)
+        stored = replay.init(self._row(envs.running), self.static.replay_size)
+        return TrainState(learned, normalizer, stored, envs, key, jnp.zeros((), jnp.int32))
 
     def policy(self, state: TrainState) -> Policy:
         """The part of the state that acting needs."""

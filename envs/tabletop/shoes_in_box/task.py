@@ -45,16 +45,10 @@ _ROOM = (model.BOX_HALF[0], model.HINGE[1] + model.LIP[1] + 0.006)
 def task() -> Task:
     """The task; `shoes_in_box` makes the environment."""
     return Task(
-        things=("box", "lid", "shoe A", "shoe B"),
-        stages=("lid open", "shoe A in", "shoe B in"),
-        scene=model.scene(),
-        home=_HOME,
-        start=_start,
-        boxes=_boxes,
-        progress=_progress,
-        episode_length=300,
-        by_boxes=stages.stages,
-    )
+        things=("box", "lid", "shoe A", "shoe B"), stages=("lid open", "shoe A in", "shoe B in"),
+        scene=model.scene(), home=_HOME, start=_start, boxes=_boxes, progress=_progress,
+        episode_length=300, by_boxes=stages.stages,
+    )  # fmt: skip
 
 
 def shoes_in_box(*, varied_starts: float = 0.0, **options) -> Tabletop:
