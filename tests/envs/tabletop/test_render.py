@@ -5,7 +5,7 @@ import importlib
 import jax
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop import camera as cameras
+from gril_jax.envs.tabletop import boxes as cameras
 from gril_jax.envs.tabletop import demonstrations as detector
 from gril_jax.envs.tabletop import render as rendering
 
