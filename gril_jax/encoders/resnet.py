@@ -2,7 +2,8 @@
 
 The trunk is that of He et al. (CVPR 2016) as torchvision builds it, 11,176,512 parameters; the
 head has 512 x 32 + 32. Frames are RGB in [0, 1], without normalisation by ImageNet's mean. Shapes
-use D for the latent; frames may have any leading axes, such as (B, T), and any size (XIRL: 112).
+use B or V for videos, T or F for their frames, P for a frame's side and D for the latent; frames
+may have any leading axes, such as (B, T), and any size (XIRL: 112).
 
 Batch normalisation makes training differ from use: `apply` normalises by running statistics, one
 frame like another; `apply_train` by those of the frames it is given, and returns parameters with

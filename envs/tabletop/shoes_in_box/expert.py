@@ -120,19 +120,17 @@ def shows(
     number, opened = int(inside.sum()), bool((lid > _OPENED).any())
     lifted = shoes[:, :, 2].max(axis=0) > _OFF_TABLE
     away = np.linalg.norm(shoes[-1, :, :2] - shoes[0, :, :2], axis=1)
-    if kind == "lid only":
-        return bool(lid[-1] > _OPENED) and number == 0 and not lifted.any()
-    if kind == "one shoe":
-        return opened and number == 1 and not lifted[~inside].any()
-    if kind == "shoe outside":
-        down = shoes[-1, ~inside, 2] < _OFF_TABLE
-        return opened and number == 1 and bool(lifted.all() and down.all())
-    if kind == "lid closed again":
-        return opened and bool(lid[-1] < _SHUT)
-    if kind == "wrong order":
-        over = np.linalg.norm(shoes[:, :, :2] - box, axis=2) < model.BOX_HALF[0]
-        on = over & (shoes[:, :, 2] > _ON_LID[0]) & (shoes[:, :, 2] < _ON_LID[1])
-        return bool((on & (lid < _SHUT)[:, None]).any())
-    if kind == "shoe knocked away":
-        return number == 1 and not lifted[~inside].any() and bool((away[~inside] > _FAR).all())
-    return kind == "stops early"
+    down = (shoes[-1, ~inside, 2] < _OFF_TABLE).all()
+    left = number == 1 and not lifted[~inside].any()  # the other shoe was not taken
+    over = np.linalg.norm(shoes[:, :, :2] - box, axis=2) < model.BOX_HALF[0]
+    on_lid = over & (shoes[:, :, 2] > _ON_LID[0]) & (shoes[:, :, 2] < _ON_LID[1])
+    marks = {
+        "lid only": lid[-1] > _OPENED and number == 0 and not lifted.any(),
+        "one shoe": opened and left,
+        "shoe outside": opened and number == 1 and lifted.all() and down,
+        "lid closed again": opened and lid[-1] < _SHUT,
+        "stops early": True,
+        "wrong order": (on_lid & (lid < _SHUT)[:, None]).any(),
+        "shoe knocked away": left and (away[~inside] > _FAR).all(),
+    }
+    return bool(marks[kind])
