@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.magical.expert import ways
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from jaxtyping import Array, Bool, Float, Int
 
+from . import ways
 from .plans import Job, Plan
 
 GO, DOCK, CLOSE, CARRY, OPEN, BACK = range(6)
