@@ -25,10 +25,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 Points = Float[Array, "N 2"]
-Holds = Callable[[Points, Points], Bool[Array, ""]]
-Place = Callable[[PRNGKeyArray, Points, Points], Points]
-Score = Callable[["Stages", Points, Points], Float[Array, ""]]
-Sizes = Callable[[Points, Points], Points]
 Allowed = Callable[[Points], Bool[Array, ""]]
 
 _CANDIDATES = 64
@@ -42,9 +38,9 @@ class Stage:
     """Description, such as "green star in the region"."""
     moves: tuple[int, ...]
     """Indices of the objects whose motion brings it about."""
-    holds: Holds
+    holds: Callable[[Points, Points], Bool[Array, ""]]
     """(centre, size) -> True if it is done."""
-    place: Place
+    place: Callable[[PRNGKeyArray, Points, Points], Points]
     """(key, centre, size) -> centres at which it holds clearly, only `moves` changed."""
     required_before: tuple[str, ...] = ()
     """Stages that must be done first, all of them declared earlier."""
@@ -63,13 +59,13 @@ class Stages:
     """Objects that the robot can move."""
     half_extent: float
     """Boxes lie within |x|, |y| <= this."""
-    score: Score
+    score: Callable[["Stages", Points, Points], Float[Array, ""]]
     """(stages, centre, size) -> true progress from 0 to 1, which is success."""
     faults: tuple[Stage, ...] = ()
     """Faults: what the robot can do wrong, stated like the stages."""
     robots: tuple[int, ...] = ()
     """Objects that belong to the robot."""
-    sizes: Sizes = lambda center, size: size
+    sizes: Callable[[Points, Points], Points] = lambda center, size: size
     """(centre, size at the start) -> sizes of the boxes there, differentiable; a lid, for example,
     has another box when it is open."""
 
@@ -117,13 +113,7 @@ class Stages:
             center = jnp.where(want, stage.place(key_in, center, size), out)
         return center
 
-    def astray(
-        self,
-        key: PRNGKeyArray,
-        stage: Stage,
-        center: Points,
-        size: Points,
-    ) -> Points:
+    def astray(self, key: PRNGKeyArray, stage: Stage, center: Points, size: Points) -> Points:
         """Moves the objects of a stage anywhere on the plane where it does not hold."""
         allowed = lambda c: ~stage.holds(c, size)  # noqa: E731
         keys = jax.random.split(key, len(stage.moves))

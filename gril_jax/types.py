@@ -7,7 +7,7 @@ Positions and sizes are in world units, never in pixels, so that videos with dif
 from typing import NamedTuple
 
 import jraph
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, UInt8
 
 
 class Nodes(NamedTuple):
@@ -35,4 +35,11 @@ class DemoBatch(NamedTuple):
     label: Int[Array, "B N"]
     is_robot: Bool[Array, "B N"]
     present: Bool[Array, "B N"]
+    length: Int[Array, "B"]  # frames before padding, at least 1
+
+
+class VideoBatch(NamedTuple):
+    """Videos of square frames, padded to a common length with their last frame."""
+
+    frames: UInt8[Array, "B T P P 3"]  # RGB; x to the right, y upwards
     length: Int[Array, "B"]  # frames before padding, at least 1

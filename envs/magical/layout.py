@@ -90,8 +90,13 @@ def place_robot(
     """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere or a
     little before a point and about `facing` it. Returns it, and True if there was none."""
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
-    if facing is not None:
-        poses = _before(poses, facing)
+    if facing is not None:  # around it, from candidates with x and y in [-1, 1]
+        nearest, furthest, aside = _FACING
+        angle = poses[:, 2]
+        away = nearest + (furthest - nearest) * (poses[:, :1] + 1.0) / 2
+        ahead = jnp.stack([-jnp.sin(angle), jnp.cos(angle)], axis=1)  # a robot's y axis
+        turn = angle[:, None] + aside * poses[:, 1:2]
+        poses = jnp.concatenate([facing - away * ahead, turn], axis=1)
     points = turned(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
     free = (jnp.abs(points) < arena).all(axis=(1, 2))
     if goal is not None:
@@ -100,15 +105,6 @@ def place_robot(
         apart = jnp.sum((points[:, :, None] - blocks[:, :2]) ** 2, axis=-1)
         free &= (apart > radii**2).all(axis=(1, 2))
     return poses[jnp.argmax(free)], ~free.any()
-
-
-def _before(unit: Float[Array, "C 3"], point: Float[Array, "2"]) -> Float[Array, "C 3"]:
-    """Poses around a point, from candidates with x and y in [-1, 1]."""
-    nearest, furthest, aside = _FACING
-    angle = unit[:, 2]
-    away = nearest + (furthest - nearest) * (unit[:, :1] + 1.0) / 2
-    forward = jnp.stack([-jnp.sin(angle), jnp.cos(angle)], axis=1)  # a robot's y axis
-    return jnp.concatenate([point - away * forward, angle[:, None] + aside * unit[:, 1:2]], axis=1)
 
 
 def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena: float) -> Layout:

@@ -10,18 +10,13 @@ from gril_jax.envs.planar.robots import Robot
 
 BACKGROUND = (231, 231, 234)  # outside the arena
 FLOOR, GREY, GREY_RIM = (255, 255, 255), (162, 163, 175), (144, 145, 159)
-FILL = {
-    "green": (195, 208, 130), "blue": (135, 185, 211), "yellow": (254, 213, 123),
-    "red": (245, 129, 165),
-}  # fmt: skip
-RIM = {
-    "green": (183, 198, 105), "blue": (110, 170, 202), "yellow": (254, 201, 86),
-    "red": (243, 94, 141),
-}  # fmt: skip
-GOAL_FILL = {  # half as saturated as the blocks
-    "green": (224, 231, 191), "blue": (195, 220, 233), "yellow": (254, 234, 189),
-    "red": (250, 192, 210),
-}  # fmt: skip
+_SHADES = {  # of a block, of the line around it, and of the region: half as saturated
+    "green": ((195, 208, 130), (183, 198, 105), (224, 231, 191)),
+    "blue": ((135, 185, 211), (110, 170, 202), (195, 220, 233)),
+    "yellow": ((254, 213, 123), (254, 201, 86), (254, 234, 189)),
+    "red": ((245, 129, 165), (243, 94, 141), (250, 192, 210)),
+}
+FILL, RIM, GOAL_FILL = ({c: shades[k] for c, shades in _SHADES.items()} for k in range(3))
 FLOOR_WIDTH, GOAL_WIDTH, GOAL_DASH, BODY_WIDTH = 2, 4, 10, 1  # pixels of a 384-pixel picture
 ROBOT_RADIUS = 0.2
 EYE, EYE_RADIUS, PUPIL_RADIUS = (0.08, 0.06), 0.04, 0.024  # the right eye, in the robot's frame

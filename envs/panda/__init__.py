@@ -1,1 +1,1 @@
-"""A Franka Panda arm: model, kinematics, control."""
+"""A Franka Panda arm: model, kinematics and control."""

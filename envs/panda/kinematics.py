@@ -1,4 +1,4 @@
-"""Kinematics of the Franka Panda: hand pose, velocities, and joints that reach a pose.
+"""Kinematics of the Franka Panda, joints that reach a pose, and the controller of its servos.
 
 Numbers are those that the maker publishes in its robot description (`franka_description`). The base
 is at the origin, x points forward, y to the robot's left, z up; lengths are metres, angles rad.
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .frames import Frame, small_turn
+from .frames import Frame, about_z, small_turn
 
 LINK_OFFSETS = (
     (0.0, 0.0, 0.333), (0.0, 0.0, 0.0), (0.0, -0.316, 0.0), (0.0825, 0.0, 0.0),
@@ -31,6 +31,12 @@ JOINT_SPEED = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # larges
 # Shares of the way to the posture of rest; two steps are enough for the motion of a control step.
 _PULLS = (0.1, 0.0)
 _DAMPING = 0.03  # of the least squares: a singular arm moves less instead of wildly
+
+ACTION_NAMES = ("x", "y", "z", "yaw", "gripper")
+GRIP_RANGE = (-0.01, 0.04)  # aims of a finger, metres; below 0 it presses
+MOVE_STEP, TURN_STEP = 0.025, 0.1  # metres, rad a control step
+_DOWN = np.array([1.0, -1.0, -1.0], np.float32)  # axes of a hand that points down at yaw 0
+_LEASH = 0.3  # rad; more than this ahead of a blocked joint no aim runs, all torque is used by then
 
 
 def _links(q: Float[Array, "7"]) -> tuple[Float[Array, "7 3"], Float[Array, "7 3"], Frame]:
@@ -108,3 +114,35 @@ def reach(q: Float[Array, "7"], goal: Frame, *, rest: Float[Array, "7"]) -> Floa
             weights = jax.scipy.linalg.solve(square, missing - rows @ wish, assume_a="pos")
             q = jnp.clip(q + wish + weights @ rows, low, high)
     return q
+
+
+def aim(
+    target: Float[Array, "8"],
+    q: Float[Array, "7"],
+    action: Float[Array, "5"],
+    *,
+    rest: Float[Array, "7"],
+    dt: float,
+) -> Float[Array, "8"]:
+    """The servos' next targets: seven joints (rad) and the opening of a finger (metres).
+
+    Action (5,): the tool centre point's x, y, z (25 mm a step, world axes) and yaw about the
+    vertical (0.1 rad); the hand points straight down. It is ManiSkill's pd_ee_delta_pose without
+    tilts, and slower because the real arm could not follow. The last number is the gripper: -1
+    closes it and presses, 1 opens it to 8 cm. Aims move from the last aims, not from the measured
+    joints, so that a resting action holds the arm still.
+
+    `target` are the last ones, `q` the measured joints; the action is in [-1, 1]. Where the hand
+    leaves it free, the arm keeps near to its posture of rest. In the `dt` seconds of a control step
+    no aim moves further than its joint can.
+    """
+    arm, now = target[:7], tcp(target[:7])
+    yaw = jnp.arctan2(now.rotation[1, 0], now.rotation[0, 0]) + TURN_STEP * action[3]
+    goal = Frame(now.position + MOVE_STEP * action[:3], about_z(yaw) * _DOWN)
+    wanted = reach(arm, goal, rest=rest)
+    limit = JOINT_SPEED * dt
+    wanted = arm + jnp.clip(wanted - arm, -limit, limit)
+    wanted = jnp.clip(wanted, q - _LEASH, q + _LEASH)
+    wanted = jnp.clip(wanted, *JOINT_RANGE.T)
+    low, high = GRIP_RANGE
+    return jnp.concatenate([wanted, low + (high - low) * (action[-1:] + 1) / 2])

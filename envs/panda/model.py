@@ -13,7 +13,6 @@ left finger; the right one mirrors it.
 import numpy as np
 
 from . import kinematics
-from .control import GRIP_RANGE
 
 DOFS = 9  # seven joints and two fingers
 PADS = ("left_pad", "right_pad")
@@ -132,7 +131,7 @@ def _servo(joint: str, kp: int, kv: int, torque: int, aims) -> str:
 _NAMES = (f"joint{link}" for link in range(1, 8))
 _GAINS = zip(_NAMES, _KP, _KV, _TORQUE, kinematics.JOINT_RANGE, strict=True)
 ACTUATORS = "".join(_servo(*gains) for gains in _GAINS)
-ACTUATORS += _servo("left_finger", 350, 10, 200, GRIP_RANGE)
+ACTUATORS += _servo("left_finger", 350, 10, 200, kinematics.GRIP_RANGE)
 # The right finger mirrors the left one.
 EQUALITY = (
     '<joint joint1="left_finger" joint2="right_finger" solref="0.005 1" solimp="0.95 0.99 0.001"/>'

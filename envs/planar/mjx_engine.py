@@ -144,15 +144,10 @@ class MjxPhysics:
         x, y = -mass * arm.y.sum(), mass * arm.x.sum()  # how turning pulls at x and y
         yaw_yaw = self._base.inertia + 2 * turn + mass * arm.dot(arm).sum()
         finger = turn + planar_model.finger_armature(self.dt)
-        return jnp.array(
-            [
-                [whole, 0.0, x, 0.0, 0.0],
-                [0.0, whole, y, 0.0, 0.0],
-                [x, y, yaw_yaw, turn, turn],
-                [0.0, 0.0, turn, finger, 0.0],
-                [0.0, 0.0, turn, 0.0, finger],
-            ]
-        )
+        return jnp.array([
+            [whole, 0.0, x, 0.0, 0.0], [0.0, whole, y, 0.0, 0.0], [x, y, yaw_yaw, turn, turn],
+            [0.0, 0.0, turn, finger, 0.0], [0.0, 0.0, turn, 0.0, finger],
+        ])  # fmt: skip
 
     def _ranges(self, place: Float[Array, "Q"], shapes: BlockShape) -> Float[Array, "Q 2"]:
         """Joint ranges for walls and stops at the bodies' present angles."""

@@ -5,25 +5,72 @@ position *is* the pose. A finger hangs on one hinge at its pivot, which is its c
 the original simulator. The table is friction loss on the blocks' joints, the walls are joint limits
 (the caller sets both each substep: they depend on how a body moves and is turned), and contacts are
 an explicit list of pairs with the friction coefficient that Chipmunk would use: the product of both
-surfaces'. MuJoCo alone would take the larger of the two.
+surfaces'. MuJoCo alone would take the larger. MJX collides spheres and capsules in closed form, so
+a few of them stand for each outline: flush with it along its edges, rounded at its corners.
 """
+
+import math
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from . import capsules as planar_capsules
 from . import robots, shapes
-from .capsules import Capsule
 from .joints import FINGER_RATE
 from .physics import BLOCK_FRICTION, BLOCK_MASS
 
 FINGER_TORQUE = 4.0  # largest, of the original's finger motors
 TABLE_FORCE, TABLE_TORQUE = 1.5, 0.1  # most that the original's table resists a block with
+FINGER_RADIUS = 0.025  # half a finger's thickness
+_RADIUS = 0.04  # rounds a polygon's corners by at most 0.02; a star's notches are near the true
 _MAX_CONTACTS = 16  # that a substep resolves; the deepest count
 # MuJoCo's contacts are springs whose stiffness scales with the lighter body's mass, so a gripped
 # block of 0.01 would be pierced. At this impedance it yields by 0.005 at the largest grip.
 _HARD = "0.999 0.999 0.01"
+
+
+class Capsule(NamedTuple):
+    """All points within `radius` of a segment; a disc if the segment's ends are one point."""
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+    radius: float
+
+
+def disc_capsules(radius: float) -> tuple[Capsule, ...]:
+    """A disc around the origin."""
+    return (Capsule((0.0, 0.0), (0.0, 0.0), radius),)
+
+
+def block_capsules(name: str) -> tuple[Capsule, ...]:
+    """Capsules of a block, one of `shapes.SHAPES`, in its own frame (arena units)."""
+    if name == "circle":
+        return disc_capsules(shapes.SIZE)
+    corners = shapes.outline(name)
+    size = np.linalg.norm(corners[0])
+    if name == "star":  # from its centre to its tips
+        ends = corners[::2] * (1 - _RADIUS / size)
+        return tuple(Capsule((0.0, 0.0), (*end,), _RADIUS) for end in ends)
+    # Along the edges, their outer sides flush with them.
+    inner = corners * (1 - _RADIUS / (size * math.cos(math.pi / len(corners))))
+    pairs = zip(inner, np.roll(inner, -1, axis=0), strict=True)
+    return tuple(Capsule((*a,), (*b,), _RADIUS) for a, b in pairs)
+
+
+def finger_capsules(part: robots.Part) -> tuple[Capsule, ...]:
+    """Capsules of a gripper's finger, upper arm then forearm, in its pivot's frame.
+
+    The forearm is bent about the outer corner of the elbow, so the middle lines of both arms meet
+    nearly, not quite. The elbow stands out by 0.002.
+    """
+    _, fore = part.boxes
+    along = np.array([-math.sin(fore.angle), math.cos(fore.angle)])
+    middle, half = np.array(fore.center), fore.half[1]
+    elbow = middle - half * along
+    wrist = middle + (half - FINGER_RADIUS) * along
+    upper = Capsule((0.0, 0.0), (0.0, elbow[1]), FINGER_RADIUS)
+    return upper, Capsule((*elbow,), (*wrist,), FINGER_RADIUS)
 
 
 def finger_armature(timestep: float) -> float:
@@ -94,18 +141,18 @@ def build(blocks: tuple[str, ...], *, timestep: float, iterations: int) -> mujoc
     contact solver.
     """
     base, *fingers = robots.robot("gripper").parts
-    names, inner = _geoms("robot", planar_capsules.disc(base.radius))
+    names, inner = _geoms("robot", disc_capsules(base.radius))
     surfaces = [(names, base.friction)]
     for side, part in enumerate(fingers):
         name = ("left_finger", "right_finger")[side]
-        names, geoms = _geoms(name, planar_capsules.finger(part))
+        names, geoms = _geoms(name, finger_capsules(part))
         surfaces.append((names, part.friction))
         inner += _finger(name, side, part, geoms, timestep)
     bodies = _free_planar("robot", _inertial(base.mass, base.inertia), (0.0, 0.0), inner)
     index = jnp.array([shapes.SHAPES.index(shape) for shape in blocks], jnp.int32)
     inertias = 1.0 / np.asarray(shapes.blocks(index).inverse_inertia, np.float64)
     for i, (shape, inertia) in enumerate(zip(blocks, inertias, strict=True)):
-        names, geoms = _geoms(f"block_{i}", planar_capsules.block(shape))
+        names, geoms = _geoms(f"block_{i}", block_capsules(shape))
         surfaces.append((names, BLOCK_FRICTION))
         inertial = _inertial(BLOCK_MASS, inertia)
         bodies += _free_planar(f"block_{i}", inertial, (TABLE_FORCE, TABLE_TORQUE), geoms)

@@ -121,12 +121,7 @@ class Physics:
         return jnp.stack([layer.gap.min() for layer in found]).min()
 
     def settle(
-        self,
-        pose: Float[Array, "E 3"],
-        velocity: Float[Array, "E 3"],
-        shapes: BlockShape,
-        strengths: Strengths,
-        command: Command,
+        self, pose, velocity, shapes: BlockShape, strengths: Strengths, command: Command
     ) -> Float[Array, "I"]:
         """The memory of a scene that `command` has just brought to these poses and velocities."""
         before, motion = pose - self.dt * velocity, self._motions(velocity)
@@ -179,12 +174,8 @@ class Physics:
             layers.extend(_Layer(rows, kind, which) for rows in made)
 
         for p, part in enumerate(self.robot.parts):
-            at, heavy, rough = (
-                _only(parts, p),
-                _only(self._parts, p),
-                part.friction * BLOCK_FRICTION,
-            )
-            contacts = touching.with_part(part, at, shapes, blocks)
+            at, rough = _only(parts, p), part.friction * BLOCK_FRICTION
+            contacts, heavy = touching.with_part(part, at, shapes, blocks), _only(self._parts, p)
             add("part", p, contacts, rough, heavy, blocks.center - at.center, light)
         for k, found in enumerate(touching.between_blocks(shapes, blocks), start=1):
             second, center = jax.tree.map(lambda f, k=k: jnp.roll(f, -k), (light, blocks.center))
@@ -218,22 +209,17 @@ class Physics:
             parts, blocks = fence(_kicked(layer, step, parts, blocks))
             contacts.append(new)
 
-        dt, light, s = self.dt, self._blocks(shapes), strengths
-        table = jointing.hold(
-            blocks.push, blocks.spin, impulses.table, light, s.table * dt, s.table_turn * dt
-        )
-        blocks = _served(blocks, jax.tree.map(jnp.subtract, table, impulses.table), light)
-        base = _only(parts, 0)
-        drive = jointing.drive(
-            base.push, base.spin, impulses.drive, aim, self._base, s.drive * dt, s.turn * dt
-        )
-        change = jax.tree.map(jnp.subtract, drive, impulses.drive)
+        light, s = self._blocks(shapes), Strengths(*(force * self.dt for force in strengths))
+        given = impulses.table
+        table = jointing.hold(blocks.push, blocks.spin, given, light, s.table, s.table_turn)
+        blocks = _served(blocks, jax.tree.map(jnp.subtract, table, given), light)
+        base, given = _only(parts, 0), impulses.drive
+        drive = jointing.drive(base.push, base.spin, given, aim, self._base, s.drive, s.turn)
+        change = jax.tree.map(jnp.subtract, drive, given)
         parts = _with_base(parts, _served(base, change, self._base))
-        fingers = impulses.fingers
+        fingers, moving = impulses.fingers, (parts.push, parts.spin)
         if fingers is not None:
-            push, spin, fingers = jointing.fingers(
-                parts.push, parts.spin, fingers, aim, self._parts, s.finger * dt
-            )
+            push, spin, fingers = jointing.fingers(*moving, fingers, aim, self._parts, s.finger)
             parts = parts._replace(push=push, spin=spin)
         return (parts, blocks), _Impulses(contacts, table, drive, fingers)
 
@@ -264,10 +250,6 @@ class Physics:
         return kept._replace(contacts=[Impulse(*j, 0.0 * j[0]) for j in kept.contacts])
 
 
-def _plus(a: Motion, b: Motion) -> Motion:
-    return jax.tree.map(jnp.add, a, b)
-
-
 def _only(bodies, which):
     """The motions, places or weights of some of several bodies."""
     return type(bodies)(*(f[which] for f in bodies))
@@ -295,16 +277,17 @@ def _sides(layer: _Layer, parts: Motion, blocks: Motion) -> tuple[Motion | None,
 def _kicked(layer: _Layer, j: Impulse, parts: Motion, blocks: Motion) -> tuple[Motion, Motion]:
     """Motions after a layer's impulses."""
     first, second = kick(layer.rows, j)
+    plus = functools.partial(jax.tree.map, jnp.add)
     if layer.kind == "part":
         at = (np.arange(len(parts.spin)) == layer.which).astype(np.float32)
         push = jax.tree.map(lambda all_, one: all_ + at * one.sum(), parts, first)
-        return push, _plus(blocks, second)
+        return push, plus(blocks, second)
     if layer.kind == "blocks":
         second = jax.tree.map(lambda f: jnp.roll(f, layer.which), second)
-        return parts, _plus(_plus(blocks, first), second)
+        return parts, plus(plus(blocks, first), second)
     if layer.kind == "part walls":
-        return _plus(parts, second), blocks
-    return parts, _plus(blocks, second)
+        return plus(parts, second), blocks
+    return parts, plus(blocks, second)
 
 
 def _stacked(*motions: tuple[Vec, Array]) -> Float[Array, "E 3"]:

@@ -63,8 +63,7 @@ def _finger(side: int) -> Part:
     inner_elbow = np.array([-side * _THICKNESS / 2, _ARM])
     # Where the inner sides of both arms meet: the forearm's inner side dips into the upper arm.
     start = elbow + inward * _THICKNESS
-    share = (inner_elbow[0] - start[0]) / along[0]
-    crook = start + share * along
+    crook = start + (inner_elbow[0] - start[0]) / along[0] * along
     root = _THICKNESS / 2 * np.array([[-side, 0.0], [side, 0.0]])
     outline = np.array([root[1], elbow, tips[0], tips[1], crook, root[0]])
     corners = np.array([elbow, tips[0], tips[1]])

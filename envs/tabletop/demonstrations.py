@@ -2,8 +2,9 @@
 
 The expert plays in C MuJoCo at the control rate, and each moment is a frame. World units are those
 of the picture: half its width, so that `half_extent` is 1 and the middle of a frame is (0, 0), y
-up. Boxes are those of the visible pixels: a thing that is partly hidden has a smaller box, one that
-is wholly hidden keeps its last.
+up. The detector reads which thing each pixel shows, so that it sees no more than a camera: a thing
+that is partly hidden has a smaller box, one that is wholly hidden keeps its last. Shapes use T for
+frames, N for things and P for a picture's pixels along one side.
 """
 
 import functools
@@ -13,8 +14,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 from gril_jax.envs.base import Demonstrations, Episode, ExpertError, Film, State, Wanted
+from jaxtyping import Bool, Float32, Int8
 
-from . import detector
 from .recorded import Run
 from .render import Renderer
 from .task import Tabletop
@@ -23,6 +24,14 @@ JITTER = {"demo": 0.0, "jitter": 0.5, "layout": 1.0}  # of starts, by `Wanted.pl
 _BATCH = 32  # starts drawn at once
 _PATIENCE = 4  # episodes played for each that is wanted, at most
 _PIXELS = 256
+
+
+class Sightings(NamedTuple):
+    """Detected boxes of N objects, of one frame or of T."""
+
+    center: Float32[np.ndarray, "*T N 2"]  # middles
+    size: Float32[np.ndarray, "*T N 2"]  # widths and heights; above 0 where seen
+    seen: Bool[np.ndarray, "*T N"]
 
 
 class Expert(NamedTuple):
@@ -101,12 +110,50 @@ def _films(env: Tabletop, renderer: Renderer, runs: list[Run]) -> Iterator[Film]
     try:
         for run in runs:
             pictures = [renderer.picture(qpos, run.fixtures) for qpos in run.qpos]
-            seen = detector.stacked([detector.detect(p.thing, len(env.classes)) for p in pictures])
-            never = np.flatnonzero(~seen.seen.any(axis=0))
-            if len(never):
-                raise ExpertError(
-                    f"{env.classes[never[0]]!r} is not to be seen in any of {len(pictures)} frames"
-                )
-            yield Film(np.stack([p.frame for p in pictures]), *detector.carried(seen))
+            seen = stacked([detect(p.thing, len(env.classes)) for p in pictures])
+            yield Film(np.stack([p.frame for p in pictures]), *carried(seen, env.classes))
     finally:
         renderer.close()
+
+
+def detect(thing: Int8[np.ndarray, "P P"], count: int, *, least: int = 4) -> Sightings:
+    """The boxes of the visible pixels of `count` things; one with fewer than `least` is not seen.
+
+    `thing` is the index of what each pixel shows, row 0 on top; below 0 for none.
+    """
+    pixels = len(thing)
+    low, high = np.zeros((2, count, 2), np.float32)
+    seen = np.zeros(count, bool)
+    for index in range(count):
+        mask = thing == index
+        if np.count_nonzero(mask) < least:
+            continue
+        columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
+        low[index] = columns[0], pixels - 1 - rows[-1]
+        high[index] = columns[-1] + 1, pixels - rows[0]
+        seen[index] = True
+    scale = np.float32(2 / pixels)
+    center = np.where(seen[:, None], (low + high) / 2 * scale - 1, 0).astype(np.float32)
+    return Sightings(center, (high - low) * scale, seen)
+
+
+def stacked(frames: list[Sightings]) -> Sightings:
+    """Stacks the frames of one video, in order."""
+    return Sightings(*(np.stack(parts) for parts in zip(*frames, strict=True)))
+
+
+def carried(seen: Sightings, names: tuple[str, ...]) -> Sightings:
+    """Fills unseen frames with the last box; frames before the first sighting get the first box.
+
+    Raises:
+      ExpertError: a thing, by its name, is seen in no frame.
+    """
+    never = np.flatnonzero(~seen.seen.any(axis=0))
+    if len(never):
+        name = names[never[0]]
+        raise ExpertError(f"{name!r} is not to be seen in any of {len(seen.seen)} frames")
+    times = np.where(seen.seen, np.arange(len(seen.seen))[:, None], -1)
+    source = np.maximum.accumulate(times)
+    source = np.where(source < 0, seen.seen.argmax(axis=0), source)[..., None]
+    center, size = (np.take_along_axis(x, source, axis=0) for x in (seen.center, seen.size))
+    return Sightings(center, size, seen.seen)

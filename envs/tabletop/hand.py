@@ -10,8 +10,7 @@ import jax
 import mujoco
 import numpy as np
 from gril_jax.envs.base import State
-from gril_jax.envs.panda import control, kinematics
-from gril_jax.envs.panda.control import MOVE_STEP, TURN_STEP
+from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda.frames import Frame
 from gril_jax.envs.tabletop.task import Tabletop
 from jaxtyping import Float
@@ -92,7 +91,8 @@ class Hand:
             if there or self.steps - since >= _PATIENCE:
                 return
             share = min(1.0, step / max(distance, 1e-9))
-            self.act(np.array([*(gap * share / MOVE_STEP), turn / TURN_STEP, self.grip]))
+            move = gap * share / kinematics.MOVE_STEP
+            self.act(np.array([*move, turn / kinematics.TURN_STEP, self.grip]))
 
     def close(self) -> None:
         """Closes the gripper."""
@@ -111,7 +111,7 @@ _tool = jax.jit(lambda target: kinematics.tcp(target[:7]))
 @functools.partial(jax.jit, static_argnames="dt")
 def _aim(target, arm, action, rest, dt):
     """The controller's aims, and what they make of the tool centre point."""
-    target = control.aim(target, arm, action, rest=rest, dt=dt)
+    target = kinematics.aim(target, arm, action, rest=rest, dt=dt)
     return target, kinematics.tcp(target[:7])
 
 

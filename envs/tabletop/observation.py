@@ -18,13 +18,9 @@ _JOINTS = (*(f"joint {i}" for i in range(1, 8)), "opening")
 
 
 def observe(
-    motion: Motion,
-    target: Float[Array, "8"],
-    hand: Frame,
-    things: Boxes,
-    reached: Bool[Array, "K"],
-    action: Float[Array, "A"],
-) -> Float[Array, "O"]:
+    motion: Motion, target: Float[Array, "8"], hand: Frame, things: Boxes,
+    reached: Bool[Array, "K"], action: Float[Array, "A"],
+) -> Float[Array, "O"]:  # fmt: skip
     """The observation vector; `target` are the servos' aims, `hand` is the tool centre point."""
     robot = motion.qpos[: len(_JOINTS)]
     axes = jnp.concatenate([hand.rotation[:, 1], hand.rotation[:, 2]])

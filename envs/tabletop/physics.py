@@ -1,4 +1,4 @@
-"""One control step of a tabletop scene in MuJoCo MJX, from and to the few arrays that matter.
+"""The model of a tabletop scene, and a control step in MuJoCo MJX, of the few arrays that matter.
 
 What an episode must remember is joint positions and velocities and the solver's last accelerations;
 the rest of MuJoCo's data is made anew in each substep, which spares the memory of thousands of
@@ -9,9 +9,9 @@ slowly: it repeats each link's chain for each number that depends on it. There, 
 `jax.jit`'s compiler option "xla_cpu_use_fusion_emitters" to false.
 
 MuJoCo Warp, where it is installed, can take the place of MJX's own JAX code. A step of either is
-that of C MuJoCo (`saturated_servos` says what MJX needs for it); they keep other contacts when
-there are many. Warp is written for NVIDIA GPUs, where it is several times faster, runs on a CPU
-too, and has no derivatives.
+that of C MuJoCo (`constant_where_saturated` says what MJX needs for it); with many contacts they
+keep others. Warp is written for NVIDIA GPUs, where it is several times faster, runs on a CPU too,
+and has no derivatives.
 """
 
 import contextlib
@@ -22,15 +22,61 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import mujoco
-from gril_jax.envs.panda.saturated_servos import constant_where_saturated, driven
-from jaxtyping import Array, Float
+import numpy as np
+from gril_jax.envs.panda import model as panda_model
+from jaxtyping import Array, Float, Int
 
 with contextlib.redirect_stdout(io.StringIO()):  # it reports on parts that are not installed
     from mujoco import mjx
 
+TABLE = "table"
 IMPLEMENTATIONS = ("jax", "warp")
 
 _ROWS = 6  # of the solver for each contact: 4 of its pyramid, and what joints and limits need
+
+
+class Scene(NamedTuple):
+    """A task's additions to the arm and the table."""
+
+    bodies: str  # MJCF; joints of free things come after the arm's, in this order
+    pairs: tuple[tuple[str, str], ...]  # geoms that can touch
+
+
+def build(
+    scene: Scene, *, timestep: float, iterations: int, ls_iterations: int, max_contacts: int
+) -> mujoco.MjModel:
+    """Compiles a scene: the Panda, a table at z = 0, and the task's objects.
+
+    Numbers are as for `task.Tabletop`, `timestep` in s; `max_contacts` is MJX's: C MuJoCo has no
+    such cap. Contacts are an explicit list of pairs, all among planes, spheres, capsules and boxes.
+    How stiff they are decides how many Newton iterations a friction grasp needs: with the impedance
+    below 3 are enough for a scripted grasp and 2 throw the shoe away, while Playground's (0.99
+    0.995 0.01) needs 5, and 8 with `impratio` 10. A held shoe of 0.25 kg creeps 1.1 mm a second
+    with it (2.1 with 5 substeps), 0.2 with Playground's.
+    """
+    friction = 'condim="3" friction="1.0 1.0 0.005 0.0001 0.0001"'
+    pairs = "".join(f'<pair geom1="{a}" geom2="{b}" {friction}/>' for a, b in scene.pairs)
+    return mujoco.MjModel.from_xml_string(f"""
+<mujoco model="tabletop">
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="{timestep}" integrator="implicitfast" solver="Newton" cone="pyramidal"
+          iterations="{iterations}" ls_iterations="{ls_iterations}">
+    <flag eulerdamp="disable"/>
+  </option>
+  <custom><numeric name="max_contact_points" data="{max_contacts}"/></custom>
+  <default>
+    <geom contype="0" conaffinity="0"/>
+    <pair solref="0.01 1" solimp="0.95 0.99 0.005"/>
+  </default>
+  <worldbody>
+    <geom name="{TABLE}" type="plane" size="1 1 0.1"/>
+    {panda_model.body()}
+    {scene.bodies}
+  </worldbody>
+  <contact>{pairs}</contact>
+  <equality>{panda_model.EQUALITY}</equality>
+  <actuator>{panda_model.ACTUATORS}</actuator>
+</mujoco>""")
 
 
 class Motion(NamedTuple):
@@ -42,15 +88,14 @@ class Motion(NamedTuple):
 
 
 class Physics:
-    """A compiled scene: a model of `model.build`, and how many of its steps are a control step.
+    """A compiled scene: a model of `build`, and how many of its steps are a control step.
 
     `impl` is one of `IMPLEMENTATIONS`: "jax" is MJX, "warp" MuJoCo Warp. There, `worlds` are the
     most environments that are stepped together. Their contacts share one table, and those that find
     no room in it are lost; Warp says so.
 
     Raises:
-      ValueError: Warp is not installed, or the scene's servos are not as `saturated_servos.driven`
-        takes them.
+      ValueError: Warp is not installed, or the scene's servos are not as `driven` takes them.
     """
 
     def __init__(self, model: mujoco.MjModel, *, substeps: int, impl: str, worlds: int):
@@ -104,3 +149,42 @@ def _untold_of_iterations(model: mjx.Model) -> mjx.Model:
     kinds = importlib.import_module("mujoco.mjx.third_party.mujoco_warp").OverflowType
     told = model.opt._impl.warn_overflow & ~(kinds.ITERATIONS | kinds.LS_ITERATIONS)
     return model.tree_replace({"opt._impl.warn_overflow": int(told)})
+
+
+def driven(model: mujoco.MjModel) -> tuple[Int[np.ndarray, "U"], Int[np.ndarray, "U"]]:
+    """Indices of the joints that U servos each drive, among positions and among velocities.
+
+    Raises:
+      ValueError: an actuator drives something else, by a gear, or has no limit to its force.
+    """
+    joint = model.actuator_trnid[:, 0]
+    of_joints = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT).all()
+    direct = (model.actuator_gear[:, 0] == 1).all()
+    if not (of_joints and direct and model.actuator_forcelimited.all()):
+        raise ValueError("each actuator must drive a joint without a gear, its force limited")
+    return model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+
+
+def constant_where_saturated(
+    model, at, qpos: Float[Array, "Q"], qvel: Float[Array, "V"], aim: Float[Array, "U"]
+):
+    """The `mjx.Model` for a substep from `qpos` and `qvel`, its saturated servos constant forces.
+
+    The integrator "implicitfast" takes the damping of a servo (its force falls by kv for each
+    rad/s) as implicit. C MuJoCo leaves it out for a servo at the limit of its force, which does not
+    change with the speed then, and since February 2026 MuJoCo Warp does (its pull request 1149);
+    MJX (3.17) does not, so that its arm is too slow whenever it is driven hard. `at` are the joints
+    that `driven` returns, `aim` the servos' aims.
+    """
+    low, high = model.actuator_ctrlrange.T
+    control = jnp.where(model.actuator_ctrllimited, jnp.clip(aim, low, high), aim)
+    gain, bias = model.actuator_gainprm, model.actuator_biasprm
+    force = gain[:, 0] * control + bias[:, 0]
+    force += bias[:, 1] * qpos[at[0]] + bias[:, 2] * qvel[at[1]]
+    least, most = model.actuator_forcerange.T
+    saturated = ((force <= least) | (force >= most))[:, None]
+    constant = jnp.zeros_like(bias).at[:, 0].set(jnp.clip(force, least, most))
+    return model.replace(
+        actuator_gainprm=jnp.where(saturated, 0.0, gain),
+        actuator_biasprm=jnp.where(saturated, constant, bias),
+    )

@@ -18,8 +18,7 @@ from gril_jax.envs.base import State
 from gril_jax.envs.tabletop.task import Tabletop
 from jaxtyping import Float, Int8, UInt8
 
-from .boxes import Boxes
-from .camera import Camera
+from .boxes import Boxes, Camera
 
 _BACKENDS = ("egl", "osmesa")
 _FLAGS = mujoco.mjtRndFlag

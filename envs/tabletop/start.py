@@ -6,8 +6,7 @@ program: a fixed number is drawn and the first that fits is taken.
 
 Or an episode begins at a moment of a recorded one. A task of several stages is hardly ever finished
 by chance; where some episodes begin when part of it is done, each stage is met from the first
-update on (Nair et al. 2018, Salimans and Chen 2018). What is used of a recording is the simulator's
-state; nobody imitates its actions.
+update on (Nair et al. 2018, Salimans and Chen 2018). Nobody imitates its actions.
 """
 
 from typing import NamedTuple

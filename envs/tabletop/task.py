@@ -4,9 +4,9 @@ Control runs at 20 Hz over physics of 5 ms. The base of the arm is the origin, x
 y to its left, z up, and the table is at z = 0; lengths are metres. What a task adds (things,
 their starts and stages) is a `Task`: a value with a few pure functions, no class to inherit from.
 
-Actions: see `panda.control`. Observation: see `observation`.
+Actions: see `panda.kinematics.aim`. Observation: see `observation`.
 Objects: left finger, right finger, hand, then the task's; their boxes are those of whole things in
-the camera's picture (`camera`). `world_boxes` gives the same boxes in space.
+the camera's picture (`boxes`). `world_boxes` gives the same boxes in space.
 """
 
 from collections.abc import Callable
@@ -17,19 +17,17 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.base import Objects, Outline, State
 from gril_jax.envs.checks import check_counts, check_known, check_shares
-from gril_jax.envs.panda import control, kinematics
+from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.panda.frames import Frame
 from gril_jax.envs.stages import Stages
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import REWARDS, boxes, physics
-from . import camera as cameras
 from . import observation as observations
 from . import reward as rewards
 from .boxes import Boxes
-from .model import Scene, build
-from .physics import Motion
+from .physics import Motion, Scene, build
 from .reward import Progress, Record
 from .start import Moments, Start, draw_moment
 
@@ -109,8 +107,8 @@ class Tabletop:
     """
 
     control_hz = CONTROL_HZ
-    half_extent = cameras.HALF_EXTENT
-    camera = cameras.CAMERA
+    half_extent = boxes.HALF_EXTENT
+    camera = boxes.CAMERA
     background = (236, 236, 232)
 
     def __init__(
@@ -143,7 +141,7 @@ class Tabletop:
         self._varied_starts, self._moments = varied_starts, moments
         self.episode_length, self._reward = length, reward
         self.classes = (*_ROBOT, *task.things)
-        self.action_names = control.ACTION_NAMES
+        self.action_names = kinematics.ACTION_NAMES
         self.action_size = len(self.action_names)
         self.stage_names = task.stages
         self.stages = task.by_boxes(self.classes, half_extent=self.half_extent)
@@ -205,7 +203,7 @@ class Tabletop:
         """Advances one control step: 50 ms under a held aim."""
         before = state.data
         action = jnp.clip(action, -1.0, 1.0)
-        target = control.aim(
+        target = kinematics.aim(
             before.target, before.motion.qpos[:7], action,
             rest=jnp.asarray(self._home), dt=self.physics.dt,
         )  # fmt: skip
@@ -238,7 +236,7 @@ class Tabletop:
         things = self.task.boxes(view)
         progress = self.task.progress(view, things)
         data = data._replace(record=rewards.record(before.record, progress, data.time))
-        center, size = cameras.project(self.camera, self.world_boxes(data))
+        center, size = boxes.project(self.camera, self.world_boxes(data))
         count = len(self.classes)
         change = data.action - before.action
         done, success = progress.done.astype(jnp.float32), data.record.success.astype(jnp.float32)
@@ -266,7 +264,7 @@ class Tabletop:
         found = self.world_boxes(jax.tree.map(jnp.asarray, data))
         seen = [*zip(*jax.tree.map(np.asarray, found), strict=True)]
         away = [np.linalg.norm(place - np.array(self.camera.place)) for place, *_ in seen]
-        shapes = [cameras.outline(self.camera, *thing) for thing in seen]
+        shapes = [boxes.outline(self.camera, *thing) for thing in seen]
         return [
             Outline(shapes[i], _COLOURS[i % len(_COLOURS)], (30, 30, 30))
             for i in np.argsort(away)[::-1]

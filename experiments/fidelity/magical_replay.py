@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from gril_jax.envs.magical.action import from_magical
+from gril_jax.envs.magical.simulator import from_magical
 from jaxtyping import Float, Int
 
 from gril_jax import envs

@@ -106,7 +106,7 @@ def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrati
 
 def discover(
     traces: Traces, options: Options
-) -> tuple[agreement.AgreedBoundaries, Int[np.ndarray, "B M"], dict[str, Any]]:
+) -> tuple[agreement.SharedBoundaries, Int[np.ndarray, "B M"], dict[str, Any]]:
     """Boundaries on which all demonstrations agree, those that each shows alone, and the rule."""
     given = jnp.asarray(traces.reward), jnp.asarray(traces.length)
     rule: dict[str, Any] = {"prominence": options.prominence, "smoothing": options.smoothing}

@@ -17,7 +17,7 @@ from gril_jax import reward
 from gril_jax.compilation import ahead
 from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
-from gril_jax.metrics.cycles import two_way_cycle_consistency
+from gril_jax.metrics.order import two_way_cycle_consistency
 from gril_jax.pretraining import pretrain
 from gril_jax.types import DemoBatch
 

@@ -6,18 +6,6 @@ from .scene_reward import Scene, SceneReward, activity_bits, scene_reward
 from .states import FACTORS, Battery, battery, orders
 
 __all__ = [
-    "FACTORS",
-    "Audit",
-    "Battery",
-    "Found",
-    "Measures",
-    "Scene",
-    "SceneReward",
-    "activity_bits",
-    "audit",
-    "battery",
-    "measure",
-    "orders",
-    "scene_reward",
-    "search",
-]
+    "FACTORS", "Audit", "Battery", "Found", "Measures", "Scene", "SceneReward", "activity_bits",
+    "audit", "battery", "measure", "orders", "scene_reward", "search",
+]  # fmt: skip

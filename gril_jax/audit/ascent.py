@@ -16,8 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from .scene_reward import Scene, SceneReward
-from .task import StagedTask
+from .scene_reward import Scene, SceneReward, StagedTask, can_move
 
 _FIRST, _LAST = 0.15, 0.002  # length of a step, in half extents of the plane
 _LANES = 50  # ascents side by side: their activations should fit into a CPU's cache
@@ -42,69 +41,53 @@ def search(
 ) -> Found:
     """Runs many ascents from varied states around one start; one compiled program under `jax.jit`.
 
+    Each object goes the same distance along its own gradient, one axis at a time. What would leave
+    the plane is cut off, and what would achieve something is not done, so that an object slides
+    along the edge of where it would count.
+
     Args:
       reward: of one state, differentiable in its centres.
       params: the reward's parameters; may be mapped over with `jax.vmap`.
       key: consumed.
-      task: a `gril_jax.envs.stages.Stages`.
-      start: the state after a reset, with true progress 0.
-      ascents: how many; static.
-      steps: of each, getting shorter; static.
+      task, start: the state after a reset of this task, with true progress 0.
+      ascents, steps: how many, and how many steps of each, getting shorter; static.
     """
 
     def one(key):
-        return ascend(reward, params, key, task, start, steps=steps)
+        limit = task.limit(start.size)
+        scene, moves = _begin(key, task, start, limit)
+        lengths = jnp.geomspace(_FIRST, _LAST, steps) * task.half_extent
+
+        def at(center):
+            return scene._replace(center=center, size=task.sizes(center, start.size))
+
+        def value(center):
+            return reward(params, at(center))
+
+        def keep(best, center, paid):
+            better = (paid > best[1]) | ~jnp.isfinite(paid)
+            return jax.tree.map(lambda new, old: jnp.where(better, new, old), (center, paid), best)
+
+        def climb(carry, length):
+            center, best = carry
+            paid, slope = jax.value_and_grad(value)(center)
+            steepness = jnp.sqrt(jnp.sum(slope**2, axis=1, keepdims=True) + 1e-20)
+            step = jnp.where(moves[:, None] & jnp.isfinite(slope), length * slope / steepness, 0.0)
+            goal = jnp.clip(center + step, -limit, limit)
+            return (_without_progress(task, start, center, goal), keep(best, center, paid)), None
+
+        never = (scene.center, jnp.float32(-jnp.inf))
+        (_, (center, paid)), _ = jax.lax.scan(climb, (scene.center, never), lengths)
+        return Found(at(center), paid)
 
     lanes = next(n for n in range(_LANES, 0, -1) if ascents % n == 0)
     return jax.lax.map(one, jax.random.split(key, ascents), batch_size=lanes)
 
 
-def ascend(
-    reward: SceneReward,
-    params: Any,
-    key: PRNGKeyArray,
-    task: StagedTask,
-    start: Scene,
-    *,
-    steps: int,
-) -> Found:
-    """Runs one ascent; arguments are those of `search`.
-
-    Each object goes the same distance along its own gradient, one axis at a time. What would leave
-    the plane is cut off, and what would achieve something is not done, so that an object slides
-    along the edge of where it would count.
-    """
-    limit = task.limit(start.size)
-    scene, moves = _begin(key, task, start, limit)
-    lengths = jnp.geomspace(_FIRST, _LAST, steps) * task.half_extent
-
-    def at(center):
-        return scene._replace(center=center, size=task.sizes(center, start.size))
-
-    def value(center):
-        return reward(params, at(center))
-
-    def keep(best, center, paid):
-        better = (paid > best[1]) | ~jnp.isfinite(paid)
-        return jax.tree.map(lambda new, old: jnp.where(better, new, old), (center, paid), best)
-
-    def climb(carry, length):
-        center, best = carry
-        paid, slope = jax.value_and_grad(value)(center)
-        steepness = jnp.sqrt(jnp.sum(slope**2, axis=1, keepdims=True) + 1e-20)
-        step = jnp.where(moves[:, None] & jnp.isfinite(slope), length * slope / steepness, 0.0)
-        goal = jnp.clip(center + step, -limit, limit)
-        return (_without_progress(task, start, center, goal), keep(best, center, paid)), None
-
-    never = (scene.center, jnp.float32(-jnp.inf))
-    (_, (center, paid)), _ = jax.lax.scan(climb, (scene.center, never), lengths)
-    return Found(at(center), paid)
-
-
 def _begin(key, task, start, limit):
     """A random state without progress, and a mask of the objects that move."""
     keys = jax.random.split(key, 4)
-    able = jnp.array([i in (*task.movable, *task.robots) for i in range(len(start.center))])
+    able = can_move(task, start)
     share = jax.random.uniform(keys[0])
     moves = able & (jax.random.uniform(keys[1], able.shape) < share)
     anywhere = jax.random.uniform(keys[2], start.center.shape, minval=-limit, maxval=limit)

@@ -10,6 +10,7 @@ for starts, S for the states of a battery, F for factors, M for objects that can
 of a grid and A for ascents.
 """
 
+import functools
 import math
 from typing import Any, NamedTuple
 
@@ -18,10 +19,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .ascent import Found, search
-from .scene_reward import Scene, SceneReward
+from .scene_reward import Scene, SceneReward, StagedTask
 from .states import FACTORS, Battery, battery
 from .sweeps import alone, pushed
-from .task import StagedTask
 
 SUCCESS = 0.999  # true progress that counts as success
 _SIDE = 25
@@ -75,25 +75,17 @@ class Audit(NamedTuple):
 
 
 def make_states(key: PRNGKeyArray, start: Scene, *, task: StagedTask, side: int = _SIDE) -> States:
-    """Makes all states around one start without progress; batch with `jax.vmap`.
+    """Makes all states around the state after a reset; batch with `jax.vmap`.
 
-    Args:
-      key: consumed.
-      start: the state after a reset.
-      task: a `gril_jax.envs.stages.Stages`.
-      side: of the grids.
+    `side` is that of the grids. The key is consumed.
     """
     made = battery(key, task, start)
     success = made.scenes.center[jnp.argmax(made.factor == FACTORS.index("success"))]
-    swept = jax.vmap(lambda center: alone(task, start, center, side=side))(
-        jnp.stack([start.center, success])
-    )
+    sweep = jax.vmap(lambda center: alone(task, start, center, side=side))
+    swept = sweep(jnp.stack([start.center, success]))
     progress = jnp.vectorize(task.progress, signature="(n,k),(n,k)->()")
     return States(
-        made,
-        swept,
-        progress(swept.center, swept.size) <= 0,
-        *pushed(task, start, side=side),
+        made, swept, progress(swept.center, swept.size) <= 0, *pushed(task, start, side=side)
     )
 
 
@@ -110,13 +102,11 @@ def audit(
     """Runs the adversary and the measures; jit it, and `jax.vmap` it over `params`.
 
     Args:
-      reward: of one state, differentiable in its centres.
-      params: of the reward.
+      reward, params: of one state, differentiable in its centres.
       key: of the ascents; consumed.
-      task: a `gril_jax.envs.stages.Stages`.
+      task: in stages.
       states: from `make_states`, leading axis B.
-      ascents: in all, shared by the starts.
-      steps: of each ascent.
+      ascents, steps: how many in all, shared by the starts, and how many steps of each.
     """
     begins = jax.tree.map(lambda x: x[:, 0], states.battery.scenes)
     count = begins.center.shape[0]
@@ -137,17 +127,12 @@ def rewards_of(reward: SceneReward, params: Any, states: States) -> Rewards:
     padding = -sum(sizes) % _TOGETHER  # a remainder would be a program of its own
 
     def flat(*leaves):
-        joined = jnp.concatenate(
-            [
-                x.reshape(n, *x.shape[len(s) :])
-                for x, n, s in zip(leaves, sizes, shapes, strict=True)
-            ]
-        )
+        each = zip(leaves, sizes, shapes, strict=True)
+        joined = jnp.concatenate([x.reshape(n, *x.shape[len(s) :]) for x, n, s in each])
         return jnp.concatenate([joined, jnp.repeat(joined[:1], padding, axis=0)])
 
-    paid = jax.lax.map(
-        lambda scene: reward(params, scene), jax.tree.map(flat, *parts), batch_size=_TOGETHER
-    )
+    every, one = jax.tree.map(flat, *parts), functools.partial(reward, params)
+    paid = jax.lax.map(one, every, batch_size=_TOGETHER)
     ends = [sizes[0], sizes[0] + sizes[1], sum(sizes)]
     return Rewards(*(x.reshape(s) for x, s in zip(jnp.split(paid, ends), shapes, strict=False)))
 
@@ -159,8 +144,7 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
     reset = paid[:, 0]
     success = made.score >= SUCCESS
     strict = success & (kind != FACTORS.index("scattered")) & (kind != FACTORS.index("random"))
-    plain = kind == FACTORS.index("success")
-    plain = plain & success
+    plain = success & (kind == FACTORS.index("success"))
     span = jnp.sum(jnp.where(plain, paid, 0.0), axis=1) / jnp.sum(plain, axis=1) - reset
     unit = jnp.where(span > 0, span, jnp.nan)  # a reward that pays success less has no range
 
@@ -176,7 +160,8 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
         jnp.max(found.reward),
     ]).max()  # fmt: skip
     worst = jnp.min(paid, where=strict, initial=jnp.inf)
-    touched = (kind == FACTORS.index("touched")) & _at_start(made)
+    at_start = (made.scenes.center == made.scenes.center[:, :1]).all(axis=(2, 3))
+    touched = (kind == FACTORS.index("touched")) & at_start
     in_any_way = lambda values, where, axis=None: jnp.max(  # noqa: E731
         share(values), where=where, initial=-jnp.inf, axis=axis
     )
@@ -194,11 +179,6 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
         alone_share=in_any_way(rewards.alone, states.alone_free, (0, 1, 3, 4)),
         finite=jnp.stack([jnp.isfinite(x).all() for x in (*rewards, found.reward)]).all(),
     )
-
-
-def _at_start(made: Battery) -> Bool[Array, "B S"]:
-    """True for states in which nothing has moved."""
-    return (made.scenes.center == made.scenes.center[:, :1]).all(axis=(2, 3))
 
 
 def _order(made: Battery, paid: Float[Array, "B S"], unit: Float[Array, "B"]) -> dict[str, Array]:

@@ -1,10 +1,10 @@
-"""A state as input of a reward, and a reward as a function of such states.
+"""A state as input of a reward, a reward as a function of such states, and the task that has them.
 
 Shapes use N for objects; `*S` are any leading axes.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +27,23 @@ class Scene(NamedTuple):
     label: Int[Array, "*S N"]
     is_robot: Bool[Array, "*S N"]
     active: Bool[Array, "*S N"]
+
+
+@runtime_checkable
+class StagedTask(Protocol):
+    """A task in stages, as `gril_jax.envs.stages.Stages` has and documents them."""
+
+    stages: Sequence[Any]  # in their order; each says whether it holds, and places its objects
+    faults: Sequence[Any]
+    movable: tuple[int, ...]
+    robots: tuple[int, ...]
+    half_extent: float  # world units
+    sizes: Callable[..., Any]
+    progress: Callable[..., Any]  # from 0 to 1
+    limit: Callable[..., Any]
+    arrange: Callable[..., Any]
+    astray: Callable[..., Any]
+    scatter: Callable[..., Any]
 
 
 SceneReward = Callable[[Any, Scene], Float[Array, ""]]  # (parameters, one state) -> reward
@@ -58,6 +75,11 @@ def scene_reward(
         return jnp.where(known, paid, jnp.nan)
 
     return reward
+
+
+def can_move(task: StagedTask, scene: Scene) -> Bool[Array, "N"]:
+    """True for the objects that the robot can move, and for itself."""
+    return jnp.array([i in (*task.movable, *task.robots) for i in range(len(scene.center))])
 
 
 def activity_bits(start: Scene, center: Float[Array, "N 2"]) -> Bool[Array, "N"]:

@@ -24,8 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from .scene_reward import Scene, activity_bits
-from .task import StagedTask
+from .scene_reward import Scene, StagedTask, activity_bits, can_move
 
 FACTORS = (
     "start", "progress", "success", "touched", "wrong place", "detour", "robot", "undone",
@@ -58,12 +57,9 @@ class _Group(NamedTuple):
 
 
 def battery(key: PRNGKeyArray, task: StagedTask, start: Scene) -> Battery:
-    """All states around one start; batch with `jax.vmap` over keys and starts.
+    """All states around one start, the state after a reset; batch over keys and starts.
 
-    Args:
-      key: of the places that are drawn; consumed.
-      task: a `gril_jax.envs.stages.Stages`.
-      start: the state after a reset.
+    The key, of the places that are drawn, is consumed.
     """
     ways = orders(task)
     keys = jax.random.split(key, len(ways) + 2)
@@ -86,12 +82,9 @@ def orders(task: StagedTask) -> list[tuple[int, ...]]:
     names = [stage.name for stage in task.stages]
     last: list[int] = []
     for _ in names:
-        ready = [
-            i
-            for i, stage in enumerate(task.stages)
-            if i not in last and all(names.index(n) in last for n in stage.required_before)
-        ]
-        last.append(ready[-1])
+        done = {names[i] for i in last}
+        ready = [s.name for s in task.stages if done.issuperset(s.required_before)]
+        last.append(names.index([name for name in ready if name not in done][-1]))
     declared = tuple(range(len(names)))
     return [declared] if tuple(last) == declared else [declared, tuple(last)]
 
@@ -106,7 +99,7 @@ def _chain(key, task, start, order) -> Float[Array, "L N 2"]:
 def _around(key, task, start, order, chain) -> list[_Group]:
     """Single-factor states around each incomplete state of a chain."""
     keys = jax.random.split(key, len(order) + 1)
-    groups = [_Group("touched", chain[:-1], _all_bits(task, start))]
+    groups = [_Group("touched", chain[:-1], can_move(task, start))]
     for level, index in enumerate(order):
         stage, center = task.stages[index], chain[level]
         key_detour, *draws = jax.random.split(keys[level], _PLACES + 1)
@@ -125,18 +118,15 @@ def _complete(key, task, start, complete) -> list[_Group]:
     keys = jax.random.split(key, 3)
     free = [i for i in task.movable if not any(i in stage.moves for stage in task.stages)]
     placed = jax.vmap(lambda k: _chain(k, task, start, range(len(task.stages)))[-1])
-    undone = [
-        complete.at[jnp.array(stage.moves)].set(start.center[jnp.array(stage.moves)])
-        for stage in task.stages
-    ]
+    moves = [jnp.array(stage.moves) for stage in task.stages]
+    undone = [complete.at[which].set(start.center[which]) for which in moves]
     groups = [
         _Group("success", placed(jax.random.split(keys[0], _SUCCESSES))),
         _Group("undone", jnp.stack(undone), activity_bits(start, complete)),
     ]
     both = jnp.stack([start.center, complete])
-    for fault, key_fault in zip(
-        task.faults, jax.random.split(keys[1], len(task.faults)), strict=True
-    ):
+    each = jax.random.split(keys[1], len(task.faults))
+    for fault, key_fault in zip(task.faults, each, strict=True):
         faulty = jax.vmap(lambda k, c, fault=fault: fault.place(k, c, start.size))
         groups.append(_Group("wrong object", faulty(jax.random.split(key_fault), both)))
     if free:
@@ -147,7 +137,10 @@ def _complete(key, task, start, complete) -> list[_Group]:
 
 def _detour(key, task, start, stage, chain, level) -> Float[Array, "G N 2"]:
     """Moves the stage's objects straight to random points, and from there to their places."""
-    over = _scatter(key, task, stage.moves, chain[level], start.size, clear=False)
+    limit = task.limit(start.size)
+    anywhere = jax.random.uniform(key, limit.shape, minval=-limit, maxval=limit)
+    moved = jnp.array([i in stage.moves for i in range(len(limit))])[:, None]
+    over = jnp.where(moved, anywhere, chain[level])
     share = jnp.arange(1, _FRAMES + 1)[:, None, None] / (_FRAMES + 1)
     away = chain[level] + share * (over - chain[level])
     return jnp.concatenate([away, over[None], over + share * (chain[level + 1] - over)])
@@ -168,23 +161,14 @@ def _random(key, task, start) -> Float[Array, "G N 2"]:
     return jax.vmap(one)(jax.random.split(key, _RANDOM))
 
 
-def _scatter(key, task, indices, center, size, *, clear=True) -> Float[Array, "N 2"]:
-    """Places these objects anywhere on the plane, clear of others if `clear`."""
-    if not clear:
-        limit = task.limit(size)
-        anywhere = jax.random.uniform(key, center.shape, minval=-limit, maxval=limit)
-        chosen = jnp.array([i in indices for i in range(len(center))])
-        return jnp.where(chosen[:, None], anywhere, center)
+def _scatter(key, task, indices, center, size) -> Float[Array, "N 2"]:
+    """Places these objects anywhere on the plane, clear of others."""
 
     def place(center, x):
         return task.scatter(x[0], x[1], center, size), None
 
     keys = jax.random.split(key, len(indices))
     return jax.lax.scan(place, center, (keys, jnp.array(indices)))[0]
-
-
-def _all_bits(task, start) -> Bool[Array, "N"]:
-    return jnp.array([i in (*task.movable, *task.robots) for i in range(len(start.center))])
 
 
 def _compared(task, start, groups, fixed) -> Battery:

@@ -8,8 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .scene_reward import Scene, activity_bits
-from .task import StagedTask
+from .scene_reward import Scene, StagedTask, activity_bits
 
 
 def grid(half_extent: float, side: int) -> Float[Array, "G G 2"]:
@@ -21,11 +20,8 @@ def grid(half_extent: float, side: int) -> Float[Array, "G G 2"]:
 def alone(task: StagedTask, start: Scene, center: Float[Array, "N 2"], *, side: int) -> Scene:
     """Sweeps each object alone over the plane; the others stay at `center`.
 
-    Args:
-      task: a `gril_jax.envs.stages.Stages`.
-      start: the state after a reset, which tells what has moved.
-      center: of all objects.
-      side: of the grid, whose outer places touch the walls with the object's box.
+    `start` is the state after a reset, which tells what has moved; outer places of the grid, G =
+    `side`, touch the walls with the object's box.
 
     Returns:
       States with leading axes (M, G, G), in the order of `(*task.movable, *task.robots)`.
@@ -41,21 +37,15 @@ def alone(task: StagedTask, start: Scene, center: Float[Array, "N 2"], *, side: 
 
 
 def pushed(task: StagedTask, start: Scene, *, side: int) -> tuple[Scene, Bool[Array, "G G"]]:
-    """Moves the objects of all stages to one place, side by side, without progress.
-
-    Args:
-      task, start: as for `alone`.
-      side: of the grid; objects that would stick out are pushed in.
+    """Moves the objects of all stages to one place, side by side; those that stick out, further in.
 
     Returns:
-      States with leading axes (G, G), and where true progress is 0.
+      States with leading axes (G, G), G = `side`, and where true progress is 0.
     """
     limit = task.limit(start.size)
-    chosen = sorted({index for stage in task.stages for index in stage.moves})
-    which = jnp.array(chosen)
+    which = jnp.array(sorted({index for stage in task.stages for index in stage.moves}))
     width = start.size[which, 0]
-    offset = jnp.cumsum(width) - width / 2
-    offset = offset - jnp.sum(width) / 2
+    offset = jnp.cumsum(width) - width / 2 - jnp.sum(width) / 2
 
     def at(place):
         row = jnp.stack([place[0] + offset, jnp.broadcast_to(place[1], offset.shape)], axis=1)

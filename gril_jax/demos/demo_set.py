@@ -24,9 +24,8 @@ from jaxtyping import UInt8
 
 from gril_jax.demos.vision.detect import Tracks
 from gril_jax.demos.vision.video import read_video
-from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import DemoError
-from gril_jax.types import DemoBatch
+from gril_jax.types import DemoBatch, VideoBatch
 
 from .schema import DTYPES, HEADER, DemoEntry, check_header, check_tracks, digest
 from .writer import Demo as Demo

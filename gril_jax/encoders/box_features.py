@@ -4,6 +4,8 @@ Shapes use N for objects, C for classes and F for features; lengths are in world
 function takes one frame; batch with `jax.vmap`.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -24,10 +26,7 @@ def box_corners(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Float
 
 
 def class_distances(
-    center: Float[Array, "N 2"],
-    label: Int[Array, "N"],
-    counted: Bool[Array, "N"],
-    num_classes: int,
+    center: Float[Array, "N 2"], label: Int[Array, "N"], counted: Bool[Array, "N"], num_classes: int
 ) -> Float[Array, "N C"]:
     """Distance from each object to the nearest counted object of each class; 0 if there is none.
 
@@ -43,23 +42,14 @@ def class_distances(
     return jnp.where(jnp.any(among, axis=1), nearest, 0.0)
 
 
-def history_features(
-    nodes: Nodes,
-    *,
-    history: int,
-    num_classes: int | None,
-    robot: bool,
-    length_unit: float,
-) -> Float[Array, "N F"]:
-    """Corners, and distances if asked for, of the last `history` frames side by side.
+def history_features(nodes: Nodes, config: Any, *, robot: bool) -> Float[Array, "N F"]:
+    """Corners, and distances if asked for, of the last frames side by side.
 
     Args:
       nodes: of one frame; for a history above 1 of that many frames, oldest first, on a leading
         axis of every field (as `jax.vmap(scene_graph)` stacks them).
-      history: number of frames.
-      num_classes: append the distances to each class; None for corners alone.
+      config: its `history`, `distances`, `num_classes` and `length_unit` are used.
       robot: the robot counts in the distances.
-      length_unit: world units that make one unit of the features.
 
     Returns:
       F = history * (4 + C) features. A frame in which an object is not present gives it zeros.
@@ -67,17 +57,25 @@ def history_features(
     Raises:
       ShapeError: the number of frames is not `history`.
     """
+    history = config.history
     _check_history(nodes, history)
     frames = [nodes] if history == 1 else [Nodes(*(x[t] for x in nodes)) for t in range(history)]
     columns = []
     for frame in frames:
         seen = [box_corners(frame.center, frame.size)]
-        if num_classes is not None:
+        if config.distances:
             counted = frame.present if robot else frame.present & ~frame.is_robot
-            seen.append(class_distances(frame.center, frame.label, counted, num_classes))
-        features = jnp.concatenate(seen, axis=-1) / length_unit
+            seen.append(class_distances(frame.center, frame.label, counted, config.num_classes))
+        features = jnp.concatenate(seen, axis=-1) / config.length_unit
         columns.append(jnp.where(frame.present[:, None], features, 0.0))
     return jnp.concatenate(columns, axis=-1)
+
+
+def blank(count: int, history: int) -> Nodes:
+    """Nodes of the right shapes, with which a network is made."""
+    boxes, flag = jnp.zeros((count, 2)), jnp.zeros(count, bool)
+    nodes = Nodes(boxes, boxes, jnp.zeros(count, jnp.int32), flag, flag, flag)
+    return nodes if history == 1 else Nodes(*(jnp.stack([x] * history) for x in nodes))
 
 
 def last_frame(nodes: Nodes, *, history: int) -> Nodes:

@@ -18,11 +18,10 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.config.encoder import EncoderOptions
 from gril_jax.errors import ConfigError, ShapeError, require_at_least
-from gril_jax.types import Nodes, SceneGraph
+from gril_jax.types import SceneGraph
 
-from .box_features import history_features, last_frame
-from .message_passing import Params
-from .pooling import weighted_pool
+from .box_features import blank, history_features, last_frame
+from .message_passing import Params, weighted_pool
 
 
 @jax.tree_util.register_static
@@ -70,13 +69,7 @@ def init(key: PRNGKeyArray, config: MLPConfig) -> Params:
     >>> sorted(init(jax.random.key(0), MLPConfig(num_classes=3, width=8)))
     ['agent', 'boxes', 'latent']
     """
-    count = config.flat_nodes or 1
-    flag = jnp.zeros(count, bool)
-    boxes = jnp.zeros((count, 2))
-    nodes = Nodes(boxes, boxes, jnp.zeros(count, jnp.int32), flag, flag, flag)
-    if config.history > 1:
-        nodes = Nodes(*(jnp.stack([x] * config.history) for x in nodes))
-    return _BoxMLP(config).init(key, nodes)["params"]
+    return _BoxMLP(config).init(key, blank(config.flat_nodes or 1, config.history))["params"]
 
 
 def apply(params: Params, graph: SceneGraph, config: MLPConfig) -> Float[Array, "D"]:
@@ -95,13 +88,7 @@ class _BoxMLP(nn.Module):
     def __call__(self, history):
         config, half = self.config, self.config.width // 2
         nodes = last_frame(history, history=config.history)
-        x = history_features(
-            history,
-            history=config.history,
-            num_classes=config.num_classes if config.distances else None,
-            robot=config.pool_robot,
-            length_unit=config.length_unit,
-        )
+        x = history_features(history, config, robot=config.pool_robot)
         robot = nodes.present & nodes.is_robot & config.pool_robot
         objects = nodes.present & ~nodes.is_robot
         if config.flat_nodes is None:

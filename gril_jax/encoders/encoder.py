@@ -13,8 +13,12 @@ whose latents lie side by side. Shapes use N for nodes, H for the width of a nod
 for the latent.
 """
 
+import dataclasses
 import sys
-from typing import Union
+import typing
+from collections.abc import Mapping
+from types import NoneType, UnionType
+from typing import Any, Literal, Union
 
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -32,10 +36,14 @@ from .message_passing import Form, Params
 from .resnet import PixelConfig as PixelConfig
 
 _KINDS = {find(one.config): one for one in ENCODERS.values()}
+KINDS = {one.saved or name: find(one.config) for name, one in ENCODERS.items()}
 # Encoders that embed each node before they pool; of scene graphs; of anything.
 NodeConfig = Union[tuple(kind for kind, one in _KINDS.items() if one.nodes)]  # noqa: UP007
 GraphConfig = Union[tuple(kind for kind, one in _KINDS.items() if one.boxes)]  # noqa: UP007
 AnyConfig = Union[tuple(_KINDS)]  # noqa: UP007
+
+# A file must not make its reader build a network without end.
+_MOST, _MOST_OF_OTHERS = {"rounds": 100, "history": 100, "members": 100}, 2**20
 
 
 def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
@@ -71,10 +79,9 @@ def apply(
     `robot_messages`.
 
     Args:
-      params: from `init`, with the same config.
+      params, config: from `init`, with the same config.
       graph: from `gril_jax.graphs.scene_graph`; its edge order is taken as given there. For
         `PixelConfig` RGB frames in [0, 1].
-      config: static choices.
       alpha: weight of an active node in the pooling (Eq. 3); may be traced. Only the paper's
         encoder uses it.
       form: of `node_embeddings`.
@@ -131,6 +138,56 @@ def sees_robot(config: AnyConfig) -> bool:
     return config.pool_robot or config.robot_messages
 
 
+def to_json(config: AnyConfig) -> dict[str, Any]:
+    """An encoder's configuration as JSON: its `kind`, and its fields by name.
+
+    >>> to_json(KINDS["mlp"](num_classes=3))["kind"]
+    'mlp'
+
+    Raises:
+      ConfigError: there is no encoder for this kind of config.
+    """
+    for kind, chosen in KINDS.items():
+        if type(config) is chosen:
+            return {"kind": kind, **dataclasses.asdict(config)}
+    raise ConfigError(
+        f"config is a {type(config).__name__}; it must be one of "
+        f"{', '.join(chosen.__name__ for chosen in KINDS.values())}."
+    )
+
+
+def from_json(about: Any) -> AnyConfig:
+    """The configuration of `to_json`; missing fields take their defaults.
+
+    >>> from_json({"kind": "pixel", "latent": 8})
+    PixelConfig(latent=8, pixels=None, precision='float32')
+
+    Raises:
+      ConfigError: the kind or a field is unknown, missing, of another type or out of range.
+    """
+    if not isinstance(about, Mapping) or about.get("kind") not in [*KINDS]:
+        kind = about.get("kind") if isinstance(about, Mapping) else about
+        raise ConfigError(f"encoder.kind is {kind!r:.60}; it must be one of {', '.join(KINDS)}.")
+    chosen = KINDS[about["kind"]]
+    types = typing.get_type_hints(chosen)
+    values = {name: value for name, value in about.items() if name != "kind"}
+    for name, value in values.items():
+        if name not in types:
+            raise ConfigError(
+                f"encoder.{name} is unknown to this version of gril-jax; a {about['kind']} encoder "
+                f"has {', '.join(types)}."
+            )
+        if not _fits(value, types[name]):
+            wanted = getattr(types[name], "__name__", types[name])
+            raise ConfigError(f"encoder.{name} is {value!r:.60}; it must be of type {wanted}.")
+        most = _MOST.get(name, _MOST_OF_OTHERS)
+        if type(value) is int and value > most:
+            raise ConfigError(f"encoder.{name} is {value!r:.60}; it must be at most {most}.")
+    if "num_classes" in types and "num_classes" not in values:
+        raise ConfigError("encoder.num_classes is missing; it must be the number of classes.")
+    return chosen(**values)
+
+
 def _side_by_side(params, graph, config, alpha, form):
     """The latents of an ensemble's members, concatenated."""
     members, one = num_members(config), member(config)
@@ -164,3 +221,13 @@ def _node_module(config):
             "of an ensemble has its own."
         )
     return _module(config)
+
+
+def _fits(value, kind):
+    if typing.get_origin(kind) in (typing.Union, UnionType):
+        return any(_fits(value, one) for one in typing.get_args(kind))
+    if typing.get_origin(kind) is Literal:
+        return value in typing.get_args(kind)
+    if kind is NoneType:
+        return value is None
+    return type(value) is kind or (kind is float and type(value) is int)

@@ -29,12 +29,11 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.config.encoder import EncoderOptions
 from gril_jax.errors import ConfigError, require_at_least
-from gril_jax.types import Nodes, SceneGraph
+from gril_jax.types import SceneGraph
 
-from .box_features import history_features, last_frame
+from .box_features import blank, history_features, last_frame
 from .dense_messages import sum_messages
-from .message_passing import Form, Params
-from .pooling import node_weights, weighted_pool
+from .message_passing import Form, Params, node_weights, weighted_pool
 
 
 @jax.tree_util.register_static
@@ -97,11 +96,7 @@ def init(key: PRNGKeyArray, config: InteractionConfig) -> Params:
     >>> sorted(params)
     ['affector_1', 'affector_2', 'relation', 'self']
     """
-    flag = jnp.zeros(1, bool)
-    nodes = Nodes(jnp.zeros((1, 2)), jnp.zeros((1, 2)), jnp.zeros(1, jnp.int32), flag, flag, flag)
-    if config.history > 1:
-        nodes = Nodes(*(jnp.stack([x] * config.history) for x in nodes))
-    return _Interaction(config).init(key, nodes)["params"]
+    return _Interaction(config).init(key, blank(1, config.history))["params"]
 
 
 def node_embeddings(
@@ -140,13 +135,7 @@ class _Interaction(nn.Module):
     def __call__(self, history):
         config = self.config
         nodes = last_frame(history, history=config.history)
-        x = history_features(
-            history,
-            history=config.history,
-            num_classes=config.num_classes if config.distances else None,
-            robot=config.robot_messages,
-            length_unit=config.length_unit,
-        )
+        x = history_features(history, config, robot=config.robot_messages)
         audible = nodes.present
         if not config.robot_messages:
             audible = audible & ~nodes.is_robot
@@ -188,11 +177,9 @@ class _Relations(nn.Module):
     @nn.compact
     def __call__(self, x, audible):
         # Two halves of one layer, with the scale of the whole.
-        halves = {
-            "kernel_init": nn.initializers.variance_scaling(0.5, "fan_in", "truncated_normal")
-        }
-        received = nn.Dense(self.width, name="1_receiver", **halves)(x)
-        sent = nn.Dense(self.width, use_bias=False, name="1_sender", **halves)(x)
+        half = nn.initializers.variance_scaling(0.5, "fan_in", "truncated_normal")
+        received = nn.Dense(self.width, kernel_init=half, name="1_receiver")(x)
+        sent = nn.Dense(self.width, use_bias=False, kernel_init=half, name="1_sender")(x)
         hidden = sum_messages(sent, received, audible)
         bias = self.param("bias_2", nn.initializers.zeros, (self.width,))
         pairs = (jnp.sum(audible) - audible).astype(x.dtype)

@@ -1,4 +1,4 @@
-"""The paper's graph encoder: message passing between objects, weighted pooling, a small head.
+"""The paper's graph encoder: message passing, weighted pooling (Eqs. 2 and 3), a small head.
 
 Shapes use N for nodes, E for edges, H for the width of a node embedding and D for the latent.
 Every function takes one `SceneGraph`; batch with `jax.vmap`. Callers use
@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import jraph
 from flax import linen as nn
-from jaxtyping import Array, Float, PRNGKeyArray, PyTree
+from jaxtyping import Array, Bool, Float, PRNGKeyArray, PyTree
 
 from gril_jax.config.encoder import EncoderOptions, PoolConfig
 from gril_jax.errors import ConfigError, require_at_least
@@ -20,7 +20,6 @@ from gril_jax.graphs.scene import scene_graph
 from gril_jax.types import SceneGraph
 
 from .dense_messages import square_edges, sum_messages, thin_product
-from .pooling import node_weights, weighted_pool
 
 Params = PyTree[Float[Array, "..."]]
 
@@ -69,15 +68,7 @@ class EncoderConfig:
     @classmethod
     def of(cls, options: EncoderOptions, num_classes: int) -> "EncoderConfig":
         """From the section `encoder` of a run's configuration."""
-        names = (
-            "width",
-            "rounds",
-            "latent",
-            "relations",
-            "pool_robot",
-            "robot_messages",
-            "members",
-        )
+        names = "width rounds latent relations pool_robot robot_messages members".split()
         return cls(num_classes, **{name: getattr(options, name) for name in names})
 
 
@@ -124,6 +115,45 @@ def readout(
     return _Head(config).apply({"params": params["head"]}, pooled)
 
 
+def node_weights(
+    active: Bool[Array, "N"],
+    is_robot: Bool[Array, "N"],
+    present: Bool[Array, "N"] | None = None,
+    *,
+    alpha: Float[Array, ""] | float = PoolConfig.alpha,
+    pool_robot: bool = False,
+) -> Float[Array, "N"]:
+    """Weight of each node in the pooled latent (Eq. 3).
+
+    Args:
+      active: nodes that have moved since the episode began.
+      is_robot: nodes that belong to the robot. They get weight zero.
+      present: False for padding, which gets weight zero; all present if left out.
+      alpha: weight of an active node; an idle one has weight 1.
+      pool_robot: weigh the robot as any other node (the paper's "with robot" ablation).
+
+    Returns:
+      Non-negative weights, not normalised.
+    """
+    weights = jnp.where(active, jnp.asarray(alpha, jnp.float32), 1.0)
+    if not pool_robot:
+        weights = jnp.where(is_robot, 0.0, weights)
+    return weights if present is None else jnp.where(present, weights, 0.0)
+
+
+def weighted_pool(z: Float[Array, "N D"], weights: Float[Array, "N"]) -> Float[Array, "D"]:
+    """Weighted mean of the node embeddings (Eq. 2).
+
+    A graph whose weights are all zero pools to zeros, with zero gradient, instead of NaN:
+    padding and robot-only frames must not poison a batch.
+
+    >>> weighted_pool(jnp.array([[1.0], [3.0]]), jnp.array([1.0, 3.0]))
+    Array([2.5], dtype=float32)
+    """
+    total = jnp.sum(weights)
+    return (weights @ z) / jnp.where(total > 0, total, 1.0)
+
+
 class _Messages(nn.Module):
     """Embeds the nodes, then `rounds` residual updates from the summed messages."""
 
@@ -161,14 +191,11 @@ class _Messages(nn.Module):
                 from_sender(embedding), from_receiver(embedding), from_edge, audible, graph
             )
         else:
+            at_once = None if self.form == "dense" else max(len(audible), 1)
             received = sum_messages(
-                from_sender(embedding),
-                from_receiver(embedding),
-                audible,
-                graph.edges,
-                from_edge,
-                at_once=None if self.form == "dense" else max(len(audible), 1),
-            )
+                from_sender(embedding), from_receiver(embedding), audible, graph.edges, from_edge,
+                at_once=at_once,
+            )  # fmt: skip
         hidden = from_node(jnp.concatenate([embedding, received], axis=-1))
         return embedding + update(nn.relu(hidden))
 

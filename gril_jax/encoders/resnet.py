@@ -2,7 +2,8 @@
 
 The trunk is that of He et al. (CVPR 2016) as torchvision builds it, 11,176,512 parameters; the
 head has 512 x 32 + 32. Frames are RGB in [0, 1], without normalisation by ImageNet's mean. Shapes
-use D for the latent; frames may have any leading axes, such as (B, T), and any size (XIRL: 112).
+use B or V for videos, T or F for their frames, P for a frame's side and D for the latent; frames
+may have any leading axes, such as (B, T), and any size (XIRL: 112).
 
 Batch normalisation makes training differ from use: `apply` normalises by running statistics, one
 frame like another; `apply_train` by those of the frames it is given, and returns parameters with
@@ -52,6 +53,22 @@ class PixelConfig:
         """From the section `encoder` of a run's configuration."""
         del num_classes
         return cls(options.latent, pixels=options.pixels, precision=options.precision)
+
+
+def turn(key: PRNGKeyArray, frames: UInt8[Array, "V F P P 3"]) -> UInt8[Array, "V F P P 3"]:
+    """Applies a random symmetry of the square to each video, the same to all of its frames.
+
+    The same symmetries as `gril_jax.pretraining.batch.turn` draws for boxes from the same key. The
+    key is consumed.
+    """
+    sign_key, swap_key = jax.random.split(key)
+    num = frames.shape[0]
+    sign = jax.random.rademacher(sign_key, (num, 1, 1, 2), dtype=jnp.float32)[..., None, None]
+    swap = jax.random.bernoulli(swap_key, shape=(num, 1, 1, 1))[..., None]
+    # x and y swapped: mirrored at the diagonal that rises to the right.
+    frames = jnp.where(swap, frames.swapaxes(2, 3)[:, :, ::-1, ::-1], frames)
+    frames = jnp.where(sign[:, :, :, 0] < 0, frames[:, :, :, ::-1], frames)
+    return jnp.where(sign[:, :, :, 1] < 0, frames[:, :, ::-1], frames)
 
 
 def init(key: PRNGKeyArray, config: PixelConfig) -> Params:
@@ -174,26 +191,15 @@ class _Block(nn.Module):
 
 def _conv(channels, size, stride, dtype, name):
     """Explicitly padded convolution: "SAME" pads strided images differently from torchvision."""
-    pad = size // 2
     return nn.Conv(
-        channels,
-        (size, size),
-        strides=(stride, stride),
-        padding=((pad, pad), (pad, pad)),
-        use_bias=False,
-        kernel_init=nn.initializers.variance_scaling(2.0, "fan_out", "normal"),
-        dtype=dtype,
-        name=name,
-    )
+        channels, (size, size), strides=stride, padding=size // 2, use_bias=False, dtype=dtype,
+        kernel_init=nn.initializers.variance_scaling(2.0, "fan_out", "normal"), name=name,
+    )  # fmt: skip
 
 
 def _norm(train, dtype, name):
     """Normalisation computed in float32, for any type of input and output."""
     return nn.BatchNorm(
-        use_running_average=not train,
-        momentum=0.9,
-        epsilon=1e-5,
+        use_running_average=not train, momentum=0.9, epsilon=1e-5, dtype=dtype, name=name,
         use_fast_variance=False,  # the fast one loses the variance of a channel far from zero
-        dtype=dtype,
-        name=name,
-    )
+    )  # fmt: skip

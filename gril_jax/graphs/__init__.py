@@ -4,11 +4,4 @@ from . import activity
 from .activity_rule import PAPER, ActivityRule
 from .scene import edge_indices, safe_norm, scene_graph
 
-__all__ = [
-    "PAPER",
-    "ActivityRule",
-    "activity",
-    "edge_indices",
-    "safe_norm",
-    "scene_graph",
-]
+__all__ = ["PAPER", "ActivityRule", "activity", "edge_indices", "safe_norm", "scene_graph"]

@@ -7,7 +7,7 @@ count as the first. The paper uses k = 40 and tau = 0.005.
 `init` and `step` follow a rollout frame by frame; `trajectory` does a whole recording at once.
 Both give the same bits, with every option. Shapes use N for objects, T for frames, K for the
 window and M for the frames of a median. Goal and robot get a bit like anything else: what it is
-worth is for `gril_jax.encoders.pooling` to say.
+worth is for `gril_jax.encoders.message_passing` to say.
 
 Boxes from a detector. tau is a third of a pixel for a box of 50 pixels: the slightest jitter sets
 every bit for good. `smoothing` and `noise` are for that. Chance that a box at rest becomes active
@@ -119,7 +119,7 @@ def step(
       ConfigError: `tau` or `noise` is known and negative.
     """
     _check_boxes(center, size, (*memory.active.shape, 2))
-    _check_thresholds(tau, noise)
+    check_not_negative(tau=tau, noise=noise)
     start, before = memory.start, memory.past[memory.oldest]
     if start is None:
         moved = _moved(before, center, size, tau, noise, smoothing=1)
@@ -127,7 +127,7 @@ def step(
         smoothing = start.recent.shape[0] + 1
         first = memory.past.shape[0] + smoothing - 1  # with a full median k frames earlier
         seen = jnp.concatenate([start.recent, center[None]])
-        frame, center = start.frame + 1, _median(list(seen))
+        frame, center = start.frame + 1, _median([*seen])
         origin = jnp.where(frame < smoothing, center, start.origin)
         before = jnp.where(frame < first, origin, before)
         start = Start(seen[1:], origin, frame, start.silent)
@@ -163,7 +163,7 @@ def trajectory(
     """
     _check_boxes(center, size, (*center.shape[:-1], 2))
     _check_frames(window, smoothing)
-    _check_thresholds(tau, noise)
+    check_not_negative(tau=tau, noise=noise)
     frames = jnp.arange(center.shape[0])
     if smoothing > 1:
         back = range(smoothing - 1, -1, -1)
@@ -200,12 +200,11 @@ def _moved(
 
 
 def _median(values: list[Float[Array, "*frames N 2"]]) -> Float[Array, "*frames N 2"]:
-    """Median of an odd number of arrays, by exchanging neighbours.
+    """Median of an odd number of arrays, by exchanging neighbours in their list.
 
     Minima and maxima fuse into the loop around them, where a sort would be a program of its own;
     and a median rounds nothing, so that both forms agree to the bit.
     """
-    values = list(values)
     for last in range(len(values) - 1, len(values) // 2 - 1, -1):
         for i in range(last):
             low = jnp.minimum(values[i], values[i + 1])
@@ -220,8 +219,9 @@ def _check_frames(window, smoothing):
         raise ConfigError(f"smoothing is {smoothing}; it must be an odd number of frames.")
 
 
-def _check_thresholds(tau, noise):
-    for name, value in (("tau", tau), ("noise", noise)):
+def check_not_negative(**values: Float[Array, ""] | float | None) -> None:
+    """Raises ConfigError if one of the values is known at trace time and negative."""
+    for name, value in values.items():
         known = value is not None and not isinstance(value, jax.core.Tracer)
         if known and not float(value) >= 0:
             raise ConfigError(f"{name} is {value}; it must not be negative.")
@@ -229,7 +229,5 @@ def _check_thresholds(tau, noise):
 
 def _check_boxes(center, size, shape):
     if center.shape != shape or size.shape != shape:
-        raise ShapeError(
-            f"center has shape {center.shape} and size has shape {size.shape}; "
-            f"both must be {shape}."
-        )
+        shapes = f"center has shape {center.shape} and size has shape {size.shape}"
+        raise ShapeError(f"{shapes}; both must be {shape}.")

@@ -53,21 +53,16 @@ class ActivityRule(NamedTuple):
         Raises:
           ConfigError: a field is out of its range.
         """
-        jax.eval_shape(
-            lambda x: self.step(self.init(x), x, x), jax.ShapeDtypeStruct((1, 2), jnp.float32)
-        )
+        box = jax.ShapeDtypeStruct((1, 2), jnp.float32)
+        jax.eval_shape(lambda x: self.step(self.init(x), x, x), box)
 
 
 PAPER = ActivityRule()
 
 _TYPES = {
-    "tau": (float, int),
-    "window": (int,),
-    "smoothing": (int,),
-    "noise": (float, int, type(None)),
-    "latched": (bool,),
-    "clamp": (bool,),
-}
+    "tau": (float, int), "window": (int,), "smoothing": (int,),
+    "noise": (float, int, type(None)), "latched": (bool,), "clamp": (bool,),
+}  # fmt: skip
 # A file must not make its reader overflow, or trace without end.
 _MOST = {"tau": 1e6, "noise": 1e6, "window": 2**20, "smoothing": 99}
 
@@ -85,17 +80,14 @@ def from_json(fields: Any) -> ActivityRule:
         raise ConfigError(f"activity is {fields!r:.60}; it must be an object with fields.")
     for name, value in fields.items():
         if name not in _TYPES:
-            raise ConfigError(
-                f"activity.{name} is unknown to this version of gril-jax; there are "
-                f"{', '.join(_TYPES)}."
-            )
+            known = f"to this version of gril-jax; there are {', '.join(_TYPES)}"
+            raise ConfigError(f"activity.{name} is unknown {known}.")
         if type(value) not in _TYPES[name]:
             wanted = " or ".join(kind.__name__ for kind in _TYPES[name])
             raise ConfigError(f"activity.{name} is {value!r:.60}; it must be {wanted}.")
         if name in _MOST and value is not None and value > _MOST[name]:
-            raise ConfigError(
-                f"activity.{name} is {value!r:.60}; it must be at most {_MOST[name]}."
-            )
+            most = _MOST[name]
+            raise ConfigError(f"activity.{name} is {value!r:.60}; it must be at most {most}.")
     rule = ActivityRule(**fields)
     rule.check()
     return rule

@@ -48,10 +48,8 @@ def scene_graph(
     """The graph of one frame: a node for each object, an edge for each ordered pair.
 
     Args:
-      center: box centres, world units.
-      size: box widths and heights, world units.
-      label: index of each object's class.
-      is_robot: nodes that belong to the robot.
+      center, size: box centres, and widths and heights, world units.
+      label, is_robot: index of each object's class; nodes that belong to the robot.
       active: nodes that have moved since the episode began (`gril_jax.graphs.activity`).
       present: False for padding; all present if left out. Padding keeps its node and edges, so
         that shapes are static, and is masked where it would count.
@@ -68,9 +66,7 @@ def scene_graph(
     return SceneGraph(
         nodes=Nodes(center, size, label, active, is_robot, present),
         edges=jnp.concatenate([offset, safe_norm(offset)[:, None]], axis=-1),
-        senders=senders,
-        receivers=receivers,
-        globals=None,
+        senders=senders, receivers=receivers, globals=None,
         n_node=jnp.array([num_nodes], jnp.int32),
         n_edge=jnp.array([senders.shape[0]], jnp.int32),
-    )
+    )  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from gril_jax.encoders import encoder
-from gril_jax.encoders import kinds as encoder_choices
+from gril_jax.encoders import encoder as encoder_choices
 from gril_jax.encoders.encoder import AnyConfig
 from gril_jax.encoders.ensemble import latent_size, num_members
 from gril_jax.errors import ConfigError, GrilError, ShapeError

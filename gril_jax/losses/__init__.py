@@ -1,14 +1,12 @@
 """The losses an encoder is trained with, each in its own file."""
 
-from gril_jax.losses.tcc.batch import mean_consistency, mean_cycle_consistency
-from gril_jax.losses.tcc.cycle import cycle_consistency, frame_times, time_agreement
-from gril_jax.losses.tcc.stochastic import (
-    draw_cycles,
-    sampled_cycle_consistency,
-    stochastic_consistency,
-)
-from gril_jax.losses.time_warping.dtw import dtw, dtw_path
-from gril_jax.losses.time_warping.soft_dtw import (
+from .reconstruction import decode, decode_graph, reconstruction, reconstruction_terms
+from .tcc.batch import mean_consistency, mean_cycle_consistency
+from .tcc.cycle import cycle_consistency, frame_times, time_agreement
+from .tcc.stochastic import draw_cycles, sampled_cycle_consistency, stochastic_consistency
+from .time_warping.soft_dtw import (
+    dtw,
+    dtw_path,
     expected_alignment,
     pairwise_cost,
     soft_dtw,
@@ -16,26 +14,10 @@ from gril_jax.losses.time_warping.soft_dtw import (
     soft_dtw_divergence,
 )
 
-from .reconstruction import decode, decode_graph, reconstruction, reconstruction_terms
-
 __all__ = [
-    "cycle_consistency",
-    "decode",
-    "decode_graph",
-    "draw_cycles",
-    "dtw",
-    "dtw_path",
-    "expected_alignment",
-    "frame_times",
-    "mean_consistency",
-    "mean_cycle_consistency",
-    "pairwise_cost",
-    "reconstruction",
-    "reconstruction_terms",
-    "sampled_cycle_consistency",
-    "soft_dtw",
-    "soft_dtw_between",
-    "soft_dtw_divergence",
-    "stochastic_consistency",
+    "cycle_consistency", "decode", "decode_graph", "draw_cycles", "dtw", "dtw_path",
+    "expected_alignment", "frame_times", "mean_consistency", "mean_cycle_consistency",
+    "pairwise_cost", "reconstruction", "reconstruction_terms", "sampled_cycle_consistency",
+    "soft_dtw", "soft_dtw_between", "soft_dtw_divergence", "stochastic_consistency",
     "time_agreement",
-]
+]  # fmt: skip

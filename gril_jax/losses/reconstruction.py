@@ -31,25 +31,15 @@ def decode(
     return out[:, :4] * config.length_unit, out[:, 4:]
 
 
-def init_graph(
-    key: PRNGKeyArray, config: GraphConfig, *, num_nodes: int, width: int | None = None
-) -> Params:
-    """Initial parameters of the graph decoder. The key is consumed.
-
-    Args:
-      key: of the draw.
-      config: of the encoder.
-      num_nodes: how many objects a frame has.
-      width: of the vector that is decoded: `config.latent` if left out, for the latent;
-        `config.width` for the pooled embedding before the head.
+def init_graph(key: PRNGKeyArray, config: GraphConfig, *, num_nodes: int) -> Params:
+    """Initial parameters of the graph decoder of the latent. The key is consumed.
 
     Raises:
       ConfigError: there are no nodes.
     """
     if num_nodes < 1:
         raise ConfigError(f"num_nodes is {num_nodes}; it must be at least 1.")
-    vector = jnp.zeros(config.latent if width is None else width)
-    return _Decoder(config, num_nodes).init(key, vector)["params"]
+    return _Decoder(config, num_nodes).init(key, jnp.zeros(config.latent))["params"]
 
 
 def decode_graph(
@@ -75,13 +65,7 @@ def decode_graph(
 
 
 def reconstruction(
-    box: Float[Array, "N 4"],
-    logits: Float[Array, "N C"],
-    nodes: Nodes,
-    *,
-    length_unit: float = 1.0,
-    box_weight: Float[Array, ""] | float = 1.0,
-    class_weight: Float[Array, ""] | float = 1.0,
+    box: Float[Array, "N 4"], logits: Float[Array, "N C"], nodes: Nodes, *, length_unit: float = 1.0
 ) -> Float[Array, "N"]:
     """Box error plus class error of each node; 0 for nodes that are not present.
 
@@ -90,8 +74,6 @@ def reconstruction(
       logits: predicted class scores.
       nodes: what the frame really holds.
       length_unit: world units in which box errors count as 1 (`EncoderConfig.length_unit`).
-      box_weight: of the box error; 0 leaves the classes alone.
-      class_weight: of the class error.
 
     Returns:
       Mean squared error over the box's four numbers plus cross-entropy of the class in nats.
@@ -100,15 +82,11 @@ def reconstruction(
       ShapeError, ConfigError: as for `reconstruction_terms`.
     """
     box_error, class_error = reconstruction_terms(box, logits, nodes, length_unit=length_unit)
-    return box_weight * box_error + class_weight * class_error
+    return box_error + class_error
 
 
 def reconstruction_terms(
-    box: Float[Array, "N 4"],
-    logits: Float[Array, "N C"],
-    nodes: Nodes,
-    *,
-    length_unit: float = 1.0,
+    box: Float[Array, "N 4"], logits: Float[Array, "N C"], nodes: Nodes, *, length_unit: float = 1.0
 ) -> tuple[Float[Array, "N"], Float[Array, "N"]]:
     """Box error and class error of each node, as `reconstruction` adds them up.
 

@@ -1,26 +1,19 @@
 """Measures of encoders and of rewards."""
 
 from . import separation
-from .cycles import nearest_frames, two_way_cycle_consistency
 from .interquartile import interquartile_interval, interquartile_mean
 from .order import (
     alignment_tau,
     kendall_tau,
     mean_alignment_tau,
+    nearest_frames,
     reward_time_tau,
+    two_way_cycle_consistency,
 )
 from .separation import stage_order, success_auc
 
 __all__ = [
-    "alignment_tau",
-    "interquartile_interval",
-    "interquartile_mean",
-    "kendall_tau",
-    "mean_alignment_tau",
-    "nearest_frames",
-    "reward_time_tau",
-    "separation",
-    "stage_order",
-    "success_auc",
-    "two_way_cycle_consistency",
-]
+    "alignment_tau", "interquartile_interval", "interquartile_mean", "kendall_tau",
+    "mean_alignment_tau", "nearest_frames", "reward_time_tau", "separation", "stage_order",
+    "success_auc", "two_way_cycle_consistency",
+]  # fmt: skip

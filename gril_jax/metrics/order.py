@@ -1,10 +1,8 @@
 """Measures of how well a latent or a reward orders the frames of a recording.
 
-Cycle consistency of latents has its own file, `gril_jax.metrics.cycles`; means over seeds with
-their uncertainty are in `gril_jax.metrics.interquartile`.
-
-Everything here can be jitted. Shapes use B for recordings, T and S for frames (padded to a
-common length) and D for the latent; `length` counts a recording's frames before padding.
+Means over seeds with their uncertainty are in `gril_jax.metrics.interquartile`. Everything here can
+be jitted. Shapes use B for recordings, T and S for frames (padded to a common length) and D for the
+latent; `length` counts a recording's frames before padding.
 """
 
 import jax
@@ -64,9 +62,7 @@ def mean_alignment_tau(
     latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None
 ) -> Float[Array, ""]:
     """Mean of `alignment_tau` over all ordered pairs of different videos; 0 for one video."""
-    num_videos, num_frames, _ = latents.shape
-    if length is None:
-        length = jnp.full(num_videos, num_frames)
+    num_videos, length = len(latents), _lengths(latents, length)
 
     def from_query(query):  # one row of pairs at a time: memory grows with B T^2, not B^2 T^2
         against_all = jax.vmap(alignment_tau, in_axes=(None, 0, None, 0))
@@ -82,3 +78,68 @@ def reward_time_tau(
 ) -> Float[Array, ""]:
     """Kendall's tau-b between a reward trace and time: 1 if it rises with every frame."""
     return kendall_tau(reward, length)
+
+
+def two_way_cycle_consistency(
+    latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None, *, tolerance: int = 1
+) -> Float[Array, ""]:
+    """Share of frames that come back from another video, mean over all ordered pairs.
+
+    By hard nearest neighbours (Aytar et al., NeurIPS 2018); XIRL evaluates its latents so.
+
+    >>> twice = jnp.tile(jnp.arange(4.0)[:, None], (2, 1, 1))  # a video and itself
+    >>> two_way_cycle_consistency(twice, tolerance=0)
+    Array(1., dtype=float32)
+
+    Args:
+      latents: of each video's frames.
+      length: frames before padding; all if left out.
+      tolerance: how many frames off still counts as back.
+
+    Returns:
+      In [0, 1]; 0 if there is no pair of videos with at least one frame each.
+    """
+    length = _lengths(latents, length)
+    nearest = nearest_frames(latents, length)
+
+    def from_query(u):  # to every other video and back
+        back = jnp.take_along_axis(nearest[:, u], nearest[u], axis=1)
+        frames = jnp.arange(back.shape[-1])
+        home = (jnp.abs(back - frames) <= tolerance) & (frames < length[u])
+        share = jnp.sum(home, axis=-1) / jnp.maximum(length[u], 1)
+        return share, (length > 0) & (length[u] > 0) & (jnp.arange(len(length)) != u)
+
+    share, counted = jax.lax.map(from_query, jnp.arange(len(length)))
+    return jnp.sum(jnp.where(counted, share, 0.0)) / jnp.maximum(jnp.sum(counted), 1)
+
+
+def nearest_frames(
+    latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None
+) -> Int[Array, "B B T"]:
+    """Index of the nearest frame in each video, for each frame of each video.
+
+    Entry (u, v, t) is the frame of v nearest to frame t of u, by squared distance; the first if
+    several are.
+
+    >>> videos = jnp.array([[[0.0], [1.0], [2.0]], [[2.1], [1.1], [0.1]]])  # one backwards
+    >>> nearest_frames(videos)[0, 1].tolist()
+    [2, 1, 0]
+    """
+    length = _lengths(latents, length)
+    valid = jnp.arange(latents.shape[1]) < length[:, None]
+    keys = jnp.where(valid[..., None], latents, 0.0)
+    squares = jnp.sum(jnp.square(keys), axis=-1)
+
+    def pair(query, key, square, valid):
+        distance = square - 2.0 * jnp.matmul(query, key.T, precision="highest")
+        return jnp.argmin(jnp.where(valid, distance, jnp.inf), axis=-1).astype(jnp.int32)
+
+    def from_query(query):
+        return jax.vmap(pair, in_axes=(None, 0, 0, 0))(query, keys, squares, valid)
+
+    return jax.lax.map(from_query, keys)
+
+
+def _lengths(latents, length) -> Int[Array, "B"]:
+    num_videos, num_frames, _ = latents.shape
+    return jnp.full(num_videos, num_frames) if length is None else length

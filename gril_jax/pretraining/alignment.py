@@ -60,12 +60,9 @@ def warping(
     divergence = soft_dtw_divergence(
         latents[one], latents[other], length[one], length[other], gamma=hyper.gamma
     )
-    return hyper.soft_dtw_weight * jnp.mean(
-        divergence / jnp.maximum(length[one] + length[other], 1)
-    )
+    frames = jnp.maximum(length[one] + length[other], 1)
+    return hyper.soft_dtw_weight * jnp.mean(divergence / frames)
 
 
 def _options(hyper, config):
-    return {
-        "form": config.form, "temperature": hyper.temperature, "similarity": config.similarity
-    }  # fmt: skip
+    return dict(form=config.form, temperature=hyper.temperature, similarity=config.similarity)

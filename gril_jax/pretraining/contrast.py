@@ -15,6 +15,7 @@ Shapes use V for videos, T for frames, N for objects, D for the latent, A for th
 that are copied, J for the copies of each and P for the scenes of a pool.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -59,12 +60,8 @@ def displaced(
 ) -> Copy:
     """One copy of a frame; each object is displaced with a probability that is sampled per copy.
 
-    Args:
-      key: consumed.
-      center, size, active: the frame's.
-      demo: the video, without the leading axis.
-      places: of all demonstrations.
-      extent: places lie within |x|, |y| <= this, world units.
+    The frame is of the video `demo`; it stays within |x|, |y| <= `extent`, world units. The key is
+    consumed.
     """
     keys = jax.random.split(key, 8)
     num = center.shape[0]
@@ -78,9 +75,8 @@ def displaced(
     nearby = center + _NEARBY * jax.random.normal(keys[4], (num, 2))
     is_reference = demo.label[None, :] == places.reference[demo.label][:, None]
     at = jnp.argmax(is_reference, axis=1)
-    around = center[at] + size[at] * jax.random.uniform(
-        keys[5], (num, 2), minval=-_AROUND, maxval=_AROUND
-    )
+    aside = jax.random.uniform(keys[5], (num, 2), minval=-_AROUND, maxval=_AROUND)
+    around = center[at] + size[at] * aside
     which = jax.random.choice(keys[6], len(_PLACES), (num, 1), p=jnp.array(_PLACES))
     options = [anywhere, first, swapped, nearby, around]
     place = jnp.clip(jnp.select([which == i for i in range(5)], options), -extent, extent)
@@ -105,15 +101,8 @@ def contrast(
     goal, and `hyper.span` as the latent distance of a reward of -1; were that measured in the
     batch, a smaller latent space would look like a better one.
 
-    Args:
-      params: of the encoder.
-      key: consumed.
-      demos: the batch's videos.
-      active: their activity bits.
-      places: where all demonstrations leave objects.
-      hyper: its `alpha`, `near`, `idle_cost`, `touch`, `tail` and `span` are used.
-      config: its `encoder`, `anchors`, `copies`, `ascents` and `turn_scenes` are used.
-      pool: scenes, leaves (P, N, ...); V `anchors` are drawn, and turned as videos are.
+    Of a pool of scenes, leaves (P, N, ...), V `anchors` are drawn, and turned as videos are. The
+    key is consumed.
     """
     extent = jnp.max(jnp.abs(demos.center))
 
@@ -123,8 +112,8 @@ def contrast(
 
     last = jax.vmap(final)(demos, active)
     judge = _Judge(params, jnp.mean(last, axis=0), places, extent, hyper, config)
-    video = lambda *one: _of_video(judge, *one)  # noqa: E731
-    plain, copies = jax.vmap(video)(jax.random.split(key, len(last)), demos, active)
+    of_video = jax.vmap(functools.partial(_of_video, judge))
+    plain, copies = of_video(jax.random.split(key, len(last)), demos, active)
     ends = safe_norm(last - judge.goal) / hyper.span
     errors = [copies, plain, ends] if config.copies else [plain, ends]
     if pool is not None:
@@ -150,26 +139,21 @@ def _of_video(
     judge: _Judge, key: PRNGKeyArray, demo: DemoBatch, active: Bool[Array, "T N"]
 ) -> tuple[Float[Array, "A"], Float[Array, "A J"]]:
     """`_excess` of randomly chosen frames of one video, and of their copies."""
-    keys = jax.random.split(key, judge.config.anchors)
-    return jax.vmap(lambda key: _of_anchor(judge, key, demo, active))(keys)
 
+    def anchor(key):
+        key_frame, key_copies = jax.random.split(key)
+        frame = _frame(demo, active, jax.random.randint(key_frame, (), 0, demo.length))
+        boxes = frame.center, frame.size, frame.active
 
-def _of_anchor(
-    judge: _Judge, key: PRNGKeyArray, demo: DemoBatch, active: Bool[Array, "T N"]
-) -> tuple[Float[Array, ""], Float[Array, "J"]]:
-    """`_excess` of one randomly chosen frame, and of its copies."""
-    key_frame, key_copies = jax.random.split(key)
-    frame = _frame(demo, active, jax.random.randint(key_frame, (), 0, demo.length))
+        def copy(key):
+            made = displaced(key, *boxes, demo, judge.places, judge.extent)
+            scene = frame._replace(center=made.center, active=made.active)
+            return _excess(judge, _ascended(judge, scene, made.moved, demo.present), demo.present)
 
-    def copy(key):
-        made = displaced(
-            key, frame.center, frame.size, frame.active, demo, judge.places, judge.extent
-        )
-        scene = frame._replace(center=made.center, active=made.active)
-        return _excess(judge, _ascended(judge, scene, made.moved, demo.present), demo.present)
+        copies = jax.vmap(copy)(jax.random.split(key_copies, judge.config.copies))
+        return _excess(judge, frame, demo.present), copies
 
-    copies = jax.vmap(copy)(jax.random.split(key_copies, judge.config.copies))
-    return _excess(judge, frame, demo.present), copies
+    return jax.vmap(anchor)(jax.random.split(key, judge.config.anchors))
 
 
 def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Array, ""]:

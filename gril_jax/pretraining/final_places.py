@@ -48,20 +48,15 @@ def has_moved(
     >>> has_moved(jnp.zeros(2), jnp.array([0.3, 0.4]), jnp.float32(0.9)).item()
     True
 
-    Args:
-      first, last: its centres in these frames.
-      diagonal: of its box.
+    `first` and `last` are its centres there, `diagonal` is that of its box.
     """
     return safe_norm(last - first) > 0.5 * diagonal
 
 
 def final_places(demos: DemoBatch, num_classes: int, *, turned: bool = False) -> FinalPlaces:
-    """Computes the places in which demonstrations leave objects.
+    """Computes the places in which successful demonstrations leave objects.
 
-    Args:
-      demos: successful ones.
-      num_classes: C, that labels are less than.
-      turned: whether scenes may be turned and mirrored: a box then has the square's symmetries.
+    With `turned`, scenes may be turned and mirrored: a box then has the square's symmetries.
     """
     at_end = demos.length[:, None, None, None] - 1
     boxes = (demos.center, demos.size)
@@ -84,9 +79,8 @@ def final_places(demos: DemoBatch, num_classes: int, *, turned: bool = False) ->
     places = FinalPlaces(reference, low, high, moves & found, ~moves, jnp.ones(()))
     inside = jax.vmap(intrusion, (None, 0, 0, 0))(places, center, size, demos.label) > 0
     often = (inside[..., None] & of_class).sum(axis=(0, 1)) > _STRAY * of_class.sum(axis=(0, 1))
-    begin = jax.vmap(astray, (None, 0, 0, 0))(
-        places, demos.center[:, 0], demos.size[:, 0], demos.label
-    )
+    begin = demos.center[:, 0], demos.size[:, 0], demos.label
+    begin = jax.vmap(astray, (None, 0, 0, 0))(places, *begin)
     due = counted & places.placed[demos.label]
     journey = jnp.sum(jnp.where(due, begin, 0.0)) / jnp.maximum(jnp.sum(due), 1)
     return places._replace(intruder=~moves & ~often, journey=jnp.maximum(journey, 1e-3))

@@ -3,7 +3,7 @@
 A policy that is trained on a learned reward visits states that no demonstration has. Where the
 reward pays more than the scene is worth by the demonstrations' last frames
 (`gril_jax.pretraining.final_places.misplacement`), it overestimates them, and from these the next
-reward should learn from (`gril_jax.pretraining.contrast`). As in VICE (Fu et al., NeurIPS 2018) a
+reward should learn (`gril_jax.pretraining.contrast`). As in VICE (Fu et al., NeurIPS 2018) a
 policy's own states are the negatives, but each has the distance from the goal that is due, and no
 class. Object boxes are all it takes: no reward of the task, no success, no action.
 

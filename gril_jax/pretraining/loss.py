@@ -14,11 +14,7 @@ from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import NodeConfig, Params
 from gril_jax.encoders.ensemble import num_members
 from gril_jax.graphs.scene import scene_graph
-from gril_jax.losses import (
-    decode,
-    decode_graph,
-    reconstruction,
-)
+from gril_jax.losses import decode, decode_graph, reconstruction
 from gril_jax.losses.reconstruction import init as init_node_decoder
 from gril_jax.losses.reconstruction import init_graph as init_graph_decoder
 from gril_jax.types import DemoBatch, Nodes
@@ -52,14 +48,7 @@ def latents(
 ) -> tuple[Float[Array, "F D"], Float[Array, "F N H"] | None, Nodes]:
     """Latents, node embeddings and nodes of some frames of one demonstration.
 
-    Args:
-      params: of the encoder.
-      demo: one demonstration: leaves without the leading axis.
-      active: its activity bits.
-      frames: which of its frames.
-      hyper: its `alpha` is used.
-      config: its `encoder` is used; one that does not embed nodes, or an ensemble, gives None for
-        them.
+    An encoder that does not embed nodes, or an ensemble, gives None for them.
     """
 
     def one(center, size, active):
@@ -87,16 +76,8 @@ def terms(
 ) -> Terms:
     """The loss of a batch of videos, term by term.
 
-    Args:
-      encoder_params: what is trained.
-      decoder_params: trained along.
-      key: of stochastic matching; consumed.
-      demos: the batch's videos.
-      active: their activity bits.
-      frames: which frames were drawn of each, in order of time.
-      valid: which of these are not padding.
-      hyper: traced values.
-      config: static choices.
+    `frames` were drawn of each video, in order of time; `valid` are those that are not padding. The
+    key, of stochastic matching, is consumed.
     """
 
     def video(demo, active, frames):

@@ -16,27 +16,18 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
-from gril_jax import metrics, reward
-from gril_jax.encoders import pixel_videos, resnet
+from gril_jax.encoders import resnet
 from gril_jax.encoders.message_passing import Params
-from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import ConfigError
 from gril_jax.reward import pixels as pixel_reward
+from gril_jax.types import VideoBatch
 
 from . import batch
 from .alignment import aligned
 from .options import Hyper, PixelStatic
-
-
-class TrainState(NamedTuple):
-    """Everything the next update depends on; saving it is enough to resume bit for bit."""
-
-    params: Params
-    optimizer: optax.OptState
-    key: PRNGKeyArray
-    num_updates: Int[Array, ""]
+from .pretrain import ADAM, TrainState, agreement_weight, figures, updated
 
 
 class Metrics(NamedTuple):
@@ -61,31 +52,23 @@ def init(key: PRNGKeyArray, videos: VideoBatch, config: PixelStatic) -> TrainSta
         )
     encoder_key, key = jax.random.split(key)
     params = resnet.init(encoder_key, config.encoder)
-    return TrainState(params, _optimizer().init(params), key, jnp.zeros((), jnp.int32))
+    return TrainState(params, ADAM.init(params), key, jnp.zeros((), jnp.int32))
 
 
 @jax.jit
 def step(
     state: TrainState, videos: VideoBatch, hyper: Hyper, config: PixelStatic
 ) -> tuple[TrainState, Metrics]:
-    """`config.updates` gradient updates in one compiled call, without talking to the host.
-
-    Args:
-      state: replaced by the one that is returned.
-      videos: the training videos.
-      hyper: traced choices.
-      config: static ones.
-    """
+    """`config.updates` gradient updates in one compiled call, without talking to the host."""
 
     def update(state, _):
         key, batch_key, turn_key = jax.random.split(state.key, 3)
         frames, valid, chosen = batch.draw(batch_key, videos.length, videos.frames.shape[1], config)
         pictures = videos.frames[chosen[:, None], frames]
         if config.turn_scenes:
-            pictures = pixel_videos.turn(turn_key, pictures)
+            pictures = resnet.turn(turn_key, pictures)
         times = frames / videos.length[chosen, None]
-        fading = jnp.clip(1.0 - state.num_updates / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
-        fading = jnp.where(hyper.warmup > 0, fading, 0.0)
+        fading = agreement_weight(state, hyper)
 
         def loss(params):
             latents, moved = resnet.apply_train(params, resnet.floats(pictures), config.encoder)
@@ -93,16 +76,11 @@ def step(
             cycle, agreement = aligned(cycle_key, latents, times, valid, hyper, config)
             return cycle + fading * agreement, (cycle, moved["statistics"])
 
-        (total, (cycle, statistics)), gradient = jax.value_and_grad(loss, has_aux=True)(
-            state.params
-        )
-        direction, optimizer = _optimizer().update(gradient, state.optimizer, state.params)
-        progress = jnp.minimum(state.num_updates / hyper.decay_updates, 1.0)
-        rate = hyper.learning_rate * (1.0 - (1.0 - hyper.learning_rate_left) * progress)
-        params = optax.apply_updates(state.params, jax.tree.map(lambda d: -rate * d, direction))
-        params = {**params, "statistics": statistics}
-        values = Metrics(total, cycle, optax.global_norm(gradient))
-        return TrainState(params, optimizer, key, state.num_updates + 1), values
+        (total, aux), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
+        params, moments = updated(ADAM, state, gradient, hyper)
+        params = {**params, "statistics": aux[1]}
+        values = Metrics(total, aux[0], optax.global_norm(gradient))
+        return TrainState(params, moments, key, state.num_updates + 1), values
 
     return jax.lax.scan(update, state, length=config.updates)
 
@@ -113,27 +91,9 @@ def evaluate(
 ) -> dict[str, Float[Array, ""]]:
     """Measures how well the encoder orders videos, ideally ones it has not been trained on.
 
-    Args:
-      params: of the encoder (`state.params`).
-      videos: those to order.
-      train: the training videos; goal and scale of the reward come from them.
-      config: its `encoder` is used.
-
-    Returns:
-      The same figures as `gril_jax.pretraining.pretrain.evaluate`.
+    Goal and scale of the reward come from `train`, the training videos. Returns the same figures as
+    `gril_jax.pretraining.pretrain.evaluate`.
     """
     latents = pixel_reward.embed(params, videos, config.encoder)
     learned = pixel_reward.from_videos(params, train, config.encoder)
-    rewards = reward.latent_reward(learned, latents)
-    last = jnp.take_along_axis(rewards, videos.length[:, None] - 1, axis=1)
-    return {
-        "tau": metrics.mean_alignment_tau(latents, videos.length),
-        "reward_time_tau": jnp.mean(jax.vmap(metrics.reward_time_tau)(rewards, videos.length)),
-        "reward_first": jnp.mean(rewards[:, 0]),
-        "reward_last": jnp.mean(last),
-    }
-
-
-def _optimizer():
-    """Adam without its step size, which is traced; norms are clipped against rare long steps."""
-    return optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam())
+    return figures(learned, latents, videos.length)

@@ -12,7 +12,8 @@ own; `embed` and `evaluate` take the whole of it. Shapes use B for demonstration
 of a batch, T and F for frames, N for objects, H for the node embedding and D for the latent.
 """
 
-from typing import NamedTuple
+import functools
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +27,7 @@ from gril_jax.encoders.encoder import Params
 from gril_jax.encoders.ensemble import num_members
 from gril_jax.errors import ConfigError
 from gril_jax.graphs import activity
+from gril_jax.reward import RewardParams
 from gril_jax.types import DemoBatch
 
 from . import batch as pretrain_batch
@@ -33,6 +35,11 @@ from . import contrast as pretrain_contrast
 from . import loss as pretrain_loss
 from .final_places import final_places
 from .options import Hyper, Static
+
+# Adam without its step size, which is traced; norms are clipped against rare long steps.
+ADAM = optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam())
+# All parameters lie in one vector: leaf by leaf it is a fifth of the program to compile.
+_OPTIMIZER = optax.flatten(ADAM)
 
 
 class TrainParams(NamedTuple):
@@ -45,7 +52,7 @@ class TrainParams(NamedTuple):
 class TrainState(NamedTuple):
     """Everything the next update depends on; saving it is enough to resume bit for bit."""
 
-    params: TrainParams
+    params: Any  # `TrainParams`, or those of a pixel encoder
     optimizer: optax.OptState
     key: PRNGKeyArray
     num_updates: Int[Array, ""]
@@ -85,27 +92,17 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
         encoder.init(encoder_key, config.encoder),
         pretrain_loss.init_decoder(decoder_key, config, demos.center.shape[2]),
     )
-    return TrainState(params, _optimizer().init(params), key, jnp.zeros((), jnp.int32))
+    return TrainState(params, _OPTIMIZER.init(params), key, jnp.zeros((), jnp.int32))
 
 
 @jax.jit
 def step(
-    state: TrainState,
-    demos: DemoBatch,
-    hyper: Hyper,
-    config: Static,
-    pool: Scene | None = None,
+    state: TrainState, demos: DemoBatch, hyper: Hyper, config: Static, pool: Scene | None = None
 ) -> tuple[TrainState, Metrics]:
     """`config.updates` gradient updates in one compiled call, without talking to the host.
 
-    Args:
-      state: replaced by the one that is returned.
-      demos: the training demonstrations.
-      hyper: traced choices.
-      config: static ones.
-      pool: scenes that an earlier reward overrated (`gril_jax.pretraining.hard_negatives`), leaves
-      (P, N, ...);
-        they teach distances as copies do, also where `config.copies` is 0.
+    `pool` are scenes that an earlier reward overrated (`gril_jax.pretraining.hard_negatives`),
+    leaves (P, N, ...); they teach distances as copies do, also where `config.copies` is 0.
     """
     active = activity_bits(demos, hyper, config)
     places = None
@@ -125,15 +122,12 @@ def step(
         if config.touched > 0:
             bits = pretrain_batch.touch(touch_key, bits, config.touched)
 
-        # Eq. 6 alone, after the first updates: see `gril_jax.losses.time_agreement`.
-        fading = jnp.clip(1.0 - state.num_updates / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
-        fading = jnp.where(hyper.warmup > 0, fading, 0.0)
+        fading = agreement_weight(state, hyper)
 
         def loss(params):
             cycle_key = jax.random.fold_in(batch_key, 2)  # `draw` splits it into 0 and 1
-            parts = pretrain_loss.terms(
-                *params, cycle_key, batch, bits, frames, valid, hyper, config
-            )
+            data = batch, bits, frames, valid
+            parts = pretrain_loss.terms(*params, cycle_key, *data, hyper, config)
             total = parts.consistency + hyper.lambda_ * parts.reconstruction
             apart = jnp.zeros(())
             if apart_too:
@@ -146,26 +140,18 @@ def step(
             return total + fading * parts.agreement, values
 
         (total, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
-        direction, optimizer = _optimizer().update(gradient, state.optimizer, state.params)
-        progress = jnp.minimum(state.num_updates / hyper.decay_updates, 1.0)
-        rate = hyper.learning_rate * (1.0 - (1.0 - hyper.learning_rate_left) * progress)
-        direction = jax.tree.map(lambda d: -rate * d, direction)
-        params = optax.apply_updates(state.params, direction)
+        params, moments = updated(_OPTIMIZER, state, gradient, hyper)
         values = Metrics(total, *parts, optax.global_norm(gradient))
-        return TrainState(params, optimizer, key, state.num_updates + 1), values
+        return TrainState(params, moments, key, state.num_updates + 1), values
 
     return jax.lax.scan(update, state, length=config.updates)
 
 
 @jax.jit
 def embed(params: Params, demos: DemoBatch, hyper: Hyper, config: Static) -> Float[Array, "B T D"]:
-    """The latent of every frame of every demonstration, padding included.
+    """The latent of every frame of every demonstration, padding included; one at a time in memory.
 
-    Args:
-      params: of the encoder (`state.params.encoder`).
-      demos: any demonstrations; one at a time is in memory.
-      hyper: its `alpha` and `tau` are used.
-      config: its `encoder` and `window` are used.
+    `params` are those of the encoder (`state.params.encoder`).
     """
 
     def one(demo_and_active):
@@ -182,12 +168,8 @@ def evaluate(
 ) -> dict[str, Float[Array, ""]]:
     """Measures how well the encoder orders demonstrations, ideally unseen ones.
 
-    Args:
-      params: of the encoder (`state.params.encoder`).
-      demos: the demonstrations to order.
-      train: the training demonstrations; goal and scale of the reward come from them.
-      hyper: its `alpha` and `tau` are used.
-      config: its `encoder` and `window` are used.
+    Goal and scale of the reward come from `train`, the training demonstrations; `params` are those
+    of the encoder (`state.params.encoder`).
 
     Returns:
       `tau`: Kendall's tau of nearest-neighbour alignment, mean over ordered pairs of `demos`; an
@@ -199,11 +181,18 @@ def evaluate(
     latents = embed(params, demos, hyper, config)
     bits = activity_bits(train, hyper, config)
     learned = reward.from_demos(params, train, config.encoder, alpha=hyper.alpha, active=bits)
+    return figures(learned, latents, demos.length)
+
+
+def figures(
+    learned: RewardParams, latents: Float[Array, "B T D"], length: Int[Array, "B"]
+) -> dict[str, Float[Array, ""]]:
+    """What `evaluate` returns, of a reward and the latents of recordings."""
     rewards = reward.latent_reward(learned, latents)
-    last = jnp.take_along_axis(rewards, demos.length[:, None] - 1, axis=1)
+    last = jnp.take_along_axis(rewards, length[:, None] - 1, axis=1)
     return {
-        "tau": metrics.mean_alignment_tau(latents, demos.length),
-        "reward_time_tau": jnp.mean(jax.vmap(metrics.reward_time_tau)(rewards, demos.length)),
+        "tau": metrics.mean_alignment_tau(latents, length),
+        "reward_time_tau": jnp.mean(jax.vmap(metrics.reward_time_tau)(rewards, length)),
         "reward_first": jnp.mean(rewards[:, 0]),
         "reward_last": jnp.mean(last),
     }
@@ -214,17 +203,22 @@ def activity_bits(demos: DemoBatch, hyper: Hyper, config: Static) -> Bool[Array,
 
     They come from the full recordings: a bit that latched between two drawn frames is set.
     """
-    rule = {"window": config.window, "smoothing": config.smoothing, "noise": config.noise}
-
-    def one(center, size):
-        return activity.trajectory(center, size, tau=hyper.tau, **rule)
-
-    return jax.vmap(one)(demos.center, demos.size)
+    rule = dict(window=config.window, smoothing=config.smoothing, noise=config.noise, tau=hyper.tau)
+    return jax.vmap(functools.partial(activity.trajectory, **rule))(demos.center, demos.size)
 
 
-def _optimizer():
-    """Adam without its step size, which is traced; norms are clipped against rare long steps.
+def agreement_weight(state: TrainState, hyper: Hyper) -> Float[Array, ""]:
+    """Of the time agreement, for the first updates only: see `gril_jax.losses.time_agreement`."""
+    fading = jnp.clip(1.0 - state.num_updates / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
+    return jnp.where(hyper.warmup > 0, fading, 0.0)
 
-    All parameters lie in one vector: leaf by leaf it is a fifth of the program to compile.
-    """
-    return optax.flatten(optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam()))
+
+def updated(
+    optimizer: optax.GradientTransformation, state: TrainState, gradient: Any, hyper: Hyper
+) -> tuple[Any, optax.OptState]:
+    """Parameters and moments after an update, whose step size falls linearly."""
+    direction, moments = optimizer.update(gradient, state.optimizer, state.params)
+    progress = jnp.minimum(state.num_updates / hyper.decay_updates, 1.0)
+    rate = hyper.learning_rate * (1.0 - (1.0 - hyper.learning_rate_left) * progress)
+    direction = jax.tree.map(lambda d: -rate * d, direction)
+    return optax.apply_updates(state.params, direction), moments

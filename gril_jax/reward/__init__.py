@@ -13,15 +13,6 @@ from .latent_goal import (
 from .learned_reward import LearnedReward
 
 __all__ = [
-    "LearnedReward",
-    "Options",
-    "RewardParams",
-    "chain",
-    "demo_latents",
-    "from_demos",
-    "from_latents",
-    "latent_goal_reward",
-    "latent_reward",
-    "pixels",
-    "shaping",
-]
+    "LearnedReward", "Options", "RewardParams", "chain", "demo_latents", "from_demos",
+    "from_latents", "latent_goal_reward", "latent_reward", "pixels", "shaping",
+]  # fmt: skip

@@ -30,6 +30,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.encoders.ensemble import split, worst_distance
 from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.graphs.activity import check_not_negative
 from gril_jax.graphs.scene import safe_norm
 
 
@@ -227,10 +228,7 @@ def _mean(values, weights):
 def _check(params, latent, mode, bonus, fallback):
     if mode not in ("continuous", "stepped"):
         raise ConfigError(f"mode is {mode!r}; it must be 'continuous' or 'stepped'.")
-    for name, value in (("bonus", bonus), ("fallback", fallback)):
-        known = value is not None and not isinstance(value, jax.core.Tracer)
-        if known and not float(value) >= 0:
-            raise ConfigError(f"{name} is {value}; it must not be negative.")
+    check_not_negative(bonus=bonus, fallback=fallback)
     if params.goals.ndim != 2 or not len(params.goals) or params.goals.shape[1:] != latent.shape:
         raise ShapeError(
             f"params.goals has shape {params.goals.shape} but latent has shape {latent.shape}; "

@@ -73,9 +73,8 @@ def latent_goal_reward(
     At the goal itself the gradient is zero, not NaN.
 
     Args:
-      params: from `from_demos` or `from_latents`.
+      params, config: from `from_demos` or `from_latents`, and of their encoder.
       graph: of one moment; for `PixelConfig` RGB frames in [0, 1].
-      config: of the encoder.
       softness: of the minimum over a set of goals, see `latent_reward`.
 
     Raises:
@@ -195,9 +194,8 @@ def from_demos(
     """The reward of a trained encoder, with goal and scale from its demonstrations.
 
     Args:
-      encoder_params: from `gril_jax.encoders.encoder.init`, trained.
+      encoder_params, config: of the trained encoder.
       demos: the training demonstrations; each must end with the task done.
-      config: of the encoder.
       alpha: weight of an active node in the pooling (Eq. 3).
       tau: activity threshold in box diagonals (Eq. 4).
       window: activity window in frames (Eq. 4).
@@ -215,10 +213,9 @@ def from_demos(
       ConfigError: the encoder is not one of scene graphs, or `goal` is another word.
     """
     _check_demos(demos, config, active)
+    word, goal = (goal, None) if isinstance(goal, str) else (None, goal)
     options = Options(alpha=alpha, tau=tau, window=window, active=active)
-    if isinstance(goal, str):
-        return _from_demos(encoder_params, demos, config, None, word=goal, **options)
-    return _from_demos(encoder_params, demos, config, goal, **options)
+    return _from_demos(encoder_params, demos, config, goal, word=word, **options)
 
 
 def demo_latents(
@@ -234,7 +231,7 @@ def demo_latents(
 
 
 @functools.partial(jax.jit, static_argnames=("word", "window"))
-def _from_demos(encoder_params, demos, config, goal, *, word=None, alpha, active, **rule):
+def _from_demos(encoder_params, demos, config, goal, *, word, alpha, active, **rule):
     alpha = jnp.asarray(alpha, jnp.float32)
 
     def ends(demo, active):
@@ -301,6 +298,5 @@ def _check_demos(demos, config, active):
     if not isinstance(demos.length, jax.core.Tracer):
         with jax.ensure_compile_time_eval():
             if not jnp.all((demos.length >= 1) & (demos.length <= shape[1])):
-                raise ShapeError(
-                    f"demos.length is {demos.length}; it must be from 1 to {shape[1]}."
-                )
+                known = demos.length
+                raise ShapeError(f"demos.length is {known}; it must be from 1 to {shape[1]}.")

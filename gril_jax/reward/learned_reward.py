@@ -63,7 +63,12 @@ class LearnedReward:
 
     def __post_init__(self):
         for field in ("robots", "objects"):
-            _known(field, getattr(self, field), self.classes)
+            for name in getattr(self, field):
+                if name not in self.classes:
+                    raise ConfigError(
+                        f"{field} names {name!r}; it must be one of the classes "
+                        f"{', '.join(self.classes)}."
+                    )
 
     @property
     def about(self) -> dict[str, Any]:
@@ -120,9 +125,8 @@ class LearnedReward:
         nodes = self._check_shapes(center, size, history)
         label, is_robot = self._scene(label, is_robot)
         present = jnp.ones(nodes, bool) if present is None else jnp.asarray(present)
-        for name, flags in {
-            "active": active, "label": label, "is_robot": is_robot, "present": present
-        }.items():  # fmt: skip
+        given = dict(active=active, label=label, is_robot=is_robot, present=present)
+        for name, flags in given.items():
             if flags.shape != (nodes,):
                 raise ShapeError(
                     f"{name} has shape {flags.shape} but center has shape {center.shape}; {name} "
@@ -185,8 +189,7 @@ class LearnedReward:
 
         Args:
           memory: from `init` or the previous `step`; `memory.activity.active` are the bits.
-          center: box centres of this frame, world units.
-          size: box widths and heights of this frame, world units.
+          center, size: the boxes of this frame, world units.
           label, is_robot, present: as for the reward of a moment.
 
         Raises:
@@ -200,19 +203,15 @@ class LearnedReward:
                 f"{memory.center.shape[1:]}; call init with this scene's first frame."
             )
         bits, _ = self.activity.step(memory.activity, center, size)
-        centers, sizes = (
-            jnp.concatenate([old[1:], new[None]])
-            for old, new in ((memory.center, center), (memory.size, size))
-        )
-        memory = Memory(bits, centers, sizes)
+        pairs = (memory.center, center), (memory.size, size)
+        boxes = (jnp.concatenate([old[1:], new[None]]) for old, new in pairs)
+        memory = Memory(bits, *boxes)
         return memory, self.of_memory(memory, label=label, is_robot=is_robot, present=present)
 
     def of_memory(self, memory: Memory, **given: Any) -> Float[Array, ""]:
         """The reward of the last frame in a memory; `given` as for the reward of one state."""
-        boxes = memory.center, memory.size
-        if len(memory.center) == 1:
-            boxes = boxes[0][0], boxes[1][0]
-        return self(*boxes, memory.activity.active, **given)
+        lone = 0 if len(memory.center) == 1 else slice(None)
+        return self(memory.center[lone], memory.size[lone], memory.activity.active, **given)
 
     def trajectory(
         self, center: Float[Array, "T N 2"], size: Float[Array, "..."], **given: Any
@@ -228,10 +227,7 @@ class LearnedReward:
                 "with one frame or more."
             )
         memory = self.init(center[0], size[0])
-
-        def frame(memory, boxes):
-            return self.step(memory, *boxes, **given)
-
+        frame = lambda memory, boxes: self.step(memory, *boxes, **given)  # noqa: E731
         _, later = jax.lax.scan(frame, memory, (center[1:], size[1:]))
         return jnp.concatenate([self.of_memory(memory, **given)[None], later])
 
@@ -281,11 +277,3 @@ def _check_labels(label, classes):
             f"label holds {low if low < 0 else high}; it must lie in 0 to {len(classes) - 1}, the "
             f"reward's {len(classes)} classes."
         )
-
-
-def _known(field, names, classes):
-    for name in names:
-        if name not in classes:
-            raise ConfigError(
-                f"{field} names {name!r}; it must be one of the classes {', '.join(classes)}."
-            )

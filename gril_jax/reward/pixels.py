@@ -14,11 +14,10 @@ from jaxtyping import Array, Float
 
 from gril_jax.encoders import resnet
 from gril_jax.encoders.message_passing import Params
-from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.encoders.resnet import PixelConfig
-from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.types import VideoBatch
 
-from . import latent_goal
+from .latent_goal import RewardParams, from_latents
 
 
 @jax.jit
@@ -28,21 +27,15 @@ def embed(params: Params, videos: VideoBatch, config: PixelConfig) -> Float[Arra
     Raises:
       ShapeError: the frames are not of the config's size.
     """
-
-    def one(frames):
-        return resnet.apply(params, resnet.floats(frames), config)
-
+    one = lambda frames: resnet.apply(params, resnet.floats(frames), config)  # noqa: E731
     return jax.lax.map(one, videos.frames)
 
 
 @jax.jit
 def from_videos(encoder_params: Params, videos: VideoBatch, config: PixelConfig) -> RewardParams:
-    """The reward of a trained encoder, with goal and scale from its videos.
+    """The reward of a trained encoder, with goal and scale from the videos that it was trained on.
 
-    Args:
-      encoder_params: from `gril_jax.encoders.resnet.init`, trained.
-      videos: those that it was trained on; each must end with the task done.
-      config: of the encoder.
+    Each must end with the task done.
 
     Returns:
       Reward parameters; the scale is 1 if the encoder cannot tell first from last frames.
@@ -57,4 +50,4 @@ def from_videos(encoder_params: Params, videos: VideoBatch, config: PixelConfig)
         return resnet.apply(encoder_params, frames, config)
 
     first, last = jax.lax.map(latents, jnp.stack([jnp.zeros_like(each), videos.length - 1]))
-    return latent_goal.from_latents(encoder_params, first, last)
+    return from_latents(encoder_params, first, last)

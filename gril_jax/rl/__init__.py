@@ -7,11 +7,4 @@ from .ppo import PPO
 from .sac import SAC
 from .training import Algorithm
 
-__all__ = [
-    "PPO",
-    "SAC",
-    "Algorithm",
-    "Evaluation",
-    "Policy",
-    "rewards",
-]
+__all__ = ["PPO", "SAC", "Algorithm", "Evaluation", "Policy", "rewards"]

@@ -5,30 +5,32 @@ first is the next step's, then come those of new starts, one for each control st
 learner's. All are split off at once, because each place that derives keys is a loop to compile.
 """
 
+import dataclasses
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
+from gril_jax.config.encoder import PoolConfig
+
 from . import rollout, training
-from .environment import Environment
-from .episodes import Episodes, EpisodeState
+from .episodes import Environment, Episodes, EpisodeState
 from .policy import Policy
 from .rewards import AnyReward
 
 
-@runtime_checkable
-class Sizes(Protocol):
-    """Static options that every algorithm has."""
+@dataclasses.dataclass(frozen=True)
+class Sizes:
+    """Static options that every algorithm has: they shape the compiled program."""
 
     num_envs: int
     unroll_length: int
     hidden: tuple[int, ...]
-    observe_activity: bool
-    window: int
-    smoothing: int
-    noise: float | None
+    observe_activity: bool = True
+    window: int = PoolConfig.window  # of the activity memory, frames
+    smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
+    noise: float | None = PoolConfig.noise  # of centres, world units
 
 
 class Agent:

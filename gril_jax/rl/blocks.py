@@ -20,11 +20,7 @@ _LEAST = 256  # environments of a block: enough of them to be shuffled among
 
 def count(num_envs: int, minibatches: int = 1) -> int:
     """The number K of blocks, a power of two: each has `_LEAST` environments or more, if there are
-    so many, and divides evenly into its minibatches.
-
-    Args:
-      num_envs: B.
-      minibatches: M, a divisor of it.
+    so many, and divides evenly into its minibatches; their number M divides that of environments.
     """
     most = min(_MOST, max(1, num_envs // _LEAST))
     return math.gcd(2 ** (most.bit_length() - 1), num_envs // minibatches)
@@ -43,10 +39,7 @@ def join(tree: Any) -> Any:
 def minibatches(tree: Any, key: PRNGKeyArray, number: int) -> Any:
     """Leaves (B, ...) shuffled into (M, B / M, ...): each minibatch gets a share of each block.
 
-    Args:
-      tree: what is known of each environment.
-      key: consumed.
-      number: M, a divisor of B.
+    `number` is M, a divisor of B. The key is consumed.
     """
     num_envs = len(jax.tree.leaves(tree)[0])
     blocks = count(num_envs, number)

@@ -6,7 +6,7 @@ the choice between two of them. All functions take one; batch with `jax.vmap`, o
 """
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +15,20 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from gril_jax.config.encoder import PoolConfig
 from gril_jax.graphs import activity
 
-from .environment import Environment
 from .rewards import AnyReward, Reward, as_reward
+
+
+@runtime_checkable
+class Environment(Protocol):
+    """A task as pure functions of its state, which has at least `obs`, `objects`, `moved`,
+    `reward`, `done` and `metrics` (see `gril_jax.envs.base.State`)."""
+
+    action_size: int
+    episode_length: int  # control steps
+
+    def reset(self, key: PRNGKeyArray) -> Any: ...
+
+    def step(self, state: Any, action: Float[Array, "A"]) -> Any: ...
 
 
 class EpisodeState(NamedTuple):
@@ -90,11 +102,7 @@ class Episodes:
         whose reward is never positive would learn to break the simulator if nothing were to come
         after it.
 
-        Args:
-          reward_params: of the reward.
-          episode: from `begin` or the previous step.
-          action: in [-1, 1].
-          tau: activity threshold, in box diagonals.
+        Actions are in [-1, 1]; `tau` is the activity threshold, in box diagonals.
         """
         state = self.env.step(episode.state, action)
         boxes = state.objects.center, state.objects.size

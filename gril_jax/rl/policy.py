@@ -51,16 +51,14 @@ def fresh_weights(key: PRNGKeyArray, *networks: Any) -> list[Any]:
 
 
 def observed(
-    statistics: running_statistics.RunningStatisticsState,
-    observation: Float[Array, "*batch O"],
+    statistics: running_statistics.RunningStatisticsState, observation: Float[Array, "*batch O"]
 ) -> running_statistics.RunningStatisticsState:
     """Statistics updated with more observations; no deviation is below `LEAST_DEVIATION`."""
     return running_statistics.update(statistics, observation, std_min_value=LEAST_DEVIATION)
 
 
 def normalize(
-    observation: Float[Array, "*batch O"],
-    statistics: running_statistics.RunningStatisticsState,
+    observation: Float[Array, "*batch O"], statistics: running_statistics.RunningStatisticsState
 ) -> Float[Array, "*batch O"]:
     """Observations as standard deviations from their mean, clipped at `MAX_OBSERVATION` of them."""
     return running_statistics.normalize(observation, statistics, max_abs_value=MAX_OBSERVATION)

@@ -22,8 +22,8 @@ from gril_jax.config.encoder import PoolConfig
 from gril_jax.config.policy import PPOConfig
 
 from . import blocks, ppo_loss, rollout
-from .agent import Agent
-from .environment import Environment
+from .agent import Agent, Sizes
+from .episodes import Environment
 from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
 from .rewards import AnyReward
 
@@ -31,18 +31,14 @@ Number = Float[Array, ""] | float
 
 
 @dataclasses.dataclass(frozen=True)
-class Static:
-    """Static choices, which shape the compiled program."""
+class Static(Sizes):
+    """Static choices, with PPO's own."""
 
     num_envs: int = PPOConfig.num_envs
     unroll_length: int = PPOConfig.unroll_length
-    num_minibatches: int = PPOConfig.num_minibatches
-    num_epochs: int = PPOConfig.num_epochs
     hidden: tuple[int, ...] = PPOConfig.hidden
-    observe_activity: bool = True
-    window: int = PoolConfig.window  # of the activity memory, frames
-    smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
-    noise: float | None = PoolConfig.noise  # of centres, world units
+    num_minibatches: int = PPOConfig.num_minibatches  # a divisor of `num_envs`
+    num_epochs: int = PPOConfig.num_epochs
 
 
 class Hyper(NamedTuple):
@@ -57,9 +53,7 @@ class Hyper(NamedTuple):
     max_grad_norm: Number = PPOConfig.max_grad_norm
     tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
     decay_updates: Number = 1.0  # over which the two below are reached
-    learning_rate_left: Number = (
-        PPOConfig.learning_rate_left
-    )  # share of the learning rate, at the end
+    learning_rate_left: Number = PPOConfig.learning_rate_left  # share of the rate, at the end
     entropy_left: Number = PPOConfig.entropy_left  # share of the entropy cost, at the end
 
 
@@ -76,13 +70,7 @@ class TrainState(NamedTuple):
 
 
 class PPO(Agent):
-    """The algorithm for one environment and one reward; its functions are pure.
-
-    Args:
-      env: the task.
-      reward: what to maximise; its parameters are an argument of `step`.
-      static: sizes; `num_minibatches` divides `num_envs`.
-    """
+    """The algorithm for one environment and one reward; its functions are pure."""
 
     Static, Hyper = Static, Hyper
 
@@ -90,12 +78,9 @@ class PPO(Agent):
         self.static = static
         super().__init__(env, reward, static, static.num_epochs * (static.num_minibatches + 1))
         self.networks = networks.make_ppo_networks(
-            self.observation_size,
-            env.action_size,
-            preprocess_observations_fn=normalize,
-            policy_hidden_layer_sizes=static.hidden,
-            value_hidden_layer_sizes=static.hidden,
-        )
+            self.observation_size, env.action_size, preprocess_observations_fn=normalize,
+            policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,
+        )  # fmt: skip
         self._make_policy = networks.make_inference_fn(self.networks)
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
@@ -103,14 +88,9 @@ class PPO(Agent):
         key, key_weights, envs = self._begin(key)
         both = self.networks.policy_network, self.networks.value_network
         params = losses.PPONetworkParams(*fresh_weights(key_weights, *both))
-        return TrainState(
-            params=params,
-            optimiser=_optimiser(hyper, 0.0).init(params),
-            normalizer=fresh_normalizer(self.observation_size),
-            envs=envs,
-            key=key,
-            updates=jnp.zeros((), jnp.int32),
-        )
+        moments, updates = _optimiser(hyper, 0.0).init(params), jnp.zeros((), jnp.int32)
+        normalizer = fresh_normalizer(self.observation_size)
+        return TrainState(params, moments, normalizer, envs, key, updates)
 
     def policy(self, state: TrainState) -> Policy:
         """The part of the state that acting needs."""

@@ -57,13 +57,8 @@ def advantages(
     affine maps, which `jax.lax.associative_scan` composes. The advantage looks one step further:
     r_t + discount target_(t+1) - v_t. A dropped step has delta_t = c_t = 0 and no advantage.
 
-    Args:
-      reward: of each step.
-      value: of the observation before it, and at last of the one after the last step.
-      ended: 1 where nothing comes after the step.
-      dropped: 1 where the step is not to be learned from.
-      discounting: of the rewards.
-      gae_lambda: 0 looks one step ahead, 1 to the end.
+    `value` is of the observation before each step, and at last of the one after the last; of
+    `ended` and `dropped` see `Batch`. A lambda of 0 looks one step ahead, 1 to the end.
     """
     kept, on = 1.0 - dropped, discounting * (1.0 - ended)
     value, last = value[..., :-1], value[..., -1:]
@@ -94,35 +89,26 @@ def loss(
     These are its parts; `ratio_beyond`, the share of steps whose ratio was clipped; and
     `deviation`, the mean standard deviation of actions before they are squashed.
 
-    Args:
-      params: of both networks.
-      normalizer: statistics of the observations, which the networks normalise.
-      batch: the minibatch.
-      key: draws the actions that estimate what squashing takes from the entropy.
-      networks: brax's policy and value networks, and the distribution of actions.
-      weights: of the parts.
+    The key draws the actions that estimate what squashing takes from the entropy.
     """
     actions = networks.parametric_action_distribution
     logits = networks.policy_network.apply(normalizer, params.policy, batch.observation)[:, :-1]
     value = networks.value_network.apply(normalizer, params.value, batch.observation)
-    target, advantage = jax.lax.stop_gradient(
-        advantages(
-            batch.reward * weights.reward_scaling, value, batch.ended, batch.dropped,
-            discounting=weights.discounting, gae_lambda=weights.gae_lambda,
-        )
+    found = advantages(
+        batch.reward * weights.reward_scaling, value, batch.ended, batch.dropped,
+        discounting=weights.discounting, gae_lambda=weights.gae_lambda,
     )  # fmt: skip
+    target, advantage = jax.lax.stop_gradient(found)
     advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
     ratio = jnp.exp(actions.log_prob(logits, batch.raw_action) - batch.log_prob)
     clipped = jnp.clip(ratio, 1 - weights.clipping_epsilon, 1 + weights.clipping_epsilon)
     of_policy = -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))
     of_value = _VALUE_WEIGHT * jnp.mean((target - value[:, :-1]) ** 2)
     entropy = jnp.mean(actions.entropy(logits, key))
-    parts = {
+    return of_policy + of_value - weights.entropy_cost * entropy, {
         "loss/policy": of_policy,
         "loss/value": of_value,
         "loss/entropy": -weights.entropy_cost * entropy,
-    }
-    return of_policy + of_value - weights.entropy_cost * entropy, parts | {
         "ratio_beyond": jnp.mean((clipped != ratio).astype(jnp.float32)),
         "deviation": jnp.mean(actions.create_dist(logits).scale),
     }

@@ -32,12 +32,9 @@ def init(row: Any, capacity: int) -> Replay:
 
 
 def insert(replay: Replay, rows: Any, *, wanted: Bool[Array, ""] | bool = True) -> Replay:
-    """Inserts R rows into the ring, overwriting its oldest ones if it is full.
+    """Inserts R rows, as many each time, into the ring, overwriting its oldest ones if it is full.
 
-    Args:
-      replay: the ring.
-      rows: leaves (R, ...), as many in each insertion.
-      wanted: if false, the ring comes back as it was, without a copy.
+    If they are not `wanted`, the ring comes back as it was, without a copy.
 
     Raises:
       ShapeError: R does not divide C.

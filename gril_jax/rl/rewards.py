@@ -111,11 +111,8 @@ def pixels(
         params_batched, frames_batched = batched
         if not any(jax.tree.leaves(params_batched)):
             return value(params, frames), True  # one more axis of frames
-        each = jax.tree.map(
-            lambda x, has: x if has else jnp.broadcast_to(x, (size, *x.shape)),
-            (params, frames),
-            (params_batched, frames_batched),
-        )
+        spread = lambda x, has: x if has else jnp.broadcast_to(x, (size, *x.shape))  # noqa: E731
+        each = jax.tree.map(spread, (params, frames), (params_batched, frames_batched))
         return jax.lax.map(lambda pair: value(*pair), each), True
 
     def reward(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
@@ -188,10 +185,8 @@ def weighted_sum(rewards: Sequence[AnyReward]) -> Reward:
 
     def step(params, memory, state, active):
         weights, each = params
-        pairs = [
-            part.step(own, remembered, state, active)
-            for part, own, remembered in zip(parts, each, memory, strict=True)
-        ]
+        every = zip(parts, each, memory, strict=True)
+        pairs = [part.step(own, before, state, active) for part, own, before in every]
         memories, values = zip(*pairs, strict=True)
         return tuple(memories), jnp.asarray(weights) @ jnp.stack(values)
 

@@ -112,9 +112,9 @@ def unroll(
     """Runs a control step of every environment with each of the keys (T,).
 
     Where an episode ends, a start of the pool follows. Should two end in one unroll, the same start
-    follows twice. From unroll to unroll each
-    block of the pool is turned by one place, so that an environment whose episodes end early meets
-    other starts. `keep` says what of an episode becomes part of `Rollout`.
+    follows twice. From unroll to unroll each block of the pool is turned by one place, so that an
+    environment whose episodes end early meets other starts. `keep` says what of an episode becomes
+    part of `Rollout`.
     """
     starts = _turned(envs)
 

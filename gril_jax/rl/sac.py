@@ -21,37 +21,29 @@ from brax.training.types import Transition
 from flax import linen
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from gril_jax.config.encoder import PoolConfig
 from gril_jax.config.policy import SACConfig, check_replay
 from gril_jax.errors import ConfigError
 
 from . import replay, rollout, sac_loss
-from .agent import Agent
-from .environment import Environment
-from .episodes import Episodes, EpisodeState
+from .agent import Agent, Sizes
+from .episodes import Environment, Episodes, EpisodeState
 from .policy import Policy, fresh_normalizer, normalize, observed
 from .rewards import AnyReward
 from .sac_loss import Hyper, Learned
 
 
 @dataclasses.dataclass(frozen=True)
-class Static:
-    """Static options, which shape the compiled program."""
+class Static(Sizes):
+    """Static options, with SAC's own."""
 
     num_envs: int = SACConfig.num_envs
     unroll_length: int = SACConfig.unroll_length
+    hidden: tuple[int, ...] = SACConfig.hidden
     updates_per_step: int = SACConfig.updates_per_step  # gradient steps after each unroll
     batch_size: int = SACConfig.batch_size
     replay_size: int = SACConfig.replay_size  # transitions, a multiple of those of one unroll
-    min_replay: int = (
-        SACConfig.min_replay
-    )  # transitions before learning begins; until then actions are random
+    min_replay: int = SACConfig.min_replay  # transitions before learning; till then at random
     relabel: bool = SACConfig.relabel  # whether rewards are computed when a batch is drawn
-    hidden: tuple[int, ...] = SACConfig.hidden
-    observe_activity: bool = True
-    window: int = PoolConfig.window  # of the activity memory, frames
-    smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
-    noise: float | None = PoolConfig.noise  # of centres, world units
 
 
 class TrainState(NamedTuple):
@@ -87,11 +79,7 @@ class Row(NamedTuple):
 class SAC(Agent):
     """The algorithm for one environment and one reward; its functions are pure.
 
-    Args:
-      env: the task.
-      reward: what to maximise; its parameters are an argument of `step`. With `relabel` it has no
-        memory, and looks at nothing of a state but `Seen`.
-      static: sizes.
+    With `relabel` the reward has no memory, and looks at nothing of a state but `Seen`.
 
     Raises:
       ConfigError: sizes do not fit together, or the reward cannot be relabelled.
@@ -104,25 +92,19 @@ class SAC(Agent):
         super().__init__(env, reward, static, 1 + static.updates_per_step)
         _check(static, self.episodes)
         self.networks = networks.make_sac_networks(
-            self.observation_size,
-            env.action_size,
-            preprocess_observations_fn=normalize,
+            self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             hidden_layer_sizes=static.hidden,
             activation=linen.swish,  # as in PPO, so that policies are exported alike
-        )
+        )  # fmt: skip
         self._make_policy = networks.make_inference_fn(self.networks)
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
         """Initial weights, an empty replay, and environments at random times of an episode."""
         key, key_weights, envs = self._begin(key)
-        return TrainState(
-            learned=sac_loss.begin(self.networks, key_weights, hyper),
-            normalizer=fresh_normalizer(self.observation_size),
-            replay=replay.init(self._row(envs.running), self.static.replay_size),
-            envs=envs,
-            key=key,
-            updates=jnp.zeros((), jnp.int32),
-        )
+        learned = sac_loss.begin(self.networks, key_weights, hyper)
+        normalizer = fresh_normalizer(self.observation_size)
+        stored = replay.init(self._row(envs.running), self.static.replay_size)
+        return TrainState(learned, normalizer, stored, envs, key, jnp.zeros((), jnp.int32))
 
     def policy(self, state: TrainState) -> Policy:
         """The part of the state that acting needs."""
@@ -186,9 +168,8 @@ class SAC(Agent):
         normalizer = observed(state.normalizer, steps.observation)
         count, size = self.static.updates_per_step, self.static.batch_size
         rows = replay.sample(state.replay, keys[0], count * size)
-        batches = jax.tree.map(
-            lambda x: x.reshape(count, size, *x.shape[1:]), self._transitions(rows, reward_params)
-        )
+        data = self._transitions(rows, reward_params)
+        batches = jax.tree.map(lambda x: x.reshape(count, size, *x.shape[1:]), data)
 
         def update(learned, batch_and_key):
             return sac_loss.gradient_step(self.networks, learned, normalizer, *batch_and_key, hyper)
@@ -201,8 +182,6 @@ class SAC(Agent):
         state = state._replace(learned=learned, normalizer=normalizer, updates=state.updates + 1)
         return state, rollout.summary(steps) | metrics
 
-    # ---------------------------------------------------------------- transitions
-
     def _ready(self, state: TrainState) -> Bool[Array, ""]:
         return state.replay.size >= self.static.min_replay
 
@@ -213,9 +192,8 @@ class SAC(Agent):
 
     def _row(self, running: EpisodeState) -> Row:
         """Shapes of one row."""
-        number = jax.ShapeDtypeStruct((), jnp.float32)
-        observation = jax.ShapeDtypeStruct((self.observation_size,), jnp.float32)
-        action = jax.ShapeDtypeStruct((self.env.action_size,), jnp.float32)
+        sizes = (), (self.observation_size,), (self.env.action_size,)
+        number, observation, action = (jax.ShapeDtypeStruct(s, jnp.float32) for s in sizes)
         seen = jax.eval_shape(self._keep, jax.tree.map(lambda x: x[0], running))
         reward = seen if self.static.relabel else number
         return Row(observation, action, observation, number, number, reward)

@@ -73,13 +73,8 @@ def gradient_step(
 ) -> tuple[Learned, dict[str, Float[Array, ""]]]:
     """One step of Adam for each of the three, then a soft update of the target critics.
 
-    Args:
-      nets: actor and critics.
-      learned: from `begin` or the step before.
-      normalizer: observation statistics.
-      batch: leaves (R, ...); what it calls truncated is left out of the critic's loss.
-      key: consumed.
-      hyper: learning rates and the rest.
+    What the batch, leaves (R, ...), calls truncated is left out of the critic's loss. The key is
+    consumed.
 
     Returns:
       What was learned, and the losses before the step.
@@ -96,13 +91,11 @@ def gradient_step(
     of_critic, critic = jax.value_and_grad(critic_loss)(
         params.critic, params.policy, normalizer, learned.target, alpha, batch, keys[1]
     )
-    excess = _entropy(nets, params.policy, normalizer, batch, keys[2]) - (
-        hyper.target_entropy * batch.action.shape[-1]
-    )
+    wanted = hyper.target_entropy * batch.action.shape[-1]
+    excess = _entropy(nets, params.policy, normalizer, batch, keys[2]) - wanted
     # Eq. 18: its gradient lifts the temperature while the entropy is below its target.
-    of_alpha, log_alpha = jax.value_and_grad(lambda x: jnp.mean(jnp.exp(x) * excess))(
-        params.log_alpha
-    )
+    alpha_loss = lambda x: jnp.mean(jnp.exp(x) * excess)  # noqa: E731
+    of_alpha, log_alpha = jax.value_and_grad(alpha_loss)(params.log_alpha)
     params, moments = _adam(params, learned.moments, Params(actor, critic, log_alpha), hyper)
     target = optax.incremental_update(params.critic, learned.target, hyper.soft_update)
     metrics = {"loss/actor": of_actor, "loss/critic": of_critic, "loss/alpha": of_alpha}

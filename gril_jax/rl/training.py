@@ -20,8 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from .environment import Environment
-from .episodes import Episodes, EpisodeState
+from .episodes import Environment, Episodes, EpisodeState
 from .rollout import Rollout
 
 
@@ -103,10 +102,7 @@ def chunk(
     a compiler that knows the number may unroll a short loop, and round otherwise.
 
     Args:
-      algorithm: PPO or SAC.
-      state: from its `init`, or the chunk before.
-      hyper: its traced parameters.
-      reward_params: of its reward.
+      algorithm, state, hyper, reward_params: as for `step`; the state is replaced.
       updates: room for so many, at least 1.
       evaluation: tasks to evaluate in, which differ in how episodes start only; none leaves the
         evaluation out. The environments are shared out between them: 2 V divides B.
@@ -193,12 +189,9 @@ def _begin(
 ) -> _Evaluation:
     """Fresh starts, in order of tasks; within each task, mean actions come first."""
     share = algorithm.num_envs // len(tasks)
-    parts = [
-        jax.vmap(dataclasses.replace(algorithm.episodes, env=task).begin)(
-            keys[i * share : (i + 1) * share]
-        )
-        for i, task in enumerate(tasks)
-    ]
+    each = [dataclasses.replace(algorithm.episodes, env=task) for task in tasks]
+    starts = keys[:-1].reshape(len(tasks), share)
+    parts = [jax.vmap(e.begin)(k) for e, k in zip(each, starts, strict=True)]
     episodes = jax.tree.map(lambda *parts: jnp.concatenate(parts), *parts)
     nothing = jnp.zeros((algorithm.num_envs,))
     deterministic = jnp.arange(algorithm.num_envs) % share < share // 2

@@ -1,11 +1,7 @@
 """Stages of a task, found in a learned reward."""
 
-from .agreement import MOST, AgreedBoundaries, agreed_boundaries, agreed_stages, each_alone
-from .boundaries import (
-    running_median,
-    segments,
-    transitions,
-)
+from .agreement import MOST, agreed_boundaries, agreed_stages, each_alone
+from .boundaries import running_median, segments, transitions
 from .matching import (
     SharedBoundaries,
     boundary_frames,
@@ -16,18 +12,7 @@ from .matching import (
 )
 
 __all__ = [
-    "MOST",
-    "AgreedBoundaries",
-    "SharedBoundaries",
-    "agreed_boundaries",
-    "agreed_stages",
-    "boundary_frames",
-    "each_alone",
-    "match_in_order",
-    "match_within",
-    "place_in_order",
-    "running_median",
-    "segments",
-    "shared_boundaries",
-    "transitions",
-]
+    "MOST", "SharedBoundaries", "agreed_boundaries", "agreed_stages",
+    "boundary_frames", "each_alone", "match_in_order", "match_within", "place_in_order",
+    "running_median", "segments", "shared_boundaries", "transitions",
+]  # fmt: skip

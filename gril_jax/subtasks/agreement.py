@@ -14,29 +14,16 @@ which that is reached. Patience is how long a plateau must be. No label is used.
 jitted. Shapes use B for demonstrations, T for frames, M for boundaries and P for patiences.
 """
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from gril_jax.subtasks.boundaries import running_median, transitions
-
-from .matching import boundary_frames, shared_boundaries
+from .boundaries import running_median, transitions
+from .matching import SharedBoundaries, boundary_frames, shared_boundaries
 
 MOST = 12  # boundaries of one demonstration, at most
 # Patiences that are tried, in shares of the middle length of the videos.
 _SHARES = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
-
-
-class AgreedBoundaries(NamedTuple):
-    """The same stages in every demonstration; kept ones come first, in order of time."""
-
-    frames: Int[Array, "B M"]  # last frame of each stage, increasing; -1 in slots not kept
-    kept: Bool[Array, "M"]
-    support: Float[Array, "M"]  # share of the demonstrations that show it by themselves
-    found: Bool[Array, "B M"]  # whether this one does
-    level: Float[Array, "M"]  # mean reward at which the stage ends
 
 
 def agreed_boundaries(
@@ -47,7 +34,7 @@ def agreed_boundaries(
     smoothing: int = 15,
     patience: Int[Array, ""] | int = 8,
     support: Float[Array, ""] | float = 0.5,
-) -> AgreedBoundaries:
+) -> SharedBoundaries:
     """Boundaries shared by at least the share `support` of the demonstrations.
 
     Two boundaries are the same if their rewards, or their shares of the way from a trace's first
@@ -72,7 +59,7 @@ def _smoothed(reward, length, smoothing):
     return jax.vmap(lambda x: running_median(x, smoothing))(_held(reward, length))
 
 
-def _common(trace, own, length, prominence, support) -> AgreedBoundaries:
+def _common(trace, own, length, prominence, support) -> SharedBoundaries:
     """The common boundaries, on the scale on which traces agree more."""
     scales = jnp.stack([trace, _way(trace, length, prominence)])
     both = jax.vmap(lambda scale: _shared(scale, own, length, prominence, support))(scales)
@@ -87,13 +74,10 @@ def _way(trace, length, least):
     return (trace - start) / jnp.maximum(end - start, least)
 
 
-def _shared(scale, own, length, prominence, support) -> AgreedBoundaries:
+def _shared(scale, own, length, prominence, support) -> SharedBoundaries:
     """The boundaries that traces share on a scale (B, T), with their levels on it."""
     shared = shared_boundaries(
         scale[:, :, None], own, length, tolerance=prominence, support=support
-    )
-    shared = AgreedBoundaries(
-        shared.frames, shared.kept, shared.support, shared.found, jnp.zeros(MOST)
     )
     shared = shared._replace(level=_mean_there(scale, shared))
 
@@ -112,7 +96,7 @@ def _shared(scale, own, length, prominence, support) -> AgreedBoundaries:
     return shared._replace(frames=jax.vmap(reached)(scale, shared.frames, shared.found))
 
 
-def _mean_there(trace, shared: AgreedBoundaries) -> Float[Array, "M"]:
+def _mean_there(trace, shared: SharedBoundaries) -> Float[Array, "M"]:
     """The mean of traces at each boundary, over those that show it."""
     there = jnp.take_along_axis(trace, jnp.maximum(shared.frames, 0), axis=1)
     total = jnp.sum(jnp.where(shared.found, there, 0.0), axis=0)
@@ -120,7 +104,7 @@ def _mean_there(trace, shared: AgreedBoundaries) -> Float[Array, "M"]:
     return jnp.where(shared.kept, mean, 0.0)
 
 
-def _alike(own: Int[Array, "B M"], shared: AgreedBoundaries) -> Float[Array, ""]:
+def _alike(own: Int[Array, "B M"], shared: SharedBoundaries) -> Float[Array, ""]:
     """Dice's coefficient between the traces' own boundaries and the common ones."""
     count = jnp.sum(own >= 0) + jnp.sum(shared.kept) * len(own)
     return 2 * jnp.sum(shared.found) / jnp.maximum(count, 1)
@@ -133,7 +117,7 @@ def agreed_stages(
     prominence: Float[Array, ""] | float = 0.125,
     smoothing: int = 15,
     support: Float[Array, ""] | float = 0.5,
-) -> tuple[Int[Array, ""], AgreedBoundaries]:
+) -> tuple[Int[Array, ""], SharedBoundaries]:
     """The patience whose stages agree best between demonstrations, and the common stages.
 
     Too short a patience cuts rises at their pauses, here in two and there in three; too long a one

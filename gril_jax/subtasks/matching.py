@@ -25,6 +25,7 @@ class SharedBoundaries(NamedTuple):
     kept: Bool[Array, "M"]
     support: Float[Array, "M"]  # share of the demonstrations in which it was found; 0 if not kept
     found: Bool[Array, "B M"]  # it was found there; if not, it was placed
+    level: Float[Array, "M"] | None = None  # mean reward at it, where it is one of reward traces
 
 
 def boundary_frames(boundary: Bool[Array, "T"], size: int) -> Int[Array, "M"]:

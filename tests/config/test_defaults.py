@@ -72,7 +72,6 @@ def test_a_second_default_is_found():
         ("reward.latent_goal", {"alpha", "tau", "window"}),
         ("rl.rewards", {"alpha"}),
         ("encoders.encoder", {"alpha"}),
-        ("encoders.pooling", {"alpha"}),
         ("encoders.message_passing", {"alpha"}),
         ("pretraining.final_places", {"near", "idle_cost", "touch"}),
         ("pretraining.hard_negatives", {"near", "idle_cost", "touch"}),

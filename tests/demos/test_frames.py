@@ -23,9 +23,9 @@ from gril_jax.demos.demo_set import (
 from gril_jax.demos.vision import render
 from gril_jax.demos.vision.detect import PALETTE_CLASSES, Tracks
 from gril_jax.demos.vision.video import read_video, write_video
-from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.rl import rewards
+from gril_jax.types import VideoBatch
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,7 @@
 """GraphIRL's node features against a loop."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from support.graph_frames import NUM_CLASSES, random_frame
 
 from gril_jax.encoders.box_features import class_distances, history_features, last_frame
+from gril_jax.encoders.box_mlp import MLPConfig
 from gril_jax.errors import ShapeError
 from gril_jax.graphs.scene import scene_graph
 
@@ -48,11 +51,11 @@ def test_gradient_of_distances_is_finite_where_centres_coincide():
 
 def test_history_is_the_frames_side_by_side_and_an_absent_object_gives_zeros():
     frames = [random_frame(seed) for seed in (3, 4)]
-    options = {"num_classes": NUM_CLASSES, "robot": True, "length_unit": 2.0}
+    config = MLPConfig(NUM_CLASSES, distances=True, length_unit=2.0)
     nodes = [scene_graph(**f).nodes for f in frames]
-    each = [history_features(n, history=1, **options) for n in nodes]
+    each = [history_features(n, config, robot=True) for n in nodes]
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *nodes)
-    both = history_features(stacked, history=2, **options)
+    both = history_features(stacked, dataclasses.replace(config, history=2), robot=True)
     np.testing.assert_array_equal(both, jnp.concatenate(each, axis=-1))
     assert (both[4] == 0).all()
     corner = (frames[0]["center"] - frames[0]["size"] / 2) / 2.0

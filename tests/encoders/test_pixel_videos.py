@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gril_jax.encoders import pixel_videos
+from gril_jax.encoders import resnet
 from gril_jax.pretraining import batch
 from gril_jax.types import DemoBatch
 
@@ -38,14 +38,14 @@ def test_frames_are_turned_as_the_boxes_are_from_the_same_key():
     center = rng.integers(-4, 5, (40, 3, 2)) / 4  # on the grid of pixels
     key = jax.random.key(1)
     turned = batch.turn(key, _boxes(center))
-    found = pixel_videos.turn(key, _marked(center))
+    found = resnet.turn(key, _marked(center))
     np.testing.assert_array_equal(found, _marked(np.asarray(turned.center)[:, :, 0]))
 
 
 def test_all_eight_symmetries_come_up_and_each_holds_for_a_whole_video():
     frames = jax.random.randint(jax.random.key(0), (1, 1, 5, 5, 3), 0, 256).astype(jnp.uint8)
     same = jnp.tile(frames, (200, 2, 1, 1, 1))
-    found = np.asarray(jax.jit(pixel_videos.turn)(jax.random.key(2), same))
+    found = np.asarray(jax.jit(resnet.turn)(jax.random.key(2), same))
     np.testing.assert_array_equal(found[:, 0], found[:, 1])
     kinds = {video.tobytes() for video in found[:, 0]}
     square = np.asarray(frames)[0, 0]

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gril_jax.encoders.pooling import node_weights, weighted_pool
+from gril_jax.encoders.message_passing import node_weights, weighted_pool
 
 ACTIVE = jnp.array([True, False, True, False, True])
 ROBOT = jnp.array([False, False, False, True, True])

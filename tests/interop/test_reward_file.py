@@ -14,7 +14,7 @@ import pytest
 from support.saved_rewards import CLASSES, CONFIGS, OBJECTS, made, moment, scene
 
 from gril_jax.encoders import encoder
-from gril_jax.encoders import kinds as encoder_choices
+from gril_jax.encoders import encoder as encoder_choices
 from gril_jax.errors import ConfigError, GrilError, ShapeError
 from gril_jax.interop.reward_file import RewardFileError, load_reward, save_reward
 from gril_jax.reward.latent_goal import latent_goal_reward

@@ -78,12 +78,10 @@ def test_decoder_sees_one_node_at_a_time_and_gives_boxes_and_logits():
     np.testing.assert_allclose(alone[1], logits[2:3], rtol=1e-5, atol=1e-6)
 
 
-def test_terms_apart_add_up_and_weights_select_one():
+def test_terms_apart_add_up():
     box_error, class_error = reconstruction_terms(BOX, LOGITS, NODES)
     both = reconstruction(BOX, LOGITS, NODES)
     np.testing.assert_allclose(box_error + class_error, both, rtol=1e-6)
-    np.testing.assert_array_equal(reconstruction(BOX, LOGITS, NODES, class_weight=0.0), box_error)
-    np.testing.assert_array_equal(reconstruction(BOX, LOGITS, NODES, box_weight=0.0), class_error)
 
 
 def test_padding_has_no_gradient_and_an_unknown_label_no_class_error():

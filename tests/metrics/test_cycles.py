@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gril_jax.metrics import cycles
+from gril_jax.metrics import order as cycles
 
 two_way = jax.jit(cycles.two_way_cycle_consistency)
 

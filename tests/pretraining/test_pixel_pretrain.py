@@ -12,13 +12,13 @@ import pytest
 from gril_jax import reward
 from gril_jax.encoders import resnet
 from gril_jax.encoders.encoder import PixelConfig
-from gril_jax.encoders.pixel_videos import VideoBatch
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.pretraining import pixel_pretrain
 from gril_jax.pretraining.options import Hyper
 from gril_jax.pretraining.pixel_pretrain import PixelStatic
 from gril_jax.reward import pixels as pixel_reward
 from gril_jax.rl import rewards
+from gril_jax.types import VideoBatch
 
 SIDE, FRAMES = 16, 12
 ENCODER = PixelConfig(3, pixels=SIDE)  # of this size here alone: its programs are not ResNet-18's

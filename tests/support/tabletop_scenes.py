@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from gril_jax.envs.panda import control, kinematics
+from gril_jax.envs.panda import kinematics
 
 
 class InC:
@@ -62,7 +62,7 @@ class InC:
 @functools.cache
 def _aim(rest, dt):
     rest = jnp.array(rest, jnp.float32)
-    aim = functools.partial(control.aim, rest=rest, dt=dt)
+    aim = functools.partial(kinematics.aim, rest=rest, dt=dt)
     return jax.jit(aim)
 
 

@@ -3,16 +3,22 @@
 Names are those of the table in which x-magical's history was collected: "S4" is the dense reward at
 the tip of its branches, "V5" the long-lived one before, "S3" the one with a term for the way to the
 blocks. Distances are in arena units.
+
+The stages are each target in the region; their faults: each distractor in it. Objects are region,
+robot, targets, distractors, in that order. The score counts centres; a block that is put into the
+region is put wholly inside.
 """
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from gril_jax.envs.stages import Stage, Stages, free_place
 from jaxtyping import Array, Bool, Float
 
 from . import SPEC
 
 REWARDS = SPEC.rewards
+REGION, ROBOT, _FIRST = 0, 1, 2
 DIAGONAL = 2.8284271247461903  # by which V5 and S3 divide distances: of a +-1 arena
 
 
@@ -67,3 +73,32 @@ def _s3(at: Progress) -> Float[Array, ""]:
 def reward(name: str, at: Progress) -> Float[Array, ""]:
     """The dense reward of the given name, one of `REWARDS`; "sparse" is the score."""
     return {"S4": _s4, "V5": _v5, "S3": _s3, "sparse": score}[name](at)
+
+
+def stages(targets: tuple[str, ...], distractors: tuple[str, ...], *, arena: float) -> Stages:
+    """The stages of the task with these blocks in an arena |x|, |y| <= `arena`."""
+    movable = tuple(range(_FIRST, _FIRST + len(targets) + len(distractors)))
+
+    made = [_inside(i, name, movable) for i, name in enumerate((*targets, *distractors), _FIRST)]
+    done, wrong = tuple(made[: len(targets)]), tuple(made[len(targets) :])
+    return Stages(
+        done, faults=wrong, movable=movable, robots=(ROBOT,), half_extent=arena, score=_score
+    )
+
+
+def _inside(block: int, name: str, movable: tuple[int, ...]) -> Stage:
+    def holds(center, size):
+        return (jnp.abs(center[block] - center[REGION]) <= size[REGION] / 2).all()
+
+    def place(key, center, size):
+        room = jnp.maximum(size[REGION] - size[block], 0.0) / 2
+        low, high = center[REGION] - room, center[REGION] + room
+        return free_place(key, block, center, size, low=low, high=high, others=movable)
+
+    return Stage(f"{name} in the region", (block,), holds, place)
+
+
+def _score(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
+    inside = jnp.concatenate([task.done(center, size), task.faulty(center, size)])
+    unused = jnp.zeros(len(task.stages))
+    return score(Progress(inside, unused, unused, unused, unused))

@@ -7,7 +7,7 @@ from gril_jax.envs.magical.simulator import PRESETS, Preset
 from gril_jax.envs.planar import robots
 from gril_jax.envs.planar.joints import Strengths
 from gril_jax.envs.planar.robots import Robot
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray
 
 # MAGICAL's Demo layout: x, y (arena units) and angle (rad).
 DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
@@ -22,21 +22,6 @@ DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
 
 _CANDIDATES = 16
 _ASIDE = 0.15  # arena units, standard deviation of a block's place from the straight way
-
-
-def looks(
-    keys: Key[Array, "2"],
-    variant: str,
-    shape: Int[Array, "B"],
-    colour: Int[Array, "B"],
-    targets: int,
-) -> tuple[Int[Array, "B"], Int[Array, "B"]]:
-    """Shapes and colours of the blocks, `targets` first: the given ones, or sampled."""
-    if variant in ("shape", "all"):
-        shape = layouts.shapes(keys[0], len(shape))
-    if variant in ("color", "all"):
-        colour = layouts.colours(keys[1], colour, targets)
-    return shape, colour
 
 
 def strengths(key: PRNGKeyArray, variant: str, preset: Preset) -> Strengths:

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.base import Outline, State
 from gril_jax.envs.checks import check_counts, check_known, check_shares
-from gril_jax.envs.magical import action as actions
+from gril_jax.envs.magical import layout as layouts
 from gril_jax.envs.magical import raster, scene, simulator
 from gril_jax.envs.magical.layout import CLASSES, COLOURS, RADII, VARIANTS
 from gril_jax.envs.planar import robots
@@ -30,7 +30,6 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from . import observation as observations
 from . import score as rewards
-from . import stages as definition
 from . import start as starts
 from . import state as states
 from .state import PlanarData
@@ -86,7 +85,7 @@ class MatchRegions:
         iterations: int | None = None,
     ):
         check_known("variant", variant, VARIANTS)
-        check_known("turn", turn, [*actions.TURN_GAIN])
+        check_known("turn", turn, [*simulator.TURN_GAIN])
         check_known("observation", observation, observations.OBSERVATIONS)
         check_known("reward", reward, rewards.REWARDS)
         check_shares(varied_starts=varied_starts, on_the_way=on_the_way, facing=facing)
@@ -104,12 +103,12 @@ class MatchRegions:
         self.num_targets, self.variant = len(targets), variant
         self.varied_starts, self.on_the_way, self.facing = varied_starts, on_the_way, facing
         self.episode_length = episode_length
-        self.turn_gain = actions.TURN_GAIN[turn]
+        self.turn_gain = simulator.TURN_GAIN[turn]
         self.robot, self.physics = robots.robot(robot), physics
         self.action_size = 3 if self.robot.has_fingers else 2
         self._preset = simulator.PRESETS[physics]
         self.arena, self.half_extent = self._preset.arena, 1.02 * self._preset.arena
-        self.stages = definition.stages(targets, distractors, arena=self.arena)
+        self.stages = rewards.stages(targets, distractors, arena=self.arena)
         self._reward, self._kind = reward, observation
         self._parts = len(self.robot.parts)
         self.observation_names = observations.names(
@@ -121,10 +120,11 @@ class MatchRegions:
     def reset(self, key: PRNGKeyArray) -> State:
         """Starts a new episode of the task's variant."""
         keys = jax.random.split(key, 6)
-        shape, colour = starts.looks(
-            keys[:2], self.variant, jnp.asarray(self._shape), jnp.asarray(self._colour),
-            self.num_targets,
-        )  # fmt: skip
+        shape, colour = jnp.asarray(self._shape), jnp.asarray(self._colour)
+        if self.variant in ("shape", "all"):
+            shape = layouts.shapes(keys[0], len(shape))
+        if self.variant in ("color", "all"):
+            colour = layouts.colours(keys[1], colour, self.num_targets)
         strengths = starts.strengths(keys[2], self.variant, self._preset)
         radii = jnp.asarray(RADII)[shape]
         within = dict(robot=self.robot, radii=radii, arena=self.arena)
@@ -199,8 +199,8 @@ class MatchRegions:
 
     def _command(self, action: Float[Array, "A"]) -> Command:
         if self.physics == "magical":
-            return actions.rounded_command(action)
-        return actions.command(action, gain=self.turn_gain, dt=self._engine.dt)
+            return simulator.rounded_command(action)
+        return simulator.command(action, gain=self.turn_gain, dt=self._engine.dt)
 
     def _observe(self, data: PlanarData) -> State:
         progress = states.progress(data, parts=self._parts, targets=self.num_targets)

@@ -7,7 +7,7 @@ __all__ = ["SPEC"]
 
 SPEC = TaskSpec(
     make="gril_jax.envs.tabletop.shoes_in_box.task:shoes_in_box",
-    demonstrate="gril_jax.envs.tabletop.shoes_in_box.demonstrations:demonstrate",
+    demonstrate="gril_jax.envs.tabletop.shoes_in_box.task:demonstrate",
     rewards=tabletop.REWARDS,
     bench_settings=tabletop.BENCH_SETTINGS,
     steps_in_mjx=True,

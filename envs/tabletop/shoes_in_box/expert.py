@@ -20,14 +20,18 @@ from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.tabletop.hand import Hand
 from gril_jax.envs.tabletop.recorded import LIMIT, Run, cut, judge
 from gril_jax.envs.tabletop.task import Tabletop
+from jaxtyping import Bool, Float
 
-from . import moves
-from .marks import shows
-from .style import Style, draw
+from . import model, moves
+from .moves import Style, draw_style
 
 KINDS = ("success", "lid only", "one shoe", "shoe outside", "lid closed again", "stops early",
          "wrong order", "shoe knocked away")  # fmt: skip
 _AFTER = 10  # moments kept after success
+_SHUT, _OPENED = 0.1, 1.571  # rad, of the lid
+_OFF_TABLE = 0.1  # metres: the centre of a carried shoe
+_ON_LID = (0.17, 0.25)  # metres: the centre of a shoe that lies on the closed lid
+_FAR = 0.1  # metres
 
 
 def play(env: Tabletop, start: State, seed: int | tuple[int, ...], kind: str = "success") -> Run:
@@ -54,7 +58,7 @@ def play(env: Tabletop, start: State, seed: int | tuple[int, ...], kind: str = "
 def perform(env: Tabletop, start: State, rng: np.random.Generator, kind: str = "success") -> Hand:
     """The hand after an episode that nobody has judged yet; arguments and errors as for `play`."""
     check_known("kind", kind, KINDS)
-    style, hand = draw(rng), Hand(env, start, limit=LIMIT)
+    style, hand = draw_style(rng), Hand(env, start, limit=LIMIT)
     hand.rest(style.pauses[0])
     _follow(hand, style, rng, kind)
     hand.rest(_AFTER)
@@ -100,3 +104,33 @@ def _follow(hand: Hand, style: Style, rng: np.random.Generator, kind: str) -> No
         goal = (rng.uniform(0.4, 0.55), rng.uniform(-0.15, 0.25), rng.uniform(0.3, 0.45))
         hand.move(goal, speed=style.carry_speed)  # anywhere above the table
         hand.rest(int(rng.integers(5, 40)))
+
+
+def shows(
+    kind: str,
+    shoes: Float[np.ndarray, "T 2 3"],
+    lid: Float[np.ndarray, "T"],
+    inside: Bool[np.ndarray, "2"],
+    box: Float[np.ndarray, "2"],
+) -> bool:
+    """True if positions alone show that an episode without success is of this kind of failure.
+
+    Shoes and box are given by their centres in metres, the lid by its angle in rad.
+    """
+    number, opened = int(inside.sum()), bool((lid > _OPENED).any())
+    lifted = shoes[:, :, 2].max(axis=0) > _OFF_TABLE
+    away = np.linalg.norm(shoes[-1, :, :2] - shoes[0, :, :2], axis=1)
+    down = (shoes[-1, ~inside, 2] < _OFF_TABLE).all()
+    left = number == 1 and not lifted[~inside].any()  # the other shoe was not taken
+    over = np.linalg.norm(shoes[:, :, :2] - box, axis=2) < model.BOX_HALF[0]
+    on_lid = over & (shoes[:, :, 2] > _ON_LID[0]) & (shoes[:, :, 2] < _ON_LID[1])
+    marks = {
+        "lid only": lid[-1] > _OPENED and number == 0 and not lifted.any(),
+        "one shoe": opened and left,
+        "shoe outside": opened and number == 1 and lifted.all() and down,
+        "lid closed again": opened and lid[-1] < _SHUT,
+        "stops early": True,
+        "wrong order": (on_lid & (lid < _SHUT)[:, None]).any(),
+        "shoe knocked away": left and (away[~inside] > _FAR).all(),
+    }
+    return bool(marks[kind])

@@ -6,7 +6,7 @@ A shoe is one box for contacts: capsules roll out of a grasp. Lengths are metres
 """
 
 from gril_jax.envs.panda.model import PADS, PALM, TIPS, words
-from gril_jax.envs.tabletop.model import TABLE, Scene
+from gril_jax.envs.tabletop.physics import TABLE, Scene
 
 RIM = 0.15  # height of the walls
 BOX_HALF = (0.18, 0.13, RIM / 2)  # outside

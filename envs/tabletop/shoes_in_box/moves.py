@@ -1,14 +1,15 @@
 """Manoeuvres of a hand at the shoe box: open and close its lid, take a shoe, put it down.
 
 Places are in the box's frame unless said otherwise: its origin on the table below its middle, the
-hinge along its -y wall, the shoes beyond its +y wall. Lengths are metres.
+hinge along its -y wall, the shoes beyond its +y wall. Lengths are metres, speeds m/s,
+pauses control steps.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from gril_jax.envs.tabletop.hand import CLOSED, OPEN, Hand
 from jaxtyping import Float
-
-from .style import Style
 
 _HINGE, _FIRST_SHOE = 9, 10  # positions of the joints after the arm's
 # Closed fingers below the lip, up with it, over the top, and down behind it (y, z).
@@ -21,6 +22,41 @@ _SHUT = ((-0.41, 0.4), (-0.41, 0.17), (-0.36, 0.17), (-0.35, 0.28), (-0.25, 0.36
 _SHUT_SIDE = -0.16  # x: the robot's side, as the way behind the lid is long
 _TAKE = 0.03  # height of the tool centre point that holds a shoe on the table
 _ABOVE = 0.2  # height from which it goes down to one
+
+
+class Style(NamedTuple):
+    """The style of an episode: what differs between two people."""
+
+    order: tuple[int, int]  # of the shoes; 0 is the nearer one
+    lid_speed: float
+    carry_speed: float
+    arc: float  # height at which a shoe is carried
+    detour: tuple[float, float]  # of the middle of the way, x and y
+    lid_side: float  # where along its lip the lid is lifted, from the middle
+    pauses: tuple[int, ...]  # before the lid, each shoe, each release, and the end
+    again: tuple[bool, bool]  # whether each shoe is put down once and taken again
+    drops: tuple[tuple[float, float, float], ...]  # where each shoe is let go, in the box's frame
+    grip: tuple[float, float]  # where each shoe is taken, along it from its middle
+
+
+def draw_style(rng: np.random.Generator) -> Style:
+    """Samples a style: half take the farther shoe first, one shoe in ten is taken twice."""
+    side = rng.choice([-1, 1])
+    return Style(
+        order=(0, 1) if rng.random() < 0.5 else (1, 0),
+        lid_speed=rng.uniform(0.18, 0.3),
+        carry_speed=rng.uniform(0.2, 0.4),
+        arc=rng.uniform(0.27, 0.38),
+        detour=(rng.uniform(-0.05, 0.05), rng.uniform(-0.03, 0.03)),
+        lid_side=rng.uniform(-0.06, 0.02),
+        pauses=tuple(int(x) for x in rng.integers(0, 12, 6) * (rng.random(6) < 0.4)),
+        again=tuple(bool(x) for x in rng.random(2) < 0.1),
+        drops=tuple(
+            (rng.uniform(-0.05, 0.03), y + rng.uniform(-0.008, 0.008), rng.uniform(0.12, 0.15))
+            for y in (0.04 * side, -0.04 * side)
+        ),
+        grip=tuple(rng.uniform(-0.015, 0.015, 2)),
+    )
 
 
 def box_yaw(hand: Hand) -> float:

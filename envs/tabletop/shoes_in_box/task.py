@@ -14,11 +14,14 @@ box, and letting it go inside.
 """
 
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+from gril_jax.envs.base import Demonstrations, Wanted
 from gril_jax.envs.panda.frames import Frame, compose, into, out_of, rotation
 from gril_jax.envs.tabletop.boxes import Boxes, box, free, lowest, stacked, touching
+from gril_jax.envs.tabletop.demonstrations import JITTER, Expert, record
 from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.reward import Progress, closeness
 from gril_jax.envs.tabletop.start import Footprint, Moments, Start, free_joint, group, place
@@ -35,21 +38,17 @@ _BELOW_RIM = 0.12  # metres: of a shoe's centre; two on top of each other are
 _DROP = (0.0, 0.0, 0.12)  # in the box's frame
 _OFF = 0.005  # metres: a shoe this far off the ground is held
 _SLOW = 0.05  # m/s
+# Half extents of the box with its lip, as if that stood out on both sides.
+_ROOM = (model.BOX_HALF[0], model.HINGE[1] + model.LIP[1] + 0.006)
 
 
 def task() -> Task:
     """The task; `shoes_in_box` makes the environment."""
     return Task(
-        things=("box", "lid", "shoe A", "shoe B"),
-        stages=("lid open", "shoe A in", "shoe B in"),
-        scene=model.scene(),
-        home=_HOME,
-        start=_start,
-        boxes=_boxes,
-        progress=_progress,
-        episode_length=300,
-        by_boxes=stages.stages,
-    )
+        things=("box", "lid", "shoe A", "shoe B"), stages=("lid open", "shoe A in", "shoe B in"),
+        scene=model.scene(), home=_HOME, start=_start, boxes=_boxes, progress=_progress,
+        episode_length=300, by_boxes=stages.stages,
+    )  # fmt: skip
 
 
 def shoes_in_box(*, varied_starts: float = 0.0, **options) -> Tabletop:
@@ -62,10 +61,27 @@ def shoes_in_box(*, varied_starts: float = 0.0, **options) -> Tabletop:
     return Tabletop(task(), varied_starts=varied_starts, moments=found, **options)
 
 
+# What is compiled for an environment serves as long as it does.
+_demonstrated = functools.lru_cache(maxsize=1)(shoes_in_box)
+
+
 @functools.cache
 def _moments() -> Moments:
     """Moments of the expert, recorded once a process: they depend on no option of an episode."""
     return moments(Tabletop(task()), expert.perform)
+
+
+def demonstrate(
+    make: Callable[..., Tabletop], wanted: Wanted, tell: Callable[[int], None]
+) -> Demonstrations:
+    """The demonstrations wanted; a `gril_jax.envs.base.Demonstrate`.
+
+    The expert plays with the task's own settings: whatever options a policy has, the demonstrations
+    stay the same.
+    """
+    del make
+    shown = Expert(expert.KINDS, expert.play, expert.as_meant)
+    return record(_demonstrated(jitter=JITTER[wanted.places]), shown, wanted, tell)
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:
@@ -76,10 +92,6 @@ def _start(key: PRNGKeyArray, share: float) -> Start:
     shoes, unplaced = place(key_shoes, Footprint(places[1:], halves), standing, share=share)
     joints = jnp.concatenate([jnp.zeros(1), free_joint(shoes, model.SHOE_HALF[2])])
     return Start(joints, free_joint(places[:1], 0.0)[None], unplaced)
-
-
-# Half extents of the box with its lip, as if that stood out on both sides.
-_ROOM = (model.BOX_HALF[0], model.HINGE[1] + model.LIP[1] + 0.006)
 
 
 def _box_frame(view: View) -> Frame:

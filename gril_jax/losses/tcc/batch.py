@@ -1,6 +1,5 @@
 """The temporal cycle-consistency loss of a batch of videos: the mean over all ordered pairs.
 
-    loss = mean_cycle_consistency(latents, frame_times(frames, length), valid)
     loss = mean_cycle_consistency(latents, times, form="classification", similarity="cosine")
 
 Shapes use B for videos, T for frames and D for the latent.
@@ -12,8 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from gril_jax.losses.tcc.cycle import matching_options, prepared_agreement, prepared_cycle
-
+from .cycle import matching_options, prepared_agreement, prepared_cycle
 from .soft_neighbour import check_batch, prepare
 
 
@@ -23,10 +21,7 @@ def mean_cycle_consistency(
     valid: Bool[Array, "B T"] | None = None,
     *,
     at_once: bool = False,
-    temperature: Float[Array, ""] | float = 1.0,
-    similarity: str = "l2",
-    normalize: bool | None = None,
-    **form: str | Float[Array, ""] | float,
+    **options: str | bool | Float[Array, ""] | float | None,
 ) -> Float[Array, ""]:
     """Mean of `cycle_consistency` over all ordered pairs of different videos: the TCC loss.
 
@@ -42,22 +37,17 @@ def mean_cycle_consistency(
       at_once: put all pairs through the same few products, with memory for B^2 T^2 numbers. If
         not, one query video at a time is in memory, with B T^2 numbers; faster, and in reverse
         mode only.
-      temperature: as for `cycle_consistency`, like all that follow.
-      similarity: "l2" or "cosine".
-      normalize: divide the latents by their lengths.
-      **form: `form` and its knobs, see `gril_jax.losses.tcc.forms.cycle_error`.
+      **options: as for `cycle_consistency`.
 
     Returns:
       The mean over all valid frames of all pairs; 0 if there is none, as for a single video.
     """
-    check_batch(latents, times, valid)
-    matching = matching_options(temperature, similarity, normalize)
+    matching, form = matching_options(**options)
 
     def pair(query, time, query_valid, other, _, other_valid):
         return (prepared_cycle(query, other, time, query_valid, other_valid, matching, form),)
 
-    latents = prepare(latents, valid, unit=matching["unit"])
-    return _mean_over_pairs(pair, latents, times, valid, at_once=at_once)[0]
+    return _mean_over_pairs(pair, latents, times, valid, matching["unit"], at_once)[0]
 
 
 def mean_consistency(
@@ -66,17 +56,13 @@ def mean_consistency(
     valid: Bool[Array, "B T"] | None = None,
     *,
     at_once: bool = True,
-    temperature: Float[Array, ""] | float = 1.0,
-    similarity: str = "l2",
-    normalize: bool | None = None,
-    **form: str | Float[Array, ""] | float,
+    **options: str | bool | Float[Array, ""] | float | None,
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Means of `cycle_consistency` and `time_agreement` over all ordered pairs of videos.
 
     Args as for `mean_cycle_consistency`, but all pairs at once unless told otherwise.
     """
-    check_batch(latents, times, valid)
-    matching = matching_options(temperature, similarity, normalize)
+    matching, form = matching_options(**options)
 
     def pair(query, time, query_valid, other, other_time, other_valid):
         masks = (query_valid, other_valid)
@@ -85,21 +71,19 @@ def mean_consistency(
             prepared_agreement(query, other, time, other_time, *masks, matching),
         )
 
-    latents = prepare(latents, valid, unit=matching["unit"])
-    return _mean_over_pairs(pair, latents, times, valid, at_once=at_once)
+    return _mean_over_pairs(pair, latents, times, valid, matching["unit"], at_once)
 
 
-def _mean_over_pairs(pair, latents, times, valid, *, at_once):
+def _mean_over_pairs(pair, latents, times, valid, unit, at_once):
     """Mean of each of `pair`'s values over the valid frames of all ordered pairs."""
+    check_batch(latents, times, valid)
+    latents = prepare(latents, valid, unit=unit)
     num_videos, num_frames, _ = latents.shape
     ordered = num_videos * (num_videos - 1)
     if not ordered:
         one = jax.tree.map(lambda x: x[0], (latents, times, valid))
         return jax.tree.map(lambda x: jnp.zeros((), x.dtype), jax.eval_shape(pair, *one, *one))
-    if valid is None:
-        total = ordered * num_frames
-    else:
-        total = jnp.sum(_pairs_per_frame(valid))
+    total = ordered * num_frames if valid is None else jnp.sum(_pairs_per_frame(valid))
 
     def errors(asked, answering):
         return jax.vmap(functools.partial(pair, *asked))(*answering)
@@ -153,10 +137,8 @@ def _one_by_one(query, floats, valid):
         return summed(one)
 
     def backward(slopes, change):
-        scaled = [
-            jax.tree.map(lambda x, c=c: c * x, slope)
-            for c, slope in zip(change, slopes, strict=True)
-        ]
+        pairs = zip(change, slopes, strict=True)
+        scaled = [jax.tree.map(lambda x, c=c: c * x, slope) for c, slope in pairs]
         floats, known = jax.tree.map(lambda *parts: sum(parts), *scaled)
         return floats, None, known
 

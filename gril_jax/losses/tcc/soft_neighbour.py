@@ -40,9 +40,7 @@ def check_videos(**latents: Float[Array, "..."]) -> None:
 
 
 def check_batch(
-    latents: Float[Array, "..."],
-    times: Float[Array, "..."],
-    valid: Bool[Array, "..."] | None,
+    latents: Float[Array, "..."], times: Float[Array, "..."], valid: Bool[Array, "..."] | None
 ) -> None:
     """Raises ShapeError unless latents are (videos, frames, D), and the others fit them."""
     if latents.ndim != 3 or 0 in latents.shape:

@@ -14,18 +14,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax.errors import ConfigError
-from gril_jax.losses.tcc.cycle import matching_options
 
-from .forms import cycle_error
+from .cycle import cycle_error, matching_options
 from .soft_neighbour import check_batch, closeness, match_weights, prepare
 
 
 def draw_cycles(
-    key: PRNGKeyArray,
-    valid: Bool[Array, "B T"],
-    *,
-    num_cycles: int,
-    cycle_length: int = 2,
+    key: PRNGKeyArray, valid: Bool[Array, "B T"], *, num_cycles: int, cycle_length: int = 2
 ) -> tuple[Int[Array, "K L"], Int[Array, "K"]]:
     """Samples cycles: distinct videos in random order, and a valid frame of the first of them.
 
@@ -66,11 +61,7 @@ def sampled_cycle_consistency(
     videos: Int[Array, "K L"],
     frames: Int[Array, "K"],
     valid: Bool[Array, "B T"] | None = None,
-    *,
-    temperature: Float[Array, ""] | float = 1.0,
-    similarity: str = "l2",
-    normalize: bool | None = None,
-    **form: str | Float[Array, ""] | float,
+    **options: str | bool | Float[Array, ""] | float | None,
 ) -> Float[Array, "K"]:
     """Error of each given cycle, not averaged.
 
@@ -82,16 +73,13 @@ def sampled_cycle_consistency(
       videos: the videos of each cycle, in order; the way back to the first is added.
       frames: the frame of the first video that each cycle starts from.
       valid: False for padding, which is never matched.
-      temperature: as for `cycle_consistency`, like all that follow.
-      similarity: "l2" or "cosine".
-      normalize: divide the latents by their lengths.
-      **form: `form` and its knobs, see `gril_jax.losses.tcc.forms.cycle_error`.
+      **options: as for `cycle_consistency`.
 
     Returns:
       One value per cycle; 0 if it starts at padding or passes a video without a valid frame.
     """
     check_batch(latents, times, valid)
-    matching = matching_options(temperature, similarity, normalize)
+    matching, form = matching_options(**options)
     latents = prepare(latents, valid, unit=matching["unit"])
 
     def mask(video):

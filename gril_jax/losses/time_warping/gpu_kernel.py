@@ -1,6 +1,6 @@
 """Soft-DTW, both recursions, as one kernel for CUDA GPUs (Pallas on Triton).
 
-As compiled loops (`soft_dtw_wavefront`, its oracle and fallback) an anti-diagonal costs several
+As compiled loops (`recursion`, its oracle and fallback) an anti-diagonal costs several
 kernel launches, some 10 microseconds; there are 2 (T + S - 1) of them. Here one program takes one
 pair through all of them. Each row of the cost is a lane, which keeps its own last sums in
 registers; it needs its upper neighbour's, and since Pallas offers no exchange between threads,
@@ -36,7 +36,7 @@ def kernel(
     alignment: bool = True,
     interpret: bool = False,
 ) -> tuple[Float[Array, "B"], Float[Array, "B T S"] | None]:
-    """`soft_dtw_wavefront.recursion` in float32; `interpret` runs it on any device."""
+    """`recursion.recursion` in float32; `interpret` runs it on any device."""
     num_pairs, num_rows, num_columns = cost.shape
     lanes = max(32, pl.next_power_of_2(num_rows))
     pair = jax.ShapeDtypeStruct((num_pairs,), jnp.float32)

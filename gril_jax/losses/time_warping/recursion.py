@@ -103,25 +103,18 @@ def _forward(strips, end, soften, num_pairs, keep_weights):
             below = new_high[-num_pairs:], new_low[-num_pairs:]
             return (value, sums, up, now + 1), (below, weights if keep_weights else None)
 
-        sums = tuple(
-            jnp.concatenate([row[1], fill])
-            for row, fill in zip(above, (column, 0 * column), strict=True)
-        )
-        diagonal = tuple(
-            jnp.concatenate([row[0], fill[num_pairs:]])
-            for row, fill in zip(above, (column, 0 * column), strict=True)
-        )
-        later = tuple(
-            jnp.concatenate([row[2:], fill])
-            for row, fill in zip(above, (beyond, 0 * beyond), strict=True)
-        )
+        def joined(join, rows, fill):  # the high parts with the fill, the low ones with zeros
+            return tuple(
+                jnp.concatenate(join(*x)) for x in zip(rows, (fill, 0 * fill), strict=True)
+            )
+
+        sums = joined(lambda row, fill: [row[1], fill], above, column)
+        diagonal = joined(lambda row, fill: [row[0], fill[num_pairs:]], above, column)
+        later = joined(lambda row, fill: [row[2:], fill], above, beyond)
         (value, *_), (below, weights) = jax.lax.scan(
             step, (value, sums, diagonal, 0), (costs, later)
         )
-        below = tuple(
-            jnp.concatenate([fill[:1], row[height - 1 :]])
-            for row, fill in zip(below, (outside, 0 * outside), strict=True)
-        )
+        below = joined(lambda row, fill: [fill[:1], row[height - 1 :]], below, outside)
         return (value, below), weights
 
     # Before the first row there is one place to come from: the corner, at cost 0.

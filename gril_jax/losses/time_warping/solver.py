@@ -1,6 +1,6 @@
 """The best alignment's value and its derivatives, for `soft_dtw` and `dtw`.
 
-The recursion itself is in `soft_dtw_wavefront`. Here it becomes a function with derivatives of
+The recursion itself is in `recursion`. Here it becomes a function with derivatives of
 its own, and vmap makes more lanes of it. Arguments are the fields of a `Problem`; then
 `implementation`, which is "scan" for that recursion or a function that takes its place (the GPU's
 kernel); then `hard`, for a plain minimum.

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.panda import control, kinematics
+from gril_jax.envs.panda import kinematics
 
 HOME = np.array([0.0571, -0.1029, 0.0417, -2.2644, 0.0052, 2.1616, 0.8812], np.float32)
 TARGET = np.array([*HOME, 0.04], np.float32)
@@ -14,7 +14,7 @@ TARGET = np.array([*HOME, 0.04], np.float32)
 
 @functools.cache
 def _aim():
-    return jax.jit(functools.partial(control.aim, rest=jnp.asarray(HOME), dt=0.05))
+    return jax.jit(functools.partial(kinematics.aim, rest=jnp.asarray(HOME), dt=0.05))
 
 
 def _tool(target):
@@ -22,7 +22,7 @@ def _tool(target):
 
 
 def test_rest_holds_the_hand_for_a_whole_episode():
-    action = np.zeros(len(control.ACTION_NAMES), np.float32)
+    action = np.zeros(len(kinematics.ACTION_NAMES), np.float32)
     target = TARGET
     for _ in range(100):
         target = _aim()(target, target[:7], action)
@@ -30,7 +30,7 @@ def test_rest_holds_the_hand_for_a_whole_episode():
 
 
 def test_the_tool_moves_along_the_worlds_axes():
-    action = np.zeros(len(control.ACTION_NAMES), np.float32)
+    action = np.zeros(len(kinematics.ACTION_NAMES), np.float32)
     action[:3] = [0.8, -0.4, 0.4]
     found = _tool(_aim()(TARGET, HOME, action))
     move = np.asarray(found.position - _tool(TARGET).position)
@@ -39,7 +39,7 @@ def test_the_tool_moves_along_the_worlds_axes():
 
 
 def test_yaw_turns_the_hand_about_the_vertical():
-    action = np.zeros(len(control.ACTION_NAMES), np.float32)
+    action = np.zeros(len(kinematics.ACTION_NAMES), np.float32)
     action[3] = 1.0
     found = _tool(_aim()(TARGET, HOME, action))
     forward = np.asarray(found.rotation[:, 0] @ _tool(TARGET).rotation)
@@ -60,7 +60,7 @@ def test_aims_keep_to_speeds_ranges_and_near_a_blocked_arm():
     target = TARGET
     low, high = kinematics.JOINT_RANGE.astype(np.float32).T
     for _ in range(50):
-        action = np.sign(rng.uniform(-1, 1, len(control.ACTION_NAMES)))
+        action = np.sign(rng.uniform(-1, 1, len(kinematics.ACTION_NAMES)))
         after = np.asarray(_aim()(target, HOME, action.astype(np.float32)))
         assert (np.abs(after - target)[:7] <= 0.05 * kinematics.JOINT_SPEED + 1e-5).all()
         assert (np.abs(after[:7] - HOME) <= 0.3 + 1e-5).all()

@@ -9,7 +9,7 @@ from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.panda.frames import Frame
 from gril_jax.envs.tabletop.boxes import box
-from gril_jax.envs.tabletop.model import Scene, build
+from gril_jax.envs.tabletop.physics import Scene, build
 
 PI = np.pi
 POSES = [  # joints; tool centre point; where the fingers open

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda import model as panda_model
-from gril_jax.envs.tabletop.model import Scene, build
+from gril_jax.envs.tabletop.physics import Scene, build
 
 HOME = [0.0571, -0.1029, 0.0417, -2.2644, 0.0052, 2.1616, 0.8812]
 

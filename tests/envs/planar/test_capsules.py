@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from gril_jax.envs.planar import capsules as planar_capsules
+from gril_jax.envs.planar import model as planar_model
 from gril_jax.envs.planar import robots, shapes
 
 _, *FINGERS = robots.robot("gripper").parts
@@ -70,7 +70,7 @@ _OUTSIDE = {"star": 0.026, "square": 1e-9, "pentagon": 1e-9, "circle": 6e-4}
 @pytest.mark.parametrize("name", shapes.SHAPES)
 def test_capsules_stay_within_the_outline(name):
     outline = shapes.outline(name)
-    assert _farthest_outside(planar_capsules.block(name), outline) <= _OUTSIDE[name]
+    assert _farthest_outside(planar_model.block_capsules(name), outline) <= _OUTSIDE[name]
 
 
 @pytest.mark.parametrize(("name", "gap"), [("star", 0.012), ("square", 0.02), ("pentagon", 0.012)])
@@ -79,25 +79,25 @@ def test_capsules_reach_the_outline_within_a_rounded_corner(name, gap):
     edges = np.roll(vertices, -1, axis=0) - vertices
     edge = (vertices + np.linspace(0, 1, 21)[:, None, None] * edges).reshape(-1, 2)
     shrunk = edge * (1 - gap / np.linalg.norm(edge, axis=1, keepdims=True))
-    assert _covered(shrunk, planar_capsules.block(name)).all()
+    assert _covered(shrunk, planar_model.block_capsules(name)).all()
 
 
 @pytest.mark.parametrize("name", ["square", "pentagon"])
 def test_middles_of_edges_are_flush(name):
-    vertices, capsules = shapes.outline(name), planar_capsules.block(name)
+    vertices, capsules = shapes.outline(name), planar_model.block_capsules(name)
     middle = (vertices + np.roll(vertices, -1, axis=0)) / 2
     assert _covered(middle * (1 - 1e-9), capsules).all()
     assert not _covered(middle * (1 + 1e-3), capsules).any()
 
 
 def test_a_circle_is_one_disc_of_its_radius():
-    assert planar_capsules.block("circle") == (((0.0, 0.0), (0.0, 0.0), 0.12),)
+    assert planar_model.block_capsules("circle") == (((0.0, 0.0), (0.0, 0.0), 0.12),)
 
 
 @pytest.mark.parametrize("part", FINGERS, ids=["left", "right"])
 def test_a_fingers_capsules_stay_in_its_outline_but_for_the_elbow_and_the_root(part):
-    capsules = planar_capsules.finger(part)
-    assert all(c.radius == planar_capsules.FINGER_RADIUS == 0.05 / 2 for c in capsules)
+    capsules = planar_model.finger_capsules(part)
+    assert all(c.radius == planar_model.FINGER_RADIUS == 0.05 / 2 for c in capsules)
     above = part.outline.copy()
     above[above[:, 1] == 0, 1] = -0.025  # the pivot lies inside the disc
     assert _farthest_outside(capsules, above) <= 0.002
@@ -106,7 +106,7 @@ def test_a_fingers_capsules_stay_in_its_outline_but_for_the_elbow_and_the_root(p
 @pytest.mark.parametrize("part", FINGERS, ids=["left", "right"])
 def test_a_fingers_sides_are_flush_with_its_outline(part):
     root, elbow, outer_tip, inner_tip, crook, _ = part.outline
-    capsules = planar_capsules.finger(part)
+    capsules = planar_model.finger_capsules(part)
     middles = np.array([(root + elbow) / 2, (elbow + outer_tip) / 2, (inner_tip + crook) / 2])
     outward = np.array([root, (elbow + outer_tip) - (inner_tip + crook), inner_tip - outer_tip])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
@@ -115,12 +115,12 @@ def test_a_fingers_sides_are_flush_with_its_outline(part):
 
 
 def test_fingers_mirror_each_other():
-    left, right = (planar_capsules.finger(p) for p in FINGERS)
+    left, right = (planar_model.finger_capsules(p) for p in FINGERS)
     for a, b in zip(left, right, strict=True):
         np.testing.assert_allclose(np.array(a[:2]) * [-1, 1], b[:2], atol=1e-12)
 
 
 def test_a_forearm_ends_where_its_outline_ends():
     _, _, outer_tip, inner_tip, *_ = FINGERS[1].outline
-    (_, _, _), (_, wrist, radius) = planar_capsules.finger(FINGERS[1])
+    (_, _, _), (_, wrist, radius) = planar_model.finger_capsules(FINGERS[1])
     assert np.linalg.norm((outer_tip + inner_tip) / 2 - wrist) == pytest.approx(radius)

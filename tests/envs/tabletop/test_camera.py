@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.panda import frames
-from gril_jax.envs.tabletop import camera as cameras
+from gril_jax.envs.tabletop import boxes as cameras
 from gril_jax.envs.tabletop.boxes import Boxes
 
 RNG = np.random.default_rng(0)

@@ -5,8 +5,8 @@ import importlib
 import jax
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop import camera as cameras
-from gril_jax.envs.tabletop import detector
+from gril_jax.envs.tabletop import boxes as cameras
+from gril_jax.envs.tabletop import demonstrations as detector
 from gril_jax.envs.tabletop import render as rendering
 
 from gril_jax import envs

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop import camera as cameras
+from gril_jax.envs.tabletop import boxes as cameras
 
 from gril_jax import envs
 

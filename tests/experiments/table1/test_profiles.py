@@ -14,7 +14,7 @@ from support.kinematic_demos import kinematic_demos
 
 from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
-from gril_jax.metrics.cycles import two_way_cycle_consistency
+from gril_jax.metrics.order import two_way_cycle_consistency
 from gril_jax.pretraining import pretrain
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.runs import run_dir

@@ -11,7 +11,7 @@ from support.tcc_loops import video
 
 from gril_jax import losses
 from gril_jax.errors import ConfigError
-from gril_jax.losses.tcc.forms import FORMS
+from gril_jax.losses.tcc.cycle import FORMS
 
 LENGTHS = [7, 4, 5]
 LATENTS = jnp.stack([jnp.asarray(video(seed, 7)) for seed in range(3)])

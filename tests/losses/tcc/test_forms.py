@@ -11,7 +11,7 @@ from support.tcc_loops import video
 
 from gril_jax.errors import ConfigError, GrilError, ShapeError
 from gril_jax.losses import cycle_consistency, frame_times
-from gril_jax.losses.tcc.forms import FORMS, cycle_error
+from gril_jax.losses.tcc.cycle import FORMS, cycle_error
 
 TIMES = np.arange(7, dtype=np.float32) / 7
 STATIC = ("form", "similarity", "normalize")

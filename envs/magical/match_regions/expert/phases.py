@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.magical.expert.docks import BERTH, BODY, REACH, STAND, WIDTH
-from gril_jax.envs.magical.expert.grid_planning import Obstacles, cost_to_go, waypoint
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from jaxtyping import Array, Bool, Float, Int
 
+from . import ways
 from .plans import Job, Plan
 
 GO, DOCK, CLOSE, CARRY, OPEN, BACK = range(6)
@@ -52,12 +51,6 @@ def unit(vector: Float[Array, "2"]) -> Float[Array, "2"]:
     return vector / jnp.maximum(jnp.sqrt(jnp.sum(vector**2) + 1e-12), 1e-6)
 
 
-def stand(env: MatchRegions, seen: View, dock: Float[Array, "2"]) -> Float[Array, "2"]:
-    """The place where the robot turns to the block before it drives up to it."""
-    limit = env.arena - BODY - 0.01
-    return jnp.clip(seen.block - STAND * dock, -limit, limit)
-
-
 def aim(
     env: MatchRegions,
     seen: View,
@@ -70,13 +63,13 @@ def aim(
     carries = seen.phase == CARRY
     target = jnp.where(roaming, drawn.via[at], jnp.where(carries, seen.job.slot, stand))
     # On its way it keeps clear of the job's block too; with it in hand, of what it may sweep along.
-    radius = jnp.minimum(BODY + jnp.where(carries, 0.26, 0.24), 0.5)
-    radius = jnp.where(seen.other, radius, jnp.where(carries, 0.0, BERTH))
+    radius = jnp.minimum(ways.BODY + jnp.where(carries, 0.26, 0.24), 0.5)
+    radius = jnp.where(seen.other, radius, jnp.where(carries, 0.0, ways.BERTH))
     radius = jnp.where(roaming & drawn.bumps[at], 0.0, radius)
-    obstacles = Obstacles(seen.blocks, radius, jnp.float32(env.arena - 0.4))
+    obstacles = ways.Obstacles(seen.blocks, radius, jnp.float32(env.arena - 0.4))
     extent = env.arena - 0.1
-    cost = cost_to_go(target, obstacles, extent=extent)
-    return waypoint(seen.robot, target, cost, obstacles, extent=extent, near=0.4)
+    cost = ways.cost_to_go(target, obstacles, extent=extent)
+    return ways.waypoint(seen.robot, target, cost, obstacles, extent=extent, near=0.4)
 
 
 def drive(
@@ -84,7 +77,8 @@ def drive(
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Desired forward speed (units/s), turn (rad/s) and finger opening (rad).
 
-    `aim` and `stand` are what those functions give; `roaming` is true on the plan's detour.
+    `aim` is what that function gives, `stand` where the robot turns to the block before it drives
+    up to it; `roaming` is true on the plan's detour.
     """
     turn = bearing(aim - seen.robot, seen.yaw)
     facing = jnp.clip(1.0 - jnp.abs(turn), 0.0, 1.0)
@@ -93,7 +87,7 @@ def drive(
     go, go_turn = jnp.where(there, 0.0, go), jnp.where(there, seen.ahead, turn)
 
     straight = jnp.clip(1.0 - 2.5 * jnp.abs(seen.ahead), 0.0, 1.0)
-    seat = straight * jnp.clip(6.0 * (seen.distance - REACH), -0.4, 0.8)
+    seat = straight * jnp.clip(6.0 * (seen.distance - ways.REACH), -0.4, 0.8)
     # A block that comes along when the robot backs off is wedged between the fingers: shake it.
     wedged, beat = (seen.distance < 0.45) & (seen.timer >= 2), seen.timer % 4
     shake = jnp.where(wedged, jnp.where(beat < 2, 1.0, -1.0), seen.ahead)
@@ -129,18 +123,19 @@ def leave(
     """
     timer, width = seen.timer, jnp.abs(seen.aside)
     behind = unit(seen.block - seen.robot) @ dock > 0.8
-    at_stand = (_length(seen.robot - stand) < 0.1) | behind & (seen.distance < STAND + 0.1)
+    at_stand = (_length(seen.robot - stand) < 0.1) | behind & (seen.distance < ways.STAND + 0.1)
     lined = at_stand & ~roaming & (jnp.abs(seen.ahead) < 0.3)
     # A block that did not come off when the robot backed away is carried on as it is.
-    still = (seen.distance < REACH + 0.04) & (width < WIDTH) & ~roaming & (seen.phase == GO)
-    docked = (seen.distance < REACH + 0.03) & (width < WIDTH)
-    missed = (seen.distance > STAND + 0.15) | (timer > 25)
+    held, going = width < ways.WIDTH, ~roaming & (seen.phase == GO)
+    still = (seen.distance < ways.REACH + 0.04) & held & going
+    docked = (seen.distance < ways.REACH + 0.03) & held
+    missed = (seen.distance > ways.STAND + 0.15) | (timer > 25)
     # The block in hand is at its place, or as near as going on brings it.
     left = _length(seen.job.slot - seen.block)
     short = _length(seen.job.slot - seen.robot) - seen.distance
     arrived = (left < 0.05) | (left < 0.1) & (jnp.abs(short) < 0.04)
-    lost = (width > WIDTH + 0.02) | (seen.distance > REACH + 0.15)
-    away = (seen.distance > STAND - 0.05) & (timer >= 3)
+    lost = (width > ways.WIDTH + 0.02) | (seen.distance > ways.REACH + 0.15)
+    away = (seen.distance > ways.STAND - 0.05) & (timer >= 3)
     ends = [
         lined | still | (timer > _GO_TIME),
         docked | missed,

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from gril_jax.envs.base import State
 from gril_jax.envs.magical.match_regions.task import MatchRegions
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 FAILURES = ("none", "stops_early", "wrong_block", "wrong_place", "drops")
 _NEVER = 100_000  # control steps
@@ -58,9 +58,24 @@ def plan(
     """Samples an order of targets, their places, and the style; `failure` indexes `FAILURES`."""
     keys = jax.random.split(key, 10)
     k, count = env.num_targets, len(env.blocks)
-    blocks = state.data.pose[-count:, :2]
+    blocks, goal = state.data.pose[-count:, :2], state.data.goal
     fails = {name: failure == i for i, name in enumerate(FAILURES)}
-    order, slots = _aims(env, keys[:4], blocks, state.data.goal, fails)
+    order = jax.random.permutation(keys[0], k)
+    away = goal[:2] - blocks[order]
+    along = away / jnp.maximum(jnp.linalg.norm(away, axis=1, keepdims=True), 1e-6)
+    # The first block goes deep into the region, so that the next finds room behind it.
+    depth = jnp.linspace(0.12, -0.1, k) if k > 1 else jnp.zeros(1)
+    noise = 0.04 * jax.random.normal(keys[1], (k, 2))
+    reach = goal[2:] / 2 - 0.1
+    slots = goal[:2] + jnp.clip(depth[:, None] * along + noise, -reach, reach)
+    # The last block and its place are as the failure says.
+    angle = jax.random.uniform(keys[2], (), maxval=2 * jnp.pi)
+    aside = goal[:2] + 0.75 * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+    aside = jnp.clip(aside, -0.75 * env.arena, 0.75 * env.arena)
+    slots = slots.at[-1].set(jnp.where(fails["wrong_place"], aside, slots[-1]))
+    other = jnp.minimum(jax.random.randint(keys[3], (), k, max(count, k + 1)), count - 1)
+    order = order.at[-1].set(jnp.where(fails["wrong_block"], other, order[-1]))
+
     bumps = jax.random.bernoulli(keys[4], style.bump if count > k else 0.0, (k,))
     roams = jax.random.bernoulli(keys[5], style.detour, (k,))
     anywhere = 0.8 * env.arena * jax.random.uniform(keys[6], (k, 2), minval=-1.0)
@@ -78,33 +93,6 @@ def plan(
         steps=jnp.where(fails["stops_early"], jax.random.randint(more[2], (), 8, 40), _NEVER),
         retry=jnp.asarray(failure == 0),
     )
-
-
-def _aims(
-    env: MatchRegions,
-    keys: Key[Array, "4"],
-    blocks: Float[Array, "B 2"],
-    goal: Float[Array, "4"],
-    fails: dict[str, Bool[Array, ""] | bool],
-) -> tuple[Int[Array, "K"], Float[Array, "K 2"]]:
-    """The block that each stage brings, and its place; the last one's as the failure says."""
-    k, count = env.num_targets, len(blocks)
-    order = jax.random.permutation(keys[0], k)
-    away = goal[:2] - blocks[order]
-    along = away / jnp.maximum(jnp.linalg.norm(away, axis=1, keepdims=True), 1e-6)
-    # The first block goes deep into the region, so that the next finds room behind it.
-    depth = jnp.linspace(0.12, -0.1, k) if k > 1 else jnp.zeros(1)
-    noise = 0.04 * jax.random.normal(keys[1], (k, 2))
-    reach = goal[2:] / 2 - 0.1
-    slots = goal[:2] + jnp.clip(depth[:, None] * along + noise, -reach, reach)
-
-    angle = jax.random.uniform(keys[2], (), maxval=2 * jnp.pi)
-    aside = goal[:2] + 0.75 * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
-    aside = jnp.clip(aside, -0.75 * env.arena, 0.75 * env.arena)
-    slots = slots.at[-1].set(jnp.where(fails["wrong_place"], aside, slots[-1]))
-    other = jnp.minimum(jax.random.randint(keys[3], (), k, max(count, k + 1)), count - 1)
-    order = order.at[-1].set(jnp.where(fails["wrong_block"], other, order[-1]))
-    return order, slots
 
 
 def next_job(env: MatchRegions, drawn: Plan, job: Job, state: State) -> Job:

@@ -7,19 +7,24 @@ a distractor that got into the region is taken out. It is a gripper's expert: it
 between the tips of its fingers, which a stick cannot.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from gril_jax.envs.base import State
-from gril_jax.envs.magical.expert.docks import choose_dock
+import numpy as np
+from gril_jax.envs.base import Demonstrations, Episode, ExpertError, State, Wanted
 from gril_jax.envs.magical.match_regions.task import MatchRegions
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import phases, plans
-from .plans import Job, Plan, Style, plan
+from .plans import FAILURES, Job, Plan, Style, plan
+from .ways import BODY, STAND, choose_dock
 
+_SPARE = 2  # successes played for each that is kept: the brisker half, as a person would choose
+_ROUNDS = 8  # batches of episodes before giving up on an expert that fails
+_AFTER = 12  # frames that a video goes on once the task is done
 _STILL, _STILL_TURN = 0.004, 0.03  # units and rad a control step: slower is standing
 
 
@@ -62,7 +67,8 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
         seen.robot, seen.block, seen.blocks, seen.other, way, memory.dock, arena=env.arena
     )
     dock = jnp.where(phase == phases.GO, dock, memory.dock)
-    stand = phases.stand(env, seen, dock)
+    limit = env.arena - BODY - 0.01
+    stand = jnp.clip(seen.block - STAND * dock, -limit, limit)
     aim = phases.aim(env, seen, drawn, at, stand, roaming)
     speed, turn, opening = phases.drive(seen, aim, stand, roaming)
     grip = FINGER_OPEN - jnp.clip(opening, 0.0, FINGER_OPEN)
@@ -126,3 +132,49 @@ def rollout(
     _, (states, stages) = jax.lax.scan(move, (state, memory), length=env.episode_length)
     states = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states)
     return states, jnp.concatenate([jnp.zeros(1, stages.dtype), stages])
+
+
+def demonstrate(
+    make: Callable[..., MatchRegions], wanted: Wanted, tell: Callable[[int], None]
+) -> Demonstrations:
+    """The demonstrations wanted, the brisker successes; a `gril_jax.envs.base.Demonstrate`.
+
+    The gripper demonstrates, whichever robot will learn: the reward does not see the robot. `tell`
+    hears how many episodes are good enough so far.
+
+    Raises:
+      ExpertError: the expert fails so often that they cannot be collected.
+    """
+    env = make(robot="gripper", observation="rich", variant=wanted.places)
+    env.episode_length = env.episode_length * 4 // 3  # the expert is slower than a policy
+    played, failures = _SPARE * wanted.successes, wanted.failures
+    batch = played + failures + wanted.successes // 3
+    kinds = jnp.zeros(batch, jnp.int32)
+    if failures:
+        kinds = kinds.at[-failures:].set(1 + jnp.arange(failures) % (len(FAILURES) - 1))
+    play = jax.jit(jax.vmap(lambda key, kind: rollout(env, key, kind)[0]))
+    good: list[Episode] = []
+    bad: list[Episode] = []
+    for number in range(_ROUNDS):
+        keys = jax.random.split(jax.random.fold_in(jax.random.key(wanted.seed), number), batch)
+        states = jax.device_get(play(keys, kinds))
+        for index in range(batch):
+            done = states.metrics["success"][index]
+            data = jax.tree.map(lambda x, i=index: x[i], states.data)
+            if kinds[index] == 0 and done[-1] > 0:
+                # From the end backwards: the moment after which it stays done.
+                end = len(done) - int(np.argmin(done[::-1] > 0)) if not done.all() else 1
+                data = jax.tree.map(lambda x, e=end: x[: e + _AFTER], data)
+                good.append(Episode("success", "success", data))
+            elif kinds[index] > 0 and done[-1] == 0:
+                bad.append(Episode("failure", "failure", data))
+        tell(min(len(good) // _SPARE, wanted.successes) + min(len(bad), failures))
+        if len(good) >= played and len(bad) >= failures:
+            slowest = sorted(len(e.data.pose) for e in good[:played])[wanted.successes - 1]
+            brisk = [e for e in good[:played] if len(e.data.pose) <= slowest]
+            episodes = brisk[: wanted.successes] + bad[:failures]
+            return Demonstrations(env, ("goal", "robot", *env.blocks), episodes)
+    raise ExpertError(
+        f"the scripted expert solved {len(good)} of {_ROUNDS * batch} episodes of the "
+        f"{env.variant} layout, but demos.num and demos.num_validation ask for {wanted.successes}"
+    )

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs import make
-from gril_jax.envs.magical.match_regions.stages import REGION, ROBOT, stages
+from gril_jax.envs.magical.match_regions.score import REGION, ROBOT, stages
 
 TASK = stages(("green star", "green square"), ("blue pentagon",), arena=1.1)
 SIZE = jnp.array([[0.6, 0.7], [0.4, 0.4], [0.3, 0.3], [0.27, 0.29], [0.26, 0.26]])

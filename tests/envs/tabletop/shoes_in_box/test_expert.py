@@ -6,8 +6,7 @@ import time
 import jax
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop.shoes_in_box import expert, model
-from gril_jax.envs.tabletop.shoes_in_box import style as styles
+from gril_jax.envs.tabletop.shoes_in_box import expert, model, moves
 
 from gril_jax import envs
 
@@ -79,7 +78,7 @@ def test_each_kind_of_failure_is_what_its_name_says(kind, starts):
 
 
 def test_styles_vary_in_order_speed_and_grasps():
-    drawn = [styles.draw(np.random.default_rng(seed)) for seed in range(400)]
+    drawn = [moves.draw_style(np.random.default_rng(seed)) for seed in range(400)]
     first = np.mean([style.order[0] for style in drawn])
     again = np.mean([style.again for style in drawn])
     assert 0.4 < first < 0.6
@@ -90,7 +89,7 @@ def test_styles_vary_in_order_speed_and_grasps():
 
 
 def test_a_shoe_can_be_put_down_and_taken_again(starts):
-    seed = next(s for s in range(100) if styles.draw(np.random.default_rng(s)).again[0])
+    seed = next(s for s in range(100) if moves.draw_style(np.random.default_rng(s)).again[0])
     run = expert.play(_env(), starts[0], seed)
     shoe = run.qpos[:, 12]
     assert expert.as_meant(run)

@@ -3,8 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop.model import build
-from gril_jax.envs.tabletop.physics import Physics, mjx
+from gril_jax.envs.tabletop.physics import Physics, build, mjx
 from gril_jax.envs.tabletop.shoes_in_box import model as scene
 
 

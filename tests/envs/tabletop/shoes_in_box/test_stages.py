@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gril_jax.envs import make
 from gril_jax.envs.panda.frames import Frame, out_of, rotation
-from gril_jax.envs.tabletop import camera as cameras
+from gril_jax.envs.tabletop import boxes as cameras
 from gril_jax.envs.tabletop.shoes_in_box import model
 from gril_jax.envs.tabletop.shoes_in_box.stages import BOX, LID, LID_CURVE, ROBOTS, SHOES
 

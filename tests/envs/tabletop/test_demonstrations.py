@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop import detector
+from gril_jax.envs.base import ExpertError
+from gril_jax.envs.tabletop import demonstrations as detector
+
+NAMES = ("left finger", "right finger", "hand")
 
 
 def _picture(*patches, pixels=20):
@@ -38,7 +41,7 @@ def test_what_is_hidden_but_for_a_few_pixels_is_not_seen():
 def test_what_is_not_seen_keeps_its_last_box_or_takes_its_first():
     exact = _video(6)
     exact.seen[:, 0] = [False, True, True, False, False, True]
-    filled = detector.carried(exact)
+    filled = detector.carried(exact, NAMES)
     np.testing.assert_array_equal(filled.center[:, 0], exact.center[[1, 1, 2, 2, 2, 5], 0])
     np.testing.assert_array_equal(filled.size[:, 1], exact.size[:, 1])
     np.testing.assert_array_equal(filled.seen, exact.seen)
@@ -47,8 +50,8 @@ def test_what_is_not_seen_keeps_its_last_box_or_takes_its_first():
 def test_what_is_never_seen_is_named():
     exact = _video(5)
     exact.seen[:, 2] = False
-    with pytest.raises(ValueError, match="thing 2 is seen in none of 5 frames"):
-        detector.carried(exact)
+    with pytest.raises(ExpertError, match="'hand' is not to be seen in any of 5 frames"):
+        detector.carried(exact, NAMES)
 
 
 def test_frames_are_stacked_in_order():

@@ -6,7 +6,7 @@ import chex
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.magical import action as actions
+from gril_jax.envs.magical import simulator
 
 from gril_jax import envs
 
@@ -41,16 +41,16 @@ def test_magical_rounds_actions_to_its_eighteen(action, speed, turn, opening):
 
 def test_magicals_numbers_are_its_eighteen_commands():
     """9 * grip + 3 * turn + drive, decoded by a plain loop."""
-    found = actions.from_magical(np.arange(18))
+    found = simulator.from_magical(np.arange(18))
     for number, action in enumerate(found):
         grip, turn, drive = number // 9, number // 3 % 3, number % 3
-        command = actions.rounded_command(jnp.asarray(action))
+        command = simulator.rounded_command(jnp.asarray(action))
         expected = [(0.0, 0.8, -0.6)[drive], (0.0, 1.5, -1.5)[turn], (OPEN, 0.0)[grip]]
         np.testing.assert_allclose(list(map(float, command)), expected, rtol=1e-6)
-    assert actions.from_magical(np.zeros((2, 0), int)).shape == (2, 0, 3)
+    assert simulator.from_magical(np.zeros((2, 0), int)).shape == (2, 0, 3)
 
 
 @pytest.mark.parametrize("wrong", [-1, 18])
 def test_other_numbers_are_refused(wrong):
     with pytest.raises(ValueError, match=r"must lie in 0 to 17"):
-        actions.from_magical(np.array([0, wrong]))
+        simulator.from_magical(np.array([0, wrong]))

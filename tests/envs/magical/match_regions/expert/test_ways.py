@@ -4,7 +4,7 @@ import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.magical.expert.grid_planning import Obstacles, cost_to_go, waypoint
+from gril_jax.envs.magical.match_regions.expert.ways import Obstacles, cost_to_go, waypoint
 
 EXTENT = 1.0
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from gril_jax.envs.panda.saturated_servos import constant_where_saturated, driven
+from gril_jax.envs.tabletop.physics import constant_where_saturated, driven
 
 with contextlib.redirect_stdout(io.StringIO()):
     from mujoco import mjx
@@ -61,7 +61,7 @@ def test_a_step_is_that_of_c_mujoco_at_the_limit_and_below_it():
 
 
 def test_mjx_alone_is_behind():
-    """If this fails, MJX has learned it, and `saturated_servos` has done its work."""
+    """If this fails, MJX has learned it, and `constant_where_saturated` has done its work."""
     model = mujoco.MjModel.from_xml_string(ARM)
     true = np.stack([_in_c(model, aim, 20) for aim in AIMS])
     gap = np.abs(_in_mjx(model, AIMS, 20, own=True) - true).max(axis=1)

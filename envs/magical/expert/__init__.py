@@ -1,1 +1,0 @@
-"""Skills that scripted experts of MAGICAL's tasks share, and how their episodes are chosen."""
