@@ -1,6 +1,6 @@
 """Ensembles: several networks of one kind as one encoder, scored by its most pessimistic member.
 
-A policy finds the states that a network overrates by accident. Networks that were begun and fed
+A policy finds the states that a network overestimates by accident. Networks that were begun and fed
 differently agree where the demonstrations have been and err apart elsewhere, so that the lowest of
 their rewards is harder to cheat than any of them.
 

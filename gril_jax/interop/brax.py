@@ -13,7 +13,7 @@ brax's and Playground's episode wrappers keep, which is 0 at an episode's first 
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +23,15 @@ from gril_jax.errors import ConfigError
 from gril_jax.reward.learned_reward import LearnedReward
 
 _KEY = "learned_reward"
+
+
+@runtime_checkable
+class BraxTask(Protocol):
+    """An environment in brax's style, for one episode at a time."""
+
+    def reset(self, rng: PRNGKeyArray) -> Any: ...
+
+    def step(self, state: Any, action: Float[Array, "A"]) -> Any: ...
 
 
 class RewardWrapper:
@@ -39,7 +48,7 @@ class RewardWrapper:
 
     def __init__(
         self,
-        env: Any,
+        env: BraxTask,
         learned: LearnedReward,
         boxes: Callable[[Any], tuple[Float[Array, "N 2"], Float[Array, "N 2"]]],
         *,

@@ -41,7 +41,7 @@ import itertools
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -58,6 +58,14 @@ from gril_jax.safe_files import new_file, writing
 FORMAT, VERSION = "gril-jax policy", 1
 
 _ACTIVATION = "swish"  # brax's default, which PPO and SAC keep; the last layer has none
+
+
+@runtime_checkable
+class SizedTask(Protocol):
+    """A task as far as a policy's file describes it."""
+
+    observation_size: int
+    action_size: int
 
 
 def main(
@@ -98,7 +106,10 @@ def policy_arrays(policy: Policy) -> dict[str, Float[np.ndarray, "..."]]:
 
 
 def describe(
-    config: RunConfig, env: Any, arrays: dict[str, Float[np.ndarray, "..."]], objects: Sequence[str]
+    config: RunConfig,
+    env: SizedTask,
+    arrays: dict[str, Float[np.ndarray, "..."]],
+    objects: Sequence[str],
 ) -> dict[str, Any]:
     """The meaning of the arrays, as JSON has it. Index ranges are [start, stop).
 
@@ -142,7 +153,7 @@ def describe(
     }
 
 
-def observation_layout(env: Any, objects: Sequence[str] = ()) -> list[dict[str, Any]]:
+def observation_layout(env: SizedTask, objects: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Name, start and stop of each part of the policy's input, in order.
 
     The task's `observation_names`, if it has them, name each number, or it is a ShapeError; equal
@@ -153,7 +164,7 @@ def observation_layout(env: Any, objects: Sequence[str] = ()) -> list[dict[str, 
     return _layout(env, "observation", env.observation_size, bits)
 
 
-def action_layout(env: Any) -> list[dict[str, Any]]:
+def action_layout(env: SizedTask) -> list[dict[str, Any]]:
     """Name, start, stop, low and high of each part of the action, as `observation_layout`."""
     found = _layout(env, "action", env.action_size)
     return [entry | {"low": -1.0, "high": 1.0} for entry in found]
@@ -172,7 +183,7 @@ def write(
             raise RunError(f"{out} exists already, but --out must be a new file") from None
 
 
-def _layout(env: Any, kind: str, size: int, more: Sequence[str] = ()) -> list[dict[str, Any]]:
+def _layout(env: SizedTask, kind: str, size: int, more: Sequence[str] = ()) -> list[dict[str, Any]]:
     names = getattr(env, f"{kind}_names", [kind] * size)
     if len(names) != size:
         task = type(env).__name__

@@ -3,13 +3,14 @@
 Cycle-consistency and reconstruction say nothing about states that no demonstration visits, and a
 policy will find among them those that happen to lie near the goal. Here the distance of made-up
 states from the goal is given, too: copies of frames in which objects are somewhere else are as far
-from it as `gril_jax.final_places.misplacement` says, which knows from the last frames of the
+from it as `gril_jax.pretraining.final_places.misplacement` says, which knows from the last frames of the
 demonstrations what belongs where. Videos are all it takes: no action, no label.
 
-With `ascents` the copies go where the present encoder overrates them most, before it learns from
-them: the same that a policy would do (adversarial training, Madry et al., ICLR 2018). What a policy
-has really done with an earlier reward can be learned from in the same way, beside copies or without
-any: a pool of such scenes (`gril_jax.pretraining.hard_negatives`), of which each batch draws some.
+With `ascents` the copies go where the present encoder overestimates them most, before it learns
+from them: the same that a policy would do (adversarial training, Madry et al., ICLR 2018). What a
+policy has really done with an earlier reward can be learned from in the same way, beside copies or
+without any: a pool of such scenes (`gril_jax.pretraining.hard_negatives`), of which each batch
+draws some.
 
 Shapes use V for videos, T for frames, N for objects, D for the latent, A for the frames of a video
 that are copied, J for the copies of each and P for the scenes of a pool.

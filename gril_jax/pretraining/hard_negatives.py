@@ -67,8 +67,8 @@ def choose(
 ) -> Chosen:
     """The states with the most reward beyond what is due, from episodes without success at the end.
 
-    One after the other: the most overrated of those that are left, without its neighbours in time
-    and without its likes in other episodes, so that the chosen ones differ.
+    One after the other: the most overestimated of those that are left, without its neighbours in
+    time and without its likes in other episodes, so that the chosen ones differ.
 
     Args:
       scenes: leaves (E, T, N, ...).
@@ -80,7 +80,7 @@ def choose(
         in diagonals of their boxes, and the activity bits are equal.
       ended: an episode whose last frame lacks no more than this ends as demonstrations do: nothing
         of it is chosen.
-      least: nor is anything that is overrated by no more than this.
+      least: nor is anything that is overestimated by no more than this.
 
     Returns:
       K moments, of which the first ones are known; moments that are not finite are never chosen.

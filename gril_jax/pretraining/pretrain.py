@@ -101,7 +101,7 @@ def step(
 ) -> tuple[TrainState, Metrics]:
     """`config.updates` gradient updates in one compiled call, without talking to the host.
 
-    `pool` are scenes that an earlier reward overrated (`gril_jax.pretraining.hard_negatives`),
+    `pool` are scenes that an earlier reward overestimated (`gril_jax.pretraining.hard_negatives`),
     leaves (P, N, ...); they teach distances as copies do, also where `config.copies` is 0.
     """
     active = activity_bits(demos, hyper, config)

@@ -145,8 +145,8 @@ def test_the_loss_of_undisplaced_frames_is_plain_arithmetic(params, demos, place
     assert max(due) == pytest.approx(1.1 * 0.9 + 0.1 * 0.1, abs=0.15)
 
 
-def test_ascents_go_where_copies_are_overrated(params, demos, places):
-    """An encoder that tells nothing apart overrates most what is furthest out of place."""
+def test_ascents_go_where_copies_are_overestimated(params, demos, places):
+    """An encoder that tells nothing apart overestimates most what is furthest out of place."""
     blind = jax.tree.map(jnp.zeros_like, params)
     climbing = dataclasses.replace(CONFIG, ascents=1)
     plain = float(_compiled(blind, demos, places, CONFIG, tail=0.0))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gril_jax.audit.measures import Audit, States
-from gril_jax.audit.scene_reward import Scene
+from gril_jax.audit.scene_reward import Scene, StagedTask
 from gril_jax.audit.states import FACTORS
 from gril_jax.report.figures.style import png
 from gril_jax.report.headline import Tile, Verdict
@@ -46,7 +46,7 @@ class Findings(NamedTuple):
     states: States  # leading axis B
     audit: Audit
     names: tuple[str, ...]  # of the N objects
-    task: Any  # a `gril_jax.envs.stages.Stages`
+    task: StagedTask
 
     @property
     def swept(self) -> tuple[int, ...]:
