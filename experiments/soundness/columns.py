@@ -1,13 +1,19 @@
-"""The columns of an ablation of soundness, and how well each figure foretells success."""
+"""What people read of an ablation of soundness: its columns, how well each figure foretells
+success, and the picture of that.
+"""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from gril_jax.experiments.tables.audits import FIGURES, VARIANTS
 from gril_jax.experiments.tables.curves import LAST
-from gril_jax.experiments.tables.table import Found
+from gril_jax.experiments.tables.results import Found
 from gril_jax.experiments.tables.written import SEEDS, Column, Line, Section, column, markdown, same
 from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from gril_jax.errors import ShapeError
+from gril_jax.report.figures.style import COLOURS, WIDTH, shortened, styled
 
 from .correlation import Correlation, correlation
 
@@ -49,6 +55,11 @@ _LEGEND = (
     "success is; undefined where that is nothing. The hack share, the same of the best state "
     "without progress, is in the CSV."
 )
+_PREDICTIONS = (
+    Column("ought", "should be", same),
+    Column("rho", "correlation", same),
+    Column("better", "better than tau", same),
+)
 
 
 def text(found: Found) -> str:
@@ -67,15 +78,10 @@ def _predictions(lines: Sequence[Line]) -> list[str]:
         name: correlation(column(lines, name), success, tau, sign=sign)
         for name, sign in PREDICTORS.items()
     }
-    section = Section(
+    caption = (
         f"Spearman's correlation with success over {len(known)} encoders, its 95 % bootstrap "
         "interval, and the share of bootstrap samples in which a figure predicts success better "
-        "than tau does:",
-        [
-            Column("ought", "should be", same),
-            Column("rho", "correlation", same),
-            Column("better", "better than tau", same),
-        ],
+        "than tau does:"
     )
     lines = [
         {
@@ -86,7 +92,7 @@ def _predictions(lines: Sequence[Line]) -> list[str]:
         }
         for name, one in found.items()
     ]
-    return [markdown(lines, [section]), _verdict(known, found)]
+    return [markdown(lines, [Section(caption, _PREDICTIONS)]), _verdict(known, found)]
 
 
 def _verdict(success: Float[np.ndarray, "n"], found: Mapping[str, Correlation]) -> str:
@@ -109,3 +115,47 @@ def _verdict(success: Float[np.ndarray, "n"], found: Mapping[str, Correlation]) 
 def _in_words(name: str) -> str:
     words, _, variant = name.rpartition("_")
     return f"{words.replace('_', ' ')}, {variant.capitalize()} starts" if words else name
+
+
+_PANELS = {
+    "tau": "Kendall's tau on held-out videos",
+    "order_demo": "order accuracy, Demo starts",
+    "touch_demo": "what a touch is paid, Demo starts",
+    "hack_gap_demo": "hack gap, Demo starts",
+}
+# With deterministic actions a policy is right or wrong, and dots hide each other.
+_SUCCESS = "success_sampled"
+_MARKERS = "os^Dv"
+
+
+@styled
+def figure(lines: Sequence[Line]) -> Figure:
+    """Success against figures known before a policy is, each in a panel.
+
+    Each encoder is a dot, with a colour or marker for its row.
+
+    Raises:
+      ShapeError: no encoder has a policy.
+    """
+    lines = [line for line in lines if np.isfinite(line.get(_SUCCESS, np.nan))]
+    if not lines:
+        raise ShapeError("lines has no success; at least one encoder must have a policy.")
+    names = list(dict.fromkeys(line["row"] for line in lines))
+    drawn = Figure(figsize=(WIDTH, 0.75 * WIDTH + 0.11 * len(names)))
+    panels = drawn.subplots(2, 2, sharey=True)
+    for axes, (name, label) in zip(panels.flat, _PANELS.items(), strict=True):
+        for number, row in enumerate(names):
+            members = [line for line in lines if line["row"] == row]
+            axes.plot(
+                column(members, name), column(members, _SUCCESS),
+                color=COLOURS[number % len(COLOURS)],
+                marker=_MARKERS[number // len(COLOURS) % len(_MARKERS)],
+                linestyle="none", markersize=5.5, alpha=0.75, label=shortened(row),
+            )  # fmt: skip
+        axes.set_xlabel(label)
+        axes.locator_params(axis="x", nbins=5)
+    for axes in panels[:, 0]:
+        axes.set(ylabel="success, sampled actions", ylim=(-0.04, 1.04))
+    drawn.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    drawn.set_layout_engine("constrained")
+    return drawn

@@ -10,42 +10,32 @@ audited from Demo and from Layout starts, and a policy is trained with its rewar
 figure with success) and `soundness.png`.
 """
 
-from collections.abc import Mapping
-
-import jax
 from gril_jax.experiments.tables.audits import VARIANTS, audit, tasks
 from gril_jax.experiments.tables.measures import TAU
-from gril_jax.experiments.tables.programs import Program, programs
-from gril_jax.experiments.tables.table import Found, Table
+from gril_jax.experiments.tables.results import Found, Table
 
-from gril_jax.report.figures.style import png
-
-from .columns import AUDIT, COLUMNS, text
-from .figure import figure
+from .columns import AUDIT, COLUMNS, figure, text
 from .rows import Settings
 
 
-def _plan(rows, num_classes: int, settings: Settings) -> list[Program]:
+def _plan(rows, settings: Settings, programs):
     tasks(rows[0].config.env)  # refuses what cannot be audited
-    if not settings.policies:
-        return []
-    return programs(rows, num_classes, jax.devices(), at_once=settings.policies_at_once)
+    return programs(rows, at_once=settings.policies_at_once) if settings.policies else []
 
 
 def _measures(config, settings: Settings, demos):
     return [TAU, audit(config.env, VARIANTS, starts=settings.starts, ascents=settings.ascents)]
 
 
-def _pictures(found: Found, last: bool) -> Mapping[str, bytes]:
-    trained = any("success" in line for line in found.lines)
-    return {"soundness.png": png(figure(found.lines))} if trained else {}
+def _figure(found: Found):
+    return figure(found.lines) if any("success" in line for line in found.lines) else None
 
 
 TABLE = Table(
     "soundness",
-    lambda lines: COLUMNS,
-    text,
-    _pictures,
+    columns=lambda lines: COLUMNS,
+    text=text,
+    figure=_figure,
     settings=Settings,
     plan=_plan,
     measured={"tau": ("tau",), "audit": AUDIT},

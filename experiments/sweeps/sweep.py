@@ -10,16 +10,13 @@ policies, and one configuration a cell, which `gril train RUN/cells/000.yaml` ru
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-from gril_jax.experiments.tables.curves import LAST, Curve, at_the_end
-from gril_jax.experiments.tables.figure import learning_curves
-from gril_jax.experiments.tables.programs import programs
+from gril_jax.experiments.tables.curves import LAST, Curve, at_the_end, learning_curves
+from gril_jax.experiments.tables.results import Found, Table
 from gril_jax.experiments.tables.rewards import learns
-from gril_jax.experiments.tables.table import Found, Table
 from gril_jax.experiments.tables.written import (
     SEEDS,
     Column,
@@ -33,7 +30,6 @@ from gril_jax.config import RunConfig
 from gril_jax.config.files import load, to_yaml
 from gril_jax.config.grid import Cell
 from gril_jax.errors import RunError
-from gril_jax.report.figures.style import png
 from gril_jax.runs import run_dir
 
 _COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
@@ -105,11 +101,9 @@ def _first_of_twins(sweep: Sweep) -> list[int]:
     return [counts.index(one) for one in counts]
 
 
-def _plan(rows, num_classes: int, sweep: Sweep):
+def _plan(rows, sweep: Sweep, programs):
     first = _first_of_twins(sweep)
-    return programs(
-        [row for row in rows if first[row.cell] == row.cell], num_classes, jax.devices()
-    )
+    return programs([row for row in rows if first[row.cell] == row.cell])
 
 
 def _policy(curve: Curve) -> dict[str, float | int | None]:
@@ -139,15 +133,11 @@ def _with_twins(found: Found, sweep: Sweep) -> Found:
     )
 
 
-def _pictures(found: Found, last: bool) -> Mapping[str, bytes]:
-    return {"sweep.png": png(learning_curves(found.names, found.curves))} if found.curves else {}
-
-
 TABLE = Table(
     "sweep",
-    lambda lines: _COLUMNS,
-    lambda found: markdown(found.lines, _SECTIONS),
-    _pictures,
+    columns=lambda lines: _COLUMNS,
+    text=lambda found: markdown(found.lines, _SECTIONS),
+    figure=lambda found: learning_curves(found.names, found.curves) if found.curves else None,
     configs=lambda config, sweep: [cell.config for cell in sweep.cells],
     plan=_plan,
     policy=_policy,

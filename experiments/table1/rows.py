@@ -5,13 +5,18 @@ Neither JAX nor MuJoCo is imported here: the command line looks at the rows firs
 
 import json
 import math
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from gril_jax.envs import registry
-from gril_jax.experiments.tables import rows as named_rows
-from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL
+from gril_jax.experiments.tables.rows import (
+    GRAPHIRL,
+    PAPERS_OWN,
+    WITH_ROBOT,
+    XIRL,
+    AuditedSettings,
+    Rows,
+)
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError
@@ -84,19 +89,10 @@ QUICK = "environmental,ours without robot"
 QUICK_SEEDS = 2
 QUICK_STEPS = 1500  # of each encoder
 
-
-@dataclass(frozen=True)
-class Settings(named_rows.Settings):
-    """All of Table I that is not in the configuration."""
-
-    rows: named_rows.Rows = field(default_factory=lambda: ROWS)
-    ascents: int = 1000
-    """Gradient ascents of the audit, shared by the starts."""
-    starts: int = 4
-    """Starts that an audit begins from."""
+Settings = AuditedSettings
 
 
-def with_steps(rows: named_rows.Rows, steps: int | None) -> named_rows.Rows:
+def with_steps(rows: Rows, steps: int | None) -> Rows:
     """The rows with so many gradient steps of every encoder; of its row's own where None."""
     if steps is None:
         return rows
@@ -106,7 +102,7 @@ def with_steps(rows: named_rows.Rows, steps: int | None) -> named_rows.Rows:
     }
 
 
-def paths(rows: named_rows.Rows) -> set[str]:
+def paths(rows: Rows) -> set[str]:
     """The fields that rows set, which cannot be chosen for all of them."""
     return {path for change in rows.values() for path in change}
 

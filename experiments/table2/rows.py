@@ -4,11 +4,9 @@ Neither JAX nor MuJoCo is imported here: the command line looks at the rows firs
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
-from gril_jax.experiments.tables import rows as named_rows
-from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL
+from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL, Rows, changed
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
@@ -60,19 +58,12 @@ QUICK = {"demos.num": 20, "demos.num_validation": 6, "demos.num_failures": 21} |
 QUICK_SEEDS = 2
 
 
-@dataclass(frozen=True)
-class Settings(named_rows.Settings):
-    """All of Table II that is not in the configuration."""
-
-    rows: named_rows.Rows = field(default_factory=lambda: ROWS)
-
-
-def usable(config: RunConfig, echo: Callable[[str], None] = print) -> named_rows.Rows:
+def usable(config: RunConfig, echo: Callable[[str], None] = print) -> Rows:
     """The rows that this configuration can train; prints why the others are left out."""
     rows = {}
     for name, change in ROWS.items():
         try:
-            named_rows.changed(config, change)
+            changed(config, change)
         except ConfigError as error:
             echo(f"without the row {name!r}: {error}")
         else:

@@ -17,14 +17,12 @@ from gril_jax import envs
 from gril_jax.audit import measures
 from gril_jax.audit.measures import States, make_states
 from gril_jax.audit.scene_reward import Scene, scene_reward
-from gril_jax.compilation import ahead
-from gril_jax.compilation.compiler import compiled
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.encoders.encoder import GraphConfig
 from gril_jax.errors import ConfigError
 from gril_jax.reward.latent_goal import RewardParams
 
-from .measures import Measure, blank_rewards, stacked
+from .measures import Measure, stacked
 
 VARIANTS = ("demo", "layout")
 
@@ -56,22 +54,20 @@ def audit(config: EnvConfig, chosen: Sequence[str], *, starts: int, ascents: int
     variants = {variant: env for variant, env in tasks(config).items() if variant in chosen}
     num_classes = len(next(iter(variants.values())).classes)
 
-    @functools.cache
-    def made() -> Ground:
-        return ground(variants, starts=starts)
+    made = functools.cache(functools.partial(ground, variants, starts=starts))
 
-    def compile_for(config: RunConfig, count: int):
-        with ahead.tracing():
-            params, on = blank_rewards(config, num_classes, count), made()
-            run = program(setup.encoder_config(config, num_classes), on.task, ascents=ascents)
-            lowered = run.lower(params, next(iter(on.states.values())))
-        return compiled(lowered)
+    def same(config: RunConfig):
+        return setup.encoder_config(config, num_classes)
 
-    def figures(run, config, found):
-        return {name: x.tolist() for name, x in measure(run, stacked(found), made()).items()}
+    def lower(config: RunConfig, params: RewardParams):
+        run = program(same(config), made().task, ascents=ascents)
+        return [run.lower(params, next(iter(made().states.values())))]
 
-    same = lambda config: setup.encoder_config(config, num_classes)  # noqa: E731
-    return Measure("audit", figures, same, compile_for)
+    def figures(programs, config, found):
+        values = measure(*programs, stacked(found), made())
+        return {name: x.tolist() for name, x in values.items()}
+
+    return Measure("audit", figures, same, lower, num_classes)
 
 
 def tasks(config: EnvConfig) -> dict[str, envs.Env]:

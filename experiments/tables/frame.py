@@ -9,6 +9,7 @@ program, so that a run that is cut off leaves what it has.
 """
 
 import dataclasses
+import functools
 import io
 from collections.abc import Callable, Hashable
 from pathlib import Path
@@ -27,10 +28,10 @@ from . import measures as table_measures
 from . import programs as table_programs
 from . import results
 from . import rewards as table_rewards
-from .rewards import LearnedReward, learns, reward_key
+from .programs import learn_policies
+from .results import Found, Table
+from .rewards import TrainedReward, learns, reward_key
 from .rows import with_seeds
-from .table import Found, Table
-from .training import learn_policies
 
 Echo = Callable[[str], None]
 
@@ -57,10 +58,12 @@ def make(
     """
     rows = with_seeds(table.configs(config, settings), settings.seeds)
     num_classes = len(setup.make_env(config.env, training=False).classes)
-    plan = table.plan(rows, num_classes, settings)
-    encoders = len({reward_key(row.config) for row in rows if learns(row.config)})
+    programs = functools.partial(
+        table_programs.programs, num_classes=num_classes, devices=jax.devices()
+    )
+    plan = table.plan(rows, settings, programs)
     counts = {
-        "encoders": encoders,
+        "encoders": len({reward_key(row.config) for row in rows if learns(row.config)}),
         "policies": sum(len(program.rows) for program in plan),
         "programs": len(plan),
     }
@@ -96,7 +99,7 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
     left = [program for program, done in zip(plan, finished, strict=True) if not done]
     free = [one for one in left if not any(learns(row.config) for row in one.rows)]
     others = [one for one in left if one not in free]
-    learned: dict[Hashable, LearnedReward] = {}
+    learned: dict[Hashable, TrainedReward] = {}
     gather = _gatherer(run, progress)
     demos = gather(config) if table.one_set else None
 
@@ -115,12 +118,10 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
         wanted = table_rewards.get_ready(rows, gather, pool)
         ready |= table_programs.get_ready(others, jax.devices(), pool)
         measures = [] if demos is None else table.measures(config, settings, demos)
-        needs = lambda rows: table_rewards.needed(wanted, rows)  # noqa: E731
+        needs = functools.partial(table_rewards.needed, wanted)
         ahead.carry_out(
             table_rewards.tasks(wanted, learned, run, progress, echo)
-            + table_measures.tasks(
-                measures, rows, learned, needs, run, pool, progress, then=written
-            )
+            + table_measures.tasks(measures, rows, learned, needs, run, pool, progress, written)
             + table_programs.tasks(left, ready, needs, train)
         )
     if not hosts.is_first():

@@ -1,10 +1,9 @@
 """Measures of the rewards that a table's rows have learned; each is a phase of the run.
 
-    measures.tasks([audit, ...], names, rows, learned, needs, run, pool, progress, written)
-
 A row's measure is kept as the phase `NAME-CELL`, so that a run that goes on does not repeat it.
 """
 
+import functools
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
@@ -14,11 +13,12 @@ from gril_jax.experiments.pipeline import setup
 
 from gril_jax import reward
 from gril_jax.compilation import ahead
+from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 
-from .rewards import LearnedReward, learns, reward_key, stack
+from .rewards import TrainedReward, learns, reward_key, stack
 from .rows import Row
 
 
@@ -26,18 +26,28 @@ class Measure(NamedTuple):
     """Something measured of a row's rewards, which differ in their seeds alone."""
 
     name: str  # of its phases, before the row's number
-    measure: Callable[[Any, RunConfig, list[LearnedReward]], Mapping[str, Any]]  # the phase
-    same: Callable[[RunConfig], Hashable] | None = None  # equal for rows that share a program
-    compile: Callable[[RunConfig, int], Any] | None = None  # for rewards of boxes, so many
+    # From what `lower` gives, compiled, the row's configuration and its rewards, to the phase.
+    measure: Callable[[Any, RunConfig, list[TrainedReward]], Mapping[str, Any]]
+    same: Callable[[RunConfig], Hashable] | None = None  # equal for rows that share programs
+    # The programs for rewards of boxes, from the shapes of their parameters.
+    lower: Callable[[RunConfig, reward.RewardParams], Sequence[jax.stages.Lowered]] | None = None
+    num_classes: int = 0
+
+    def compile(self, config: RunConfig, count: int) -> list[jax.stages.Compiled]:
+        """The programs for so many rewards."""
+        with ahead.tracing():
+            blank = [setup.blank_reward(config, self.num_classes)] * count
+            lowered = self.lower(config, jax.eval_shape(lambda: stack(blank)))
+        return [compiled(one) for one in lowered]
 
 
-TAU = Measure("tau", lambda program, config, found: {"tau": [one.tau for one in found]})
+TAU = Measure("tau", lambda programs, config, found: {"tau": [one.tau for one in found]})
 
 
 def tasks(
     measures: Sequence[Measure],
     rows: Sequence[Row],
-    learned: Mapping[Hashable, LearnedReward],
+    learned: Mapping[Hashable, TrainedReward],
     needs: Callable[[Sequence[Row]], frozenset[str]],
     run: RunDir,
     pool: Executor,
@@ -56,37 +66,32 @@ def tasks(
     for row in rows:
         if learns(row.config):
             of.setdefault(row.cell, []).append(row)
+
+    def do(name: str, one: Measure, members: list[Row], ready: Future[Any] | None) -> None:
+        phase = progress.phase(f"measuring {name}", total=len(members), unit="rewards")
+        rewards = [learned[reward_key(row.config)] for row in members]
+        programs = None if ready is None else ready.result()
+        run.finish_phase(name, one.measure(programs, members[0].config, rewards))
+        phase.update(len(members))
+        then()
+
     for one in measures:
         for cell, members in of.items():
             name, config, ready = f"{one.name}-{cell}", members[0].config, None
             if run.finished_phase(name) is not None:
                 continue
-            if one.compile is not None and one.same is not None:
+            if one.same is not None:
                 if config.encoder.kind == "pixels":
                     continue
                 key = (one.name, one.same(config), len(members))
                 if key not in begun:
                     begun[key] = pool.submit(one.compile, config, len(members))
                 ready = begun[key]
-
-            def do(name=name, one=one, members=members, ready=ready) -> None:
-                phase = progress.phase(f"measuring {name}", total=len(members), unit="rewards")
-                rewards = [learned[reward_key(row.config)] for row in members]
-                program = None if ready is None else ready.result()
-                run.finish_phase(name, one.measure(program, members[0].config, rewards))
-                phase.update(len(members))
-                then()
-
-            found.append(ahead.Task(name, ready, needs(members), do))
+            work = functools.partial(do, name, one, members, ready)
+            found.append(ahead.Task(name, ready, needs(members), work))
     return found
 
 
-def stacked(found: Sequence[LearnedReward]) -> reward.RewardParams:
+def stacked(found: Sequence[TrainedReward]) -> reward.RewardParams:
     """Parameters of several rewards with a leading axis."""
     return stack([one.params for one in found])
-
-
-def blank_rewards(config: RunConfig, num_classes: int, count: int) -> reward.RewardParams:
-    """Shapes of `stacked`, to compile for."""
-    blank = setup.blank_reward(config, num_classes)
-    return jax.eval_shape(lambda: stack([blank] * count))

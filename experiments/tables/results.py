@@ -1,4 +1,4 @@
-"""The results of a table's runs: read from their files, joined, and written.
+"""One family of tables as a value; the results of its runs: read, joined, and written.
 
 results.write(TABLE, folder, results.read(TABLE, folder, settings))
 results.join(TABLE, folders, out)                gril table1 --join A,B --out OUT
@@ -7,19 +7,65 @@ results.join(TABLE, folders, out)                gril table1 --join A,B --out OU
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from gril_jax.experiments.pipeline.demonstrations import Demonstrations
+from matplotlib.figure import Figure
+
+from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.report.data import read_versions
+from gril_jax.report.figures.style import png
 from gril_jax.runs import run_dir
 from gril_jax.runs.phases import read_phases
 
-from .curves import curves
-from .rows import Settings, differing, read_settings
-from .table import Found, Table
-from .written import csv, read_csv
+from .curves import Curve, at_the_end, curves
+from .measures import Measure
+from .programs import Program
+from .rows import Row, Settings, changed, differing, read_settings, write_settings
+from .written import Line, csv, read_csv
 
 Echo = Callable[[str], None]
+
+
+class Found(NamedTuple):
+    """The results of the rows and seeds that have finished, in the order of the table."""
+
+    names: list[str]  # of all rows
+    lines: list[Line]
+    curves: list[Curve]  # of the policies
+    profiles: Mapping[str, Mapping[str, Any]]  # of a row's rewards along demonstrations
+    about: Mapping[str, Any]  # command, versions, device, date, and the demonstrations' digest
+
+
+def _configs(config: RunConfig, settings: Settings) -> list[RunConfig]:
+    return [changed(config, change) for change in settings.rows.values()]
+
+
+class Table(NamedTuple):
+    """One family of tables: its rows are in its settings, the rest is here."""
+
+    name: str  # of its verb and of its files
+    columns: Callable[[Sequence[Line]], Sequence[str]]  # of the CSV
+    text: Callable[[Found], str]  # in Markdown
+    figure: Callable[[Found], Figure | None]  # None before there is anything to draw
+    picture: str = ""  # the figure's file, if not NAME.png
+    page: Callable[[Found, bytes], str] | None = None  # with the figure; both at the end alone
+    settings: type[Settings] = Settings
+    configs: Callable[[RunConfig, Any], Sequence[RunConfig]] = _configs  # one a row
+    # The policies' programs, from the rows, the settings and what groups rows into programs.
+    plan: Callable[[list[Row], Any, Callable[..., list[Program]]], list[Program]] = lambda *_: []
+    policy: Callable[[Curve], Mapping[str, Any]] = at_the_end  # its numbers in the lines
+    measured: Mapping[str, Sequence[str]] = {}  # measure to its numbers in the lines
+    measures: Callable[[RunConfig, Any, Demonstrations], list[Measure]] = lambda *_: []
+    reference: Callable[[Demonstrations], list[Line]] = lambda demos: []  # lines of no row
+    save: Callable[[Path, str, Any], None] = write_settings
+    names: Callable[[Any], Sequence[str]] = lambda settings: [*settings.rows]
+    complete: Callable[[Found, Any], Found] = lambda found, settings: found  # as read from a run
+    joins_csv: bool = False  # tables of joined runs are made of their CSV alone
+    order: Sequence[str] = ()  # of rows of joined runs; as they are given where empty
+    summary: Callable[[Found], Mapping[str, Any]] = lambda found: {}  # in results.json
+    one_set: bool = True  # of demonstrations for all rows
 
 
 def read(table: Table, folder: Path, settings: Any) -> Found:
@@ -61,11 +107,7 @@ def _by_seed(done: Mapping[str, Any], wanted: Sequence[str]) -> list[dict[str, f
 
 
 def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
-    """The results that a run's CSV holds, with six digits each.
-
-    Raises:
-      RunError: it is missing or damaged.
-    """
+    """The results that a run's CSV holds, with six digits each."""
     file = folder / f"{table.name}.csv"
     try:
         lines = read_csv(file.read_text(encoding="utf-8"), table.columns([]))
@@ -77,14 +119,22 @@ def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
 
 
 def write(table: Table, folder: Path, found: Found, *, last: bool = True) -> str:
-    """Table, lines and pictures of what is known; returns the table."""
+    """Table, lines and pictures of what is known; returns the table.
+
+    A table with a page has its pictures at the end alone: they take seconds.
+    """
     text = table.text(found)
     files = {
         f"{table.name}.md": f"{text}\n".encode(),
         f"{table.name}.csv": csv(found.lines, table.columns(found.lines)).encode(),
     }
+    figure = table.figure(found) if last or table.page is None else None
+    if figure is not None:
+        picture = files[table.picture or f"{table.name}.png"] = png(figure)
+        if table.page is not None:
+            files["report.html"] = table.page(found, picture).encode()
     with run_dir.writing(folder):
-        for name, contents in (files | dict(table.pictures(found, last))).items():
+        for name, contents in files.items():
             (folder / name).write_bytes(contents)
     return text
 

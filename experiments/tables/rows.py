@@ -7,7 +7,7 @@ import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from gril_jax.config import RunConfig
 from gril_jax.config.command_line import nearest
@@ -56,7 +56,14 @@ class Settings:
     """Encoders and policies of each row."""
 
 
-AnySettings = TypeVar("AnySettings", bound=Settings)
+@dataclasses.dataclass(frozen=True)
+class AuditedSettings(Settings):
+    """Those of a table whose rewards are audited."""
+
+    ascents: int = 1000
+    """Gradient ascents of an audit, shared by its starts."""
+    starts: int = 4
+    """Starts that an audit begins from, of each kind."""
 
 
 def chosen_rows(names: str | None, known: Rows) -> Rows:
@@ -125,8 +132,8 @@ def write_settings(folder: Path, name: str, settings: Settings) -> None:
         write_whole(folder / f"{name}.json", text + "\n")
 
 
-def read_settings(folder: Path, name: str, kind: type[AnySettings]) -> AnySettings:
-    """The settings that `write_settings` wrote, of the table that `gril NAME` makes.
+def read_settings(folder: Path, name: str, kind: type[Settings]) -> Any:
+    """The settings, of this kind, that `write_settings` wrote.
 
     Raises:
       RunError: the file is missing or damaged.

@@ -1,6 +1,6 @@
 """Tells runs with the page of one reward and one policy from those with something else.
 
-    table1                             a page of its own, see `gril_jax.experiments.table1.page`
+    table1                             a page of its own, see `gril_jax.experiments.table1.columns`
     table2, soundness, ablate, sweep   a table and a figure, and no page
 
 Neither JAX nor MuJoCo is imported here.

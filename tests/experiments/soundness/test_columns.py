@@ -2,7 +2,7 @@
 
 import numpy as np
 from gril_jax.experiments.soundness.columns import COLUMNS, PREDICTORS, text
-from gril_jax.experiments.tables.table import Found
+from gril_jax.experiments.tables.results import Found
 from gril_jax.experiments.tables.written import column
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import pytest
 from gril_jax.experiments.pipeline import demonstrations, setup
 from gril_jax.experiments.soundness.columns import COLUMNS
-from gril_jax.experiments.soundness.rows import Settings
+from gril_jax.experiments.soundness.rows import ROWS, Settings
 from gril_jax.experiments.soundness.soundness import TABLE
 from gril_jax.experiments.tables import audits, frame, results
 from gril_jax.experiments.tables.rows import read_settings, write_settings
@@ -77,7 +77,7 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     assert (first[1].seeds, first[1].policies, first[1].ascents) == (3, False, 7)
     assert first[0].demos.num == 128
     assert second[0].ppo.num_timesteps == 4000
-    assert second[1] == Settings()
+    assert second[1] == Settings(ROWS)
 
 
 def test_tables_of_runs_with_different_rows_become_one(tmp_path, capsys):

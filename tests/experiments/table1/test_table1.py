@@ -69,7 +69,7 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     some = ["--rows", "sparse score,XIRL", "--seeds", "3", "--run.evaluations", "4"]
     assert main.main(["table1", *some]) == 0
     usual, quick, chosen = calls
-    assert usual == (changed(load("match_regions"), {"run.evaluations": 10}), Settings())
+    assert usual == (changed(load("match_regions"), {"run.evaluations": 10}), Settings(ROWS))
     assert list(quick[1].rows) == ["environmental", "ours without robot"]
     assert quick[1].rows["ours without robot"]["pretrain.steps"] == 1500
     assert (quick[1].seeds, quick[0].run.algorithm) == (2, "sac")
