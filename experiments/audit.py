@@ -56,21 +56,17 @@ def main(
     seed: int = 0,
     echo: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Audits a reward; writes `audit.json`, `report.html` and its pictures.
+    """Audits a reward; writes `audit.json`, which it returns, `report.html` and its pictures.
 
     The source is a run's folder or a file of `gril_jax.interop.reward_file.save_reward`; task
     and variant of a run are its own if left out. Results go to `audit` in the run's folder, or
     beside the file under its name with "-audit". The starts, episodes whose first frames
     everything begins from, share the ascents.
 
-    Returns:
-      What `audit.json` holds.
-
     Raises:
       RunError: the run has no reward yet, or the results cannot be written.
       ConfigError: reward and task do not fit together, or the task has no stage definition.
       ShapeError: the encoder is for another number of objects.
-      RewardFileError: the file is missing or damaged.
     """
     began = time.perf_counter()
     subject = _subject(source, task, variant, starts, seed)
@@ -89,12 +85,12 @@ def main(
     states = jax.tree.map(np.asarray, states)
     _check_finite(states, found, subject.names)
     findings = Findings(states, found, subject.names, stages)
-    seconds = {"seconds": round(time.perf_counter() - began, 1)}
     settings = {
         "source": str(source), "ascents": found.found.reward.size, "starts": starts, "seed": seed,
         "variant": getattr(subject.env, "variant", None),
+        "seconds": round(time.perf_counter() - began, 1),
     }  # fmt: skip
-    results = findings.as_json() | {"settings": settings | seconds}
+    results = findings.as_json() | {"settings": settings}
     with run_dir.writing(out):
         out.mkdir(parents=True, exist_ok=True)
         (out / "audit.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
@@ -127,9 +123,8 @@ def _subject(source: Path, task: str | None, variant: str | None, starts: int, s
             f"the task {chosen.name} has no stage definition, but an audit needs its attribute "
             "`stages` (see gril_jax.envs.stages)"
         )
-    begin = jax.vmap(lambda key: env.reset(key).objects)
-    key = jax.random.fold_in(jax.random.key(seed), 1)
-    objects = jax.jit(begin)(jax.random.split(key, starts))
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), starts)
+    objects = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
     names = tuple(env.classes[i] for i in np.asarray(objects.label[0]))
     label = _labels(learned, env.classes, np.asarray(objects.label), source)
     resting = jnp.zeros(label.shape, bool)
@@ -142,16 +137,14 @@ def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
     chosen = EnvConfig(name=task)
     if "targets" not in envs.options(task):
         return chosen
-    known = learned.objects or (*EnvConfig.targets, *EnvConfig.distractors)
-    targets, distractors = (
-        tuple(name for name in names if name in known)
-        for names in (EnvConfig.targets, EnvConfig.distractors)
-    )
-    stray = [n for n in known if n not in (*targets, *distractors, "goal", "robot")]
-    if stray or not targets:
+    blocks = (*EnvConfig.targets, *EnvConfig.distractors)
+    known = learned.objects or blocks
+    targets = tuple(name for name in EnvConfig.targets if name in known)
+    distractors = tuple(name for name in EnvConfig.distractors if name in known)
+    if not targets or not {*known} <= {*targets, *distractors, "goal", "robot"}:
         raise ConfigError(
             f"the reward is for the objects {', '.join(known)}, but {task} has "
-            f"goal, robot, {', '.join((*EnvConfig.targets, *EnvConfig.distractors))}"
+            f"goal, robot, {', '.join(blocks)}"
         )
     return dataclasses.replace(chosen, targets=targets, distractors=distractors)
 
@@ -186,7 +179,8 @@ def _check_finite(states: States, found: Audit, names) -> None:
         if len(bad):
             at = tuple(bad[0])
             places = zip(names, scenes.center[at], scenes.active[at], strict=True)
-            where = ", ".join(
+            said = (
                 f"{name} ({x:.3f}, {y:.3f}){' active' * bool(on)}" for name, (x, y), on in places
             )
+            where = ", ".join(said)
             raise RunError(f"the reward is {paid[at]} instead of a number at {where}")

@@ -1,8 +1,6 @@
-"""Exports a run's learned reward as one file, for other JAX code.
+"""Exports a run's learned reward as one file, for other JAX code; the run is only read.
 
-    gril export-reward RUN --out reward.npz        a few seconds
-
-`gril_jax.interop.reward_file.load_reward` reads it; the run's folder is only read.
+gril export-reward RUN --out reward.npz        a few seconds
 """
 
 from collections.abc import Callable
@@ -10,7 +8,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from gril_jax.experiments.pipeline import saved, setup
+from gril_jax.experiments.pipeline import policy_setup, setup
 
 from gril_jax import envs
 from gril_jax.config import RunConfig
@@ -23,39 +21,29 @@ _ACTIVITY = ("tau", "window", "smoothing", "noise")
 
 
 def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> None:
-    """Writes the reward of a run to a new file.
-
-    Raises:
-      RunError: the run has no reward yet.
-      RewardFileError: `out` exists or cannot be written, or the reward is not finite.
-    """
+    """Writes the reward of a run to a new file."""
     config = run_dir.read_config(folder)
     env = setup.make_env(config.env, training=False)
-    params = saved.learned_reward(folder, config, env)
+    params = policy_setup.learned_reward(folder, config, env)
     objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
     names = [env.classes[i] for i in np.asarray(objects.label)]
     robots = {name for name, flag in zip(names, np.asarray(objects.is_robot), strict=True) if flag}
     save_reward(
-        out,
-        params,
-        setup.encoder_config(config, len(env.classes)),
-        classes=env.classes,
-        robots=sorted(robots),
-        objects=names,
+        out, params, setup.encoder_config(config, len(env.classes)),
+        classes=env.classes, robots=sorted(robots), objects=names,
         activity={name: getattr(config.pool, name) for name in _ACTIVITY},
-        half_extent=_half_extent(config, env),
-        unit=f"world units of {config.env.name}",
+        half_extent=_half_extent(config, env), unit=f"world units of {config.env.name}",
         provenance=_provenance(folder, config),
-    )
+    )  # fmt: skip
     echo(f"wrote {out}")
 
 
 def _half_extent(config: RunConfig, env: envs.Env) -> float:
     """Half extent that the encoder sees; of pictures, without the border, as in policy training."""
-    if config.encoder.kind != "pixels" or not hasattr(env, "render"):
-        return float(env.half_extent)
-    pixels = config.encoder.pixels
-    return float(env.half_extent) * pixels / (pixels + 2 * setup.picture_border(pixels))
+    pictures = config.encoder.kind == "pixels" and hasattr(env, "render")
+    return float(
+        setup.seen_half_extent(env, config.encoder.pixels) if pictures else env.half_extent
+    )
 
 
 def _provenance(folder: Path, config: RunConfig) -> dict:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, policy_rewards, policy_setup, saved, setup
+from gril_jax.experiments.pipeline import demonstrations, policy_rewards, policy_setup, setup
 from gril_jax.experiments.pipeline.open_run import Echo, OpenRun, opened
 from jaxtyping import Array, Bool, Int
 
@@ -46,53 +46,50 @@ def main(
     env = setup.make_env(config.env, training=False)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
-    with (
-        opened(config, "train", resume=resume, policies=hard_negatives, echo=echo) as run,
-        ahead.compiling() as pool,
-    ):
-        clock = _Clock()
+    with opened(config, "train", resume, hard_negatives, echo) as run, ahead.compiling() as pool:
+        seconds, begun = {}, time.monotonic()
+
+        def lap(name: str) -> None:
+            nonlocal begun
+            now = time.monotonic()
+            seconds[name], begun = now - begun, now
+
         program = None
         if run.dir.finished_phase("policy") is None:
             program = pool.submit(_compiled, config, algorithm, layout)
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
-        clock.lap("demonstrations")
+        lap("demonstrations")
         results = pretrain.learn(run, demos)
         reward_params = _policy_reward(run, env, demos)
-        clock.lap("reward")
+        lap("reward")
         policy, found = _learn_policy(run, algorithm, program, reward_params)
-        clock.lap("policy")
+        lap("policy")
         played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
-        clock.lap("evaluation")
-        results = results | found | played | {"seconds": clock.seconds}
+        lap("evaluation")
+        results = results | found | played | {"seconds": seconds}
         run.dir.finish(results)
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
-    echo(_summary(results, page))
+    echo(
+        f"success {results['success']:.1%} over {results['eval_episodes']} episodes "
+        f"(with sampled actions {results['success_sampled']:.1%}, "
+        f"random policy {results['success_random']:.1%}), "
+        f"tau {results['tau']:.3f}, {results['env_steps_per_s']:,.0f} env steps/s\n"
+        f"report: {page}"
+    )
     return run.path
 
 
 def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrations) -> Any:
     """The policy reward's parameters, saved once beside the learned reward."""
     if run.dir.finished_phase("policy_reward") is None:
-        learned = saved.learned_reward(run.path, run.config, env)
+        learned = policy_setup.learned_reward(run.path, run.config, env)
         num_classes = len(env.classes)
         params = policy_rewards.parameters(run.config, learned, demos.batch("train"), num_classes)
         checkpoint.save_part(run.path, "policy_reward", run.config.pretrain.steps, params)
         run.dir.finish_phase("policy_reward", {})
-    return saved.policy_reward(run.path, run.config, env)
-
-
-class _Clock:
-    """Timer of the parts of a run, in this process."""
-
-    def __init__(self):
-        self.seconds: dict[str, float] = {}
-        self._begun = time.monotonic()
-
-    def lap(self, name: str) -> None:
-        now = time.monotonic()
-        self.seconds[name], self._begun = now - self._begun, now
+    return policy_setup.policy_reward(run.path, run.config, env)
 
 
 class _Program(NamedTuple):
@@ -103,25 +100,6 @@ class _Program(NamedTuple):
     compiled: sharding.Compiled
     layout: Any
     seconds: float  # that compiling took
-
-
-def _learn_policy(
-    run: OpenRun,
-    algorithm: training.Algorithm,
-    program: Future[_Program] | None,
-    reward_params: Any,
-) -> tuple[Policy, dict[str, Any]]:
-    """Trains the policy and saves it; returns it with results, which a run does once.
-
-    `program` is None where that has been done before.
-    """
-    results = run.dir.finished_phase("policy")
-    if results is None:
-        assert program is not None
-        state, results = _train(run, algorithm, program.result(), reward_params)
-        checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
-        run.dir.finish_phase("policy", results)
-    return policy_setup.restore_policy(run.path, run.config, algorithm), results
 
 
 def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:
@@ -141,6 +119,22 @@ def _one(tree: Any) -> Any:
     return jax.tree.map(lambda x: x[None], tree)
 
 
+def _learn_policy(
+    run: OpenRun, algorithm: training.Algorithm, program: Future[_Program] | None, reward_params
+) -> tuple[Policy, dict[str, Any]]:
+    """Trains the policy and saves it; returns it with results, which a run does once.
+
+    `program` is None where that has been done before.
+    """
+    results = run.dir.finished_phase("policy")
+    if results is None:
+        assert program is not None
+        state, results = _train(run, algorithm, program.result(), reward_params)
+        checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
+        run.dir.finish_phase("policy", results)
+    return policy_setup.restore_policy(run.path, run.config, algorithm), results
+
+
 def _train(
     run: OpenRun, algorithm: training.Algorithm, program: _Program, reward_params: Any
 ) -> tuple[Any, dict[str, Any]]:
@@ -153,16 +147,21 @@ def _train(
     keys, hyper, compiled, layout, compile_s = program
     params = sharding.place(layout, _one(reward_params))
     begun = loop.restore(run.dir, name, compiled.init(keys, hyper), tell=run.echo)
-    plan = Plan(updates, per_chunk, config.run.evaluations)
     phase.update(min(begun.chunks * per_chunk, updates) * per_update)
     chunks = itertools.count(begun.chunks)
 
+    def plan(chunk: int) -> tuple[Int[Array, ""], Bool[Array, ""]]:
+        """The updates of a chunk, counted from 0, and whether it evaluates."""
+        before, after = (min((chunk + end) * per_chunk, updates) for end in (0, 1))
+        share = [done * config.run.evaluations // updates for done in (before, after)]
+        return jnp.int32(after - before), jnp.asarray(share[0] != share[1])
+
     def advance(state):
-        return compiled.advance(state, hyper, params, *plan.arguments(next(chunks)))
+        return compiled.advance(state, hyper, params, *plan(next(chunks)))
 
     def row(chunk, seconds, found):
         metrics, scores = jax.tree.map(lambda x: x[0], found)
-        count, examined = plan.arguments(chunk - 1)
+        count, examined = plan(chunk - 1)
         means = _means({name: values[: int(count)] for name, values in metrics.items()})
         steps = min(chunk * per_chunk, updates) * per_update
         phase.update(steps, success=means["success"], reward=means["reward"])
@@ -181,21 +180,6 @@ def _train(
         "checkpoint_stall_s": trained.stall_s,
         "state_sha256": state_leaves.digest(state),
     }
-
-
-class Plan(NamedTuple):
-    """The number of updates in each chunk, and which chunks evaluate."""
-
-    updates: int
-    per_chunk: int
-    evaluations: int
-
-    def arguments(self, chunk: int) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-        """Arguments of the chunk of this number, counted from 0."""
-        before = min(chunk * self.per_chunk, self.updates)
-        after = min(before + self.per_chunk, self.updates)
-        share = [done * self.evaluations // self.updates for done in (before, after)]
-        return jnp.int32(after - before), jnp.asarray(share[0] != share[1])
 
 
 def _scores(scores: training.Scores) -> dict[str, float]:
@@ -218,13 +202,3 @@ def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:
         else:
             row[name] = float(values.mean())
     return row
-
-
-def _summary(results: dict[str, Any], page: Path) -> str:
-    return (
-        f"success {results['success']:.1%} over {results['eval_episodes']} episodes "
-        f"(with sampled actions {results['success_sampled']:.1%}, "
-        f"random policy {results['success_random']:.1%}), "
-        f"tau {results['tau']:.3f}, {results['env_steps_per_s']:,.0f} env steps/s\n"
-        f"report: {page}"
-    )

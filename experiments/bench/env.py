@@ -11,6 +11,7 @@ MatchRegions takes about 15 s, on one H200 about 20 s; one of the shoes compiles
 """
 
 import importlib.util
+import itertools
 from typing import Any
 
 import jax
@@ -20,7 +21,7 @@ from gril_jax.experiments.pipeline import setup
 
 from gril_jax import envs
 
-from .frame import best, compile_timed, make_env, times_in_turn
+from .frame import compile_timed, speeds
 
 _REPEATS = 5
 
@@ -37,11 +38,9 @@ def main(*, task: str, num_envs: int | None, steps: int, settings: bool) -> dict
 
 def measure(task: str, num_envs: int, steps: int, **options: Any) -> dict[str, Any]:
     """Steps per second and compile time of one setting."""
-    worlds = {}
     if options.get("impl") == "warp":
-        setup.quieten_warp()
-        worlds = {"worlds": num_envs}
-    env = make_env(task, **options, **worlds)
+        options["worlds"] = num_envs
+    env = setup.build(task, options)
     state = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), num_envs))
 
     def play(state, key):
@@ -52,19 +51,18 @@ def measure(task: str, num_envs: int, steps: int, **options: Any) -> dict[str, A
         return jax.lax.scan(move, state, jax.random.split(key, steps))[0]
 
     program, compile_s = compile_timed(play, state, jax.random.key(0), plain=True)
-
-    number = 0
+    numbers = itertools.count()
 
     def call():
-        nonlocal state, number
-        state, number = program(state, jax.random.key(number)), number + 1
+        nonlocal state
+        state = program(state, jax.random.key(next(numbers)))
         return state
 
-    fastest = best(times_in_turn({task: call}, _REPEATS))[task]
+    speed = speeds({task: call}, {task: num_envs * steps}, _REPEATS)[task]
     return {
-        "options": options | worlds,
+        "options": options,
         "num_envs": num_envs,
-        "control_steps_per_s": round(num_envs * steps / fastest),
+        "control_steps_per_s": round(speed),
         "compile_s": round(compile_s, 2),
         "finite": _finite(state),
     }

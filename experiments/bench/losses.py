@@ -7,17 +7,18 @@ milliseconds, and a ratio above 1 says how many times longer, or how much more m
 form takes. Peers that are not installed (ott-jax, tslearn) are left out.
 """
 
+import statistics
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from gril_jax.losses import expected_alignment, soft_dtw_between
+from gril_jax.losses import expected_alignment, mean_cycle_consistency, soft_dtw_between
 
-from . import tcc
-from .frame import median_ms, ratios, times_in_turn
+from .frame import median_ms, ratios, staged, without_cache
 
 try:
     from ott.geometry import costs as ott_costs
@@ -33,13 +34,15 @@ _GPU_SHAPES = [(64, 64), (512, 256)]
 _FEATURES = 32
 _GAMMA = 0.1
 _REPEATS = 15  # timed calls of each form
+_SIZE = (8, 32, 32)  # videos, frames, width of the latent
+_COMPILATIONS = 3  # of each cycle-consistency, whose median counts
 
 
 def main() -> dict[str, Any]:
     """The figures of soft-DTW at each size, and of cycle-consistency."""
     gpu = jax.default_backend() == "gpu"
     cases = [soft_dtw(*shape, _REPEATS, gpu=gpu) for shape in (_GPU_SHAPES if gpu else _SHAPES)]
-    return {"soft_dtw": cases, "tcc": tcc.measure(_REPEATS)}
+    return {"soft_dtw": cases, "tcc": cycle_consistency(_REPEATS)}
 
 
 def soft_dtw(pairs: int, frames: int, repeats: int, *, gpu: bool) -> dict[str, Any]:
@@ -58,7 +61,7 @@ def soft_dtw(pairs: int, frames: int, repeats: int, *, gpu: bool) -> dict[str, A
         forms[name] = partial(compiled, *arguments)
     if _njit_soft_dtw_batch is not None and not gpu:
         forms["tslearn"] = partial(_tslearn, query, other)
-    times = median_ms(times_in_turn(forms, repeats, pause_s=0.01))
+    times = median_ms(forms, repeats, pause_s=0.01)
     case = {
         "pairs": pairs,
         "frames": frames,
@@ -142,3 +145,61 @@ def _textbook(cost):
                 weight = np.exp((sums[a, b] - sums[i, j] - padded[a, b]) / gamma)
                 flow[i, j] += weight * flow[a, b]
     return flow[1:-1, 1:-1].transpose(2, 0, 1)
+
+
+def pair_loop(latents: Float[Array, "B T D"], times: Float[Array, "B T"]) -> Float[Array, ""]:
+    """The same loss as XIRL publishes it: a loop over the ordered pairs, then one regression."""
+    num_videos, num_frames, width = latents.shape
+
+    def similarity(a, b):
+        squares = jnp.sum(a * a, axis=1)[:, None] + jnp.sum(b * b, axis=1)
+        return (2.0 * a @ b.T - squares) / width
+
+    logits, steps = [], []
+    pairs = [(i, j) for i in range(num_videos) for j in range(num_videos) if i != j]
+    for i, j in pairs:
+        weights = jax.nn.softmax(similarity(latents[i], latents[j]), axis=1)
+        logits.append(similarity(weights @ latents[j], latents[i]))
+        steps.append(jnp.broadcast_to(times[i], (num_frames, num_frames)))
+    weights = jax.nn.softmax(jnp.concatenate(logits), axis=1)
+    steps = jnp.concatenate(steps)
+    home = jax.nn.one_hot(jnp.tile(jnp.arange(num_frames), len(pairs)), num_frames)
+    error = jnp.sum(steps * weights, axis=1) - jnp.sum(steps * home, axis=1)
+    return jnp.mean(jnp.square(error))
+
+
+def cycle_consistency(repeats: int) -> dict[str, Any]:
+    """Times and memory of its value and gradient, and the loop's over the others'."""
+    at_once = partial(mean_cycle_consistency, at_once=True)
+    losses = {"pair_loop": pair_loop, "mapped": mean_cycle_consistency, "at_once": at_once}
+    num_videos, num_frames, width = _SIZE
+    times = jnp.tile(jnp.arange(num_frames) / num_frames, (num_videos, 1))
+    args = jax.random.normal(jax.random.key(0), _SIZE), times
+    compiled, taken = {}, {name: [] for name in losses}
+    for _ in range(_COMPILATIONS):
+        for name, loss in losses.items():
+            # A new function each time: one that has been traced before is not traced again.
+            fresh = jax.jit(jax.value_and_grad(partial(loss)))
+            with without_cache():
+                compiled[name], *seconds = staged(fresh, args, plain=True)
+            taken[name].append(seconds)
+    calls = {name: partial(program, *args) for name, program in compiled.items()}
+    run_ms = median_ms(calls, repeats)
+    figures = {}
+    for name, program in compiled.items():
+        trace_s, compile_s = (statistics.median(x) for x in zip(*taken[name], strict=True))
+        figures[name] = {
+            "run_ms": run_ms[name],
+            "trace_s": round(trace_s, 3),
+            "compile_s": round(compile_s, 3),
+            "temporary_mb": round(program.memory_analysis().temp_size_in_bytes / 1e6, 3),
+        }
+    peer = figures["pair_loop"]
+    over = {
+        f"pair_loop_over_{name}": {key: round(peer[key] / own[key], 2) for key in peer}
+        for name, own in figures.items()
+        if own is not peer
+    }
+    for name, program in compiled.items():
+        figures[name]["value"] = float(program(*args)[0])
+    return {"videos": num_videos, "frames": num_frames, "width": width, **figures, **over}

@@ -19,10 +19,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from brax.training.types import Transition
+from gril_jax.experiments.pipeline import setup
 
 from gril_jax.rl import policy, rewards, sac, sac_loss, training
 
-from .frame import best, make_env, rounded, times_in_turn
+from . import frame
 
 _RECENT = 100  # episodes whose success counts
 _REPEATS = 5  # timed calls of each
@@ -30,13 +31,10 @@ _LIMIT_S = 600.0  # after which either gives up
 
 
 def main(*, num_envs: int, target: float | None) -> dict[str, Any]:
-    """The figures of both.
-
-    Without a target, the success of the last episodes at which learning is over, speeds alone.
-    """
+    """The figures of both; without a target, a success at which learning is over, speeds alone."""
     static = sac.Static(num_envs=num_envs, min_replay=2**12)
     hyper = sac.Hyper(learning_rate=1e-3, alpha_learning_rate=1e-3, discounting=0.97)
-    env = make_env("match_regions", targets=("green square",), distractors=())
+    env = setup.build("match_regions", {"targets": ("green square",), "distractors": ()})
     result = {"sizes": vars(static), "speeds": speeds(env, static, hyper, _REPEATS)}
     if target is not None:
         result["until_success"] = until_success(env, static, hyper, target, _LIMIT_S)
@@ -47,10 +45,11 @@ def speeds(env: Any, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict
     """Control steps per second of both, interleaved; the best of some calls."""
     static = dataclasses.replace(static, min_replay=0)
     sides = {"ours": Ours(env, static, hyper), "host_loop": HostLoop(env, static, hyper)}
-    taken = best(times_in_turn({name: side.advance for name, side in sides.items()}, repeats))
-    speed = {name: side.steps / taken[name] for name, side in sides.items()}
+    calls = {name: side.advance for name, side in sides.items()}
+    steps = {name: side.steps for name, side in sides.items()}
+    speed = frame.speeds(calls, steps, repeats)
     return {
-        "steps_per_s": rounded(speed, 0),
+        "steps_per_s": frame.rounded(speed, 0),
         "times_as_fast": round(speed["ours"] / speed["host_loop"], 1),
     }
 

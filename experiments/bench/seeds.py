@@ -15,14 +15,11 @@ import numpy as np
 from gril_jax.compilation import sharding
 from gril_jax.rl import ppo, training
 
-from .frame import best, compile_timed, ratios, rounded, times_in_turn, without_cache
+from .frame import compile_timed, ratios, rounded, speeds, without_cache
 
 
 def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:
-    """Times seeds in one program, and one by one, each compiled anew.
-
-    The first `separate` seeds are really run one by one; the time of all follows from theirs.
-    """
+    """Times seeds in one program, and one by one, of which the first `separate` are really run."""
     keys = jax.random.split(jax.random.key(0), num)
     jax.block_until_ready(keys)
     with without_cache():
@@ -74,12 +71,11 @@ def devices(
         "all_a_seed_each": (small, every, len(every)),
     }
     calls = {name: _spread(*case, updates) for name, case in cases.items()}
-    taken = best(times_in_turn(calls, repeats))
     steps = {
         name: count * updates * algorithm.num_envs * algorithm.unroll_length
         for name, (algorithm, _, count) in cases.items()
     }
-    speed = {name: steps[name] / taken[name] for name in cases}
+    speed = speeds(calls, steps, repeats)
     return {
         "devices": len(every),
         "environments_on_each": num_envs,

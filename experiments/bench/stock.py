@@ -120,10 +120,7 @@ _SAC = {
 def all_returns(
     setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
 ) -> list[list[float]]:
-    """Returns of mean actions, per seed one at each evaluation; seeds run one after the other.
-
-    Each is the mean over so many `episodes`.
-    """
+    """Returns of mean actions over so many episodes, per seed one at each evaluation."""
     return [
         train(seed, setting, task=task, eval_envs=episodes, mean_actions=True)
         for seed in range(seeds)

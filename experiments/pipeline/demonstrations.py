@@ -31,9 +31,7 @@ class Demonstrations(NamedTuple):
 def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress) -> Demonstrations:
     """Runs `gather` into the run's folder, as its first phase.
 
-    Raises:
-      DemoError: see `gather`.
-      RunError: the set is not the one that the run began with.
+    Raises RunError if the set is not the one that the run began with.
     """
     demos = gather(config, env, run.path / "demos", progress)
     source = Path(config.demos.path or run.path / "demos")
@@ -53,10 +51,8 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
     """Loads `config.demos.path`, or the set in `folder`, which is made first if missing.
 
     Objects that the task does not have are left out, so that a task with fewer blocks can learn
-    from videos with more. Failures never train the encoder.
-
-    Raises:
-      DemoError: the set cannot be used for this task.
+    from videos with more. Failures never train the encoder. Raises DemoError if the set cannot be
+    used for this task.
     """
     # A set appears whole: one that is there is the one that these settings make.
     if config.demos.path is None and not (folder / schema.HEADER).is_file():

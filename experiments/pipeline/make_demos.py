@@ -36,8 +36,7 @@ def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> 
     """Plays the task's expert, films it, and saves what a detector reads as a set at `out`.
 
     Raises:
-      DemoError: the expert fails so often that the demonstrations wanted cannot be collected, or
-        something that they need is not there.
+      DemoError: the expert fails too often, or something that it needs is not there.
       ConfigError: the task does not offer what the configuration asks for.
     """
     chosen, name = config.demos, config.env.name

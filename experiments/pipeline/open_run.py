@@ -1,4 +1,4 @@
-"""A run that is open for writing, as `gril pretrain` and `gril train` begin it or go on with it."""
+"""A run that `gril pretrain` or `gril train` begins or goes on with, open for writing."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +21,7 @@ class OpenRun(NamedTuple):
     dir: run_dir.RunDir
     progress: Progress
     echo: Echo  # says what happens
-    policies: Sequence[hard_negatives.EarlierPolicy] = ()  # that give hard negatives
+    policies: Sequence[hard_negatives.EarlierPolicy]  # that give hard negatives
 
     @property
     def path(self) -> Path:
@@ -31,33 +31,18 @@ class OpenRun(NamedTuple):
 
 @contextlib.contextmanager
 def opened(
-    config: RunConfig,
-    experiment: str,
-    *,
-    resume: Path | None = None,
-    policies: Sequence[Path] = (),
-    echo: Echo = print,
+    config: RunConfig, experiment: str, resume: Path | None, policies: Sequence[Path], echo: Echo
 ) -> Iterator[OpenRun]:
-    """Opens a new run, or the one in the folder `resume`.
+    """Opens a new run, or the one in the folder `resume`, whose configuration is its own.
 
-    Args:
-      config: a resumed run's is its own.
-      experiment: the verb that can go on with the run.
-      resume: the folder of a run that was cut off.
-      policies: runs whose policies give hard negatives; a resumed run has noted its own.
-      echo: says what happens.
-
-    Raises:
-      ConfigError: an earlier policy cannot be read, or a reward of pictures is involved.
-      RunError: see `gril_jax.runs.run_dir.create_or_resume`.
+    The experiment is the verb that can go on with the run. The policies are of runs that give hard
+    negatives; a resumed run has noted its own. Raises ConfigError if one cannot be read, or if a
+    reward of pictures is involved.
     """
-    loaded = hard_negatives.load(policies)
+    loaded = [hard_negatives.load(folder) for folder in policies]
     hard_negatives.require_boxes(config, loaded)
     known = {"device": setup.device_in_words(), "experiment": experiment}
-    begun = hard_negatives.noted(loaded)
-    with (
-        run_dir.create_or_resume(config, resume, begun=begun, **known) as run,
-        Progress() as progress,
-    ):
+    known["begun"] = hard_negatives.noted(loaded)
+    with run_dir.create_or_resume(config, resume, **known) as run, Progress() as progress:
         echo(f"writing to {run.path}")
         yield OpenRun(config, run, progress, echo, loaded)

@@ -67,11 +67,7 @@ def _learned(config: RunConfig, env: envs.Env) -> rewards.RewardFn:
 
 
 def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P P 3"]]:
-    """The task's picture of a state, with smooth edges as in the demonstration videos.
-
-    Raises:
-      ConfigError: the task cannot be drawn inside compiled code.
-    """
+    """The task's picture of a state, with smooth edges as in the demonstration videos."""
     env, border = setup.make_env(config.env, training=False), setup.picture_border(pixels)
     if not hasattr(env, "render"):
         raise ConfigError(

@@ -130,12 +130,9 @@ _MARKERS = "os^Dv"
 
 @styled
 def figure(lines: Sequence[Line]) -> Figure:
-    """Success against figures known before a policy is, each in a panel.
+    """Success against figures known before a policy is; each encoder is a dot in each panel.
 
-    Each encoder is a dot, with a colour or marker for its row.
-
-    Raises:
-      ShapeError: no encoder has a policy.
+    Raises ShapeError if no encoder has a policy.
     """
     lines = [line for line in lines if np.isfinite(line.get(_SUCCESS, np.nan))]
     if not lines:

@@ -72,8 +72,7 @@ class Settings(AuditedSettings):
 def with_budget(config: RunConfig, steps: int | None) -> RunConfig:
     """The configuration with this many control steps for a policy; unchanged for None or 0.
 
-    Raises:
-      ConfigError: they do not cover one update, or the policies would not learn from the rewards.
+    Raises ConfigError, too, if policies would not learn from the rewards.
     """
     require_learned(config)
     if not steps:

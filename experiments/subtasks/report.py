@@ -5,8 +5,8 @@
 
 Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
 where the set has stage times (`DemoEntry.stages`), those of held-out demonstrations are scored.
-Writes `subtasks.json`, a figure for some held-out demonstrations, and with `sets` the folders
-`subtask-1`, `subtask-2`, ..., from which `gril pretrain --demos` learns a subtask's reward.
+Writes `subtasks.json`, a figure for some held-out demonstrations, and with `sets` folders from
+which `gril pretrain --demos` learns a subtask's reward.
 """
 
 import json
@@ -17,8 +17,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, learners, saved, setup
-from jaxtyping import Float, Int
+from gril_jax.experiments.pipeline import demonstrations, learners, policy_setup, setup
+from jaxtyping import Float, Int, UInt8
+from matplotlib.figure import Figure
 
 from gril_jax import reward
 from gril_jax.config import RunConfig
@@ -26,14 +27,14 @@ from gril_jax.demos import schema
 from gril_jax.demos.schema import DemoEntry
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError, RunError
-from gril_jax.report.figures.style import png
+from gril_jax.report.figures.curves import reward_profile
+from gril_jax.report.figures.style import COLOURS, GREY, png, styled
 from gril_jax.runs import run_dir
 from gril_jax.runs.metric_rows import plain
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 
-from .figure import stages_figure
 from .options import Options
 from .scores import scores
 from .sets import segments, write_sets
@@ -67,11 +68,10 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
         _require_stages(folder, traces, rule, agreed.shape[1])
         tolerance = round(demos.demo_set.fps)  # one second, in frames
         measured = _scores(traces, {"agreed": agreed, "each alone": alone}, tolerance)
+        about = {"rule": rule, "tolerance": tolerance} | _json(traces, found, agreed, measured)
         with run_dir.writing(out):
             out.mkdir(parents=True)
-            about = {"rule": rule, "tolerance": tolerance}
-            text = json.dumps(plain(about | _json(traces, found, agreed, measured)), indent=1)
-            write_whole(out / "subtasks.json", text + "\n")
+            write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
         drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
         phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
         for count, i in enumerate(drawn, 1):
@@ -84,21 +84,16 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
 
 
 def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrations) -> Traces:
-    """The run's reward along its successful demonstrations.
-
-    Raises:
-      RunError: there is no reward yet.
-    """
+    """The run's reward along its successful demonstrations."""
     env = setup.make_env(config.env, training=False)
-    params = saved.learned_reward(folder, config, env)
+    params = policy_setup.learned_reward(folder, config, env)
     entries = {entry.name: entry for entry in demos.demo_set.entries}
-    owners = [(name, split) for split in ("train", "validation") for name in demos.names[split]]
-    names = [name for name, _ in owners]
+    names = [*demos.names["train"], *demos.names["validation"]]
     learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
     latents = jnp.asarray(learner.latents(params.encoder, learner.films(names), hyper))
     return Traces(
         [entries[name] for name in names],
-        [split == "validation" for _, split in owners],
+        [name in demos.names["validation"] for name in names],
         np.asarray(reward.latent_reward(params, latents)),
         np.array([entries[name].frames for name in names], np.int32),
     )
@@ -110,13 +105,13 @@ def discover(
     """Boundaries on which all demonstrations agree, those that each shows alone, and the rule."""
     given = jnp.asarray(traces.reward), jnp.asarray(traces.length)
     rule: dict[str, Any] = {"prominence": options.prominence, "smoothing": options.smoothing}
+    support = {"support": options.support}
     if (patience := options.patience) is None:
-        patience, found = _stages(*given, **rule, support=options.support)
+        patience, found = _stages(*given, **rule, **support)
     else:
-        found = _agreed(*given, **rule, support=options.support, patience=patience)
+        found = _agreed(*given, **rule, **support, patience=patience)
     alone = _each_alone(*given, **rule, patience=int(patience))
-    rule |= {"support": options.support, "patience": int(patience)}
-    return jax.device_get(found), np.asarray(alone), rule
+    return jax.device_get(found), np.asarray(alone), rule | support | {"patience": int(patience)}
 
 
 _stages = jax.jit(agreement.agreed_stages, static_argnames="smoothing")
@@ -164,27 +159,26 @@ def _scores(
 ) -> dict[str, Any]:
     """Scores of held-out demonstrations with stage times; empty if there are none."""
     known = [i for i, e in enumerate(traces.entries) if traces.held_out[i] and e.stages]
-    if not known:
-        return {}
     stages = [traces.entries[i].stages or {} for i in known]
     return {
         name: scores([frames[i] for i in known], stages, tolerance)
-        for name, frames in found.items()
+        for name, frames in (found.items() if known else ())
     }
 
 
 def _json(traces: Traces, found, agreed, measured: Mapping[str, Any]) -> dict[str, Any]:
     """All results as JSON; `segments` are first and last frames of each subtask."""
     kept = agreed.shape[1]
-    demos = {}
-    for i, entry in enumerate(traces.entries):
-        demos[entry.name] = {
+    demos = {
+        entry.name: {
             "split": "validation" if traces.held_out[i] else "train",
             "ends": agreed[i].tolist(),
             "found": found.found[i, :kept].tolist(),
             "segments": segments(agreed[i], entry.frames),
             "stages": entry.stages,
         }
+        for i, entry in enumerate(traces.entries)
+    }
     return {
         "scores": measured,
         "level": found.level[:kept].tolist(),
@@ -202,6 +196,39 @@ def _draw(out: Path, demos, traces: Traces, i: int, ends: Int[np.ndarray, "K"]) 
     )  # fmt: skip
     with run_dir.writing(out):
         (out / f"{entry.name.replace('/', '_')}.png").write_bytes(png(figure))
+
+
+@styled
+def stages_figure(
+    reward: Float[np.ndarray, "T"],
+    ends: Int[np.ndarray, "K"],
+    frames: UInt8[np.ndarray, "T H W 3"],
+    *,
+    stages: Mapping[str, int] | None = None,
+    name: str = "",
+    fps: float | None = None,
+) -> Figure:
+    """The profile with the frames at the found ends; true ends are dashed lines.
+
+    The found ends are last frames of stages; true ones have names, and are -1 for never.
+    """
+    boundary = np.zeros(len(reward), bool)
+    boundary[ends[(ends >= 0) & (ends < len(reward))]] = True
+    figure = reward_profile(reward, boundary, frames=frames, name=name, fps=fps)
+    axes = figure.axes[0]
+    if stages:
+        figure.text(
+            0.988, 1 - 0.08 / figure.get_figheight(), "numbers: stages found; dashed: true ends",
+            ha="right", va="top", fontsize=9, color=GREY,
+        )  # fmt: skip
+    for stage, frame in (stages or {}).items():
+        if 0 <= frame < len(reward):
+            axes.axvline(frame, color=COLOURS[2], linestyle="--", linewidth=1.2, zorder=1)
+            axes.annotate(
+                stage, (frame, 0), (-3, 5), xycoords=("data", "axes fraction"),
+                textcoords="offset points", color=COLOURS[2], fontsize=9, ha="right",
+            )  # fmt: skip
+    return figure
 
 
 def _sentences(count: int, found, measured: Mapping[str, Any], out: Path) -> Sequence[str]:

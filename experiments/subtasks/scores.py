@@ -16,10 +16,8 @@ def scores(
 ) -> dict[str, Any]:
     """Scores of several demonstrations together.
 
-    Args:
-      found: frames of each, increasing, filled up with -1.
-      stages: the true ones by their names, -1 for never; at least one demonstration.
-      tolerance: frames by which a found end may miss a true one.
+    Found ends are increasing frames of each, filled up with -1; the true ones have names, and are
+    -1 for never. A found one may miss a true one by `tolerance` frames.
 
     Returns:
       all_found: share of the demonstrations whose stages are all met.
@@ -35,10 +33,13 @@ def scores(
     for ends, times in zip(found, stages, strict=True):
         ends = ends[ends >= 0]
         order = sorted((time, name) for name, time in times.items() if time >= 0)
-        pairs = _matched(ends, np.array([time for time, _ in order], np.int32), tolerance)
-        for i, j in pairs:
-            errors[order[j][1]].append(int(ends[i]) - order[j][0])
-        met.append(len(pairs)), counts.append(len(ends)), truths.append(len(order))
+        true = jnp.array([time for time, _ in order], jnp.int32)
+        # As many pairs as possible, and among those the nearest.
+        column = np.asarray(_match(jnp.asarray(ends), true, tolerance=tolerance))
+        for i in np.flatnonzero(column >= 0):
+            time, name = order[column[i]]
+            errors[name].append(int(ends[i]) - time)
+        met.append((column >= 0).sum()), counts.append(len(ends)), truths.append(len(order))
     met, counts, truths = np.array(met), np.array(counts), np.array(truths)
     every = np.abs(np.array([e for one in errors.values() for e in one], float))
     return {
@@ -51,12 +52,6 @@ def scores(
         "right_count": float(np.mean(counts == truths)),
         "demonstrations": len(found),
     }
-
-
-def _matched(found, true, tolerance: int) -> list[tuple[int, int]]:
-    """Pairs of indices, in order: as many as possible, and among those the nearest."""
-    column = np.asarray(_match(jnp.asarray(found), jnp.asarray(true), tolerance=tolerance))
-    return [(i, int(j)) for i, j in enumerate(column) if j >= 0]
 
 
 _match = jax.jit(match_within, static_argnames="tolerance")

@@ -8,7 +8,6 @@ from jaxtyping import Int
 
 from gril_jax.demos.demo_set import Demo, DemoSet, save_demo_set
 from gril_jax.demos.schema import DemoEntry
-from gril_jax.demos.vision.detect import Tracks
 from gril_jax.demos.vision.video import read_video
 from gril_jax.runs.progress import Progress
 
@@ -26,13 +25,8 @@ def write_sets(
 
     A subtask's demonstration begins with the last frame of the stage before, where a policy of
     this subtask would begin, and ends with its own; the last subtask's goes on to the film's end,
-    where the task is done for certain. Those of fewer than 2 frames are left out.
-
-    The ends are the last frames of each entry's stages, and the set has all frames of the
-    films.
-
-    Raises:
-      DemoError: a film cannot be read, or nothing is left of a subtask.
+    where the task is done for certain. Those of fewer than 2 frames are left out; DemoError if
+    nothing is left. The ends are the last frames of each entry's stages.
     """
     phase = progress.phase("cutting", total=ends.size, unit="films", compiles=False)
     tracks = {e.name: t for e, t in zip(demo_set.entries, demo_set.tracks, strict=True)}
@@ -43,8 +37,14 @@ def write_sets(
         for entry, own in zip(entries, ends, strict=True):
             first, last = segments(own, entry.frames)[number]
             if last - first + 1 >= _LEAST:
-                frames = read_video(demo_set.folder / entry.video)[first : last + 1]
-                yield segment(entry, tracks[entry.name], frames, first)
+                span = slice(first, last + 1)
+                frames = read_video(demo_set.folder / entry.video)[span]
+                stages = entry.stages and {
+                    name: frame - first if first <= frame < first + len(frames) else -1
+                    for name, frame in entry.stages.items()
+                }
+                during = tracks[entry.name].during(span)
+                yield Demo(entry.name, frames, during, 0, entry.outcome, stages)
             done += 1
             phase.update(done)
 
@@ -64,14 +64,3 @@ def segments(ends: Int[np.ndarray, "K"], num_frames: int) -> list[tuple[int, int
     """
     firsts = [0, *ends[:-1].tolist()]
     return list(zip(firsts, [*firsts[1:], num_frames - 1], strict=True))
-
-
-def segment(entry: DemoEntry, tracks: Tracks, frames: np.ndarray, first: int) -> Demo:
-    """Some frames of a demonstration, from the frame `first` on, with their boxes and stages."""
-    span = slice(first, first + len(frames))
-    cut = tracks.during(span)
-    stages = entry.stages and {
-        name: frame - first if first <= frame < first + len(frames) else -1
-        for name, frame in entry.stages.items()
-    }
-    return Demo(entry.name, frames, cut, 0, entry.outcome, stages)

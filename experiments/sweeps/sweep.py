@@ -67,11 +67,7 @@ class Sweep:
 
 
 def read_cells(folder: Path) -> Sweep:
-    """The cells of a sweep and its number of seeds.
-
-    Raises:
-      RunError: the folder is no sweep, or its files are damaged.
-    """
+    """The cells of a sweep and its number of seeds; RunError if the folder is none."""
     try:
         about = json.loads((folder / "sweep.json").read_text(encoding="utf-8"))
         cells = [

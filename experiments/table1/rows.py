@@ -108,12 +108,7 @@ def paths(rows: Rows) -> set[str]:
 
 
 def check(config: RunConfig) -> None:
-    """Refuses a task or demonstrations that the rows cannot use, before work starts.
-
-    Raises:
-      ConfigError: the task lacks a reward that the rows set.
-      DemoError: the demonstrations are of another task, or too few.
-    """
+    """Refuses a task or demonstrations that the rows cannot use, before work starts."""
     needed = dict.fromkeys(row["env.reward"] for row in ROWS.values())
     if not {*needed} <= {*registry.spec(config.env.name).rewards}:
         raise ConfigError(

@@ -72,14 +72,10 @@ def measure(
     hyper: pretrain.Hyper,
     batches: Sequence[DemoBatch],
 ) -> dict[str, list[Any]]:
-    """Cycle consistency of each encoder, and rewards along demonstrations of the first.
+    """Two-way cycle consistency of each encoder, and rewards along demonstrations of the first.
 
-    The programs, from `program`, are one for each batch: demonstrations kept aside, then
-    failures if there are any.
-
-    Returns:
-      `cycle`: two-way cycle consistency on demonstrations kept aside, a share for each encoder.
-      `success`, `failure`: a list of rewards for each demonstration, with three decimals.
+    The programs, from `program`, are one for each batch: demonstrations kept aside, for `cycle` and
+    `success`, then failures if there are any. Rewards are lists with three decimals.
     """
     params, cycles, traces = stacked(found), [], []
     for embed, batch in zip(programs, batches, strict=True):

@@ -103,10 +103,9 @@ def measure(
 ) -> dict[str, float]:
     """Computes `MEASURES`, and for each kind of failure `auc KIND` and `last KIND`.
 
-    The length is that of each recording before padding.
-
-    The order of stages is the mean over successes, NaN if their stages are not known. `last` is the
-    mean reward of the last frames, `auc` compares the successes' with the kind's.
+    The length is that of each recording before padding. The order of stages is the mean over
+    successes, NaN if their stages are not known. `last` is the mean reward of the last frames,
+    `auc` compares the successes' with the kind's.
     """
     kinds = np.array([kind_of(entry) for entry in entries])
     success = kinds == "success"

@@ -47,9 +47,6 @@ def audit(config: EnvConfig, chosen: Sequence[str], *, starts: int, ascents: int
     """The audit as a measure of a table's rows.
 
     Each reward has so many ascents for each of the chosen variants, shared by its starts.
-
-    Raises:
-      ConfigError: see `tasks`.
     """
     variants = {variant: env for variant, env in tasks(config).items() if variant in chosen}
     num_classes = len(next(iter(variants.values())).classes)
@@ -71,11 +68,7 @@ def audit(config: EnvConfig, chosen: Sequence[str], *, starts: int, ascents: int
 
 
 def tasks(config: EnvConfig) -> dict[str, envs.Env]:
-    """The task in each variant.
-
-    Raises:
-      ConfigError: it lacks one of them, or has no stage definition.
-    """
+    """The task in each variant; ConfigError if it lacks one of them, or a stage definition."""
     found = {v: setup.make_env(config, training=False, variant=v) for v in VARIANTS}
     if any(getattr(env, "stages", None) is None for env in found.values()):
         raise ConfigError(f"env.name is {config.name!r}, but must be a task with stages")
@@ -99,10 +92,7 @@ def _states(env: envs.Env, reset_keys, state_keys) -> States:
 
 
 def program(encoder: GraphConfig, task: Any, *, ascents: int):
-    """The jitted audit of many rewards, (parameters, states) -> measures; for any variant.
-
-    The ascents are for each reward, shared by the starts.
-    """
+    """The jitted audit of many rewards, (parameters, states) -> measures; for any variant."""
 
     @jax.jit
     def run(params, states):

@@ -92,13 +92,10 @@ class _Line(NamedTuple):
 
 @styled
 def learning_curves(names: Sequence[str], found: Sequence[Curve]) -> Figure:
-    """Success against env steps and against seconds (Figure 2).
+    """Success against env steps and against seconds (Figure 2); ShapeError without a curve.
 
     Each row is a line within its band, and many rows have a panel each; a row without a policy is
     left out.
-
-    Raises:
-      ShapeError: there is no curve.
     """
     if not found:
         raise ShapeError("found is empty; it must hold at least one curve.")
@@ -165,9 +162,7 @@ def draw_spread(axes: Any, x, curves, *, number: int, label: str, shade: float =
     """A line (n,) at the interquartile mean of curves (seeds, n), in a band between the quartiles.
 
     The mean is left out: one seed that fails or excels can carry it outside of the quartiles, where
-    the interquartile mean never is.
-
-    Each number has a colour, or a colour and a style, of its own up to 24.
+    the interquartile mean never is. Each number up to 24 has a look of its own.
     """
     colour = COLOURS[number % len(COLOURS)]
     style = ("-", "--", ":", "-.")[number // len(COLOURS) % 4]

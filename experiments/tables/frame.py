@@ -47,7 +47,6 @@ def make(
     """Makes a table, or goes on with the run in a folder; returns the run's folder.
 
     Of several processes (`gril_jax.runs.hosts`) the first alone keeps what it writes, and speaks.
-
     `config` is what all rows have in common, and `settings` the table's own kind: the rows, and
     how many seeds. A run in the folder `resume` has both, too.
 

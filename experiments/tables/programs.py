@@ -24,7 +24,7 @@ from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 
-from .rewards import NOT_LEARNED, TrainedReward, keys, learns, reward_key, stack
+from .rewards import TrainedReward, keys, learns, reward_key, stack
 from .rows import Row
 
 
@@ -49,11 +49,8 @@ def programs(
     """The rows grouped by the program that they compile, in parts that fit into device memory.
 
     They are evaluated in the task's own variant unless `starts` names others; a program has at
-    most `at_once` policies, or as many as fit.
-
-    Raises:
-      ConfigError: one seed does not fit, the devices cannot share a part evenly, or the
-        environments cannot be shared out between the evaluations.
+    most `at_once` policies, or as many as fit. Raises ConfigError if one does not fit, or if
+    devices or environments cannot be shared out.
     """
     groups: dict[Hashable, tuple[training.Algorithm, list[Row]]] = {}
     for row in rows:
@@ -139,10 +136,9 @@ def tasks(
     needs: Callable[[Sequence[Row]], frozenset[str]],
     train: Callable[[Program, Ready], None],
 ) -> list[ahead.Task]:
-    """A task for each program.
+    """A task for each program, whose compiled form, from `get_ready`, is kept while it trains.
 
-    `needs` names the tasks that learn some rows' rewards. A program's compiled form, from
-    `get_ready`, is not kept any longer than it trains.
+    `needs` names the tasks that learn some rows' rewards.
     """
 
     def do(program: Program) -> None:
@@ -204,10 +200,12 @@ def learn_policies(
     """
     rows, algorithm = program.rows, program.algorithm
     configs = [row.config for row in rows]
-    learned = [rewards[reward_key(one)] if learns(one) else NOT_LEARNED for one in configs]
+    learned = [rewards[reward_key(one)] if learns(one) else None for one in configs]
     each = [
-        policy_rewards.parameters(config, found.params, found.demos, found.num_classes)
-        for config, found in zip(configs, learned, strict=True)
+        policy_rewards.parameters(one, found.params, found.demos, found.num_classes)
+        if found
+        else ()
+        for one, found in zip(configs, learned, strict=True)
     ]
     # Each process has learned rewards; rounding may have driven them apart.
     params = sharding.place(ready.layout, hosts.same_everywhere(stack(each)))
@@ -242,7 +240,7 @@ def learn_policies(
     )
     return {
         "rows": [(row.cell, row.seed) for row in rows],
-        "taus": [found.tau for found in learned],
+        "taus": [found and found.tau for found in learned],
         "seconds": done.seconds,
     }
 

@@ -69,11 +69,7 @@ class Table(NamedTuple):
 
 
 def read(table: Table, folder: Path, settings: Any) -> Found:
-    """The results that the files of a run hold.
-
-    Raises:
-      RunError: the folder is no such run, or a file is missing or damaged.
-    """
+    """The results that the files of a run hold; RunError if one is missing or damaged."""
     config, phases = run_dir.read_config(folder), read_phases(folder).finished
     names = [*table.names(settings)]
     trained = any(name.startswith("policy-") for name in phases)
@@ -140,12 +136,7 @@ def write(table: Table, folder: Path, found: Found, *, last: bool = True) -> str
 
 
 def redraw(table: Table, folder: Path, echo: Echo = print) -> None:
-    """Writes all of a run's table again, from the run's files alone.
-
-    Raises:
-      RunError: nothing has finished yet, a file of the run is missing or damaged, or the folder
-        cannot be written to.
-    """
+    """Writes all of a run's table again, from its files alone; RunError if nothing has finished."""
     found = read(table, folder, read_settings(folder, table.name, table.settings))
     if not found.curves:
         raise RunError(f"{folder} has no policy that has finished, so its table is still empty")
@@ -156,9 +147,7 @@ def redraw(table: Table, folder: Path, echo: Echo = print) -> None:
 def join(table: Table, folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:
     """Writes the table of several runs, such as of runs with different rows, as one.
 
-    Raises:
-      ConfigError: the runs differ in configuration or demonstrations, or have a row in common.
-      RunError: a folder is no such run, or has nothing yet.
+    Raises ConfigError if the runs differ in more, or have a row in common.
     """
     settings = [read_settings(folder, table.name, table.settings) for folder in folders]
     found_in = _read_csv if table.joins_csv else read

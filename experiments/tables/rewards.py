@@ -30,13 +30,10 @@ from .rows import Row
 class TrainedReward(NamedTuple):
     """A learned reward, its tau and its demonstrations."""
 
-    params: reward.RewardParams | None
-    tau: float | None
-    demos: DemoBatch | None
+    params: reward.RewardParams
+    tau: float
+    demos: DemoBatch
     num_classes: int
-
-
-NOT_LEARNED = TrainedReward(None, None, None, 0)  # of a policy that needs none
 
 
 def learns(config: RunConfig) -> bool:

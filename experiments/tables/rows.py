@@ -67,11 +67,7 @@ class AuditedSettings(Settings):
 
 
 def chosen_rows(names: str | None, known: Rows) -> Rows:
-    """Rows by their comma-separated names; all if `names` is None.
-
-    Raises:
-      ConfigError: there is no row of this name, or one is named twice.
-    """
+    """Rows by their comma-separated names, each once; all if `names` is None."""
     if names is None:
         return known
     wanted = [name.strip() for name in names.split(",")]
@@ -85,11 +81,7 @@ def chosen_rows(names: str | None, known: Rows) -> Rows:
 
 
 def changed(config: RunConfig, change: Mapping[str, Any]) -> RunConfig:
-    """The configuration with some fields, named by dotted paths, set to other values.
-
-    Raises:
-      ConfigError: a value is out of its field's range.
-    """
+    """The configuration with some fields, named by dotted paths, set to other values."""
     parts: dict[str, Any] = {}
     for path, value in change.items():
         section, field = path.split(".")
@@ -133,11 +125,7 @@ def write_settings(folder: Path, name: str, settings: Settings) -> None:
 
 
 def read_settings(folder: Path, name: str, kind: type[Settings]) -> Any:
-    """The settings, of this kind, that `write_settings` wrote.
-
-    Raises:
-      RunError: the file is missing or damaged.
-    """
+    """The settings, of this kind, that `write_settings` wrote; RunError if they are damaged."""
     try:
         found = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         rows = {

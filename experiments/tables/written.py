@@ -172,8 +172,7 @@ def _in_csv(value: Any) -> Any:
 def read_csv(text: str, columns: Sequence[str]) -> list[dict[str, Any]]:
     """The lines of `csv`, of which the first two columns are the row and the seed.
 
-    Raises:
-      KeyError, TypeError, ValueError: a column is missing or holds no number.
+    Raises KeyError, TypeError or ValueError if a column is missing or holds no number.
     """
     return [
         {"row": line["row"], "seed": int(line["seed"])}

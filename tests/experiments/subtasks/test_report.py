@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from gril_jax.experiments.subtasks import figure as subtask_figure
 from gril_jax.experiments.subtasks import report as subtask_report
 from gril_jax.experiments.subtasks import scores, sets
 from gril_jax.experiments.subtasks.options import Options
@@ -95,7 +94,7 @@ def test_a_figure_marks_found_ends_and_true_ends():
     reward = np.linspace(-1, 0, 40).astype(np.float32)
     frames = np.zeros((40, 16, 16, 3), np.uint8)
     stages = {"lid": 8, "A": 30, "never": -1}
-    figure = subtask_figure.stages_figure(
+    figure = subtask_report.stages_figure(
         reward, np.array([10, 32]), frames, stages=stages, name="x"
     )
     texts = [text.get_text() for text in figure.axes[0].texts]
