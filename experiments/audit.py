@@ -61,12 +61,8 @@ def main(
     The source is a run's folder or a file of `gril_jax.interop.reward_file.save_reward`; task
     and variant of a run are its own if left out. Results go to `audit` in the run's folder, or
     beside the file under its name with "-audit". The starts, episodes whose first frames
-    everything begins from, share the ascents.
-
-    Raises:
-      RunError: the run has no reward yet, or the results cannot be written.
-      ConfigError: reward and task do not fit together, or the task has no stage definition.
-      ShapeError: the encoder is for another number of objects.
+    everything begins from, share the ascents. Raises RunError if there is no reward yet, and
+    ConfigError if reward and task do not fit together.
     """
     began = time.perf_counter()
     subject = _subject(source, task, variant, starts, seed)

@@ -10,8 +10,6 @@ import jax
 import numpy as np
 from gril_jax.experiments.pipeline import policy_setup, setup
 
-from gril_jax import envs
-from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.interop.reward_file import save_reward
 from gril_jax.report.data import read_finished
@@ -27,30 +25,19 @@ def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> Non
     params = policy_setup.learned_reward(folder, config, env)
     objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
     names = [env.classes[i] for i in np.asarray(objects.label)]
+    pictures = config.encoder.kind == "pixels" and hasattr(env, "render")
+    extent = setup.seen_half_extent(env, config.encoder.pixels) if pictures else env.half_extent
+    known = {"run": folder.resolve().name, "seed": config.run.seed}
+    demos = Path(config.demos.path or folder / "demos") / schema.HEADER
+    if demos.is_file():  # its entries hold the digests of the demonstrations
+        known["demos_sha256"] = schema.digest(demos)
+    if "tau" in (found := read_finished(folder) or {}):
+        known["kendall_tau"] = found["tau"]
     robots = {name for name, flag in zip(names, np.asarray(objects.is_robot), strict=True) if flag}
     save_reward(
         out, params, setup.encoder_config(config, len(env.classes)),
         classes=env.classes, robots=sorted(robots), objects=names,
         activity={name: getattr(config.pool, name) for name in _ACTIVITY},
-        half_extent=_half_extent(config, env), unit=f"world units of {config.env.name}",
-        provenance=_provenance(folder, config),
+        half_extent=float(extent), unit=f"world units of {config.env.name}", provenance=known,
     )  # fmt: skip
     echo(f"wrote {out}")
-
-
-def _half_extent(config: RunConfig, env: envs.Env) -> float:
-    """Half extent that the encoder sees; of pictures, without the border, as in policy training."""
-    pictures = config.encoder.kind == "pixels" and hasattr(env, "render")
-    return float(
-        setup.seen_half_extent(env, config.encoder.pixels) if pictures else env.half_extent
-    )
-
-
-def _provenance(folder: Path, config: RunConfig) -> dict:
-    """Source of the demonstrations, and the reward's Kendall tau on the held-out ones."""
-    demos = Path(config.demos.path or folder / "demos") / schema.HEADER
-    known = {"run": folder.resolve().name, "seed": config.run.seed}
-    if demos.is_file():  # its entries hold the digests of the demonstrations
-        known["demos_sha256"] = schema.digest(demos)
-    found = read_finished(folder) or {}
-    return known | ({"kendall_tau": found["tau"]} if "tau" in found else {})

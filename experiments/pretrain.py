@@ -7,16 +7,17 @@ gril pretrain quickstart --hard-negatives RUN    learn from states that RUN's re
 Writes a run folder with the demonstrations, the reward, and its profile along each of them.
 """
 
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments.pipeline import demonstrations, hard_negatives, learners, setup
-from gril_jax.experiments.pipeline.open_run import Echo, OpenRun, opened
+from gril_jax.experiments.pipeline.hard_negatives import EarlierPolicy, Echo
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax import reward
@@ -26,11 +27,45 @@ from gril_jax.config import RunConfig
 from gril_jax.report import run_report
 from gril_jax.report.data import SPLITS
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.runs import loop
+from gril_jax.runs import loop, run_dir
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
+from gril_jax.runs.progress import Progress
 from gril_jax.subtasks import agreement
 
 _STAGES = {"prominence": 0.125, "smoothing": 15}  # how ends of stages are found in each trace
+
+
+class OpenRun(NamedTuple):
+    """A run, with what every part of it needs."""
+
+    config: RunConfig
+    dir: run_dir.RunDir
+    progress: Progress
+    echo: Echo  # says what happens
+    policies: Sequence[EarlierPolicy]  # that give hard negatives
+
+    @property
+    def path(self) -> Path:
+        """The run's folder."""
+        return self.dir.path
+
+
+@contextlib.contextmanager
+def opened(
+    config: RunConfig, experiment: str, resume: Path | None, policies: Sequence[Path], echo: Echo
+) -> Iterator[OpenRun]:
+    """A new run of a verb, or the one in the folder `resume`, whose configuration it has, open.
+
+    The policies are of runs that give hard negatives; a resumed run has noted its own. Raises
+    ConfigError if one cannot be read, or if a reward of pictures is involved.
+    """
+    loaded = [hard_negatives.load(folder) for folder in policies]
+    hard_negatives.require_boxes(config, loaded)
+    known = {"device": setup.device_in_words(), "experiment": experiment}
+    known["begun"] = hard_negatives.noted(loaded)
+    with run_dir.create_or_resume(config, resume, **known) as run, Progress() as progress:
+        echo(f"writing to {run.path}")
+        yield OpenRun(config, run, progress, echo, loaded)
 
 
 def main(
@@ -40,10 +75,7 @@ def main(
     hard_negatives: Sequence[Path] = (),
     echo: Echo = print,
 ) -> Path:
-    """Runs it, or goes on with the run in the folder `resume`; returns the run's folder.
-
-    Arguments are those of `gril_jax.experiments.pipeline.open_run.opened`.
-    """
+    """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:
         env = setup.make_env(config.env, training=False)
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)

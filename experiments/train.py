@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments.pipeline import demonstrations, policy_rewards, policy_setup, setup
-from gril_jax.experiments.pipeline.open_run import Echo, OpenRun, opened
 from jaxtyping import Array, Bool, Int
 
 from gril_jax import envs
@@ -30,6 +29,7 @@ from gril_jax.runs import loop
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
 
 from . import evaluate, pretrain
+from .pretrain import Echo, OpenRun, opened
 
 
 def main(
@@ -39,9 +39,9 @@ def main(
     hard_negatives: Sequence[Path] = (),
     echo: Echo = print,
 ) -> Path:
-    """Runs it, or goes on with the run in the folder `resume`; returns the run's folder.
+    """Runs it, or goes on with the run in the folder `resume`; see `pretrain.opened`.
 
-    Arguments are those of `gril_jax.experiments.pipeline.open_run.opened`.
+    Returns its folder.
     """
     env = setup.make_env(config.env, training=False)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))

@@ -2,20 +2,20 @@
 
     gril ablate match_regions_fast --demos DEMOS --seeds 5
 
-Each static choice compiles a program; other rows and all seeds share them. Writes `ablate.md`,
-`ablate.csv` and `ablate.png`. On a GPU it takes minutes, on two CPU cores hours: there
-`--pretrain.steps 500` is enough to see what matters.
+Writes `ablate.md`, `ablate.csv` and `ablate.png`. On a GPU it takes minutes, on two CPU cores
+hours: there `--pretrain.steps 500` is enough to see what matters.
 """
 
 import jax
-from gril_jax.experiments.pipeline import setup
-from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.tables.measures import Measure, stacked
-from gril_jax.experiments.tables.results import Table
-from gril_jax.experiments.tables.written import SEEDS, Column, Section, by_row, markdown
 
 from gril_jax.pretraining import pretrain
 from gril_jax.report.figures.spread import spread
+
+from ..pipeline import setup
+from ..pipeline.demonstrations import Demonstrations
+from ..tables.measures import Measure, stacked
+from ..tables.results import Table
+from ..tables.written import SEEDS, Column, Section, by_row, markdown
 
 _NUMBERS = ("tau", "reward_time_tau", "reward_last")
 _SECTION = Section(

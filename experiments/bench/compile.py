@@ -3,8 +3,7 @@
     gril bench compile                  five minutes on 2 CPU cores
 
 The programs are those of `gril quickstart`, compiled without the persistent cache and never run. A
-small run of the whole pipeline then counts what XLA is given, once with an empty cache, as on a
-new machine, and once more with what the first has left in it.
+small run of the whole pipeline then counts what XLA is given, with an empty cache and once more.
 """
 
 import functools

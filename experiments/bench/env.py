@@ -2,12 +2,10 @@
 
     gril bench env                      MatchRegions with the default setting
     gril bench env --settings True      what each setting of the solver gives, and the MJX engine
-    gril bench env --task shoes_in_box --settings True   the same there, and MuJoCo Warp if it is
-                                        installed
+    gril bench env --task shoes_in_box --settings True   the same there, and Warp if installed
 
-Throughput is the best of some runs of a compiled scan; compile time is that of the scan; and
-`finite` is the share of episodes whose numbers all are, after these steps. On 2 CPU cores a case of
-MatchRegions takes about 15 s, on one H200 about 20 s; one of the shoes compiles for longer.
+Throughput is the best of some runs of a compiled scan, and `finite` the share of episodes whose
+numbers all are. A case of MatchRegions takes about 15 s on 2 CPU cores, one of the shoes longer.
 """
 
 import importlib.util

@@ -22,6 +22,8 @@ from jax.experimental.compilation_cache import compilation_cache
 from gril_jax.compilation.compiler import compiled
 from gril_jax.errors import RunError
 
+Calls = Mapping[str, Callable[[], Any]]  # by the side that each is of
+
 
 def machine() -> dict[str, Any]:
     """The devices and JAX's version."""
@@ -31,10 +33,8 @@ def machine() -> dict[str, Any]:
 # --- times
 
 
-def compile_timed(
-    function: Callable[..., Any], *args: Any, plain: bool = False, **options: Any
-) -> tuple[Any, float]:
-    """Compiles a function for these arguments; returns it and the seconds, tracing included."""
+def compile_timed(function: Callable, *args: Any, plain: bool = False, **options: Any):
+    """A function compiled for these arguments, and the seconds, tracing included."""
     program, trace_s, compile_s = staged(jax.jit(function, **options), args, plain=plain)
     return program, trace_s + compile_s
 
@@ -44,8 +44,7 @@ def staged(
 ) -> tuple[Any, float, float]:
     """A jitted function compiled, the seconds of tracing it, and those of XLA itself.
 
-    `plain` compiles as JAX does by itself, and not as this project's large programs are;
-    `brief` is that of `gril_jax.compilation.compiler`. Shapes will do as arguments.
+    `plain` compiles as JAX does by itself; `brief` is that of `gril_jax.compilation.compiler`.
     """
     start = time.perf_counter()
     lowered = function.lower(*args, **static)
@@ -66,15 +65,12 @@ class InPlace:
         return self._state
 
 
-def times_in_turn(
-    calls: Mapping[Any, Callable[[], Any]], repeats: int, *, pause_s: float = 0.0
-) -> dict[Any, list[float]]:
+def times_in_turn(calls: Calls, repeats: int, *, pause_s: float = 0.0) -> dict[str, list[float]]:
     """Seconds of `repeats` calls of each, interleaved, after one warm-up call.
 
-    They take turns so that a machine that is slow for a while is so for all of them. A pause lets
-    the thread pool of the last one stop spinning.
+    A machine that is slow for a while is so for all. A pause lets the last one's threads stop.
     """
-    taken: dict[Any, list[float]] = {name: [] for name in calls}
+    taken: dict[str, list[float]] = {name: [] for name in calls}
     for number in range(repeats + 1):
         for name, call in calls.items():
             time.sleep(pause_s)
@@ -85,17 +81,13 @@ def times_in_turn(
     return taken
 
 
-def speeds(
-    calls: Mapping[str, Callable[[], Any]], steps: Mapping[str, int], repeats: int
-) -> dict[str, float]:
+def speeds(calls: Calls, steps: Mapping[str, int], repeats: int) -> dict[str, float]:
     """Steps a second of the fastest call of each, of which one has so many steps."""
     taken = times_in_turn(calls, repeats)
     return {name: steps[name] / min(times) for name, times in taken.items()}
 
 
-def median_ms(
-    calls: Mapping[str, Callable[[], Any]], repeats: int, *, pause_s: float = 0.0
-) -> dict[str, float]:
+def median_ms(calls: Calls, repeats: int, *, pause_s: float = 0.0) -> dict[str, float]:
     """The median time of each, in milliseconds."""
     taken = times_in_turn(calls, repeats, pause_s=pause_s)
     return {name: round(1e3 * statistics.median(times), 3) for name, times in taken.items()}

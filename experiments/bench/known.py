@@ -2,10 +2,9 @@
 
     gril bench known                    about 20 minutes on 2 CPU cores
 
-Both sides train on the same tasks with the same hyper-parameters, and returns are those of mean
-actions at the end of training. What brax's SAC has fixed is fixed for ours too: the temperature
-begins at 1 and learns with 3e-4, towards -0.5 nats for each number of an action. Tasks, algorithms
-and sides have processes of their own, some at a time, because compiling takes most of the time.
+Both sides have the same hyper-parameters, and returns are those of mean actions at the end. What
+brax's SAC has fixed is fixed for ours too. Tasks, algorithms and sides have processes of their own,
+some at a time, because compiling takes most of the time.
 """
 
 import statistics

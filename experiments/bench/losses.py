@@ -2,9 +2,8 @@
 
     gril bench losses                   a few minutes on 2 CPU cores
 
-All forms of one case take turns, so that a busy machine slows them alike; times are medians in
-milliseconds, and a ratio above 1 says how many times longer, or how much more memory, the other
-form takes. Peers that are not installed (ott-jax, tslearn) are left out.
+Times are medians in milliseconds, and a ratio above 1 says how many times longer, or how much more
+memory, the other form takes. Peers that are not installed (ott-jax, tslearn) are left out.
 """
 
 import statistics
@@ -109,8 +108,7 @@ def _tslearn(query, other):
 def _gradient_errors(query, other):
     """Largest error of the derivative by the cost, over the first pairs, against float64.
 
-    The same float32 costs go to both. "textbook" is the recursion of Cuturi and Blondel's
-    algorithm 2, which takes exponentials of differences of the stored sums.
+    "textbook" takes exponentials of differences of the stored sums.
     """
     cost = _squares(query[:8], other[:8]).astype(np.float32)
     truth = _textbook(cost.astype(np.float64))

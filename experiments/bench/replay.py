@@ -2,11 +2,10 @@
 
     gril bench replay                   half a minute on 2 CPU cores
 
-One step inserts 64 rows into a replay of 200,000 and samples 256, as both are used in training: in
-a donated scan. Times are medians in milliseconds of a step, of programs that take turns; a ratio
-says how many times longer brax's `UniformSamplingQueue` takes. Once full it rolls its whole buffer
-in every step. Under a vmap it does so from the start: its `lax.cond` becomes a choice between the
-buffer and a rolled copy of it.
+One step inserts 64 rows into a replay of 200,000 and samples 256, as in training: in a donated
+scan. Times are medians in milliseconds of a step. Once full brax's `UniformSamplingQueue` rolls its
+whole buffer in every step; under a vmap it does so from the start, since its `lax.cond` becomes a
+choice between the buffer and a rolled copy of it.
 """
 
 from typing import Any

@@ -3,10 +3,9 @@
     gril bench sac                      a minute on 2 CPU cores
     gril bench sac --target 0.9         and how long each takes to that success
 
-Task: MatchRegions with one block and the task's own reward. The loop has one environment; a jitted
-call acts, another steps, the replay is NumPy's, and a third jitted call makes the gradient step:
-the same one, with the same networks and batch. Both make as many gradient steps for each control
-step. Speeds leave out compiling, times to a success do not.
+Task: MatchRegions with one block. The loop has one environment; a jitted call acts, another steps,
+the replay is NumPy's, and a third makes the same gradient step, as often for each control step.
+Speeds leave out compiling, times to a success do not.
 """
 
 import collections

@@ -2,9 +2,8 @@
 
     gril bench train                    two to eight minutes on 2 CPU cores
 
-`steps_per_s` are control steps per second of all environments, of programs that take turns; the
-best of some calls after one to warm up counts. "random" is the simulator alone under random
-actions, without resets. Ratios are named for what they say, and stand beside what they are of.
+`steps_per_s` are control steps per second of all environments, of programs that take turns.
+"random" is the simulator alone under random actions, without resets.
 """
 
 import functools

@@ -3,15 +3,14 @@
     python -m gril_jax.experiments.fidelity.magical_replay FOLDER      # 20 s on 2 cores
     python -m gril_jax.experiments.fidelity.magical_replay FOLDER --states replayed_states.npz
 
-Each demonstration's actions are played open loop from the Demo start, with the physics "magical".
-Every one of them ended with score 1 when it was recorded. Contacts are chaotic: MAGICAL itself,
-started a millionth of a unit beside, ends with other scores. So the replay is repeated from
-`--moved` starts in which the robot stands about 1e-5 units away, and the figures that tell how well
-the physics agree are those of the first steps.
+Each demonstration's actions are played open loop from the Demo start; all ended with score 1 when
+recorded. Contacts are chaotic: MAGICAL itself, started a millionth of a unit beside, ends with
+other scores. So the replay is repeated from `--moved` starts in which the robot stands about 1e-5
+units away, and the figures that tell how well the physics agree are those of the first steps.
 
-STATES, if given, holds for each demonstration, under the last part of its file's name (`000`), the
-poses (T + 1, 6, 3) of robot, star, square, blue pentagon, yellow circle and yellow pentagon. Errors
-are distances to them in arena units, "blocks" those of blocks that have been moved by then.
+STATES holds for each demonstration, under the last part of its file's name (`000`), the poses
+(T + 1, 6, 3) of robot, star, square, blue pentagon, yellow circle and yellow pentagon. Errors are
+distances to them in arena units, "blocks" those of blocks that have been moved by then.
 """
 
 import sys

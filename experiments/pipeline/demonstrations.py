@@ -71,7 +71,9 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
     good = [e.name for e in demo_set.entries if e.outcome != "failure"]
     if len(good) < 3:
         raise DemoError(f"{source}: holds {len(good)} demonstrations, but at least 3 are needed")
-    held = _kept_aside(config, len(good))
+    held = config.demos.num_validation
+    if config.demos.path is not None:  # of somebody's own videos a quarter at the most
+        held = min(held, math.ceil(len(good) / 4))
     if len(good) - held < config.pretrain.num_videos:
         raise DemoError(
             f"{source}: {len(good) - held} demonstrations are left to train on, but "
@@ -83,9 +85,3 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
         "failure": [e.name for e in demo_set.entries if e.outcome == "failure"],
     }
     return Demonstrations(demo_set, names, sum(e.trimmed for e in demo_set.entries))
-
-
-def _kept_aside(config: RunConfig, successes: int) -> int:
-    """The number of successes to hold out: of somebody's own videos a quarter at the most."""
-    wanted = config.demos.num_validation
-    return wanted if config.demos.path is None else min(wanted, math.ceil(successes / 4))

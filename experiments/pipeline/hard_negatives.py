@@ -94,12 +94,10 @@ def gather_once(
 ) -> Scene | None:
     """Plays and chooses the scenes once; later calls read them from the run's folder.
 
-    The policies are of `load`; a run that goes on loads those that it noted if it has to. The last
-    frames of the demonstrations, which the run trains on, say what belongs where.
+    A run that goes on loads the policies that it noted if it has to. The last frames of the
+    demonstrations, which the run trains on, say what belongs where.
 
     Returns leaves (P, N, ...); None where no run was noted, and where nothing is overestimated.
-
-    Raises RunError if the file has changed.
     """
     known = run.finished_phase("hard_negatives_of")
     if known is None:

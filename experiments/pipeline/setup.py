@@ -46,20 +46,15 @@ def task_options(
 
 def build(task: str, options: Mapping[str, Any]) -> envs.Env:
     """The task with these options; ConfigError if one is out of range."""
-    if options.get("impl") == "warp":
-        quieten_warp()
+    if options.get("impl") == "warp" and importlib.util.find_spec("warp") is not None:
+        # Or Warp reports on each of its kernels; the task says if it is not installed.
+        warp = importlib.import_module("warp")
+        warp.config.log_level = warp.LOG_WARNING
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
             return envs.make(task, **options)
     except ValueError as error:
         raise ConfigError(f"env: {error}") from error
-
-
-def quieten_warp() -> None:
-    """Keeps Warp from reporting on each of its kernels amid a command's output."""
-    if importlib.util.find_spec("warp") is not None:  # the task says if it is not installed
-        warp = importlib.import_module("warp")
-        warp.config.log_level = warp.LOG_WARNING
 
 
 def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:

@@ -6,9 +6,9 @@ Neither JAX nor MuJoCo is imported here: the command line looks at the rows firs
 from dataclasses import dataclass
 from typing import Any
 
-from gril_jax.experiments.tables.rows import AuditedSettings, changed, require_learned
-
 from gril_jax.config import RunConfig
+
+from ..tables.rows import AuditedSettings, changed, require_learned
 
 # Every row says all that any row changes, so that defaults may move without moving the table.
 _PAPER: dict[str, Any] = {

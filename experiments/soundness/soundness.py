@@ -1,19 +1,16 @@
 """Choices of encoder training that make a reward sound, and how well an audit foretells success.
 
     gril soundness match_regions --seeds 5 --out RUN
-    gril soundness --resume RUN
     gril soundness --join RUN,RUN --out FOLDER       tables of runs with different rows as one
 
-For each row (`gril_jax.experiments.soundness.rows.ROWS`) and each seed an encoder is trained,
-audited from Demo and from Layout starts, and a policy is trained with its reward. Writes
-`soundness.csv` (a line an encoder), `soundness.md` (a line a row, and the correlation of each
-figure with success) and `soundness.png`.
+For each row and seed an encoder is trained, audited from Demo and from Layout starts, and a policy
+is trained with its reward. Writes `soundness.csv` (a line an encoder), `soundness.md` (a line a
+row, and the correlation of each figure with success) and `soundness.png`.
 """
 
-from gril_jax.experiments.tables.audits import VARIANTS, audit, tasks
-from gril_jax.experiments.tables.measures import TAU
-from gril_jax.experiments.tables.results import Found, Table
-
+from ..tables.audits import VARIANTS, audit, tasks
+from ..tables.measures import TAU
+from ..tables.results import Found, Table
 from .columns import AUDIT, COLUMNS, figure, text
 from .rows import Settings
 

@@ -54,10 +54,7 @@ class Traces(NamedTuple):
 def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], None] = print) -> None:
     """Writes figures, scores and cut demonstrations into a new folder.
 
-    Raises:
-      RunError: the run has no reward, its demonstrations are gone, or there are no stages to tell
-        apart.
-      DemoError: a demonstration is damaged.
+    Raises RunError if there is no reward, or if there are no stages to tell apart.
     """
     config = run_dir.read_config(folder)
     with Progress() as progress:

@@ -26,7 +26,6 @@ def scores(
       errors: for each stage the median of found minus true, frames; None if never met.
       false: found ends that meet none, a demonstration.
       right_count: share of the demonstrations with as many ends as stages.
-      demonstrations: how many there are.
     """
     met, counts, truths = [], [], []
     errors: dict[str, list[int]] = {name: [] for name in stages[0]}

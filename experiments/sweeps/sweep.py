@@ -14,10 +14,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gril_jax.experiments.tables.curves import LAST, Curve, at_the_end, learning_curves
-from gril_jax.experiments.tables.results import Found, Table
-from gril_jax.experiments.tables.rewards import learns
-from gril_jax.experiments.tables.written import (
+from gril_jax.config import RunConfig
+from gril_jax.config.files import load, to_yaml
+from gril_jax.config.grid import Cell
+from gril_jax.errors import RunError
+from gril_jax.runs import run_dir
+
+from ..tables.curves import LAST, Curve, at_the_end, learning_curves
+from ..tables.results import Found, Table
+from ..tables.rewards import learns
+from ..tables.written import (
     SEEDS,
     Column,
     Section,
@@ -25,12 +31,6 @@ from gril_jax.experiments.tables.written import (
     mean_interval,
     median_reached,
 )
-
-from gril_jax.config import RunConfig
-from gril_jax.config.files import load, to_yaml
-from gril_jax.config.grid import Cell
-from gril_jax.errors import RunError
-from gril_jax.runs import run_dir
 
 _COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
 _WHOLE = ("env_steps", "steps_80")

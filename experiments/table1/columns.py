@@ -5,20 +5,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from gril_jax.experiments.tables.curves import Curve, first_at, in_last_tenth
-from gril_jax.experiments.tables.results import Found
-from gril_jax.experiments.tables.written import (
-    SEEDS,
-    Column,
-    Section,
-    by_row,
-    cells,
-    markdown,
-    mean_interval,
-    median_reached,
-    same,
-    with_paper,
-)
 
 from gril_jax.report import html
 from gril_jax.report.figures.curves import success_failure
@@ -27,6 +13,19 @@ from gril_jax.report.figures.style import png
 from gril_jax.report.headline import Tile
 from gril_jax.report.html import Part
 
+from ..tables.curves import Curve, first_at, in_last_tenth
+from ..tables.results import Found
+from ..tables.written import (
+    SEEDS,
+    Column,
+    Section,
+    by_row,
+    cells,
+    markdown,
+    mean_interval,
+    median_reached,
+    with_paper,
+)
 from .rows import PAPER
 
 STARTS = ("demo", "jitter", "layout")
@@ -63,7 +62,7 @@ SECTIONS = (
         "100 % for each seed. Paper: the success that its Table I reports.",
         (
             SEEDS,
-            Column("paper", "paper", same),
+            Column("paper", "paper"),
             Column("success", "deterministic actions", _percent),
             Column("success_sampled", "sampled actions", _percent),
         ),
@@ -104,10 +103,7 @@ SECTIONS = (
 
 
 def policy(curve: Curve) -> dict[str, float]:
-    """The scores of one policy as means over the last tenth, and how soon it got there.
-
-    `steps_80` and `seconds_80` are those to 80 % success with sampled actions, from Demo starts.
-    """
+    """The scores of one policy as means over the last tenth, and how soon it got there."""
     last = in_last_tenth(curve.env_steps)
     found = {name: float(curve.scores[name][last].mean()) for name in _SCORES}
     found["env_steps"] = float(curve.env_steps[-1])

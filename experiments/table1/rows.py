@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from gril_jax.envs import registry
-from gril_jax.experiments.tables.rows import (
+
+from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError, DemoError
+
+from ..tables.rows import (
     GRAPHIRL,
     PAPERS_OWN,
     WITH_ROBOT,
@@ -17,9 +21,6 @@ from gril_jax.experiments.tables.rows import (
     AuditedSettings,
     Rows,
 )
-
-from gril_jax.config import RunConfig
-from gril_jax.errors import ConfigError, DemoError
 
 # Every learned row says all that any of them changes, so that defaults may move without moving the
 # table. What trains policies, `ppo` or `sac`, and the task are the configuration's in all of them.

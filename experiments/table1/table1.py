@@ -3,13 +3,11 @@
     gril table1                               five seeds; sized for a GPU
     gril table1 --demos HUMAN --seeds 10
     gril table1 --quick                       two rows and two seeds of one block, on a laptop
-    gril table1 --resume RUN
     gril table1 --join RUN,RUN --out FOLDER      runs with different rows as one table
 
-For each row (`gril_jax.experiments.table1.rows.ROWS`) and seed an encoder is trained where the row
-learns a reward, audited, and a policy is trained with that reward. Writes `table1.md` and
-`table1.csv` (a line a policy) after each program, `figure2.png` and `report.html` at the end.
-`gril report RUN` draws what there is of a run that was cut off.
+For each row and seed an encoder is trained where the row learns a reward, audited, and a policy is
+trained with that reward. Writes `table1.md` and `table1.csv` (a line a policy) after each program,
+`figure2.png` and `report.html` at the end, or when `gril report RUN` draws a run that was cut off.
 """
 
 from collections.abc import Sequence
@@ -17,20 +15,20 @@ from typing import Any
 
 import jax
 import numpy as np
-from gril_jax.experiments.pipeline import setup
-from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.tables.audits import audit
-from gril_jax.experiments.tables.curves import learning_curves
-from gril_jax.experiments.tables.measures import Measure, stacked
-from gril_jax.experiments.tables.results import Found, Table
-from gril_jax.experiments.tables.rewards import TrainedReward
-from gril_jax.experiments.tables.written import by_row
 
 from gril_jax import reward
 from gril_jax.metrics.cycles import two_way_cycle_consistency
 from gril_jax.pretraining import pretrain
 from gril_jax.types import DemoBatch
 
+from ..pipeline import setup
+from ..pipeline.demonstrations import Demonstrations
+from ..tables.audits import audit
+from ..tables.curves import learning_curves
+from ..tables.measures import Measure, stacked
+from ..tables.results import Found, Table
+from ..tables.rewards import TrainedReward
+from ..tables.written import by_row
 from .columns import COLUMNS, REWARD, STARTS, page, policy, text
 from .rows import ROWS, Settings
 

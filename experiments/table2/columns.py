@@ -2,17 +2,15 @@
 
 from collections.abc import Sequence
 
-from gril_jax.experiments.tables.results import Found
-from gril_jax.experiments.tables.written import (
+from ..tables.results import Found
+from ..tables.written import (
     Column,
     Line,
     Section,
     markdown,
     mean_interval,
-    same,
     with_paper,
 )
-
 from .rows import PAPER
 
 # Measures of an encoder; the separation ratio first in the convention that is compared with the
@@ -32,7 +30,7 @@ _SECTIONS = (
         "length; resampled: each is stretched to that length; natural: as it is. The paper does "
         "not say which is its own.",
         (
-            Column("paper", "paper's rho", same),
+            Column("paper", "paper's rho"),
             Column("rho_held", "rho, held", _shares),
             Column("rho_resampled", "rho, resampled", _shares),
             Column("rho_natural", "rho, natural", _shares),

@@ -6,10 +6,10 @@ Neither JAX nor MuJoCo is imported here: the command line looks at the rows firs
 from collections.abc import Callable
 from typing import Any
 
-from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL, Rows, changed
-
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
+
+from ..tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL, Rows, changed
 
 # Every row says all that any of them changes, so that defaults may move without moving the table.
 _PAPER: dict[str, Any] = PAPERS_OWN | {

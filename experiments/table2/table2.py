@@ -2,12 +2,10 @@
 
     gril table2 --seeds 5 --out RUN           five encoders a row; sized for a GPU
     gril table2 --quick --out RUN             two a row from fewer demonstrations, on a laptop
-    gril table2 --resume RUN
 
-For each row (`gril_jax.experiments.table2.rows.ROWS`) and seed an encoder is trained. Its reward is
-measured along successes that no encoder was trained on, and along failures, which train none.
-Writes `table2.md`, `table2.csv` (a line an encoder) and `table2.png`. Shapes use B for recordings
-and T for frames.
+For each row and seed an encoder is trained. Its reward is measured along successes that no encoder
+was trained on, and along failures, which train none. Writes `table2.md`, `table2.csv` (a line an
+encoder) and `table2.png`. Shapes use B for recordings and T for frames.
 """
 
 import re
@@ -18,11 +16,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import learners, setup
-from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.tables.measures import TAU, Measure
-from gril_jax.experiments.tables.results import Table
-from gril_jax.experiments.tables.written import by_row
 from jaxtyping import Bool, Float, Int
 
 from gril_jax import reward
@@ -31,6 +24,11 @@ from gril_jax.errors import DemoError
 from gril_jax.metrics.separation import CONVENTIONS, cumulative, ratio, stage_order, success_auc
 from gril_jax.report.figures.spread import spread
 
+from ..pipeline import learners, setup
+from ..pipeline.demonstrations import Demonstrations
+from ..tables.measures import TAU, Measure
+from ..tables.results import Table
+from ..tables.written import by_row
 from .columns import MEASURES, columns, text
 
 _LEAST = 2  # recordings of either outcome
@@ -119,7 +117,9 @@ def measure(
     for kind in dict.fromkeys(kinds):
         found[f"last {kind}"] = float(last[kinds == kind].mean())
         if kind != "success":
-            found[f"auc {kind}"] = _auc(last[success], last[kinds == kind])
+            ones = jnp.asarray(np.r_[last[success], last[kinds == kind]])
+            among = jnp.arange(len(ones)) < success.sum()
+            found[f"auc {kind}"] = float(success_auc(ones, among))
     return found
 
 
@@ -137,11 +137,6 @@ def _compared(reward, length, success: Bool[jax.Array, "B"]):
 
 
 _orders = jax.jit(jax.vmap(stage_order))
-
-
-def _auc(one: Float[np.ndarray, "A"], other: Float[np.ndarray, "C"]) -> float:
-    success = jnp.arange(len(one) + len(other)) < len(one)
-    return float(success_auc(jnp.concatenate([jnp.asarray(one), jnp.asarray(other)]), success))
 
 
 TABLE = Table(

@@ -43,8 +43,7 @@ def curves(
 ) -> list[Curve]:
     """The policies that have finished, by row and seed.
 
-    The phases are those of a run, with what they came to; in its lines of metrics.jsonl a score
-    has one number for each policy of the program.
+    In the lines of metrics.jsonl a score has one number for each policy of the program.
     """
     found = []
     for phase, done in finished.items():
@@ -102,18 +101,17 @@ def learning_curves(names: Sequence[str], found: Sequence[Curve]) -> Figure:
     rows: dict[str, list[Curve]] = {}
     for curve in sorted(found, key=lambda curve: curve.cell):
         rows.setdefault(names[curve.cell], []).append(curve)
-    lines = {name: _line(members) for name, members in rows.items()}
+    lines = {
+        name: _Line(
+            np.mean([[0.0, *curve.env_steps] for curve in members], axis=0) / 1e6,
+            np.mean([[0.0, *curve.seconds] for curve in members], axis=0),
+            np.stack([[0.0, *curve.scores["success_sampled"]] for curve in members]),
+        )
+        for name, members in rows.items()
+    }
     drawn = _overlaid(lines) if len(lines) <= _FEW else _side_by_side(lines)
     drawn.set_layout_engine("constrained")
     return drawn
-
-
-def _line(members: Sequence[Curve]) -> _Line:
-    success = np.stack([curve.scores["success_sampled"] for curve in members])
-    steps = np.mean([curve.env_steps for curve in members], axis=0) / 1e6
-    seconds = np.mean([curve.seconds for curve in members], axis=0)
-    start = np.zeros((len(members), 1))
-    return _Line(np.r_[0.0, steps], np.r_[0.0, seconds], np.concatenate([start, success], axis=1))
 
 
 def _overlaid(lines: Mapping[str, _Line]) -> Figure:

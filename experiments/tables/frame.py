@@ -44,16 +44,12 @@ def make(
     resume: Path | None = None,
     echo: Echo = print,
 ) -> Path:
-    """Makes a table, or goes on with the run in a folder; returns the run's folder.
+    """Makes a table, or goes on with the run in the folder `resume`; returns the run's folder.
 
     Of several processes (`gril_jax.runs.hosts`) the first alone keeps what it writes, and speaks.
-    `config` is what all rows have in common, and `settings` the table's own kind: the rows, and
-    how many seeds. A run in the folder `resume` has both, too.
-
-    Raises:
-      ConfigError: a row's value is out of range, or a policy does not fit into memory.
-      DemoError: the demonstrations do not serve the task.
-      RunError: the run cannot be made, or cannot go on.
+    `config` is what all rows have in common, and `settings` the table's own kind; a run that goes
+    on has both, too. Raises ConfigError if a row's value is out of range, or if a policy does not
+    fit into memory.
     """
     rows = with_seeds(table.configs(config, settings), settings.seeds)
     num_classes = len(setup.make_env(config.env, training=False).classes)

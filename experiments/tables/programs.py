@@ -136,10 +136,7 @@ def tasks(
     needs: Callable[[Sequence[Row]], frozenset[str]],
     train: Callable[[Program, Ready], None],
 ) -> list[ahead.Task]:
-    """A task for each program, whose compiled form, from `get_ready`, is kept while it trains.
-
-    `needs` names the tasks that learn some rows' rewards.
-    """
+    """A task for each program, whose compiled form, from `get_ready`, is kept while it trains."""
 
     def do(program: Program) -> None:
         train(program, ready.pop(program.name).result())

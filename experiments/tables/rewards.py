@@ -198,8 +198,7 @@ def _side_by_side(one: Callable) -> Callable:
 def _one_by_one(layout: Mesh) -> Callable[[Callable], Callable]:
     """Like `_side_by_side` for networks with convolutions; each device runs its seeds in turn.
 
-    Side by side they would be grouped convolutions, which are slower than those of one network, and
-    would hold the activations of all seeds at once.
+    Side by side they would be grouped convolutions, slower, and hold all activations at once.
     """
 
     def each(one: Callable) -> Callable:
