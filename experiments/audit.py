@@ -75,7 +75,12 @@ def main(
     keys = jax.random.split(jax.random.key(seed), starts + 1)
     make = jax.vmap(functools.partial(make_states, task=stages))
     states = jax.jit(make)(keys[1:], subject.starts)
-    _check_states(states, subject)
+    score = np.asarray(states.battery.score)
+    if (score[:, 0] > 0).any():
+        raise ConfigError("the task's starts have made progress already, but must have made none")
+    if (score.max(axis=1) < measures.SUCCESS).any():
+        done = ", ".join(stage.name for stage in stages.stages)
+        raise ConfigError(f"no state was made with all of these stages done: {done}")
     run = functools.partial(measures.audit, reward, task=stages, states=states, ascents=ascents)
     found: Audit = jax.tree.map(np.asarray, jax.jit(run)(learned.params, key=keys[0]))
     states = jax.tree.map(np.asarray, states)
@@ -155,16 +160,6 @@ def _labels(learned: LearnedReward, classes, label: np.ndarray, source: Path) ->
             )
     index = [learned.classes.index(c) if c in learned.classes else 0 for c in classes]
     return jnp.array(index, jnp.int32)[label]
-
-
-def _check_states(states: States, subject: _Subject) -> None:
-    score = np.asarray(states.battery.score)
-    if (score[:, 0] > 0).any():
-        raise ConfigError("the task's starts have made progress already, but must have made none")
-    missing = score.max(axis=1) < measures.SUCCESS
-    if missing.any():
-        names = ", ".join(stage.name for stage in subject.env.stages.stages)
-        raise ConfigError(f"no state was made with all of these stages done: {names}")
 
 
 def _check_finite(states: States, found: Audit, names) -> None:

@@ -165,7 +165,10 @@ def _train(
         means = _means({name: values[: int(count)] for name, values in metrics.items()})
         steps = min(chunk * per_chunk, updates) * per_update
         phase.update(steps, success=means["success"], reward=means["reward"])
-        scored = _scores(scores) if scores is not None and bool(examined) else {}
+        scored = {}
+        if scores is not None and bool(examined):  # with deterministic actions, and with sampled
+            for kind, values in scores._asdict().items():
+                scored[f"eval/{kind}"], scored[f"eval/{kind}_sampled"] = map(float, values[0])
         return {**means, **scored, "env_steps": steps, "env_steps_per_s": steps / seconds}
 
     trained = loop.run_chunks(
@@ -180,14 +183,6 @@ def _train(
         "checkpoint_stall_s": trained.stall_s,
         "state_sha256": state_leaves.digest(state),
     }
-
-
-def _scores(scores: training.Scores) -> dict[str, float]:
-    """An evaluation in the task itself: with deterministic actions, then with sampled ones."""
-    found = {}
-    for name, values in scores._asdict().items():
-        found[f"eval/{name}"], found[f"eval/{name}_sampled"] = map(float, values[0])
-    return found
 
 
 def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:

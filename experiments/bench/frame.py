@@ -30,9 +30,6 @@ def machine() -> dict[str, Any]:
     return {"device": setup.device_in_words(), "jax": jax.__version__}
 
 
-# --- times
-
-
 def compile_timed(function: Callable, *args: Any, plain: bool = False, **options: Any):
     """A function compiled for these arguments, and the seconds, tracing included."""
     program, trace_s, compile_s = staged(jax.jit(function, **options), args, plain=plain)
@@ -103,9 +100,6 @@ def rounded(values: Mapping[str, int | float], digits: int = 2) -> dict[str, int
     return {name: round(value, digits or None) for name, value in values.items()}
 
 
-# --- compilations
-
-
 @dataclasses.dataclass
 class Compilations:
     """Counts of the programs given to XLA, and of those found in the persistent cache."""
@@ -152,8 +146,6 @@ def without_cache() -> Iterator[None]:
         jax.config.update("jax_enable_compilation_cache", before)
         compilation_cache.reset_cache()
 
-
-# --- processes
 
 _CHILD = """
 import json, sys

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from gril_jax.losses import expected_alignment, mean_cycle_consistency, soft_dtw_between
 
-from .frame import median_ms, ratios, staged, without_cache
+from .frame import median_ms, ratios, rounded, staged, without_cache
 
 try:
     from ott.geometry import costs as ott_costs
@@ -55,30 +55,21 @@ def soft_dtw(pairs: int, frames: int, repeats: int, *, gpu: bool) -> dict[str, A
     forms, memory = {}, {}
     arguments = jnp.asarray(query), jnp.asarray(other)
     for name, program in programs.items():
-        compiled = _compiled(program, *arguments)
+
+        def total(query, other, program=program):
+            values = program(query, other)
+            return jnp.sum(values), values
+
+        both = jax.value_and_grad(total, argnums=(0, 1), has_aux=True)
+        compiled = jax.jit(both).lower(*arguments).compile()
         memory[name] = round(compiled.memory_analysis().temp_size_in_bytes / 1e6, 2)
         forms[name] = partial(compiled, *arguments)
     if _njit_soft_dtw_batch is not None and not gpu:
         forms["tslearn"] = partial(_tslearn, query, other)
     times = median_ms(forms, repeats, pause_s=0.01)
-    case = {
-        "pairs": pairs,
-        "frames": frames,
-        "ms": times,
-        "temporary_mb": memory,
-        "times_as_slow": ratios(times, "ours"),
-        "times_the_memory": ratios(memory, "ours"),
-    }
+    case = {"pairs": pairs, "frames": frames, "ms": times, "temporary_mb": memory}
+    case |= {"times_as_slow": ratios(times, "ours"), "times_the_memory": ratios(memory, "ours")}
     return case if gpu else case | {"gradient_error": _gradient_errors(query, other)}
-
-
-def _compiled(program, query, other):
-    def total(query, other):
-        values = program(query, other)
-        return jnp.sum(values), values
-
-    both = jax.value_and_grad(total, argnums=(0, 1), has_aux=True)
-    return jax.jit(both).lower(query, other).compile()
 
 
 def _squares(query, other):
@@ -112,8 +103,8 @@ def _gradient_errors(query, other):
     """
     cost = _squares(query[:8], other[:8]).astype(np.float32)
     truth = _textbook(cost.astype(np.float64))
-    found = {"ours": np.asarray(expected_alignment(jnp.asarray(cost), gamma=_GAMMA))}
-    found["textbook"] = _textbook(cost)
+    ours = np.asarray(expected_alignment(jnp.asarray(cost), gamma=_GAMMA))
+    found = {"ours": ours, "textbook": _textbook(cost)}
     errors = {name: float(np.abs(e - truth).max()) for name, e in found.items()}
     return errors | {"textbook_over_ours": round(errors["textbook"] / errors["ours"], 1)}
 
@@ -186,12 +177,9 @@ def cycle_consistency(repeats: int) -> dict[str, Any]:
     figures = {}
     for name, program in compiled.items():
         trace_s, compile_s = (statistics.median(x) for x in zip(*taken[name], strict=True))
-        figures[name] = {
-            "run_ms": run_ms[name],
-            "trace_s": round(trace_s, 3),
-            "compile_s": round(compile_s, 3),
-            "temporary_mb": round(program.memory_analysis().temp_size_in_bytes / 1e6, 3),
-        }
+        temporary_mb = program.memory_analysis().temp_size_in_bytes / 1e6
+        found = {"trace_s": trace_s, "compile_s": compile_s, "temporary_mb": temporary_mb}
+        figures[name] = {"run_ms": run_ms[name]} | rounded(found, 3)
     peer = figures["pair_loop"]
     over = {
         f"pair_loop_over_{name}": {key: round(peer[key] / own[key], 2) for key in peer}

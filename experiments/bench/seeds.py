@@ -20,8 +20,7 @@ from .frame import compile_timed, ratios, rounded, speeds, without_cache
 
 def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:
     """Times seeds in one program, and one by one, of which the first `separate` are really run."""
-    keys = jax.random.split(jax.random.key(0), num)
-    jax.block_until_ready(keys)
+    keys = jax.block_until_ready(jax.random.split(jax.random.key(0), num))
     with without_cache():
         together = _whole(jax.vmap, algorithm, keys, updates)
         alone = [_whole(lambda f: f, algorithm, key, updates) for key in keys[:separate]]
@@ -84,12 +83,10 @@ def devices(
     }
 
 
-def _spread(
-    algorithm: training.Algorithm, on: Sequence[Any], count: int, updates: int
-) -> Callable[[], Any]:
+def _spread(algorithm: training.Algorithm, on: Sequence[Any], count: int, updates: int):
     layout = sharding.mesh(on, seeds=count, num_envs=algorithm.num_envs)
-    hyper = jax.tree.map(lambda x: jnp.full((count,), x, jnp.float32), ppo.Hyper())
-    hyper = sharding.place(layout, hyper)
+    each = jax.tree.map(lambda x: jnp.full((count,), x, jnp.float32), ppo.Hyper())
+    hyper = sharding.place(layout, each)
     keys = jax.random.split(jax.random.key(0), count)
     state = sharding.init(algorithm, layout, keys, hyper)
     run = sharding.advance(algorithm, layout, state, updates)

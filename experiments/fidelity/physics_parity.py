@@ -75,24 +75,21 @@ def _load(path: Path, robot: str | None) -> dict[str, dict[str, np.ndarray]]:
         for part in ("states", "actions"):
             if f"{name}_{part}" not in arrays:
                 raise DemoError(f"{path} has no array {name}_{part}; it holds {', '.join(arrays)}")
-        states, actions = arrays[f"{name}_states"], arrays[f"{name}_actions"]
+        states = arrays[f"{name}_states"]
         bodies, size = (8, 3) if name == "gripper" else (6, 2)
         if states.ndim != 4 or states.shape[2:] != (bodies, 6) or states.shape[1] < 2:
             raise DemoError(
                 f"{path}: {name}_states is {states.shape}, but must be (N, T + 1, {bodies}, 6)"
             )
-        fitting = (states.shape[0], states.shape[1] - 1, size)
-        if actions.shape != fitting:
-            raise DemoError(
-                f"{path}: {name}_actions is {actions.shape}, but must be {fitting} to fit "
-                f"{name}_states"
-            )
+        steps = (states.shape[0], states.shape[1] - 1)
+        for part, fitting in (("actions", (*steps, size)), ("env_reward", steps)):
+            shape = arrays[f"{name}_{part}"].shape if f"{name}_{part}" in arrays else fitting
+            if shape != fitting:
+                raise DemoError(
+                    f"{path}: {name}_{part} is {shape}, but must be {fitting} to fit {name}_states"
+                )
         rewards = arrays.get(f"{name}_env_reward")
-        if rewards is not None and rewards.shape != actions.shape[:2]:
-            raise DemoError(
-                f"{path}: {name}_env_reward is {rewards.shape}, but must be {actions.shape[:2]}"
-            )
-        found[name] = {"states": states, "actions": actions, "rewards": rewards}
+        found[name] = {"states": states, "actions": arrays[f"{name}_actions"], "rewards": rewards}
     return found
 
 
@@ -120,18 +117,15 @@ def _one_step(env: envs.Env, states, actions):
 def _open_loop(env: envs.Env, states, actions):
     """Poses (N, T, E, 3) of whole trajectories from the first recorded state."""
 
+    def move(scene, action):
+        scene = env.step(scene, action)
+        return scene, (scene.data.pose, scene.reward)
+
     def play(state, actions):
-        scene = env.reset_to(state[:, :3], state[:, 3:])
+        return jax.lax.scan(move, env.reset_to(state[:, :3], state[:, 3:]), actions)[1]
 
-        def move(scene, action):
-            scene = env.step(scene, action)
-            return scene, (scene.data.pose, scene.reward)
-
-        return jax.lax.scan(move, scene, actions)[1]
-
-    poses, rewards = jax.jit(jax.vmap(play))(
-        jnp.asarray(states[:, 0], jnp.float32), jnp.asarray(actions, jnp.float32)
-    )
+    given = (jnp.asarray(x, jnp.float32) for x in (states[:, 0], actions))
+    poses, rewards = jax.jit(jax.vmap(play))(*given)
     return np.asarray(poses), np.asarray(rewards)
 
 
@@ -186,8 +180,7 @@ def measure(
 ) -> dict:
     """Errors of one robot's recordings; `options` make the task."""
     env = setup.build("match_regions", options)
-    poses, reward = _one_step(env, states, actions)
-    one_step = _compare(env, poses, reward, states, rewards)
+    one_step = _compare(env, *_one_step(env, states, actions), states, rewards)
     poses, reward = _open_loop(env, states, actions)
     open_loop = _compare(env, poses, reward, states, rewards)
     parts = states.shape[2] - len(env.blocks)

@@ -35,9 +35,8 @@ from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 
+from .ends import scores, segments, write_sets
 from .options import Options
-from .scores import scores
-from .sets import segments, write_sets
 
 _FIGURES = 3  # held-out demonstrations that are drawn
 
@@ -72,7 +71,12 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
         drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
         phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
         for count, i in enumerate(drawn, 1):
-            _draw(out, demos, traces, i, agreed[i])
+            entry, own = traces.entries[i], traces.reward[i, : traces.length[i]]
+            frames = read_video(demos.demo_set.folder / entry.video)[: len(own)]
+            look = {"stages": entry.stages, "name": entry.name, "fps": demos.demo_set.fps}
+            picture = png(stages_figure(own, agreed[i], frames, **look))
+            with run_dir.writing(out):
+                (out / f"{entry.name.replace('/', '_')}.png").write_bytes(picture)
             phase.update(count)
         if options.sets:
             write_sets(out, demos.demo_set, traces.entries, agreed, progress)
@@ -182,17 +186,6 @@ def _json(traces: Traces, found, agreed, measured: Mapping[str, Any]) -> dict[st
         "support": found.support[:kept].tolist(),
         "demonstrations": demos,
     }
-
-
-def _draw(out: Path, demos, traces: Traces, i: int, ends: Int[np.ndarray, "K"]) -> None:
-    entry, length = traces.entries[i], int(traces.length[i])
-    frames = read_video(demos.demo_set.folder / entry.video)[:length]
-    figure = stages_figure(
-        traces.reward[i, :length], ends, frames,
-        stages=entry.stages, name=entry.name, fps=demos.demo_set.fps,
-    )  # fmt: skip
-    with run_dir.writing(out):
-        (out / f"{entry.name.replace('/', '_')}.png").write_bytes(png(figure))
 
 
 @styled

@@ -12,7 +12,8 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load, to_yaml
@@ -33,7 +34,6 @@ from ..tables.written import (
 )
 
 _COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
-_WHOLE = ("env_steps", "steps_80")
 _REACHED = median_reached(unit=1e-6, digits=2)
 _SECTIONS = (
     Section(
@@ -102,23 +102,20 @@ def _plan(rows, sweep: Sweep, programs):
     return programs([row for row in rows if first[row.cell] == row.cell])
 
 
-def _policy(curve: Curve) -> dict[str, float | int | None]:
+def _policy(curve: Curve) -> dict[str, float | int]:
     numbers = at_the_end(curve)
-    whole = {name: int(numbers[name]) for name in _WHOLE if numbers[name] == numbers[name]}
-    return numbers | whole
+    return numbers | {k: int(numbers[k]) for k in ("env_steps", "steps_80") if numbers[k] < np.inf}
 
 
 def _with_twins(found: Found, sweep: Sweep) -> Found:
     """The results of all cells; those with the same policies have the same ones."""
     names, first = found.names, _first_of_twins(sweep)
-    lines: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
-    for line in found.lines:
-        lines[line["row"]].append(dict(line))
     return found._replace(
         lines=[
-            line | {"row": name, "cell": name}
+            dict(line) | {"row": name, "cell": name}
             for name, of in zip(names, first, strict=True)
-            for line in lines[names[of]]
+            for line in found.lines
+            if line["row"] == names[of]
         ],
         curves=[
             dataclasses.replace(curve, cell=cell)

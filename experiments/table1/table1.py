@@ -23,9 +23,8 @@ from gril_jax.types import DemoBatch
 
 from ..pipeline import setup
 from ..pipeline.demonstrations import Demonstrations
-from ..tables.audits import audit
 from ..tables.curves import learning_curves
-from ..tables.measures import Measure, stacked
+from ..tables.measures import Measure, audit, stacked
 from ..tables.results import Found, Table
 from ..tables.rewards import TrainedReward
 from ..tables.written import by_row

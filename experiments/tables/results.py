@@ -5,6 +5,7 @@ results.join(TABLE, folders, out)                gril table1 --join A,B --out OU
 """
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -78,18 +79,15 @@ def read(table: Table, folder: Path, settings: Any) -> Found:
     for curve in found:
         tau = {} if curve.tau is None else {"tau": curve.tau}
         lines[curve.cell, curve.seed] = dict(table.policy(curve)) | tau
-    for kind, wanted in table.measured.items():
-        for cell in range(len(names)):
-            for seed, values in enumerate(_by_seed(phases.get(f"{kind}-{cell}", {}), wanted)):
-                lines.setdefault((cell, seed), {}).update(values)
+    for kind, cell in itertools.product(table.measured, range(len(names))):
+        done = phases.get(f"{kind}-{cell}", {})
+        for seed, values in enumerate(_by_seed(done, table.measured[kind])):
+            lines.setdefault((cell, seed), {}).update(values)
     about = read_versions(folder) | {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
     first, numbers = config.run.seed, sorted(lines.items())
     each = [{"row": names[cell], "seed": first + k} | of for (cell, k), of in numbers]
-    profiles = {
-        name: phases[f"profiles-{cell}"]
-        for cell, name in enumerate(names)
-        if f"profiles-{cell}" in phases
-    }
+    known = {name: phases.get(f"profiles-{cell}") for cell, name in enumerate(names)}
+    profiles = {name: one for name, one in known.items() if one is not None}
     return table.complete(Found(names, each, found, profiles, about), settings)
 
 
@@ -165,9 +163,9 @@ def join(table: Table, folders: Sequence[Path], out: Path, *, echo: Echo = print
         if not one.lines:
             raise RunError(f"{folder} has nothing that has finished, so there is nothing to join")
     known = [(line["row"], line["seed"]) for one in each for line in one.lines]
-    twice = next((one for one in known if known.count(one) > 1), None)
-    if twice is not None:
-        raise ConfigError(f"row {twice[0]!r} with seed {twice[1]} is in two of the runs to join")
+    for row, seed in known:
+        if known.count((row, seed)) > 1:
+            raise ConfigError(f"row {row!r} with seed {seed} is in two of the runs to join")
     run_dir.require_new(out)
     with run_dir.writing(out):
         out.mkdir(parents=True)

@@ -8,7 +8,7 @@ import pytest
 from gril_jax.experiments.pipeline import policy_rewards
 from gril_jax.experiments.table1.columns import COLUMNS
 from gril_jax.experiments.table1.rows import ROWS, Settings
-from gril_jax.experiments.tables import audits, frame
+from gril_jax.experiments.tables import frame, measures
 from gril_jax.experiments.tables.rows import changed, write_settings
 
 from gril_jax import threads
@@ -169,7 +169,7 @@ def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
     first = list(csv.DictReader((out / "table1.csv").open()))
     assert [x["row"] for x in first if x["success"]] == ["environmental"] * 2 + ["ours audited"] * 2
 
-    monkeypatch.setattr(audits, "measure", None)  # not done again
+    monkeypatch.setattr(measures, "audit_figures", None)  # not done again
     assert main.main(["table1", "--resume", str(out)]) == 0
     lines = list(csv.DictReader((out / "table1.csv").open()))
     assert lines[:4] == first[:4]

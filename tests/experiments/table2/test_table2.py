@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gril_jax.experiments.pipeline import setup
-from gril_jax.experiments.table2 import columns, table2
 from gril_jax.experiments.table2 import rows as table2_rows
+from gril_jax.experiments.table2 import table2
 from gril_jax.experiments.tables import frame
 from gril_jax.experiments.tables.results import Found
 from gril_jax.experiments.tables.rows import changed
@@ -47,7 +47,7 @@ def test_stages_are_counted_from_the_frames_at_which_they_are_finished():
 
 def test_measures_are_those_of_loops():
     found = table2.measure(REWARD, LENGTH, ENTRIES)
-    assert set(columns.MEASURES) <= set(found)
+    assert set(table2.MEASURES) <= set(found)
     own = [r[:n] for r, n in zip(REWARD, LENGTH, strict=True)]
     for name, cost in {
         "natural": [-r.sum() for r in own],
@@ -71,11 +71,11 @@ def test_the_table_has_the_papers_ratio_beside_ours_and_each_kind_of_failure():
         for row, rho in (("XIRL", 0.9), ("ours without robot", 0.5))
         for seed in (0, 1)
     ]
-    text = columns.text(Found([], lines, [], {}, {}))
+    text = table2.text(Found([], lines, [], {}, {}))
     row = next(x for x in text.splitlines() if x.startswith("| ours without robot"))
     assert "| 0.684 | 0.500 (0.500 to 0.500) |" in row
     assert "lid only" in text
-    table = csv(lines, columns.columns(lines)).splitlines()
+    table = csv(lines, table2.columns(lines)).splitlines()
     assert len(table) == 5
     assert table[0].startswith("row,seed,rho_held,")
 
