@@ -24,14 +24,7 @@ from gril_jax.runs import run_dir
 from ..tables.curves import LAST, Curve, at_the_end, learning_curves
 from ..tables.results import Found, Table
 from ..tables.rewards import learns
-from ..tables.written import (
-    SEEDS,
-    Column,
-    Section,
-    markdown,
-    mean_interval,
-    median_reached,
-)
+from ..tables.written import SEEDS, Column, Section, markdown, mean_interval, median_reached
 
 _COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
 _REACHED = median_reached(unit=1e-6, digits=2)

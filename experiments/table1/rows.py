@@ -13,14 +13,7 @@ from gril_jax.envs import registry
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError
 
-from ..tables.rows import (
-    GRAPHIRL,
-    PAPERS_OWN,
-    WITH_ROBOT,
-    XIRL,
-    AuditedSettings,
-    Rows,
-)
+from ..tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL, AuditedSettings, Rows
 
 # Every learned row says all that any of them changes, so that defaults may move without moving the
 # table. What trains policies, `ppo` or `sac`, and the task are the configuration's in all of them.

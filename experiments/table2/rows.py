@@ -12,11 +12,7 @@ from gril_jax.errors import ConfigError
 from ..tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL, Rows, changed
 
 # Every row says all that any of them changes, so that defaults may move without moving the table.
-_PAPER: dict[str, Any] = PAPERS_OWN | {
-    "encoder.latent": 32,
-    "pool.alpha": 5.0,
-    "loss.near": 0.5,
-}
+_PAPER: dict[str, Any] = PAPERS_OWN | {"encoder.latent": 32, "pool.alpha": 5.0, "loss.near": 0.5}
 # Why a latent of one number and no weight for what has moved: see configs/shoes_in_box.yaml.
 _OURS = _PAPER | {"encoder.latent": 1, "pool.alpha": 1.0}
 # What makes the reward of MatchRegions pass its audit.
