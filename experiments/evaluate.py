@@ -1,7 +1,4 @@
-"""Evaluates a trained policy from the task's own starts.
-
-gril eval RUN --episodes 100       under a minute on two CPU cores
-"""
+"""Evaluates a trained policy from the task's own starts: `gril eval RUN --episodes 100`."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

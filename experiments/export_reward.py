@@ -1,7 +1,4 @@
-"""Exports a run's learned reward as one file, for other JAX code; the run is only read.
-
-gril export-reward RUN --out reward.npz        a few seconds
-"""
+"""Exports a run's learned reward for other JAX code: `gril export-reward RUN --out FILE`."""
 
 from collections.abc import Callable
 from pathlib import Path

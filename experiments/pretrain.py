@@ -1,10 +1,8 @@
-"""Learns a reward from demonstration videos.
+"""Learns a reward from demonstration videos; saves it, its demonstrations and its profiles.
 
 gril pretrain quickstart           about a minute on two CPU cores
 gril pretrain --resume RUN         go on with a run that was cut off
 gril pretrain quickstart --hard-negatives RUN    learn from states that RUN's reward overestimates
-
-Writes a run folder with the demonstrations, the reward, and its profile along each of them.
 """
 
 import contextlib
@@ -68,13 +66,7 @@ def opened(
         yield OpenRun(config, run, progress, echo, loaded)
 
 
-def main(
-    config: RunConfig,
-    *,
-    resume: Path | None = None,
-    hard_negatives: Sequence[Path] = (),
-    echo: Echo = print,
-) -> Path:
+def main(config: RunConfig, *, resume=None, hard_negatives=(), echo: Echo = print) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:
         env = setup.make_env(config.env, training=False)
@@ -139,8 +131,7 @@ def _compiled(
 ) -> dict[str, Future[Any]]:
     """Programs of an encoder's training, being compiled: (state, data, hyper) -> ...
 
-    But "init" is (key, data) -> state, and "profiles" is (reward, films, hyper) -> rewards, ends of
-    stages.
+    But "init" is (key, data) -> state, "profiles" (reward, films, hyper) -> rewards, stage ends.
     """
     boxes = config.encoder.kind != "pixels"  # brief convolutions have not been measured
     begin = key, learner.data

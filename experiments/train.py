@@ -8,8 +8,6 @@ gril train quickstart --hard-negatives RUN    learn from states that RUN's rewar
 
 import itertools
 import time
-from collections.abc import Sequence
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +22,6 @@ from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
 from gril_jax.report import run_report
 from gril_jax.rl import training
-from gril_jax.rl.policy import Policy
 from gril_jax.runs import loop
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
 
@@ -32,17 +29,8 @@ from . import evaluate, pretrain
 from .pretrain import Echo, OpenRun, opened
 
 
-def main(
-    config: RunConfig,
-    *,
-    resume: Path | None = None,
-    hard_negatives: Sequence[Path] = (),
-    echo: Echo = print,
-) -> Path:
-    """Runs it, or goes on with the run in the folder `resume`; see `pretrain.opened`.
-
-    Returns its folder.
-    """
+def main(config: RunConfig, *, resume=None, hard_negatives=(), echo: Echo = print) -> Path:
+    """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.make_env(config.env, training=False)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
@@ -54,15 +42,16 @@ def main(
             now = time.monotonic()
             seconds[name], begun = now - begun, now
 
-        program = None
-        if run.dir.finished_phase("policy") is None:
-            program = pool.submit(_compiled, config, algorithm, layout)
+        found = run.dir.finished_phase("policy")
+        program = pool.submit(_compiled, config, algorithm, layout) if found is None else None
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         lap("demonstrations")
         results = pretrain.learn(run, demos)
         reward_params = _policy_reward(run, env, demos)
         lap("reward")
-        policy, found = _learn_policy(run, algorithm, program, reward_params)
+        if program is not None:
+            found = _learn_policy(run, algorithm, program.result(), reward_params)
+        policy = policy_setup.restore_policy(run.path, config, algorithm)
         lap("policy")
         played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
         lap("evaluation")
@@ -120,25 +109,9 @@ def _one(tree: Any) -> Any:
 
 
 def _learn_policy(
-    run: OpenRun, algorithm: training.Algorithm, program: Future[_Program] | None, reward_params
-) -> tuple[Policy, dict[str, Any]]:
-    """Trains the policy and saves it; returns it with results, which a run does once.
-
-    `program` is None where that has been done before.
-    """
-    results = run.dir.finished_phase("policy")
-    if results is None:
-        assert program is not None
-        state, results = _train(run, algorithm, program.result(), reward_params)
-        checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
-        run.dir.finish_phase("policy", results)
-    return policy_setup.restore_policy(run.path, run.config, algorithm), results
-
-
-def _train(
     run: OpenRun, algorithm: training.Algorithm, program: _Program, reward_params: Any
-) -> tuple[Any, dict[str, Any]]:
-    """Runs all updates, chunk by chunk."""
+) -> dict[str, Any]:
+    """Runs all updates, chunk by chunk; saves the policy and returns the results."""
     config = run.config
     name, per_chunk = config.run.algorithm, config.run.updates_per_chunk
     per_update = algorithm.num_envs * algorithm.unroll_length
@@ -176,13 +149,16 @@ def _train(
         every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
     )  # fmt: skip
     state = jax.tree.map(lambda x: x[0], trained.state)
-    return state, {
+    results = {
         "env_steps": updates * per_update,
         "env_steps_per_s": updates * per_update / trained.seconds,
         "compile_s": compile_s,
         "checkpoint_stall_s": trained.stall_s,
         "state_sha256": state_leaves.digest(state),
     }
+    checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
+    run.dir.finish_phase("policy", results)
+    return results
 
 
 def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:

@@ -2,9 +2,9 @@
 
     gril bench brax                     five minutes on 2 CPU cores
 
-Short runs, each in a process of its own without a persistent cache: seconds from the start of the
-process to its end, and programs that XLA compiles. Then long runs, in which our chunks and brax's
-epochs take turns: steps a second (of the fastest part, evaluations excluded) and final returns.
+Short runs, each in a process of its own without a persistent cache: seconds from its start to its
+end, and programs that XLA compiles. Then long runs, in which our chunks and brax's epochs take
+turns: steps a second (of the fastest part, evaluations excluded) and final returns.
 """
 
 import statistics

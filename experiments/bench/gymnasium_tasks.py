@@ -1,8 +1,7 @@
 """Two small tasks of Gymnasium's MuJoCo suite in MJX, with published returns.
 
-`InvertedPendulum` ends early and `Reacher` never does, so that ends of the task and time limits
-both matter. Masses, gears, rewards and starts are those of InvertedPendulum-v5 and Reacher-v5; they
-are integrated implicitly here, and by Runge-Kutta there.
+Masses, gears, rewards and starts are those of InvertedPendulum-v5 and Reacher-v5; they are
+integrated implicitly here, and by Runge-Kutta there.
 """
 
 import contextlib

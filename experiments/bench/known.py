@@ -110,6 +110,6 @@ def compared(task: str, algorithm: str, found: dict[str, dict[str, Any]]) -> dic
 
 
 def _child(wanted: tuple[str, str, str, int]) -> dict[str, Any]:
-    whose = "{1} of {2} on {0}".format(*wanted)
-    found = "from gril_jax.experiments.bench import known"
+    task, algorithm, side, _ = wanted
+    found, whose = f"from {__package__} import known", f"{algorithm} of {side} on {task}"
     return in_new_process(found, f"known.measure{wanted!r}", whose).value

@@ -1,7 +1,6 @@
 """The task for comparing trainers with brax's: a pendulum, cheap enough to expose their speed.
 
-One definition of the physics serves both sides: `Pendulum` follows this library's protocol, and
-`stock` puts brax's around it.
+It follows this library's protocol, and `stock` puts brax's around it.
 """
 
 import dataclasses

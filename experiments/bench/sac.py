@@ -45,12 +45,9 @@ def speeds(env: Any, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict
     static = dataclasses.replace(static, min_replay=0)
     sides = {"ours": Ours(env, static, hyper), "host_loop": HostLoop(env, static, hyper)}
     calls = {name: side.advance for name, side in sides.items()}
-    steps = {name: side.steps for name, side in sides.items()}
-    speed = frame.speeds(calls, steps, repeats)
-    return {
-        "steps_per_s": frame.rounded(speed, 0),
-        "times_as_fast": round(speed["ours"] / speed["host_loop"], 1),
-    }
+    speed = frame.speeds(calls, {name: side.steps for name, side in sides.items()}, repeats)
+    ratio = round(speed["ours"] / speed["host_loop"], 1)
+    return {"steps_per_s": frame.rounded(speed, 0), "times_as_fast": ratio}
 
 
 def until_success(
@@ -117,11 +114,10 @@ class HostLoop(_Learner):
         size = algorithm.observation_size
         self._every = max(1, static.num_envs * static.unroll_length // static.updates_per_step)
         self._random, self._key = np.random.default_rng(0), jax.random.key(0)
-        shape = {"observation": (size,), "action": (env.action_size,), "next_observation": (size,),
-                 "discount": (), "dropped": (), "reward": ()}  # fmt: skip
-        self._replay = {
-            name: np.zeros((static.replay_size, *x), np.float32) for name, x in shape.items()
-        }
+        shape = {"observation": (size,), "action": (env.action_size,), "next_observation": (size,)}
+        shape |= dict.fromkeys(("discount", "dropped", "reward"), ())
+        rows = static.replay_size
+        self._replay = {name: np.zeros((rows, *x), np.float32) for name, x in shape.items()}
         self._count, self._action_size = 0, env.action_size
         self._learned = sac_loss.begin(algorithm.networks, jax.random.key(1), hyper)
         self._normalizer = policy.fresh_normalizer(size)
@@ -139,10 +135,8 @@ class HostLoop(_Learner):
             normalizer = policy.observed(normalizer, seen)
             dropped = {"policy_extras": {}, "state_extras": {"truncation": rows.pop("dropped")}}
             batch = Transition(extras=dropped, **rows)
-            learned, _ = sac_loss.gradient_step(
-                algorithm.networks, learned, normalizer, batch, key, hyper
-            )
-            return learned, normalizer
+            given = algorithm.networks, learned, normalizer, batch, key, hyper
+            return sac_loss.gradient_step(*given)[0], normalizer
 
         self._step, self._learn = step, learn
         self._episode = self._reset(self._next_key())

@@ -1,7 +1,4 @@
-"""PPO's throughput: seeds in one program against one by one, and one device against all.
-
-`gril bench train` has these figures among its own.
-"""
+"""PPO's throughput for `gril bench train`: seeds in one program or apart, one device or all."""
 
 import time
 from collections.abc import Callable, Sequence

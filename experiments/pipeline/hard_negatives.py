@@ -5,8 +5,7 @@ gril train quickstart --hard-negatives RUN,RUN         the runs of two rounds to
 
 The policies of finished runs play in their own task. The boxes of what they did, their own learned
 reward and the demonstrations' last frames alone decide what is chosen: no reward of the task and no
-success. The scenes teach with the weight `loss.contrast`, beside the displaced copies
-(`pretrain.copies`) or without any. A run's folder keeps them in `hard_negatives.npz`.
+success. The scenes teach with the weight `loss.contrast`.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,9 +1,5 @@
 """Training of an encoder, on boxes or on frames, behind one interface.
 
-    one = learner(config, demos)
-    state = one.init(key, one.data)
-    state, metrics = one.step(state, one.data, hyper)      # `one.static.updates` updates
-
 The demonstrations' arrays are arguments and no constants: frames are too many for a program.
 """
 
@@ -39,7 +35,7 @@ class Learner(NamedTuple):
     static: Static | PixelStatic
     data: Any  # of the training and of the held-out demonstrations, and scenes to learn from, too
     init: Callable[[PRNGKeyArray, Any], Any]
-    step: Callable[[Any, Any, Hyper], tuple[Any, Any]]
+    step: Callable[[Any, Any, Hyper], tuple[Any, Any]]  # of `static.updates` updates
     reward: Callable[[Any, Any, Hyper], RewardParams]
     measure: Callable[[Any, Any, Hyper], dict[str, Float[Array, ""]]]
     latents: Callable[[Params, Any, Hyper], Float[Array, "B T D"]]  # of all frames of `films`
@@ -61,9 +57,8 @@ def learner(
     The pool, for boxes alone, holds scenes that earlier rewards overestimated. Raises ConfigError
     if a batch would hold more videos than there are, DemoError if one cannot be read.
     """
-    if not ENCODERS[config.encoder.kind].boxes:
-        return _of_frames(config, demos)
-    return _of_boxes(config, demos, pool)
+    boxes = ENCODERS[config.encoder.kind].boxes
+    return _of_boxes(config, demos, pool) if boxes else _of_frames(config, demos)
 
 
 def _of_boxes(config, demos, pool) -> Learner:

@@ -70,12 +70,11 @@ def write_sets(
     ends: Int[np.ndarray, "B K"],
     progress: Progress,
 ) -> None:
-    """A set in `out/subtask-1`, ... for each of the K subtasks.
+    """A set in `out/subtask-1`, ... for each of the K subtasks, whose ends are last frames.
 
     A subtask's demonstration begins with the last frame of the stage before, where a policy of
     this subtask would begin, and ends with its own; the last subtask's goes on to the film's end,
-    where the task is done for certain. Those of fewer than 2 frames are left out; DemoError if
-    nothing is left. The ends are the last frames of each entry's stages.
+    where the task is done for certain. Those of fewer than 2 frames are left out.
     """
     phase = progress.phase("cutting", total=ends.size, unit="films", compiles=False)
     tracks = {e.name: t for e, t in zip(demo_set.entries, demo_set.tracks, strict=True)}

@@ -1,12 +1,10 @@
 """Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
 
     gril subtasks RUN                   about a minute
-    gril subtasks RUN --sets True       and a demonstration set for each subtask
+    gril subtasks RUN --sets True       and a set for each subtask, for `gril pretrain --demos`
 
 Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
 where the set has stage times (`DemoEntry.stages`), those of held-out demonstrations are scored.
-Writes `subtasks.json`, a figure for some held-out demonstrations, and with `sets` folders from
-which `gril pretrain --demos` learns a subtask's reward.
 """
 
 import json

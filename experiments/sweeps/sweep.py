@@ -2,10 +2,9 @@
 
     gril sweep quickstart --seeds 8 --reward learned,environmental --lambda 0.1,1
     gril sweep match_regions --rows "environmental,XIRL" --ppo.learning-rate 3e-4,7e-4
-    gril sweep --resume RUN
 
-Writes `sweep.md` (mean, interquartile mean and its interval), `sweep.csv`, `sweep.png`, the final
-policies, and one configuration a cell, which `gril train RUN/cells/000.yaml` runs by itself.
+Writes `sweep.md`, `sweep.csv`, `sweep.png`, the final policies, and one configuration a cell, which
+`gril train RUN/cells/000.yaml` runs by itself.
 """
 
 import dataclasses

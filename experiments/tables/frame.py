@@ -1,7 +1,5 @@
 """The frame of every table: it trains, measures, goes on where it stood, and writes.
 
-    frame.make(TABLE, config, settings)              gril table1
-
 For each row and seed an encoder is trained where the row learns a reward, then measured, and a
 policy is trained with the reward where the table has policies. Seeds share a program, and rows do
 that compile alike. All that is written is read from the run's files; it is written again after each
@@ -29,11 +27,9 @@ from . import programs as table_programs
 from . import results
 from . import rewards as table_rewards
 from .programs import learn_policies
-from .results import Found, Table
+from .results import Echo, Found, Table
 from .rewards import TrainedReward, learns, reward_key
 from .rows import with_seeds
-
-Echo = Callable[[str], None]
 
 
 def make(
@@ -122,8 +118,7 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
     if not hosts.is_first():
         return None
     found = results.read(table, run.path, settings)
-    lines = [*found.lines, *([] if demos is None else table.reference(demos))]
-    return found._replace(lines=lines)
+    return found._replace(lines=[*found.lines, *(table.reference(demos) if demos else [])])
 
 
 def _gatherer(run: run_dir.RunDir, progress: Progress) -> Callable[[RunConfig], Demonstrations]:
@@ -134,11 +129,11 @@ def _gatherer(run: run_dir.RunDir, progress: Progress) -> Callable[[RunConfig], 
         key = (table_rewards.task_key(config), config.demos)
         if key not in made:
             env = setup.make_env(config.env, training=False)
-            if made:
+            if not made:
+                made[key] = demonstrations.gather_once(config, env, run, progress)
+            else:
                 folder = run.path / f"demos-{len(made)}"
                 made[key] = demonstrations.gather(config, env, folder, progress)
-            else:
-                made[key] = demonstrations.gather_once(config, env, run, progress)
         return made[key]
 
     return gather

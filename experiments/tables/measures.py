@@ -4,6 +4,7 @@ A row's measure is kept as the phase `NAME-CELL`, so that a run that goes on doe
 """
 
 import functools
+import itertools
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
@@ -66,15 +67,11 @@ def tasks(
     """A task for each measure of each row that is not among the run's phases.
 
     Rows that learn no reward are not measured, and those of pictures not by a program.
-    `learned` is filled, by `reward_key`, while other tasks are carried out; `needs` names the
-    tasks that learn some rows' rewards; `then` is called after each.
+    `learned` is filled while other tasks are carried out; `needs` names the tasks that learn some
+    rows' rewards; `then` is called after each.
     """
     begun: dict[Hashable, Future[Any]] = {}
     found = []
-    of: dict[int, list[Row]] = {}
-    for row in rows:
-        if learns(row.config):
-            of.setdefault(row.cell, []).append(row)
 
     def do(name: str, one: Measure, members: list[Row], ready: Future[Any] | None) -> None:
         phase = progress.phase(f"measuring {name}", total=len(members), unit="rewards")
@@ -85,9 +82,10 @@ def tasks(
         then()
 
     for one in measures:
-        for cell, members in of.items():
+        for cell, of_row in itertools.groupby(rows, lambda row: row.cell):
+            members = [*of_row]
             name, config, ready = f"{one.name}-{cell}", members[0].config, None
-            if run.finished_phase(name) is not None:
+            if not learns(config) or run.finished_phase(name) is not None:
                 continue
             if one.same is not None:
                 if config.encoder.kind == "pixels":
@@ -127,10 +125,7 @@ class Ground(NamedTuple):
 
 
 def audit(config: EnvConfig, chosen: Sequence[str], *, starts: int, ascents: int) -> Measure:
-    """The audit as a measure of a table's rows.
-
-    Each reward has so many ascents for each of the chosen variants, shared by its starts.
-    """
+    """The audit, from so many starts of each chosen variant, which share the ascents."""
     variants = {variant: env for variant, env in audited_tasks(config).items() if variant in chosen}
     num_classes = len(next(iter(variants.values())).classes)
 

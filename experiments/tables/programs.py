@@ -1,8 +1,4 @@
-"""The programs of a table's policies: which rows share one, compiling ahead, and training.
-
-Rows that compile to the same program are trained side by side by `jax.vmap`; what differs between
-them are arrays.
-"""
+"""The policies of a table's rows: those that compile to the same program train side by side."""
 
 import functools
 import itertools
@@ -192,8 +188,7 @@ def learn_policies(
     """Trains a program's policies; their scores during training are rows of metrics.jsonl.
 
     In these `success` is with deterministic actions in the first of the tasks, `success_sampled`
-    with sampled ones, and `success_layout` and `success_layout_sampled` are the same in the task
-    "layout".
+    with sampled ones, and `success_layout` and `success_layout_sampled` are those in "layout".
     """
     rows, algorithm = program.rows, program.algorithm
     configs = [row.config for row in rows]

@@ -1,8 +1,4 @@
-"""One family of tables as a value; the results of its runs: read, joined, and written.
-
-results.write(TABLE, folder, results.read(TABLE, folder, settings))
-results.join(TABLE, folders, out)                gril table1 --join A,B --out OUT
-"""
+"""One family of tables as a value; the results of its runs: read, joined, and written."""
 
 import dataclasses
 import itertools
@@ -39,10 +35,6 @@ class Found(NamedTuple):
     about: Mapping[str, Any]  # command, versions, device, date, and the demonstrations' digest
 
 
-def _configs(config: RunConfig, settings: Settings) -> list[RunConfig]:
-    return [changed(config, change) for change in settings.rows.values()]
-
-
 class Table(NamedTuple):
     """One family of tables: its rows are in its settings, the rest is here."""
 
@@ -53,7 +45,9 @@ class Table(NamedTuple):
     picture: str = ""  # the figure's file, if not NAME.png
     page: Callable[[Found, bytes], str] | None = None  # with the figure; both at the end alone
     settings: type[Settings] = Settings
-    configs: Callable[[RunConfig, Any], Sequence[RunConfig]] = _configs  # one a row
+    configs: Callable[[RunConfig, Any], Sequence[RunConfig]] = lambda config, settings: [
+        changed(config, change) for change in settings.rows.values()
+    ]  # one a row
     # The policies' programs, from the rows, the settings and what groups rows into programs.
     plan: Callable[[list[Row], Any, Callable[..., list[Program]]], list[Program]] = lambda *_: []
     policy: Callable[[Curve], Mapping[str, Any]] = at_the_end  # its numbers in the lines
@@ -115,7 +109,7 @@ def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
 def write(table: Table, folder: Path, found: Found, *, last: bool = True) -> str:
     """Table, lines and pictures of what is known; returns the table.
 
-    A table with a page has its pictures at the end alone: they take seconds.
+    Those of a table with a page take seconds: it has them at the end alone.
     """
     text = table.text(found)
     files = {

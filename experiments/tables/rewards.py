@@ -1,8 +1,4 @@
-"""The rewards of a table's rows, many encoders in one program.
-
-Rows whose encoders compile to the same program are trained side by side by `jax.vmap`; what differs
-between them are arrays.
-"""
+"""The rewards of a table's rows: encoders that compile to the same program train side by side."""
 
 import functools
 from collections.abc import Callable, Hashable, Iterable, Sequence
