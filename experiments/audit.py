@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -34,15 +34,6 @@ from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
 
 from . import export_reward
-
-
-class _Subject(NamedTuple):
-    """A reward under audit, and the episodes that it is audited from."""
-
-    learned: LearnedReward
-    env: envs.Env
-    names: tuple[str, ...]  # of the scene's objects
-    starts: Scene  # labels are the reward's own
 
 
 def main(
@@ -65,16 +56,16 @@ def main(
     ConfigError if reward and task do not fit together.
     """
     began = time.perf_counter()
-    subject = _subject(source, task, variant, starts, seed)
+    learned, env, names, scenes = _subject(source, task, variant, starts, seed)
     if out is None:
         out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
-    stages, learned = subject.env.stages, subject.learned
+    stages = env.stages
     reward = scene_reward(learned.config, softness=learned.softness)
-    first = jax.tree.map(lambda x: x[0], subject.starts)
+    first = jax.tree.map(lambda x: x[0], scenes)
     jax.eval_shape(reward, learned.params, first)  # of other sizes: refused before any work
     keys = jax.random.split(jax.random.key(seed), starts + 1)
     make = jax.vmap(functools.partial(make_states, task=stages))
-    states = jax.jit(make)(keys[1:], subject.starts)
+    states = jax.jit(make)(keys[1:], scenes)
     score = np.asarray(states.battery.score)
     if (score[:, 0] > 0).any():
         raise ConfigError("the task's starts have made progress already, but must have made none")
@@ -84,11 +75,11 @@ def main(
     run = functools.partial(measures.audit, reward, task=stages, states=states, ascents=ascents)
     found: Audit = jax.tree.map(np.asarray, jax.jit(run)(learned.params, key=keys[0]))
     states = jax.tree.map(np.asarray, states)
-    _check_finite(states, found, subject.names)
-    findings = Findings(states, found, subject.names, stages)
+    _check_finite(states, found, names)
+    findings = Findings(states, found, names, stages)
     settings = {
         "source": str(source), "ascents": found.found.reward.size, "starts": starts, "seed": seed,
-        "variant": getattr(subject.env, "variant", None),
+        "variant": getattr(env, "variant", None),
         "seconds": round(time.perf_counter() - began, 1),
     }  # fmt: skip
     results = findings.as_json() | {"settings": settings}
@@ -103,6 +94,7 @@ def main(
 
 
 def _subject(source: Path, task: str | None, variant: str | None, starts: int, seed: int):
+    """The reward, its task, the names of the scene's objects, and scenes with its own labels."""
     if source.is_dir():
         config = run_dir.read_config(source)
         setup.require_boxes(config, "an audit, which moves boxes")
@@ -130,7 +122,7 @@ def _subject(source: Path, task: str | None, variant: str | None, starts: int, s
     label = _labels(learned, env.classes, np.asarray(objects.label), source)
     resting = jnp.zeros(label.shape, bool)
     scenes = Scene(objects.center, objects.size, label, objects.is_robot, resting)
-    return _Subject(learned, env, names, scenes)
+    return learned, env, names, scenes
 
 
 def _env_of(learned: LearnedReward, task: str) -> EnvConfig:

@@ -9,7 +9,7 @@ gril train quickstart --hard-negatives RUN    learn from states that RUN's rewar
 import itertools
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -50,7 +50,8 @@ def main(config: RunConfig, *, resume=None, hard_negatives=(), echo: Echo = prin
         reward_params = _policy_reward(run, env, demos)
         lap("reward")
         if program is not None:
-            found = _learn_policy(run, algorithm, program.result(), reward_params)
+            params = sharding.place(layout, _one(reward_params))
+            found = _learn_policy(run, algorithm, params, *program.result())
         policy = policy_setup.restore_policy(run.path, config, algorithm)
         lap("policy")
         played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
@@ -81,17 +82,11 @@ def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrat
     return policy_setup.policy_reward(run.path, run.config, env)
 
 
-class _Program(NamedTuple):
-    """Chunks of compiled updates for one seed on all devices."""
+def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> tuple:
+    """Chunks of updates for one seed on all devices, compiled, and the seconds that it took.
 
-    keys: Any  # with a leading axis of one seed, as all that it takes
-    hyper: Any
-    compiled: sharding.Compiled
-    layout: Any
-    seconds: float  # that compiling took
-
-
-def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:
+    With its keys and hyper-parameters, which have a leading axis of one seed as all that it takes.
+    """
     started = time.monotonic()
     keys = jax.random.fold_in(jax.random.key(config.run.seed), 1)[None]
     hyper = sharding.place(layout, _one(policy_setup.algorithm_hyper(config)))
@@ -101,7 +96,7 @@ def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> 
     tasks = (setup.make_env(config.env, training=False),) if examines else ()
     most = config.run.updates_per_chunk
     found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks).compile()
-    return _Program(keys, hyper, found, layout, time.monotonic() - started)
+    return found, keys, hyper, time.monotonic() - started
 
 
 def _one(tree: Any) -> Any:
@@ -109,7 +104,7 @@ def _one(tree: Any) -> Any:
 
 
 def _learn_policy(
-    run: OpenRun, algorithm: training.Algorithm, program: _Program, reward_params: Any
+    run: OpenRun, algorithm: training.Algorithm, params: Any, compiled, keys, hyper, compile_s
 ) -> dict[str, Any]:
     """Runs all updates, chunk by chunk; saves the policy and returns the results."""
     config = run.config
@@ -117,8 +112,6 @@ def _learn_policy(
     per_update = algorithm.num_envs * algorithm.unroll_length
     updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
     phase = run.progress.phase("learning the policy", total=updates * per_update, unit="env steps")
-    keys, hyper, compiled, layout, compile_s = program
-    params = sharding.place(layout, _one(reward_params))
     begun = loop.restore(run.dir, name, compiled.init(keys, hyper), tell=run.echo)
     phase.update(min(begun.chunks * per_chunk, updates) * per_update)
     chunks = itertools.count(begun.chunks)

@@ -19,7 +19,6 @@ class Bare:
 
     def outlines(self, data):
         """Nothing to draw."""
-        del data
         return []
 
     def _state(self, data, obs, centers, reward, success, done) -> State:

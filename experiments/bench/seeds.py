@@ -34,9 +34,7 @@ def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) 
     }
 
 
-def _whole(
-    mapped: Callable, algorithm: training.Algorithm, key: Any, updates: int
-) -> dict[str, float]:
+def _whole(mapped, algorithm: training.Algorithm, key: Any, updates: int) -> dict[str, float]:
     """Seconds of a whole training in a fresh Python process."""
     jax.clear_caches()
     hyper = ppo.Hyper()

@@ -1,7 +1,4 @@
-"""The rows of an ablation of soundness: each is a way of training encoders.
-
-Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
-"""
+"""The rows of an ablation of soundness: each is a way of training encoders."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,4 @@
-"""The rows of Table II: the fields that each changes, and the ratio that the paper reports.
-
-Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
-"""
+"""The rows of Table II: the fields that each changes, and the ratio that the paper reports."""
 
 from collections.abc import Callable
 from typing import Any

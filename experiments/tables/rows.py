@@ -1,6 +1,7 @@
 """The rows of a table: chosen by name, and saved beside the run that makes them.
 
-Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
+Neither JAX nor MuJoCo is imported here, nor in the rows of any table: the command line looks at
+them first.
 """
 
 import dataclasses
