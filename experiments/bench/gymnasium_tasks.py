@@ -100,7 +100,6 @@ class InvertedPendulum(_Simulated):
         return self._now(numbers[0], numbers[1])
 
     def step(self, state: State, action: Float[Array, "1"]) -> State:
-        """Advances a twenty-fifth of a second."""
         return self._now(*self._moved(*state.data, 3.0 * jnp.clip(action, -1.0, 1.0)))
 
     def _now(self, position, velocity) -> State:
@@ -135,7 +134,6 @@ class Reacher(_Simulated):
         return self._now(position, velocity, target, effort=0.0)
 
     def step(self, state: State, action: Float[Array, "2"]) -> State:
-        """Advances a fiftieth of a second."""
         position, velocity, target = state.data
         action = jnp.clip(action, -1.0, 1.0)
         position, velocity = self._moved(position, velocity, action)

@@ -211,8 +211,7 @@ def printed(name: str, work: Callable[[], dict]) -> int:
 def main(argv: list[str] | None = None) -> int:
     """Prints the figures of each robot in a file."""
     options = tyro.cli(_Options, args=argv)
-    given = ("physics", "engine", "substeps", "iterations")
-    chosen = {name: getattr(options, name) for name in given}
+    chosen = {k: getattr(options, k) for k in ("physics", "engine", "substeps", "iterations")}
 
     def work() -> dict:
         found = _load(options.file, options.robot)

@@ -58,14 +58,10 @@ def load(folder: Path) -> EarlierPolicy:
         config = run_dir.read_config(folder)
         env = setup.make_env(config.env, training=False)
         algorithm = policy_setup.make_algorithm(config, env)
-        return EarlierPolicy(
-            folder,
-            config,
-            algorithm,
-            policy_setup.restore_policy(folder, config, algorithm),
-            policy_setup.policy_reward(folder, config, env),
-            policy_setup.learned_reward(folder, config, env),
-        )
+        policy = policy_setup.restore_policy(folder, config, algorithm)
+        policy_reward = policy_setup.policy_reward(folder, config, env)
+        learned = policy_setup.learned_reward(folder, config, env)
+        return EarlierPolicy(folder, config, algorithm, policy, policy_reward, learned)
     except RunError as error:
         raise ConfigError(f"--hard-negatives: {error}") from None
 

@@ -156,8 +156,16 @@ def _label(axes: Any, x: str) -> None:
     axes.set(xlabel=x, ylabel=_SUCCESS, ylim=(-0.03, 1.03))
 
 
-def draw_spread(axes: Any, x, curves, *, number: int, label: str, shade: float = 0.15) -> None:
-    """A line (n,) at the interquartile mean of curves (seeds, n), in a band between the quartiles.
+def draw_spread(
+    axes: Any,
+    x: Float[np.ndarray, "n"],
+    curves: Float[np.ndarray, "seeds n"],
+    *,
+    number: int,
+    label: str,
+    shade: float = 0.15,
+) -> None:
+    """A line at the interquartile mean over seeds, within a band from quartile to quartile.
 
     The mean is left out: one seed that fails or excels can carry it outside of the quartiles, where
     the interquartile mean never is. Each number up to 24 has a look of its own.
