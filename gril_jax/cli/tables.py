@@ -47,8 +47,9 @@ def table(
 
     def plan(args: list[str]) -> Work:
         # Names and numbers only: it imports neither JAX nor MuJoCo.
+        named_rows = importlib.import_module("gril_jax.experiments.tables.rows")
         known = importlib.import_module(f"gril_jax.experiments.{name}.rows")
-        kind = _kind(known)
+        kind = getattr(known, "Settings", named_rows.Settings)
         other = _begun(args, name, kind) or _joined(args, name)
         if other is not None:
             return other
@@ -66,12 +67,6 @@ def table(
         return made(name, config, lambda: settings)
 
     return Verb(f"{name} [CONFIG]", summary, plan)
-
-
-def _kind(known: ModuleType) -> type:
-    from gril_jax.experiments.tables.rows import Settings
-
-    return getattr(known, "Settings", Settings)
 
 
 def rows_taken(known: ModuleType, args: list[str], usual: str | None = None):
