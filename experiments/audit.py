@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -36,15 +36,6 @@ from gril_jax.runs import run_dir
 from . import export_reward
 
 
-class _Subject(NamedTuple):
-    """A reward under audit, and the episodes that it is audited from."""
-
-    learned: LearnedReward
-    env: envs.Env
-    names: tuple[str, ...]  # of the scene's objects
-    starts: Scene  # labels are the reward's own
-
-
 def main(
     source: Path,
     *,
@@ -56,45 +47,42 @@ def main(
     seed: int = 0,
     echo: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Audits a reward; writes `audit.json`, `report.html` and its pictures.
+    """Audits a reward; writes `audit.json`, which it returns, `report.html` and its pictures.
 
     The source is a run's folder or a file of `gril_jax.interop.reward_file.save_reward`; task
     and variant of a run are its own if left out. Results go to `audit` in the run's folder, or
     beside the file under its name with "-audit". The starts, episodes whose first frames
-    everything begins from, share the ascents.
-
-    Returns:
-      What `audit.json` holds.
-
-    Raises:
-      RunError: the run has no reward yet, or the results cannot be written.
-      ConfigError: reward and task do not fit together, or the task has no stage definition.
-      ShapeError: the encoder is for another number of objects.
-      RewardFileError: the file is missing or damaged.
+    everything begins from, share the ascents. Raises RunError if there is no reward yet, and
+    ConfigError if reward and task do not fit together.
     """
     began = time.perf_counter()
-    subject = _subject(source, task, variant, starts, seed)
+    learned, env, names, scenes = _subject(source, task, variant, starts, seed)
     if out is None:
         out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
-    stages, learned = subject.env.stages, subject.learned
+    stages = env.stages
     reward = scene_reward(learned.config, softness=learned.softness)
-    first = jax.tree.map(lambda x: x[0], subject.starts)
+    first = jax.tree.map(lambda x: x[0], scenes)
     jax.eval_shape(reward, learned.params, first)  # of other sizes: refused before any work
     keys = jax.random.split(jax.random.key(seed), starts + 1)
     make = jax.vmap(functools.partial(make_states, task=stages))
-    states = jax.jit(make)(keys[1:], subject.starts)
-    _check_states(states, subject)
+    states = jax.jit(make)(keys[1:], scenes)
+    score = np.asarray(states.battery.score)
+    if (score[:, 0] > 0).any():
+        raise ConfigError("the task's starts have made progress already, but must have made none")
+    if (score.max(axis=1) < measures.SUCCESS).any():
+        done = ", ".join(stage.name for stage in stages.stages)
+        raise ConfigError(f"no state was made with all of these stages done: {done}")
     run = functools.partial(measures.audit, reward, task=stages, states=states, ascents=ascents)
     found: Audit = jax.tree.map(np.asarray, jax.jit(run)(learned.params, key=keys[0]))
     states = jax.tree.map(np.asarray, states)
-    _check_finite(states, found, subject.names)
-    findings = Findings(states, found, subject.names, stages)
-    seconds = {"seconds": round(time.perf_counter() - began, 1)}
+    _check_finite(states, found, names)
+    findings = Findings(states, found, names, stages)
     settings = {
         "source": str(source), "ascents": found.found.reward.size, "starts": starts, "seed": seed,
-        "variant": getattr(subject.env, "variant", None),
+        "variant": getattr(env, "variant", None),
+        "seconds": round(time.perf_counter() - began, 1),
     }  # fmt: skip
-    results = findings.as_json() | {"settings": settings | seconds}
+    results = findings.as_json() | {"settings": settings}
     with run_dir.writing(out):
         out.mkdir(parents=True, exist_ok=True)
         (out / "audit.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
@@ -106,6 +94,7 @@ def main(
 
 
 def _subject(source: Path, task: str | None, variant: str | None, starts: int, seed: int):
+    """The reward, its task, the names of the scene's objects, and scenes with its own labels."""
     if source.is_dir():
         config = run_dir.read_config(source)
         setup.require_boxes(config, "an audit, which moves boxes")
@@ -127,14 +116,13 @@ def _subject(source: Path, task: str | None, variant: str | None, starts: int, s
             f"the task {chosen.name} has no stage definition, but an audit needs its attribute "
             "`stages` (see gril_jax.envs.stages)"
         )
-    begin = jax.vmap(lambda key: env.reset(key).objects)
-    key = jax.random.fold_in(jax.random.key(seed), 1)
-    objects = jax.jit(begin)(jax.random.split(key, starts))
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), starts)
+    objects = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
     names = tuple(env.classes[i] for i in np.asarray(objects.label[0]))
     label = _labels(learned, env.classes, np.asarray(objects.label), source)
     resting = jnp.zeros(label.shape, bool)
     scenes = Scene(objects.center, objects.size, label, objects.is_robot, resting)
-    return _Subject(learned, env, names, scenes)
+    return learned, env, names, scenes
 
 
 def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
@@ -142,16 +130,14 @@ def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
     chosen = EnvConfig(name=task)
     if "targets" not in envs.options(task):
         return chosen
-    known = learned.objects or (*EnvConfig.targets, *EnvConfig.distractors)
-    targets, distractors = (
-        tuple(name for name in names if name in known)
-        for names in (EnvConfig.targets, EnvConfig.distractors)
-    )
-    stray = [n for n in known if n not in (*targets, *distractors, "goal", "robot")]
-    if stray or not targets:
+    blocks = (*EnvConfig.targets, *EnvConfig.distractors)
+    known = learned.objects or blocks
+    targets = tuple(name for name in EnvConfig.targets if name in known)
+    distractors = tuple(name for name in EnvConfig.distractors if name in known)
+    if not targets or not {*known} <= {*targets, *distractors, "goal", "robot"}:
         raise ConfigError(
             f"the reward is for the objects {', '.join(known)}, but {task} has "
-            f"goal, robot, {', '.join((*EnvConfig.targets, *EnvConfig.distractors))}"
+            f"goal, robot, {', '.join(blocks)}"
         )
     return dataclasses.replace(chosen, targets=targets, distractors=distractors)
 
@@ -168,16 +154,6 @@ def _labels(learned: LearnedReward, classes, label: np.ndarray, source: Path) ->
     return jnp.array(index, jnp.int32)[label]
 
 
-def _check_states(states: States, subject: _Subject) -> None:
-    score = np.asarray(states.battery.score)
-    if (score[:, 0] > 0).any():
-        raise ConfigError("the task's starts have made progress already, but must have made none")
-    missing = score.max(axis=1) < measures.SUCCESS
-    if missing.any():
-        names = ", ".join(stage.name for stage in subject.env.stages.stages)
-        raise ConfigError(f"no state was made with all of these stages done: {names}")
-
-
 def _check_finite(states: States, found: Audit, names) -> None:
     """Raises RunError for the first state whose reward is not finite."""
     made = states.battery.scenes, states.alone, states.pushed, found.found.scene
@@ -186,7 +162,8 @@ def _check_finite(states: States, found: Audit, names) -> None:
         if len(bad):
             at = tuple(bad[0])
             places = zip(names, scenes.center[at], scenes.active[at], strict=True)
-            where = ", ".join(
+            said = (
                 f"{name} ({x:.3f}, {y:.3f}){' active' * bool(on)}" for name, (x, y), on in places
             )
+            where = ", ".join(said)
             raise RunError(f"the reward is {paid[at]} instead of a number at {where}")

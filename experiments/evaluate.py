@@ -1,7 +1,4 @@
-"""Evaluates a trained policy from the task's own starts.
-
-gril eval RUN --episodes 100       under a minute on two CPU cores
-"""
+"""Evaluates a trained policy from the task's own starts: `gril eval RUN --episodes 100`."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import filming, policy_setup, saved, setup
+from gril_jax.experiments.pipeline import filming, policy_setup, setup
 
 from gril_jax.config import RunConfig
 from gril_jax.demos.vision import video
@@ -28,18 +25,14 @@ def main(
     variant: str | None = None,
     echo: Callable[[str], None] = print,
 ) -> dict[str, float]:
-    """Evaluates the policy of a finished run; the folder is only read.
-
-    Raises:
-      RunError: the folder holds no trained policy.
-    """
+    """Evaluates the policy of a finished run; the folder is only read."""
     config = run_dir.read_config(folder)
     env = setup.make_env(config.env, training=False, variant=variant)
     algorithm = policy_setup.make_algorithm(config, env)
-    reward_params = saved.policy_reward(folder, config, env)
+    reward_params = policy_setup.policy_reward(folder, config, env)
     policy, key = policy_setup.restore_policy(folder, config, algorithm), jax.random.key(seed)
-    rest = {"tau": config.pool.tau, "episodes": episodes}
-    found = evaluate(algorithm, policy, reward_params, key, **rest)
+    tau = config.pool.tau
+    found = evaluate(algorithm, policy, reward_params, key, tau=tau, episodes=episodes)
     numbers = _means(found, ("success", "success_ever", "score", "reward"))
     echo("  ".join(f"{name} {value:.4f}" for name, value in numbers.items()))
     return numbers
@@ -55,9 +48,10 @@ def play(
     keys = jax.random.split(jax.random.fold_in(jax.random.key(config.run.seed), 2), 3)
 
     def run(policy: Policy, key, deterministic: bool) -> Evaluation:
-        rest = {"tau": config.pool.tau, "episodes": episodes}
-        drawn = jnp.asarray(deterministic)
-        return evaluate(algorithm, policy, reward_params, key, **rest, deterministic=drawn)
+        return evaluate(
+            algorithm, policy, reward_params, key, tau=config.pool.tau, episodes=episodes,
+            deterministic=jnp.asarray(deterministic),
+        )  # fmt: skip
 
     trained = jax.block_until_ready(run(policy, keys[0], True))
     phase.update(episodes)

@@ -1,19 +1,12 @@
-"""Exports a run's learned reward as one file, for other JAX code.
-
-    gril export-reward RUN --out reward.npz        a few seconds
-
-`gril_jax.interop.reward_file.load_reward` reads it; the run's folder is only read.
-"""
+"""Exports a run's learned reward for other JAX code: `gril export-reward RUN --out FILE`."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import jax
 import numpy as np
-from gril_jax.experiments.pipeline import saved, setup
+from gril_jax.experiments.pipeline import policy_setup, setup
 
-from gril_jax import envs
-from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.interop.reward_file import save_reward
 from gril_jax.report.data import read_finished
@@ -23,46 +16,25 @@ _ACTIVITY = ("tau", "window", "smoothing", "noise")
 
 
 def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> None:
-    """Writes the reward of a run to a new file.
-
-    Raises:
-      RunError: the run has no reward yet.
-      RewardFileError: `out` exists or cannot be written, or the reward is not finite.
-    """
+    """Writes the reward of a run to a new file."""
     config = run_dir.read_config(folder)
     env = setup.make_env(config.env, training=False)
-    params = saved.learned_reward(folder, config, env)
+    params = policy_setup.learned_reward(folder, config, env)
     objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
     names = [env.classes[i] for i in np.asarray(objects.label)]
-    robots = {name for name, flag in zip(names, np.asarray(objects.is_robot), strict=True) if flag}
-    save_reward(
-        out,
-        params,
-        setup.encoder_config(config, len(env.classes)),
-        classes=env.classes,
-        robots=sorted(robots),
-        objects=names,
-        activity={name: getattr(config.pool, name) for name in _ACTIVITY},
-        half_extent=_half_extent(config, env),
-        unit=f"world units of {config.env.name}",
-        provenance=_provenance(folder, config),
-    )
-    echo(f"wrote {out}")
-
-
-def _half_extent(config: RunConfig, env: envs.Env) -> float:
-    """Half extent that the encoder sees; of pictures, without the border, as in policy training."""
-    if config.encoder.kind != "pixels" or not hasattr(env, "render"):
-        return float(env.half_extent)
-    pixels = config.encoder.pixels
-    return float(env.half_extent) * pixels / (pixels + 2 * setup.picture_border(pixels))
-
-
-def _provenance(folder: Path, config: RunConfig) -> dict:
-    """Source of the demonstrations, and the reward's Kendall tau on the held-out ones."""
-    demos = Path(config.demos.path or folder / "demos") / schema.HEADER
+    pictures = config.encoder.kind == "pixels" and hasattr(env, "render")
+    extent = setup.seen_half_extent(env, config.encoder.pixels) if pictures else env.half_extent
     known = {"run": folder.resolve().name, "seed": config.run.seed}
+    demos = Path(config.demos.path or folder / "demos") / schema.HEADER
     if demos.is_file():  # its entries hold the digests of the demonstrations
         known["demos_sha256"] = schema.digest(demos)
-    found = read_finished(folder) or {}
-    return known | ({"kendall_tau": found["tau"]} if "tau" in found else {})
+    if "tau" in (found := read_finished(folder) or {}):
+        known["kendall_tau"] = found["tau"]
+    robots = {name for name, flag in zip(names, np.asarray(objects.is_robot), strict=True) if flag}
+    save_reward(
+        out, params, setup.encoder_config(config, len(env.classes)),
+        classes=env.classes, robots=sorted(robots), objects=names,
+        activity={name: getattr(config.pool, name) for name in _ACTIVITY},
+        half_extent=float(extent), unit=f"world units of {config.env.name}", provenance=known,
+    )  # fmt: skip
+    echo(f"wrote {out}")

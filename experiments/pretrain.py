@@ -1,51 +1,74 @@
-"""Learns a reward from demonstration videos.
+"""Learns a reward from demonstration videos; saves it, its demonstrations and its profiles.
 
 gril pretrain quickstart           about a minute on two CPU cores
 gril pretrain --resume RUN         go on with a run that was cut off
 gril pretrain quickstart --hard-negatives RUN    learn from states that RUN's reward overestimates
-
-Writes a run folder with the demonstrations, the reward, and its profile along each of them.
 """
 
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments.pipeline import demonstrations, hard_negatives, learners, setup
-from gril_jax.experiments.pipeline.open_run import Echo, OpenRun, opened
+from gril_jax.experiments.pipeline.hard_negatives import EarlierPolicy, Echo
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax import reward
-from gril_jax.audit.scene_reward import Scene
 from gril_jax.compilation import ahead
 from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
 from gril_jax.report import run_report
 from gril_jax.report.data import SPLITS
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.runs import loop
+from gril_jax.runs import loop, run_dir
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
+from gril_jax.runs.progress import Progress
 from gril_jax.subtasks import agreement
 
 _STAGES = {"prominence": 0.125, "smoothing": 15}  # how ends of stages are found in each trace
 
 
-def main(
-    config: RunConfig,
-    *,
-    resume: Path | None = None,
-    hard_negatives: Sequence[Path] = (),
-    echo: Echo = print,
-) -> Path:
-    """Runs it, or goes on with the run in the folder `resume`; returns the run's folder.
+class OpenRun(NamedTuple):
+    """A run, with what every part of it needs."""
 
-    Arguments are those of `gril_jax.experiments.pipeline.open_run.opened`.
+    config: RunConfig
+    dir: run_dir.RunDir
+    progress: Progress
+    echo: Echo  # says what happens
+    policies: Sequence[EarlierPolicy]  # that give hard negatives
+
+    @property
+    def path(self) -> Path:
+        """The run's folder."""
+        return self.dir.path
+
+
+@contextlib.contextmanager
+def opened(
+    config: RunConfig, experiment: str, resume: Path | None, policies: Sequence[Path], echo: Echo
+) -> Iterator[OpenRun]:
+    """A new run of a verb, or the one in the folder `resume`, whose configuration it has, open.
+
+    The policies are of runs that give hard negatives; a resumed run has noted its own. Raises
+    ConfigError if one cannot be read, or if a reward of pictures is involved.
     """
-    with opened(config, "pretrain", resume=resume, policies=hard_negatives, echo=echo) as run:
+    loaded = [hard_negatives.load(folder) for folder in policies]
+    hard_negatives.require_boxes(config, loaded)
+    known = {"device": setup.device_in_words(), "experiment": experiment}
+    known["begun"] = hard_negatives.noted(loaded)
+    with run_dir.create_or_resume(config, resume, **known) as run, Progress() as progress:
+        echo(f"writing to {run.path}")
+        yield OpenRun(config, run, progress, echo, loaded)
+
+
+def main(config: RunConfig, *, resume=None, hard_negatives=(), echo: Echo = print) -> Path:
+    """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
+    with opened(config, "pretrain", resume, hard_negatives, echo) as run:
         env = setup.make_env(config.env, training=False)
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         results = learn(run, demos)
@@ -61,58 +84,12 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
     States that the rewards of earlier policies overestimated are learned from, too.
     """
     results = run.dir.finished_phase("reward")
-    if results is None:
-        pool = hard_negatives.gather_once(
-            run.policies, run.config, demos.batch("train"), run.dir, run.progress, echo=run.echo
-        )
-        results = _learn(run, demos, pool)
-        run.dir.finish_phase("reward", results)
-    return results
-
-
-def _compiled(
-    config: RunConfig, learner: learners.Learner, key, films, successes: int, hyper, pool: Executor
-) -> dict[str, Future[Any]]:
-    """Programs of an encoder's training, being compiled: (state, data, hyper) -> ...
-
-    But "init" is (key, data) -> state, and "profiles" is (reward, films, hyper) -> rewards, ends of
-    stages.
-    """
-    boxes = config.encoder.kind != "pixels"  # brief convolutions have not been measured
-    data = learner.data
-    state = jax.eval_shape(learner.init, key, data)
-
-    def ready(function, args, *, brief=boxes):
-        def make():
-            with ahead.tracing():
-                lowered = jax.jit(function).lower(*args())
-            return compiled(lowered, brief=brief)
-
-        return pool.submit(make)
-
-    def profiles(params, films, hyper):
-        latents = learner.latents(params.encoder, films, hyper)
-        return _profiles(params, latents, films.length, successes=successes)
-
-    def after_training():
-        return state, data, hyper
-
-    def after_reward():
-        return jax.eval_shape(learner.reward, *after_training()), films, hyper
-
-    return {  # in this order: the first ones take longest
-        "step": ready(learner.step, after_training, brief=boxes and setup.few_updates(config)),
-        "init": ready(learner.init, lambda: (key, data)),
-        "profiles": ready(profiles, after_reward),
-        "measure": ready(learner.measure, after_training),
-        "reward": ready(learner.reward, after_training),
-    }
-
-
-def _learn(
-    run: OpenRun, demos: demonstrations.Demonstrations, pool: Scene | None
-) -> dict[str, Any]:
+    if results is not None:
+        return results
     config = run.config
+    pool = hard_negatives.gather_once(
+        run.policies, config, demos.batch("train"), run.dir, run.progress, echo=run.echo
+    )
     learner, hyper = learners.learner(config, demos, pool), setup.pretrain_hyper(config)
     key = jax.random.fold_in(jax.random.key(config.run.seed), 0)
     owners = [(name, split) for split in SPLITS for name in demos.names[split]]
@@ -128,15 +105,57 @@ def _learn(
         )
         params = programs["reward"].result()(state, data, hyper)
         measured = programs["measure"].result()(state, data, hyper)
-        profiles = programs["profiles"].result()(params, films, hyper)
+        rewards, ends = programs["profiles"].result()(params, films, hyper)
     checkpoint.save_part(run.path, "reward", config.pretrain.steps, params)
-    _save_profiles(run.path, owners, films.length, profiles)
-    return {name: float(value) for name, value in measured.items()} | {
+    np.savez(
+        run.path / "profiles.npz",
+        names=np.array([name for name, _ in owners]),
+        split=np.array([split for _, split in owners]),
+        length=np.asarray(films.length, np.int32),
+        reward=np.asarray(rewards, np.float32),
+        transitions=np.asarray(ends),  # True where stages end
+    )
+    results = {name: float(value) for name, value in measured.items()} | {
         "demonstrations": {split: len(names) for split, names in demos.names.items()},
         "trimmed_frames": demos.trimmed,
         "hard_negatives": 0 if pool is None else len(pool.label),
         "reward_sha256": state_leaves.digest(params),
         "state_sha256": state_leaves.digest(state),
+    }
+    run.dir.finish_phase("reward", results)
+    return results
+
+
+def _compiled(
+    config: RunConfig, learner: learners.Learner, key, films, successes: int, hyper, pool: Executor
+) -> dict[str, Future[Any]]:
+    """Programs of an encoder's training, being compiled: (state, data, hyper) -> ...
+
+    But "init" is (key, data) -> state, "profiles" (reward, films, hyper) -> rewards, stage ends.
+    """
+    boxes = config.encoder.kind != "pixels"  # brief convolutions have not been measured
+    begin = key, learner.data
+    trained = jax.eval_shape(learner.init, *begin), learner.data, hyper
+
+    def ready(function, args, *, brief=boxes):
+        with ahead.tracing():
+            lowered = jax.jit(function).lower(*args())
+        return compiled(lowered, brief=brief)
+
+    def profiles(params, films, hyper):
+        latents = learner.latents(params.encoder, films, hyper)
+        return _profiles(params, latents, films.length, successes=successes)
+
+    def after_reward():
+        return jax.eval_shape(learner.reward, *trained), films, hyper
+
+    brief = boxes and setup.few_updates(config)
+    return {  # in this order: the first ones take longest
+        "step": pool.submit(ready, learner.step, lambda: trained, brief=brief),
+        "init": pool.submit(ready, learner.init, lambda: begin),
+        "profiles": pool.submit(ready, profiles, after_reward),
+        "measure": pool.submit(ready, learner.measure, lambda: trained),
+        "reward": pool.submit(ready, learner.reward, lambda: trained),
     }
 
 
@@ -157,19 +176,6 @@ def _train_encoder(run: OpenRun, updates: int, fresh: Any, step: Callable[[Any],
     ).state  # fmt: skip
 
 
-def _save_profiles(folder: Path, owners, length, profiles) -> None:
-    """Saves the reward along every demonstration, with the ends of its stages marked."""
-    rewards, ends = profiles
-    np.savez(
-        folder / "profiles.npz",
-        names=np.array([name for name, _ in owners]),
-        split=np.array([split for _, split in owners]),
-        length=np.asarray(length, np.int32),
-        reward=np.asarray(rewards, np.float32),
-        transitions=np.asarray(ends),
-    )
-
-
 def _profiles(
     params: RewardParams, latents: Float[Array, "B T D"], length: Int[Array, "B"], *, successes: int
 ) -> tuple[Float[Array, "B T"], Bool[Array, "B T"]]:
@@ -183,14 +189,12 @@ def _profiles(
 def _stage_ends(
     rewards: Float[Array, "B T"], length: Int[Array, "B"], *, successes: int
 ) -> Bool[Array, "B T"]:
-    """Frames at which stages end.
+    """Frames at which stages end: as the first demonstrations, the successes, agree on them.
 
-    The first demonstrations, as many as `successes`, agree on theirs; of the others, which failed,
-    it is what each shows by itself.
+    Of the others, which failed, it is what each shows by itself.
     """
-    good = rewards[:successes], length[:successes]
+    patience, agreed = agreement.agreed_stages(rewards[:successes], length[:successes], **_STAGES)
     failed = rewards[successes:], length[successes:]
-    patience, agreed = agreement.agreed_stages(*good, **_STAGES)
     alone = agreement.each_alone(*failed, **_STAGES, patience=patience)
     ends = jnp.concatenate([agreed.frames, alone])
     return (ends[:, :, None] == jnp.arange(rewards.shape[1])).any(axis=1)

@@ -1,7 +1,4 @@
-"""Draws a run's figures and its page again.
-
-gril report RUN                    seconds
-"""
+"""Draws a run's figures and its page again, in seconds: `gril report RUN`."""
 
 from collections.abc import Callable
 from pathlib import Path

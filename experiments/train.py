@@ -8,16 +8,13 @@ gril train quickstart --hard-negatives RUN    learn from states that RUN's rewar
 
 import itertools
 import time
-from collections.abc import Sequence
-from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, policy_rewards, policy_setup, saved, setup
-from gril_jax.experiments.pipeline.open_run import Echo, OpenRun, opened
+from gril_jax.experiments.pipeline import demonstrations, policy_rewards, policy_setup, setup
 from jaxtyping import Array, Bool, Int
 
 from gril_jax import envs
@@ -25,106 +22,71 @@ from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
 from gril_jax.report import run_report
 from gril_jax.rl import training
-from gril_jax.rl.policy import Policy
 from gril_jax.runs import loop
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
 
 from . import evaluate, pretrain
+from .pretrain import Echo, OpenRun, opened
 
 
-def main(
-    config: RunConfig,
-    *,
-    resume: Path | None = None,
-    hard_negatives: Sequence[Path] = (),
-    echo: Echo = print,
-) -> Path:
-    """Runs it, or goes on with the run in the folder `resume`; returns the run's folder.
-
-    Arguments are those of `gril_jax.experiments.pipeline.open_run.opened`.
-    """
+def main(config: RunConfig, *, resume=None, hard_negatives=(), echo: Echo = print) -> Path:
+    """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.make_env(config.env, training=False)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
-    with (
-        opened(config, "train", resume=resume, policies=hard_negatives, echo=echo) as run,
-        ahead.compiling() as pool,
-    ):
-        clock = _Clock()
-        program = None
-        if run.dir.finished_phase("policy") is None:
-            program = pool.submit(_compiled, config, algorithm, layout)
+    with opened(config, "train", resume, hard_negatives, echo) as run, ahead.compiling() as pool:
+        seconds, begun = {}, time.monotonic()
+
+        def lap(name: str) -> None:
+            nonlocal begun
+            now = time.monotonic()
+            seconds[name], begun = now - begun, now
+
+        found = run.dir.finished_phase("policy")
+        program = pool.submit(_compiled, config, algorithm, layout) if found is None else None
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
-        clock.lap("demonstrations")
+        lap("demonstrations")
         results = pretrain.learn(run, demos)
         reward_params = _policy_reward(run, env, demos)
-        clock.lap("reward")
-        policy, found = _learn_policy(run, algorithm, program, reward_params)
-        clock.lap("policy")
+        lap("reward")
+        if program is not None:
+            params = sharding.place(layout, _one(reward_params))
+            found = _learn_policy(run, algorithm, params, *program.result())
+        policy = policy_setup.restore_policy(run.path, config, algorithm)
+        lap("policy")
         played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
-        clock.lap("evaluation")
-        results = results | found | played | {"seconds": clock.seconds}
+        lap("evaluation")
+        results = results | found | played | {"seconds": seconds}
         run.dir.finish(results)
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
-    echo(_summary(results, page))
+    echo(
+        f"success {results['success']:.1%} over {results['eval_episodes']} episodes "
+        f"(with sampled actions {results['success_sampled']:.1%}, "
+        f"random policy {results['success_random']:.1%}), "
+        f"tau {results['tau']:.3f}, {results['env_steps_per_s']:,.0f} env steps/s\n"
+        f"report: {page}"
+    )
     return run.path
 
 
 def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrations) -> Any:
     """The policy reward's parameters, saved once beside the learned reward."""
     if run.dir.finished_phase("policy_reward") is None:
-        learned = saved.learned_reward(run.path, run.config, env)
+        learned = policy_setup.learned_reward(run.path, run.config, env)
         num_classes = len(env.classes)
         params = policy_rewards.parameters(run.config, learned, demos.batch("train"), num_classes)
         checkpoint.save_part(run.path, "policy_reward", run.config.pretrain.steps, params)
         run.dir.finish_phase("policy_reward", {})
-    return saved.policy_reward(run.path, run.config, env)
+    return policy_setup.policy_reward(run.path, run.config, env)
 
 
-class _Clock:
-    """Timer of the parts of a run, in this process."""
+def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> tuple:
+    """Chunks of updates for one seed on all devices, compiled, and the seconds that it took.
 
-    def __init__(self):
-        self.seconds: dict[str, float] = {}
-        self._begun = time.monotonic()
-
-    def lap(self, name: str) -> None:
-        now = time.monotonic()
-        self.seconds[name], self._begun = now - self._begun, now
-
-
-class _Program(NamedTuple):
-    """Chunks of compiled updates for one seed on all devices."""
-
-    keys: Any  # with a leading axis of one seed, as all that it takes
-    hyper: Any
-    compiled: sharding.Compiled
-    layout: Any
-    seconds: float  # that compiling took
-
-
-def _learn_policy(
-    run: OpenRun,
-    algorithm: training.Algorithm,
-    program: Future[_Program] | None,
-    reward_params: Any,
-) -> tuple[Policy, dict[str, Any]]:
-    """Trains the policy and saves it; returns it with results, which a run does once.
-
-    `program` is None where that has been done before.
+    With its keys and hyper-parameters, which have a leading axis of one seed as all that it takes.
     """
-    results = run.dir.finished_phase("policy")
-    if results is None:
-        assert program is not None
-        state, results = _train(run, algorithm, program.result(), reward_params)
-        checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
-        run.dir.finish_phase("policy", results)
-    return policy_setup.restore_policy(run.path, run.config, algorithm), results
-
-
-def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:
     started = time.monotonic()
     keys = jax.random.fold_in(jax.random.key(config.run.seed), 1)[None]
     hyper = sharding.place(layout, _one(policy_setup.algorithm_hyper(config)))
@@ -134,39 +96,45 @@ def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> 
     tasks = (setup.make_env(config.env, training=False),) if examines else ()
     most = config.run.updates_per_chunk
     found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks).compile()
-    return _Program(keys, hyper, found, layout, time.monotonic() - started)
+    return found, keys, hyper, time.monotonic() - started
 
 
 def _one(tree: Any) -> Any:
     return jax.tree.map(lambda x: x[None], tree)
 
 
-def _train(
-    run: OpenRun, algorithm: training.Algorithm, program: _Program, reward_params: Any
-) -> tuple[Any, dict[str, Any]]:
-    """Runs all updates, chunk by chunk."""
+def _learn_policy(
+    run: OpenRun, algorithm: training.Algorithm, params: Any, compiled, keys, hyper, compile_s
+) -> dict[str, Any]:
+    """Runs all updates, chunk by chunk; saves the policy and returns the results."""
     config = run.config
     name, per_chunk = config.run.algorithm, config.run.updates_per_chunk
     per_update = algorithm.num_envs * algorithm.unroll_length
     updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
     phase = run.progress.phase("learning the policy", total=updates * per_update, unit="env steps")
-    keys, hyper, compiled, layout, compile_s = program
-    params = sharding.place(layout, _one(reward_params))
     begun = loop.restore(run.dir, name, compiled.init(keys, hyper), tell=run.echo)
-    plan = Plan(updates, per_chunk, config.run.evaluations)
     phase.update(min(begun.chunks * per_chunk, updates) * per_update)
     chunks = itertools.count(begun.chunks)
 
+    def plan(chunk: int) -> tuple[Int[Array, ""], Bool[Array, ""]]:
+        """The updates of a chunk, counted from 0, and whether it evaluates."""
+        before, after = (min((chunk + end) * per_chunk, updates) for end in (0, 1))
+        share = [done * config.run.evaluations // updates for done in (before, after)]
+        return jnp.int32(after - before), jnp.asarray(share[0] != share[1])
+
     def advance(state):
-        return compiled.advance(state, hyper, params, *plan.arguments(next(chunks)))
+        return compiled.advance(state, hyper, params, *plan(next(chunks)))
 
     def row(chunk, seconds, found):
         metrics, scores = jax.tree.map(lambda x: x[0], found)
-        count, examined = plan.arguments(chunk - 1)
+        count, examined = plan(chunk - 1)
         means = _means({name: values[: int(count)] for name, values in metrics.items()})
         steps = min(chunk * per_chunk, updates) * per_update
         phase.update(steps, success=means["success"], reward=means["reward"])
-        scored = _scores(scores) if scores is not None and bool(examined) else {}
+        scored = {}
+        if scores is not None and bool(examined):  # with deterministic actions, and with sampled
+            for kind, values in scores._asdict().items():
+                scored[f"eval/{kind}"], scored[f"eval/{kind}_sampled"] = map(float, values[0])
         return {**means, **scored, "env_steps": steps, "env_steps_per_s": steps / seconds}
 
     trained = loop.run_chunks(
@@ -174,36 +142,16 @@ def _train(
         every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
     )  # fmt: skip
     state = jax.tree.map(lambda x: x[0], trained.state)
-    return state, {
+    results = {
         "env_steps": updates * per_update,
         "env_steps_per_s": updates * per_update / trained.seconds,
         "compile_s": compile_s,
         "checkpoint_stall_s": trained.stall_s,
         "state_sha256": state_leaves.digest(state),
     }
-
-
-class Plan(NamedTuple):
-    """The number of updates in each chunk, and which chunks evaluate."""
-
-    updates: int
-    per_chunk: int
-    evaluations: int
-
-    def arguments(self, chunk: int) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-        """Arguments of the chunk of this number, counted from 0."""
-        before = min(chunk * self.per_chunk, self.updates)
-        after = min(before + self.per_chunk, self.updates)
-        share = [done * self.evaluations // self.updates for done in (before, after)]
-        return jnp.int32(after - before), jnp.asarray(share[0] != share[1])
-
-
-def _scores(scores: training.Scores) -> dict[str, float]:
-    """An evaluation in the task itself: with deterministic actions, then with sampled ones."""
-    found = {}
-    for name, values in scores._asdict().items():
-        found[f"eval/{name}"], found[f"eval/{name}_sampled"] = map(float, values[0])
-    return found
+    checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
+    run.dir.finish_phase("policy", results)
+    return results
 
 
 def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:
@@ -218,13 +166,3 @@ def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:
         else:
             row[name] = float(values.mean())
     return row
-
-
-def _summary(results: dict[str, Any], page: Path) -> str:
-    return (
-        f"success {results['success']:.1%} over {results['eval_episodes']} episodes "
-        f"(with sampled actions {results['success_sampled']:.1%}, "
-        f"random policy {results['success_random']:.1%}), "
-        f"tau {results['tau']:.3f}, {results['env_steps_per_s']:,.0f} env steps/s\n"
-        f"report: {page}"
-    )

@@ -10,7 +10,7 @@ import shutil
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments.pipeline import policy_setup, saved, setup
+from gril_jax.experiments.pipeline import policy_setup, setup
 from support.paths import TESTS
 
 from gril_jax.cli import main
@@ -67,7 +67,7 @@ def test_a_demonstration_set_still_passes_its_checks(run):
 
 def test_checkpoints_of_reward_and_policy_are_restored_bit_for_bit(run, task):
     config, env = task
-    learned = saved.learned_reward(run, config, env)
+    learned = policy_setup.learned_reward(run, config, env)
     assert state_leaves.digest(learned) == RECORDED["reward_sha256"]
     assert state_leaves.digest(learned) == run_dir.read_results(run)["reward_sha256"]
     algorithm = policy_setup.make_algorithm(config, env)

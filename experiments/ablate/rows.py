@@ -1,12 +1,6 @@
-"""The rows of an ablation of encoder training: each changes one choice alone.
+"""The rows of an ablation of encoder training: each changes one choice alone."""
 
-Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
-"""
-
-from dataclasses import dataclass, field
 from typing import Any
-
-from gril_jax.experiments.tables import rows as named_rows
 
 _GRAPH = {"loss.decoder": "graph"}
 
@@ -38,10 +32,3 @@ ROWS: dict[str, dict[str, Any]] = {
     "scenes not turned": {"pretrain.turn_scenes": False},
     "no untouched object counts as moved": {"pretrain.touched": 0.0},
 }
-
-
-@dataclass(frozen=True)
-class Settings(named_rows.Settings):
-    """All of an ablation that is not in the configuration."""
-
-    rows: named_rows.Rows = field(default_factory=lambda: ROWS)

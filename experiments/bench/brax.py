@@ -2,12 +2,11 @@
 
     gril bench brax                     five minutes on 2 CPU cores
 
-Short runs, each in a process of its own without a persistent cache: seconds from the start of the
-process to its end, and programs that XLA compiles. Then long runs, in which our chunks and brax's
-epochs take turns: steps a second (of the fastest part, evaluations excluded) and final returns.
+Short runs, each in a process of its own without a persistent cache: seconds from its start to its
+end, and programs that XLA compiles. Then long runs, in which our chunks and brax's epochs take
+turns: steps a second (of the fastest part, evaluations excluded) and final returns.
 """
 
-import dataclasses
 import statistics
 import time
 from typing import Any
@@ -16,25 +15,12 @@ import jax
 import numpy as np
 
 from . import ours, stock
-from .frame import new_process, rounded
+from .frame import in_new_process, rounded
 from .pendulum import Setting
 
 _SHORT, _LONG = Setting(), Setting(num_timesteps=400_000, num_evals=11)
 _REPEATS = 3  # short runs of each, of which the fastest counts
 _SIDES = ("ours", "stock")
-_CHILD = """
-import json, sys
-from gril_jax.experiments.bench import {side} as side
-from gril_jax.experiments.bench.frame import counted
-from gril_jax.experiments.bench.pendulum import Setting
-
-given = json.loads(sys.argv[1])
-setting = Setting(**given | {{"hidden": tuple(given["hidden"])}})
-with counted() as count:
-    returns = side.train(0, setting)
-answer = {{"returns": returns, "compilations": count.made, "compile_s": count.seconds}}
-print(json.dumps(answer))
-"""
 
 
 def main(*, seeds: int) -> dict[str, Any]:
@@ -46,21 +32,22 @@ def main(*, seeds: int) -> dict[str, Any]:
 def fresh_processes(setting: Setting, repeats: int) -> dict[str, Any]:
     """Seconds and compilations of a run from the start of its process to the end."""
     seconds = dict.fromkeys(_SIDES, float("inf"))
-    answers: dict[str, Any] = {}
+    answers = {}
     for _ in range(repeats):
         for side in _SIDES:
             start = time.perf_counter()
-            answers[side] = new_process(
-                _CHILD.format(side=side), dataclasses.asdict(setting), f"the run of {side}",
-                JAX_ENABLE_COMPILATION_CACHE="0",
+            answers[side] = in_new_process(
+                f"from gril_jax.experiments.bench import {side}, pendulum",
+                f"{side}.train(0, pendulum.{setting!r})",
+                f"the run of {side}", JAX_ENABLE_COMPILATION_CACHE="0",
             )  # fmt: skip
             seconds[side] = min(seconds[side], time.perf_counter() - start)
-    made = {side: answers[side]["compilations"] for side in _SIDES}
+    made = {side: answer.made for side, answer in answers.items()}
     return {
         "steps": setting.parts * setting.steps,
         "evaluations": setting.num_evals,
         "seconds": rounded(seconds),
-        "compile_s": rounded({side: answers[side]["compile_s"] for side in _SIDES}),
+        "compile_s": rounded({side: answer.compile_s for side, answer in answers.items()}),
         "compilations": made,
         "times_as_fast": round(seconds["stock"] / seconds["ours"], 2),
         "share_of_compilations": round(made["ours"] / made["stock"], 3),

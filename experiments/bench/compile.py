@@ -3,15 +3,13 @@
     gril bench compile                  five minutes on 2 CPU cores
 
 The programs are those of `gril quickstart`, compiled without the persistent cache and never run. A
-small run of the whole pipeline then counts what XLA is given, once with an empty cache, as on a
-new machine, and once more with what the first has left in it.
+small run of the whole pipeline then counts what XLA is given, with an empty cache and once more.
 """
 
 import functools
 import tempfile
 import time
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -25,7 +23,7 @@ from gril_jax.pretraining import pretrain
 from gril_jax.rl import evaluate, training
 from gril_jax.types import DemoBatch
 
-from .frame import new_process, rounded, staged, without_cache
+from .frame import in_new_process, rounded, staged, without_cache
 
 
 class Program(NamedTuple):
@@ -34,7 +32,7 @@ class Program(NamedTuple):
     name: str
     function: Any  # jitted
     args: tuple[Any, ...]  # shapes will do
-    options: dict[str, Any]  # static ones
+    options: Mapping[str, Any] = {}  # static ones
     brief: bool = False  # see `gril_jax.compilation.compiler`
 
 
@@ -42,21 +40,6 @@ _SMALL = """--demos.num 6 --demos.num-validation 2 --demos.num-failures 2 --pret
 --pretrain.num-videos 4 --pretrain.num-frames 8 --encoder.width 16 --encoder.latent 8
 --env.episode-length 90 --ppo.num-envs 16 --ppo.unroll-length 5 --ppo.num-timesteps 160
 --ppo.hidden 16 --run.updates-per-chunk 1 --run.eval-episodes 4""".split()
-
-_CHILD = """
-import json, sys
-from gril_jax.cli.heavy_imports import heavy_imports
-
-with heavy_imports():
-    from gril_jax.experiments.bench.frame import counted
-from gril_jax.cli.main import main
-
-with counted() as count:
-    if code := main(json.loads(sys.argv[1])):
-        sys.exit(code)
-print()
-print(json.dumps([count.requests, count.made, count.seconds]))
-"""
 
 
 def main(*, config: str) -> dict[str, Any]:
@@ -84,15 +67,15 @@ def programs(config: RunConfig) -> Iterator[Program]:
         algorithm = policy_setup.make_algorithm(config, env, name)
         hyper = policy_setup.algorithm_hyper(config, name)
         state = jax.eval_shape(algorithm.init, key, hyper)
-        yield Program(f"{name}: init", jax.jit(algorithm.init), (key, hyper), {})
+        yield Program(f"{name}: init", jax.jit(algorithm.init), (key, hyper))
         advance = functools.partial(training.chunk, algorithm, updates=20, evaluation=(task,))
         chunk = jax.jit(advance, donate_argnums=0)
-        yield Program(f"{name}: chunk with evaluation", chunk, (state, hyper, reward), {})
-        policy = jax.eval_shape(algorithm.policy, state)
-        options = {"tau": hyper.tau, "episodes": config.run.eval_episodes}
+        yield Program(f"{name}: chunk with evaluation", chunk, (state, hyper, reward))
         if name == "ppo":  # of another algorithm it is nearly the same
-            args, drawn = (algorithm, policy, reward, key), {"deterministic": jnp.bool_(1)}
-            yield Program("evaluate", evaluate.evaluate, args, options | drawn)
+            args = algorithm, jax.eval_shape(algorithm.policy, state), reward, key
+            options = {"tau": hyper.tau, "episodes": config.run.eval_episodes}
+            options |= {"deterministic": jnp.bool_(1)}
+            yield Program("evaluate", evaluate.evaluate, args, options)
 
 
 def _of_pretraining(config: RunConfig, classes: int) -> Iterator[Program]:
@@ -106,22 +89,22 @@ def _of_pretraining(config: RunConfig, classes: int) -> Iterator[Program]:
     demos = DemoBatch(scene, scene, label, bits, bits, jax.ShapeDtypeStruct((num,), jnp.int32))
     key = jax.eval_shape(lambda: jax.random.key(0))
     init = key, demos, static
-    yield Program("pretrain: init", pretrain.init, init, {}, brief=True)
+    yield Program("pretrain: init", pretrain.init, init, brief=True)
     step = jax.eval_shape(pretrain.init, *init), demos, hyper, static
-    yield Program("pretrain: step", pretrain.step, step, {}, brief=setup.few_updates(config))
+    yield Program("pretrain: step", pretrain.step, step, brief=setup.few_updates(config))
 
 
 def small_runs(options: list[str]) -> dict[str, Any]:
     """Times a small run of the whole pipeline with a cold cache, and again with a warm one."""
+    runs = {}
     with tempfile.TemporaryDirectory() as folder:
-        return {name: _run(Path(folder), name, options) for name in ("cold", "warm")}
-
-
-def _run(folder: Path, name: str, options: list[str]) -> dict[str, Any]:
-    start = time.perf_counter()
-    requests, made, compile_s = new_process(
-        _CHILD, ["quickstart", "--out", str(folder / name), *options], "the small run",
-        JAX_COMPILATION_CACHE_DIR=None, XDG_CACHE_HOME=str(folder),
-    )  # fmt: skip
-    seconds = rounded({"seconds": time.perf_counter() - start, "compile_s": compile_s}, 1)
-    return seconds | {"programs": requests, "compiled": made}
+        for name in ("cold", "warm"):
+            start = time.perf_counter()
+            found = in_new_process(
+                "from gril_jax.cli.main import main",
+                f"main({['quickstart', '--out', f'{folder}/{name}', *options]!r}) and sys.exit(1)",
+                "the small run", JAX_COMPILATION_CACHE_DIR=None, XDG_CACHE_HOME=folder,
+            )  # fmt: skip
+            taken = {"seconds": time.perf_counter() - start, "compile_s": found.compile_s}
+            runs[name] = rounded(taken, 1) | {"programs": found.requests, "compiled": found.made}
+    return runs

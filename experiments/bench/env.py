@@ -2,15 +2,14 @@
 
     gril bench env                      MatchRegions with the default setting
     gril bench env --settings True      what each setting of the solver gives, and the MJX engine
-    gril bench env --task shoes_in_box --settings True   the same there, and MuJoCo Warp if it is
-                                        installed
+    gril bench env --task shoes_in_box --settings True   the same there, and Warp if installed
 
-Throughput is the best of some runs of a compiled scan; compile time is that of the scan; and
-`finite` is the share of episodes whose numbers all are, after these steps. On 2 CPU cores a case of
-MatchRegions takes about 15 s, on one H200 about 20 s; one of the shoes compiles for longer.
+Throughput is the best of some runs of a compiled scan, and `finite` the share of episodes whose
+numbers all are. A case of MatchRegions takes about 15 s on 2 CPU cores, one of the shoes longer.
 """
 
 import importlib.util
+import itertools
 from typing import Any
 
 import jax
@@ -20,7 +19,7 @@ from gril_jax.experiments.pipeline import setup
 
 from gril_jax import envs
 
-from .frame import best, compile_timed, make_env, times_in_turn
+from .frame import compile_timed, speeds
 
 _REPEATS = 5
 
@@ -37,11 +36,9 @@ def main(*, task: str, num_envs: int | None, steps: int, settings: bool) -> dict
 
 def measure(task: str, num_envs: int, steps: int, **options: Any) -> dict[str, Any]:
     """Steps per second and compile time of one setting."""
-    worlds = {}
     if options.get("impl") == "warp":
-        setup.quieten_warp()
-        worlds = {"worlds": num_envs}
-    env = make_env(task, **options, **worlds)
+        options["worlds"] = num_envs
+    env = setup.build(task, options)
     state = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), num_envs))
 
     def play(state, key):
@@ -52,19 +49,18 @@ def measure(task: str, num_envs: int, steps: int, **options: Any) -> dict[str, A
         return jax.lax.scan(move, state, jax.random.split(key, steps))[0]
 
     program, compile_s = compile_timed(play, state, jax.random.key(0), plain=True)
-
-    number = 0
+    numbers = itertools.count()
 
     def call():
-        nonlocal state, number
-        state, number = program(state, jax.random.key(number)), number + 1
+        nonlocal state
+        state = program(state, jax.random.key(next(numbers)))
         return state
 
-    fastest = best(times_in_turn({task: call}, _REPEATS))[task]
+    speed = speeds({task: call}, {task: num_envs * steps}, _REPEATS)[task]
     return {
-        "options": options | worlds,
+        "options": options,
         "num_envs": num_envs,
-        "control_steps_per_s": round(num_envs * steps / fastest),
+        "control_steps_per_s": round(speed),
         "compile_s": round(compile_s, 2),
         "finite": _finite(state),
     }

@@ -1,11 +1,11 @@
 """The frame of all benchmarks: the machine, calls in turn, ratios, compilations, new processes.
 
-The `main` of a benchmark takes its options and returns its figures; `gril bench` prints them with
-`machine` as JSON.
+The `main` of a benchmark takes its options and returns the figures of its sides; `gril bench`
+prints them with `machine` as JSON.
 """
 
 import contextlib
-import io
+import dataclasses
 import json
 import os
 import statistics
@@ -13,15 +13,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 from gril_jax.experiments.pipeline import setup
 from jax.experimental.compilation_cache import compilation_cache
 
-from gril_jax import envs
 from gril_jax.compilation.compiler import compiled
 from gril_jax.errors import RunError
+
+Calls = Mapping[str, Callable[[], Any]]  # by the side that each is of
 
 
 def machine() -> dict[str, Any]:
@@ -29,19 +30,8 @@ def machine() -> dict[str, Any]:
     return {"device": setup.device_in_words(), "jax": jax.__version__}
 
 
-def make_env(name: str, **options: Any) -> envs.Env:
-    """A task, without the report of MJX on its optional parts."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        return envs.make(name, **options)
-
-
-# --- times
-
-
-def compile_timed(
-    function: Callable[..., Any], *args: Any, plain: bool = False, **options: Any
-) -> tuple[Any, float]:
-    """Compiles a function for these arguments; returns it and the seconds, tracing included."""
+def compile_timed(function: Callable, *args: Any, plain: bool = False, **options: Any):
+    """A function compiled for these arguments, and the seconds, tracing included."""
     program, trace_s, compile_s = staged(jax.jit(function, **options), args, plain=plain)
     return program, trace_s + compile_s
 
@@ -51,8 +41,7 @@ def staged(
 ) -> tuple[Any, float, float]:
     """A jitted function compiled, the seconds of tracing it, and those of XLA itself.
 
-    `plain` compiles as JAX does by itself, and not as this project's large programs are;
-    `brief` is that of `gril_jax.compilation.compiler`. Shapes will do as arguments.
+    `plain` compiles as JAX does by itself; `brief` is that of `gril_jax.compilation.compiler`.
     """
     start = time.perf_counter()
     lowered = function.lower(*args, **static)
@@ -73,15 +62,12 @@ class InPlace:
         return self._state
 
 
-def times_in_turn(
-    calls: Mapping[Any, Callable[[], Any]], repeats: int, *, pause_s: float = 0.0
-) -> dict[Any, list[float]]:
+def times_in_turn(calls: Calls, repeats: int, *, pause_s: float = 0.0) -> dict[str, list[float]]:
     """Seconds of `repeats` calls of each, interleaved, after one warm-up call.
 
-    They take turns so that a machine that is slow for a while is so for all of them. A pause lets
-    the thread pool of the last one stop spinning.
+    A machine that is slow for a while is so for all. A pause lets the last one's threads stop.
     """
-    taken: dict[Any, list[float]] = {name: [] for name in calls}
+    taken: dict[str, list[float]] = {name: [] for name in calls}
     for number in range(repeats + 1):
         for name, call in calls.items():
             time.sleep(pause_s)
@@ -92,13 +78,15 @@ def times_in_turn(
     return taken
 
 
-def best(taken: Mapping[Any, list[float]]) -> dict[Any, float]:
-    """The shortest time of each."""
-    return {name: min(times) for name, times in taken.items()}
+def speeds(calls: Calls, steps: Mapping[str, int], repeats: int) -> dict[str, float]:
+    """Steps a second of the fastest call of each, of which one has so many steps."""
+    taken = times_in_turn(calls, repeats)
+    return {name: steps[name] / min(times) for name, times in taken.items()}
 
 
-def median_ms(taken: Mapping[Any, list[float]]) -> dict[Any, float]:
+def median_ms(calls: Calls, repeats: int, *, pause_s: float = 0.0) -> dict[str, float]:
     """The median time of each, in milliseconds."""
+    taken = times_in_turn(calls, repeats, pause_s=pause_s)
     return {name: round(1e3 * statistics.median(times), 3) for name, times in taken.items()}
 
 
@@ -112,15 +100,13 @@ def rounded(values: Mapping[str, int | float], digits: int = 2) -> dict[str, int
     return {name: round(value, digits or None) for name, value in values.items()}
 
 
-# --- compilations
-
-
+@dataclasses.dataclass
 class Compilations:
     """Counts of the programs given to XLA, and of those found in the persistent cache."""
 
-    def __init__(self) -> None:
-        self.requests = self.hits = 0
-        self.seconds = 0.0
+    requests: int = 0
+    hits: int = 0
+    seconds: float = 0.0
 
     @property
     def made(self) -> int:
@@ -161,25 +147,41 @@ def without_cache() -> Iterator[None]:
         compilation_cache.reset_cache()
 
 
-# --- processes
+_CHILD = """
+import json, sys
+from gril_jax.cli.heavy_imports import heavy_imports
+
+with heavy_imports():
+    from gril_jax.experiments.bench.frame import counted
+    {imports}
+with counted() as count:
+    answer = {call}
+print()
+print(json.dumps([answer, count.requests, count.made, count.seconds]))
+"""
 
 
-def new_process(code: str, given: Any, whose: str, **environment: str | None) -> Any:
-    """The answer of Python code in a process of its own, which takes no GPU memory beforehand.
+class Answer(NamedTuple):
+    """What a call in a process of its own came to."""
 
-    The code reads what is given as JSON from `sys.argv[1]`, and the last line that it prints is
-    its answer, as JSON. A variable of the environment that is None is left out; `whose` names
-    the work in the error.
+    value: Any  # as JSON has it
+    requests: int  # programs given to XLA
+    made: int  # those that it compiled
+    compile_s: float
 
-    Raises:
-      RunError: the process failed.
+
+def in_new_process(imports: str, call: str, whose: str, **environment: str | None) -> Answer:
+    """A call, as Python code, in a process of its own, which takes no GPU memory beforehand.
+
+    A variable of the environment that is None is left out; `whose` names the work in the error.
     """
     variables = {**os.environ, "XLA_PYTHON_CLIENT_PREALLOCATE": "false", **environment}
     done = subprocess.run(
-        [sys.executable, "-c", code, json.dumps(given)], capture_output=True, text=True,
+        [sys.executable, "-c", _CHILD.format(imports=imports, call=call)],
+        capture_output=True, text=True,
         env={name: value for name, value in variables.items() if value is not None},
     )  # fmt: skip
     if done.returncode:
         reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
         raise RunError(f"{whose} failed: {reason}")
-    return json.loads(done.stdout.splitlines()[-1])
+    return Answer(*json.loads(done.stdout.splitlines()[-1]))

@@ -1,8 +1,7 @@
 """Two small tasks of Gymnasium's MuJoCo suite in MJX, with published returns.
 
-`InvertedPendulum` ends early and `Reacher` never does, so that ends of the task and time limits
-both matter. Masses, gears, rewards and starts are those of InvertedPendulum-v5 and Reacher-v5; they
-are integrated implicitly here, and by Runge-Kutta there.
+Masses, gears, rewards and starts are those of InvertedPendulum-v5 and Reacher-v5; they are
+integrated implicitly here, and by Runge-Kutta there.
 """
 
 import contextlib
@@ -89,8 +88,7 @@ class InvertedPendulum(_Simulated):
     """A pole on a cart, to be kept upright; the task ends when it leans by more than 0.2 rad.
 
     Observation (4,): the cart's place (m), the pole's lean (rad), and their rates (per second).
-    Action (1,): force on the cart, of 300 N. The reward is 1 for each step that ends upright, at 25
-    Hz, so that 1,000 is the best return.
+    Action (1,): force, of 300 N. The reward is 1 for each of 1,000 steps that ends upright.
     """
 
     xml, control_hz, episode_length = _CART, 25.0, 1000
@@ -102,7 +100,6 @@ class InvertedPendulum(_Simulated):
         return self._now(numbers[0], numbers[1])
 
     def step(self, state: State, action: Float[Array, "1"]) -> State:
-        """Advances a twenty-fifth of a second."""
         return self._now(*self._moved(*state.data, 3.0 * jnp.clip(action, -1.0, 1.0)))
 
     def _now(self, position, velocity) -> State:
@@ -111,18 +108,16 @@ class InvertedPendulum(_Simulated):
         cart = jnp.stack([place, jnp.zeros(())])
         tip = cart + 0.6 * jnp.stack([jnp.sin(lean), jnp.cos(lean)])
         obs = jnp.concatenate([position, velocity])
-        return self._state(
-            (position, velocity), obs, (cart, tip), upright, upright, done=1.0 - upright
-        )
+        data = (position, velocity)
+        return self._state(data, obs, (cart, tip), upright, upright, done=1.0 - upright)
 
 
 class Reacher(_Simulated):
     """A two-link arm that brings its fingertip to a target on the table. It never ends by itself.
 
     Observation (10,): cosines and sines of both angles, the target's place (m), both angular
-    speeds (rad/s), and the way from target to fingertip (m). Action (2,): torques at the joints, of
-    200 N m. The reward of a step is minus the fingertip's distance and minus the squares of the
-    action; an idle arm gets about -10 in its 50 steps of 20 ms, and -4 is good.
+    speeds (rad/s), and the way from target to fingertip (m). Action (2,): torques, of 200 N m. An
+    idle arm gets about -10 in its 50 steps of 20 ms, and -4 is good.
     """
 
     xml, control_hz, episode_length = _ARM, 50.0, 50
@@ -139,12 +134,10 @@ class Reacher(_Simulated):
         return self._now(position, velocity, target, effort=0.0)
 
     def step(self, state: State, action: Float[Array, "2"]) -> State:
-        """Advances a fiftieth of a second."""
         position, velocity, target = state.data
         action = jnp.clip(action, -1.0, 1.0)
-        return self._now(
-            *self._moved(position, velocity, action), target, effort=jnp.sum(action**2)
-        )
+        position, velocity = self._moved(position, velocity, action)
+        return self._now(position, velocity, target, effort=jnp.sum(action**2))
 
     def _now(self, position, velocity, target, effort) -> State:
         first, both = position[0], position[0] + position[1]
@@ -152,8 +145,7 @@ class Reacher(_Simulated):
         tip = tip + 0.11 * jnp.stack([jnp.cos(both), jnp.sin(both)])
         distance = jnp.sqrt(jnp.sum((tip - target) ** 2))
         near = (distance < 0.02).astype(jnp.float32)
-        obs = jnp.concatenate(
-            [jnp.cos(position), jnp.sin(position), target, velocity, tip - target]
-        )
+        parts = (jnp.cos(position), jnp.sin(position), target, velocity, tip - target)
+        obs = jnp.concatenate(parts)
         data = (position, velocity, target)
         return self._state(data, obs, (target, tip), -distance - effort, near, done=jnp.zeros(()))

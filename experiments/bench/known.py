@@ -2,10 +2,9 @@
 
     gril bench known                    about 20 minutes on 2 CPU cores
 
-Both sides train on the same tasks with the same hyper-parameters, and returns are those of mean
-actions at the end of training. What brax's SAC has fixed is fixed for ours too: the temperature
-begins at 1 and learns with 3e-4, towards -0.5 nats for each number of an action. Tasks, algorithms
-and sides have processes of their own, some at a time, because compiling takes most of the time.
+Both sides have the same hyper-parameters, and returns are those of mean actions at the end. What
+brax's SAC has fixed is fixed for ours too. Tasks, algorithms and sides have processes of their own,
+some at a time, because compiling takes most of the time.
 """
 
 import statistics
@@ -17,7 +16,7 @@ from typing import Any, NamedTuple
 from gril_jax import threads
 
 from . import ours, stock
-from .frame import new_process, rounded
+from .frame import in_new_process, rounded
 from .gymnasium_tasks import InvertedPendulum, Reacher
 from .pendulum import Pendulum, SacSetting, Setting
 
@@ -66,12 +65,6 @@ GROUND = {
 EPISODES = 256  # of mean actions: starts differ, and the mean over a few does, too
 SIDES = {"ours": ours.all_returns, "stock": stock.all_returns}
 
-_CHILD = """
-import json, sys
-from gril_jax.experiments.bench import known
-print(json.dumps(known.measure(*json.loads(sys.argv[1]))))
-"""
-
 
 def main(
     *, tasks: Sequence[str], algorithms: Sequence[str], seeds: int, jobs: int | None
@@ -90,10 +83,7 @@ def main(
 def measure(
     task: str, algorithm: str, side: str, seeds: int, setting: Setting | SacSetting | None = None
 ) -> dict[str, Any]:
-    """One side's returns at the last and the first evaluation, for each seed, and its seconds.
-
-    `setting` stands in for the task's own.
-    """
+    """One side's returns at the last and the first evaluation, for each seed, and its seconds."""
     ground = GROUND[task]
     start = time.perf_counter()
     returns = SIDES[side](setting or ground.settings[algorithm], ground.task(), seeds, EPISODES)
@@ -121,4 +111,5 @@ def compared(task: str, algorithm: str, found: dict[str, dict[str, Any]]) -> dic
 
 def _child(wanted: tuple[str, str, str, int]) -> dict[str, Any]:
     task, algorithm, side, _ = wanted
-    return new_process(_CHILD, wanted, f"{algorithm} of {side} on {task}")
+    found, whose = f"from {__package__} import known", f"{algorithm} of {side} on {task}"
+    return in_new_process(found, f"known.measure{wanted!r}", whose).value

@@ -2,22 +2,22 @@
 
     gril bench losses                   a few minutes on 2 CPU cores
 
-All forms of one case take turns, so that a busy machine slows them alike; times are medians in
-milliseconds, and a ratio above 1 says how many times longer, or how much more memory, the other
-form takes. Peers that are not installed (ott-jax, tslearn) are left out.
+Times are medians in milliseconds, and a ratio above 1 says how many times longer, or how much more
+memory, the other form takes. Peers that are not installed (ott-jax, tslearn) are left out.
 """
 
+import statistics
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from gril_jax.losses import expected_alignment, soft_dtw_between
+from gril_jax.losses import expected_alignment, mean_cycle_consistency, soft_dtw_between
 
-from . import tcc
-from .frame import median_ms, ratios, times_in_turn
+from .frame import median_ms, ratios, rounded, staged, without_cache
 
 try:
     from ott.geometry import costs as ott_costs
@@ -33,13 +33,15 @@ _GPU_SHAPES = [(64, 64), (512, 256)]
 _FEATURES = 32
 _GAMMA = 0.1
 _REPEATS = 15  # timed calls of each form
+_SIZE = (8, 32, 32)  # videos, frames, width of the latent
+_COMPILATIONS = 3  # of each cycle-consistency, whose median counts
 
 
 def main() -> dict[str, Any]:
     """The figures of soft-DTW at each size, and of cycle-consistency."""
     gpu = jax.default_backend() == "gpu"
     cases = [soft_dtw(*shape, _REPEATS, gpu=gpu) for shape in (_GPU_SHAPES if gpu else _SHAPES)]
-    return {"soft_dtw": cases, "tcc": tcc.measure(_REPEATS)}
+    return {"soft_dtw": cases, "tcc": cycle_consistency(_REPEATS)}
 
 
 def soft_dtw(pairs: int, frames: int, repeats: int, *, gpu: bool) -> dict[str, Any]:
@@ -53,30 +55,21 @@ def soft_dtw(pairs: int, frames: int, repeats: int, *, gpu: bool) -> dict[str, A
     forms, memory = {}, {}
     arguments = jnp.asarray(query), jnp.asarray(other)
     for name, program in programs.items():
-        compiled = _compiled(program, *arguments)
+
+        def total(query, other, program=program):
+            values = program(query, other)
+            return jnp.sum(values), values
+
+        both = jax.value_and_grad(total, argnums=(0, 1), has_aux=True)
+        compiled = jax.jit(both).lower(*arguments).compile()
         memory[name] = round(compiled.memory_analysis().temp_size_in_bytes / 1e6, 2)
         forms[name] = partial(compiled, *arguments)
     if _njit_soft_dtw_batch is not None and not gpu:
         forms["tslearn"] = partial(_tslearn, query, other)
-    times = median_ms(times_in_turn(forms, repeats, pause_s=0.01))
-    case = {
-        "pairs": pairs,
-        "frames": frames,
-        "ms": times,
-        "temporary_mb": memory,
-        "times_as_slow": ratios(times, "ours"),
-        "times_the_memory": ratios(memory, "ours"),
-    }
+    times = median_ms(forms, repeats, pause_s=0.01)
+    case = {"pairs": pairs, "frames": frames, "ms": times, "temporary_mb": memory}
+    case |= {"times_as_slow": ratios(times, "ours"), "times_the_memory": ratios(memory, "ours")}
     return case if gpu else case | {"gradient_error": _gradient_errors(query, other)}
-
-
-def _compiled(program, query, other):
-    def total(query, other):
-        values = program(query, other)
-        return jnp.sum(values), values
-
-    both = jax.value_and_grad(total, argnums=(0, 1), has_aux=True)
-    return jax.jit(both).lower(query, other).compile()
 
 
 def _squares(query, other):
@@ -106,13 +99,12 @@ def _tslearn(query, other):
 def _gradient_errors(query, other):
     """Largest error of the derivative by the cost, over the first pairs, against float64.
 
-    The same float32 costs go to both. "textbook" is the recursion of Cuturi and Blondel's
-    algorithm 2, which takes exponentials of differences of the stored sums.
+    "textbook" takes exponentials of differences of the stored sums.
     """
     cost = _squares(query[:8], other[:8]).astype(np.float32)
     truth = _textbook(cost.astype(np.float64))
-    found = {"ours": np.asarray(expected_alignment(jnp.asarray(cost), gamma=_GAMMA))}
-    found["textbook"] = _textbook(cost)
+    ours = np.asarray(expected_alignment(jnp.asarray(cost), gamma=_GAMMA))
+    found = {"ours": ours, "textbook": _textbook(cost)}
     errors = {name: float(np.abs(e - truth).max()) for name, e in found.items()}
     return errors | {"textbook_over_ours": round(errors["textbook"] / errors["ours"], 1)}
 
@@ -142,3 +134,58 @@ def _textbook(cost):
                 weight = np.exp((sums[a, b] - sums[i, j] - padded[a, b]) / gamma)
                 flow[i, j] += weight * flow[a, b]
     return flow[1:-1, 1:-1].transpose(2, 0, 1)
+
+
+def pair_loop(latents: Float[Array, "B T D"], times: Float[Array, "B T"]) -> Float[Array, ""]:
+    """The same loss as XIRL publishes it: a loop over the ordered pairs, then one regression."""
+    num_videos, num_frames, width = latents.shape
+
+    def similarity(a, b):
+        squares = jnp.sum(a * a, axis=1)[:, None] + jnp.sum(b * b, axis=1)
+        return (2.0 * a @ b.T - squares) / width
+
+    logits, steps = [], []
+    pairs = [(i, j) for i in range(num_videos) for j in range(num_videos) if i != j]
+    for i, j in pairs:
+        weights = jax.nn.softmax(similarity(latents[i], latents[j]), axis=1)
+        logits.append(similarity(weights @ latents[j], latents[i]))
+        steps.append(jnp.broadcast_to(times[i], (num_frames, num_frames)))
+    weights = jax.nn.softmax(jnp.concatenate(logits), axis=1)
+    steps = jnp.concatenate(steps)
+    home = jax.nn.one_hot(jnp.tile(jnp.arange(num_frames), len(pairs)), num_frames)
+    error = jnp.sum(steps * weights, axis=1) - jnp.sum(steps * home, axis=1)
+    return jnp.mean(jnp.square(error))
+
+
+def cycle_consistency(repeats: int) -> dict[str, Any]:
+    """Times and memory of its value and gradient, and the loop's over the others'."""
+    at_once = partial(mean_cycle_consistency, at_once=True)
+    losses = {"pair_loop": pair_loop, "mapped": mean_cycle_consistency, "at_once": at_once}
+    num_videos, num_frames, width = _SIZE
+    times = jnp.tile(jnp.arange(num_frames) / num_frames, (num_videos, 1))
+    args = jax.random.normal(jax.random.key(0), _SIZE), times
+    compiled, taken = {}, {name: [] for name in losses}
+    for _ in range(_COMPILATIONS):
+        for name, loss in losses.items():
+            # A new function each time: one that has been traced before is not traced again.
+            fresh = jax.jit(jax.value_and_grad(partial(loss)))
+            with without_cache():
+                compiled[name], *seconds = staged(fresh, args, plain=True)
+            taken[name].append(seconds)
+    calls = {name: partial(program, *args) for name, program in compiled.items()}
+    run_ms = median_ms(calls, repeats)
+    figures = {}
+    for name, program in compiled.items():
+        trace_s, compile_s = (statistics.median(x) for x in zip(*taken[name], strict=True))
+        temporary_mb = program.memory_analysis().temp_size_in_bytes / 1e6
+        found = {"trace_s": trace_s, "compile_s": compile_s, "temporary_mb": temporary_mb}
+        figures[name] = {"run_ms": run_ms[name]} | rounded(found, 3)
+    peer = figures["pair_loop"]
+    over = {
+        f"pair_loop_over_{name}": {key: round(peer[key] / own[key], 2) for key in peer}
+        for name, own in figures.items()
+        if own is not peer
+    }
+    for name, program in compiled.items():
+        figures[name]["value"] = float(program(*args)[0])
+    return {"videos": num_videos, "frames": num_frames, "width": width, **figures, **over}

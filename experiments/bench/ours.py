@@ -3,9 +3,9 @@
 Seeds can be vmapped over: `chunks` hands out pure functions.
 """
 
-import dataclasses
+import inspect
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -28,14 +28,13 @@ _FIXED = {  # brax's SAC has no options for these
 def chunks(setting: Setting | SacSetting, task: Any = None):
     """Two programs: seed -> state, and (state, count, examine) -> what `chunk` returns."""
     task = Pendulum() if task is None else task
-    if isinstance(setting, SacSetting):
-        of, make, fixed = sac, sac.SAC, _FIXED
-    else:
-        of, make, fixed = ppo, ppo.PPO, {}
+    of, fixed = (sac.SAC, _FIXED) if isinstance(setting, SacSetting) else (ppo.PPO, {})
     chosen = vars(setting) | _SEEING | fixed
-    hyper = _of(of.Hyper, of.Hyper._fields, chosen)
-    fields = [field.name for field in dataclasses.fields(of.Static)]
-    algorithm = make(task, rewards.environmental, _of(of.Static, fields, chosen))
+    hyper, static = (
+        kind(**{k: chosen[k] for k in inspect.signature(kind).parameters if k in chosen})
+        for kind in (of.Hyper, of.Static)
+    )
+    algorithm = of(task, rewards.environmental, static)
 
     @partial(jax.jit, donate_argnums=0)
     def run(state, count, examine):
@@ -51,18 +50,12 @@ def chunks(setting: Setting | SacSetting, task: Any = None):
     return init, run
 
 
-def _of(kind: Any, names: Sequence[str], chosen: dict[str, Any]) -> Any:
-    """The type's fields that were chosen; the others have their defaults."""
-    return kind(**{name: chosen[name] for name in names if name in chosen})
-
-
 def train(
     seed: int, setting: Setting, progress: Callable[[int, float, float], None] = lambda *_: None
 ) -> list[float]:
     """Returns of PPO's sampled actions on the pendulum at each evaluation.
 
-    `progress` gets the steps so far, the return, and the steps a second of the part before it,
-    evaluation included.
+    `progress` is as that of `stock.train`, but its steps a second include the evaluation.
     """
     init, run = chunks(setting)
     with ThreadPoolExecutor(1) as thread:  # as `gril_jax.compilation.sharding` does
@@ -86,21 +79,21 @@ def all_returns(
 ) -> list[list[float]]:
     """Returns of mean actions, per seed one at each evaluation; all seeds run in one program.
 
-    The last one's is the mean over at least so many `episodes`, the others' over those of half the
-    environments.
+    The last one's is the mean over so many `episodes`, the others' over half the environments'.
     """
     init, run = chunks(setting, task)
     state = jax.vmap(init)(np.arange(seeds))
     run = jax.jit(jax.vmap(run, in_axes=(0, None, None)), donate_argnums=0)
-    returns = []
-    for part in range(setting.num_evals):
-        count = np.int32(setting.updates if part else 0)
-        state, _, scores = run(state, count, np.bool_(True))
-        returns.append(np.asarray(scores.reward)[:, 0, 0])
+
+    def examined(updates: int):
+        nonlocal state
+        state, _, scores = run(state, np.int32(updates), np.bool_(True))
+        return np.asarray(scores.reward)[:, 0, 0]
+
+    returns = [examined(setting.updates if part else 0) for part in range(setting.num_evals)]
     again = [returns[-1]]
     for number in range(1, -(-episodes // (setting.num_envs // 2))):  # training is over: other keys
         state = state._replace(key=jax.vmap(jax.random.fold_in, (0, None))(state.key, number))
-        state, _, scores = run(state, np.int32(0), np.bool_(True))
-        again.append(np.asarray(scores.reward)[:, 0, 0])
+        again.append(examined(0))
     returns[-1] = np.mean(again, axis=0)
     return np.stack(returns, axis=1).tolist()

@@ -1,8 +1,6 @@
 """The task for comparing trainers with brax's: a pendulum, cheap enough to expose their speed.
 
-One definition of the physics serves both sides: `Pendulum` follows this library's protocol, and
-`stock` puts brax's around it. `Setting` has the hyper-parameters of PPO, the same for both sides,
-and `SacSetting` those of SAC.
+It follows this library's protocol, and `stock` puts brax's around it.
 """
 
 import dataclasses
@@ -21,7 +19,6 @@ class Bare:
 
     def outlines(self, data):
         """Nothing to draw."""
-        del data
         return []
 
     def _state(self, data, obs, centers, reward, success, done) -> State:
@@ -38,9 +35,8 @@ class Bare:
 class Pendulum(Bare):
     """A hanging rod, to be swung up and held by a motor too weak to lift it.
 
-    The dynamics of Gymnasium's Pendulum-v1: 1 m, 1 kg, at most 2 N m, 20 Hz. The reward of a step
-    is minus the squares of angle, speed and torque, at best 0 and at worst -16.3; about -150 in all
-    is a good episode, and -1,200 that of an idle or a random motor.
+    The dynamics of Gymnasium's Pendulum-v1: 1 m, 1 kg, at most 2 N m, 20 Hz. About -150 in all is a
+    good episode, and -1,200 that of an idle or a random motor.
     """
 
     observation_size = 3  # cosine and sine of the angle from upright, speed / 8
@@ -75,12 +71,12 @@ class Pendulum(Bare):
 class _Training:
     """Length of both sides' training, and the hyper-parameters that both algorithms have."""
 
-    num_timesteps: int
+    num_timesteps: int = 51_200
     """Steps of one run; both sides round it up to whole updates between two evaluations."""
-    num_envs: int
-    unroll_length: int
-    discounting: float
-    reward_scaling: float
+    num_envs: int = 128
+    unroll_length: int = 20
+    discounting: float = 0.95
+    reward_scaling: float = 0.1
     num_evals: int = 3
     """Evaluations, of which the first is that of the untrained policy."""
     hidden: tuple[int, ...] = (64, 64)
@@ -106,11 +102,6 @@ class _Training:
 class Setting(_Training):
     """PPO's hyper-parameters, and how long both sides train."""
 
-    num_timesteps: int = 51_200
-    num_envs: int = 128
-    unroll_length: int = 20
-    discounting: float = 0.95
-    reward_scaling: float = 0.1
     num_minibatches: int = 4
     num_epochs: int = 4
     gae_lambda: float = 0.95

@@ -2,11 +2,10 @@
 
     gril bench replay                   half a minute on 2 CPU cores
 
-One step inserts 64 rows into a replay of 200,000 and samples 256, as both are used in training: in
-a donated scan. Times are medians in milliseconds of a step, of programs that take turns; a ratio
-says how many times longer brax's `UniformSamplingQueue` takes. Once full it rolls its whole buffer
-in every step. Under a vmap it does so from the start: its `lax.cond` becomes a choice between the
-buffer and a rolled copy of it.
+One step inserts 64 rows into a replay of 200,000 and samples 256, as in training: in a donated
+scan. Times are medians in milliseconds of a step. Once full brax's `UniformSamplingQueue` rolls its
+whole buffer in every step; under a vmap it does so from the start, since its `lax.cond` becomes a
+choice between the buffer and a rolled copy of it.
 """
 
 from typing import Any
@@ -17,7 +16,7 @@ from brax.training.replay_buffers import UniformSamplingQueue
 
 from gril_jax.rl import replay
 
-from .frame import InPlace, median_ms, ratios, rounded, times_in_turn
+from .frame import InPlace, median_ms, ratios, rounded
 
 _CAPACITY, _ROWS, _BATCH, _WIDTH = 200_000, 64, 256, 64
 _REPEATS = 7  # timed calls of each form
@@ -31,21 +30,13 @@ def main() -> dict[str, Any]:
 
 
 def measure(seeds: int, repeats: int, *, full: bool, capacity: int = _CAPACITY) -> dict[str, Any]:
-    """Milliseconds of a step with this many seeds, ours and brax's.
-
-    With one seed there is no vmap; replays that are not full are nearly empty.
-    """
+    """Milliseconds of a step, ours and brax's; replays that are not full are nearly empty."""
     steps = {"ours": 200, "brax": 2 if full or seeds > 1 else 200}  # 2 where all is copied
     forms = {"ours": _ours(capacity, full), "brax": _brax(capacity, full)}
     calls = {name: _moved(*form, seeds, steps[name]) for name, form in forms.items()}
-    medians = median_ms(times_in_turn(calls, repeats))
-    times = {name: value / steps[name] for name, value in medians.items()}
-    return {
-        "seeds": seeds,
-        "full": full,
-        "ms": rounded(times, 4),
-        "times_as_slow": ratios(times, "ours"),
-    }
+    times = {name: ms / steps[name] for name, ms in median_ms(calls, repeats).items()}
+    case = {"seeds": seeds, "full": full, "ms": rounded(times, 4)}
+    return case | {"times_as_slow": ratios(times, "ours")}
 
 
 def _ours(capacity, full):

@@ -3,10 +3,9 @@
     gril bench sac                      a minute on 2 CPU cores
     gril bench sac --target 0.9         and how long each takes to that success
 
-Task: MatchRegions with one block and the task's own reward. The loop has one environment; a jitted
-call acts, another steps, the replay is NumPy's, and a third jitted call makes the gradient step:
-the same one, with the same networks and batch. Both make as many gradient steps for each control
-step. Speeds leave out compiling, times to a success do not.
+Task: MatchRegions with one block. The loop has one environment; a jitted call acts, another steps,
+the replay is NumPy's, and a third makes the same gradient step, as often for each control step.
+Speeds leave out compiling, times to a success do not.
 """
 
 import collections
@@ -19,10 +18,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from brax.training.types import Transition
+from gril_jax.experiments.pipeline import setup
 
 from gril_jax.rl import policy, rewards, sac, sac_loss, training
 
-from .frame import best, make_env, rounded, times_in_turn
+from . import frame
 
 _RECENT = 100  # episodes whose success counts
 _REPEATS = 5  # timed calls of each
@@ -30,13 +30,10 @@ _LIMIT_S = 600.0  # after which either gives up
 
 
 def main(*, num_envs: int, target: float | None) -> dict[str, Any]:
-    """The figures of both.
-
-    Without a target, the success of the last episodes at which learning is over, speeds alone.
-    """
+    """The figures of both; without a target, a success at which learning is over, speeds alone."""
     static = sac.Static(num_envs=num_envs, min_replay=2**12)
     hyper = sac.Hyper(learning_rate=1e-3, alpha_learning_rate=1e-3, discounting=0.97)
-    env = make_env("match_regions", targets=("green square",), distractors=())
+    env = setup.build("match_regions", {"targets": ("green square",), "distractors": ()})
     result = {"sizes": vars(static), "speeds": speeds(env, static, hyper, _REPEATS)}
     if target is not None:
         result["until_success"] = until_success(env, static, hyper, target, _LIMIT_S)
@@ -47,12 +44,10 @@ def speeds(env: Any, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict
     """Control steps per second of both, interleaved; the best of some calls."""
     static = dataclasses.replace(static, min_replay=0)
     sides = {"ours": Ours(env, static, hyper), "host_loop": HostLoop(env, static, hyper)}
-    taken = best(times_in_turn({name: side.advance for name, side in sides.items()}, repeats))
-    speed = {name: side.steps / taken[name] for name, side in sides.items()}
-    return {
-        "steps_per_s": rounded(speed, 0),
-        "times_as_fast": round(speed["ours"] / speed["host_loop"], 1),
-    }
+    calls = {name: side.advance for name, side in sides.items()}
+    speed = frame.speeds(calls, {name: side.steps for name, side in sides.items()}, repeats)
+    ratio = round(speed["ours"] / speed["host_loop"], 1)
+    return {"steps_per_s": frame.rounded(speed, 0), "times_as_fast": ratio}
 
 
 def until_success(
@@ -119,11 +114,10 @@ class HostLoop(_Learner):
         size = algorithm.observation_size
         self._every = max(1, static.num_envs * static.unroll_length // static.updates_per_step)
         self._random, self._key = np.random.default_rng(0), jax.random.key(0)
-        shape = {"observation": (size,), "action": (env.action_size,), "next_observation": (size,),
-                 "discount": (), "dropped": (), "reward": ()}  # fmt: skip
-        self._replay = {
-            name: np.zeros((static.replay_size, *x), np.float32) for name, x in shape.items()
-        }
+        shape = {"observation": (size,), "action": (env.action_size,), "next_observation": (size,)}
+        shape |= dict.fromkeys(("discount", "dropped", "reward"), ())
+        rows = static.replay_size
+        self._replay = {name: np.zeros((rows, *x), np.float32) for name, x in shape.items()}
         self._count, self._action_size = 0, env.action_size
         self._learned = sac_loss.begin(algorithm.networks, jax.random.key(1), hyper)
         self._normalizer = policy.fresh_normalizer(size)
@@ -141,10 +135,8 @@ class HostLoop(_Learner):
             normalizer = policy.observed(normalizer, seen)
             dropped = {"policy_extras": {}, "state_extras": {"truncation": rows.pop("dropped")}}
             batch = Transition(extras=dropped, **rows)
-            learned, _ = sac_loss.gradient_step(
-                algorithm.networks, learned, normalizer, batch, key, hyper
-            )
-            return learned, normalizer
+            given = algorithm.networks, learned, normalizer, batch, key, hyper
+            return sac_loss.gradient_step(*given)[0], normalizer
 
         self._step, self._learn = step, learn
         self._episode = self._reset(self._next_key())

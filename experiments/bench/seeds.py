@@ -1,7 +1,4 @@
-"""PPO's throughput: seeds in one program against one by one, and one device against all.
-
-`gril bench train` has these figures among its own.
-"""
+"""PPO's throughput for `gril bench train`: seeds in one program or apart, one device or all."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -15,16 +12,12 @@ import numpy as np
 from gril_jax.compilation import sharding
 from gril_jax.rl import ppo, training
 
-from .frame import best, compile_timed, ratios, rounded, times_in_turn, without_cache
+from .frame import compile_timed, ratios, rounded, speeds, without_cache
 
 
 def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:
-    """Times seeds in one program, and one by one, each compiled anew.
-
-    The first `separate` seeds are really run one by one; the time of all follows from theirs.
-    """
-    keys = jax.random.split(jax.random.key(0), num)
-    jax.block_until_ready(keys)
+    """Times seeds in one program, and one by one, of which the first `separate` are really run."""
+    keys = jax.block_until_ready(jax.random.split(jax.random.key(0), num))
     with without_cache():
         together = _whole(jax.vmap, algorithm, keys, updates)
         alone = [_whole(lambda f: f, algorithm, key, updates) for key in keys[:separate]]
@@ -41,9 +34,7 @@ def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) 
     }
 
 
-def _whole(
-    mapped: Callable, algorithm: training.Algorithm, key: Any, updates: int
-) -> dict[str, float]:
+def _whole(mapped, algorithm: training.Algorithm, key: Any, updates: int) -> dict[str, float]:
     """Seconds of a whole training in a fresh Python process."""
     jax.clear_caches()
     hyper = ppo.Hyper()
@@ -74,12 +65,11 @@ def devices(
         "all_a_seed_each": (small, every, len(every)),
     }
     calls = {name: _spread(*case, updates) for name, case in cases.items()}
-    taken = best(times_in_turn(calls, repeats))
     steps = {
         name: count * updates * algorithm.num_envs * algorithm.unroll_length
         for name, (algorithm, _, count) in cases.items()
     }
-    speed = {name: steps[name] / taken[name] for name in cases}
+    speed = speeds(calls, steps, repeats)
     return {
         "devices": len(every),
         "environments_on_each": num_envs,
@@ -88,12 +78,10 @@ def devices(
     }
 
 
-def _spread(
-    algorithm: training.Algorithm, on: Sequence[Any], count: int, updates: int
-) -> Callable[[], Any]:
+def _spread(algorithm: training.Algorithm, on: Sequence[Any], count: int, updates: int):
     layout = sharding.mesh(on, seeds=count, num_envs=algorithm.num_envs)
-    hyper = jax.tree.map(lambda x: jnp.full((count,), x, jnp.float32), ppo.Hyper())
-    hyper = sharding.place(layout, hyper)
+    each = jax.tree.map(lambda x: jnp.full((count,), x, jnp.float32), ppo.Hyper())
+    hyper = sharding.place(layout, each)
     keys = jax.random.split(jax.random.key(0), count)
     state = sharding.init(algorithm, layout, keys, hyper)
     run = sharding.advance(algorithm, layout, state, updates)

@@ -80,24 +80,19 @@ def train(
 
     hidden = setting.hidden
     if isinstance(setting, SacSetting):
-        run, options, given = stock_sac.train, _SAC, {}
-        make = functools.partial(
-            sac_networks.make_sac_networks, hidden_layer_sizes=hidden, activation=linen.swish
-        )
+        run, options, given, make = stock_sac.train, _SAC, {}, sac_networks.make_sac_networks
+        sizes = {"hidden_layer_sizes": hidden, "activation": linen.swish}
     else:
-        run, options = stock.train, _PPO
+        run, options, make = stock.train, _PPO, networks.make_ppo_networks
         given = {"batch_size": setting.num_envs // setting.num_minibatches}
-        make = functools.partial(
-            networks.make_ppo_networks,
-            policy_hidden_layer_sizes=hidden, value_hidden_layer_sizes=hidden,
-        )  # fmt: skip
+        sizes = {"policy_hidden_layer_sizes": hidden, "value_hidden_layer_sizes": hidden}
     given |= {name: getattr(setting, own) for name, own in (_BOTH | options).items()}
     with stand_in():
         run(
             BraxTask(task), num_eval_envs=eval_envs or setting.num_envs,
             deterministic_eval=mean_actions, max_devices_per_host=1,
             episode_length=task.episode_length, normalize_observations=True, seed=seed,
-            progress_fn=note, network_factory=make, **given,
+            progress_fn=note, network_factory=functools.partial(make, **sizes), **given,
         )  # fmt: skip
     return returns
 
@@ -105,12 +100,11 @@ def train(
 # brax's options, by the names that they have in our settings.
 _SAME = ("num_timesteps", "num_evals", "num_envs", "learning_rate", "discounting", "reward_scaling")
 _BOTH = {name: name for name in _SAME}
-_PPO = {
-    "unroll_length": "unroll_length", "num_minibatches": "num_minibatches",
-    "num_updates_per_batch": "num_epochs", "gae_lambda": "gae_lambda",
-    "entropy_cost": "entropy_cost", "clipping_epsilon": "clipping_epsilon",
-    "max_grad_norm": "max_grad_norm",
-}  # fmt: skip
+_OF_PPO = (
+    "unroll_length", "num_minibatches", "gae_lambda", "entropy_cost", "clipping_epsilon",
+    "max_grad_norm",
+)  # fmt: skip
+_PPO = {name: name for name in _OF_PPO} | {"num_updates_per_batch": "num_epochs"}
 _SAC = {
     "grad_updates_per_step": "updates_per_step", "batch_size": "batch_size",
     "max_replay_size": "replay_size", "min_replay_size": "min_replay", "tau": "soft_update",
@@ -120,10 +114,7 @@ _SAC = {
 def all_returns(
     setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
 ) -> list[list[float]]:
-    """Returns of mean actions, per seed one at each evaluation; seeds run one after the other.
-
-    Each is the mean over so many `episodes`.
-    """
+    """Returns of mean actions over so many episodes, per seed one at each evaluation."""
     return [
         train(seed, setting, task=task, eval_envs=episodes, mean_actions=True)
         for seed in range(seeds)

@@ -2,28 +2,27 @@
 
     gril bench train                    two to eight minutes on 2 CPU cores
 
-`steps_per_s` are control steps per second of all environments, of programs that take turns; the
-best of some calls after one to warm up counts. "random" is the simulator alone under random
-actions, without resets. Ratios are named for what they say, and stand beside what they are of.
+`steps_per_s` are control steps per second of all environments, of programs that take turns.
+"random" is the simulator alone under random actions, without resets.
 """
 
 import functools
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from gril_jax.envs import Env
-from gril_jax.experiments.pipeline import policy_rewards
+from gril_jax.experiments.pipeline import policy_rewards, setup
 
 from gril_jax.encoders import encoder
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.rl import ppo, rewards, training
+from gril_jax.rl import ppo, rewards, rollout, training
+from gril_jax.rl.episodes import Episodes, reset_where
 
 from . import seeds
-from .frame import InPlace, best, make_env, times_in_turn
-from .starts import starts
+from .frame import InPlace, rounded, speeds, times_in_turn
 
 
 class Sizes(NamedTuple):
@@ -49,7 +48,8 @@ def main(
     """The figures of some parts: "training", "starts", "seeds" and "devices"."""
     sizes = Sizes() if jax.default_backend() == "cpu" else _GPU
     sizes = sizes._replace(num_envs=num_envs or sizes.num_envs)
-    env = make_env("match_regions", variant=variant, varied_starts=0.5)
+    task = {"variant": variant, "varied_starts": 0.5}
+    env = setup.build("match_regions", task)
     own = functools.partial(_ppo, env, rewards.environmental, sizes)
     measured = {
         "training": lambda: costs(env, sizes, repeats),
@@ -59,7 +59,6 @@ def main(
         ),
         "devices": lambda: seeds.devices(own, sizes.num_envs, sizes.updates, repeats),
     }
-    task = {"variant": variant, "varied_starts": 0.5}
     return {"task": task, "sizes": sizes._asdict()} | {part: measured[part]() for part in parts}
 
 
@@ -79,7 +78,8 @@ def costs(env: Env, sizes: Sizes, repeats: int) -> dict[str, Any]:
         "random": _random(env, sizes),
     }
     rounds = times_in_turn(calls, repeats)
-    taken, steps = best(rounds), sizes.updates * sizes.num_envs * sizes.unroll
+    taken = {name: min(times) for name, times in rounds.items()}
+    steps = sizes.updates * sizes.num_envs * sizes.unroll
     trained = ("learned", "environmental")
 
     def both(one: str, other: str) -> dict[str, float]:
@@ -134,3 +134,66 @@ def _random(env: Env, sizes: Sizes) -> InPlace:
 
     begun = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), sizes.num_envs))
     return InPlace(run, (begun, jax.random.key(1)))
+
+
+def starts(env: Env, num_envs: int, unroll: int, repeats: int) -> dict[str, Any]:
+    """Steps per second with each way to make starts."""
+    episodes = Episodes.of(env, rewards.environmental)
+    steps = num_envs * unroll
+    drawn = {"pool": rollout.renewals(num_envs, unroll, env.episode_length), "each_step": steps}
+    keys = jax.random.split(jax.random.key(0), 2 * num_envs)
+    begun = jax.jit(lambda keys: rollout.init(episodes, keys))(keys), jax.random.key(1)
+    runs = {
+        "pool": _pooled(episodes, drawn["pool"], unroll),
+        "each_step": _in_each_step(episodes, num_envs, unroll),
+    }
+    # A buffer is donated once, so each has its own.
+    calls = {name: InPlace(run, jax.tree.map(jnp.copy, begun)) for name, run in runs.items()}
+    speed = speeds(calls, dict.fromkeys(calls, steps), repeats)
+    return {
+        "starts_an_unroll": drawn,
+        "steps_per_s": rounded(speed, 0),
+        "pool_times_as_fast": {name: round(speed["pool"] / x, 2) for name, x in speed.items()},
+    }
+
+
+def _act(episodes: Episodes, observation: Any, key: Any) -> tuple[Any, Any]:
+    size = len(observation), episodes.env.action_size
+    return jax.random.uniform(key, size, minval=-1.0), ()
+
+
+def _pooled(episodes: Episodes, count: int, unroll: int) -> Callable[[Any], Any]:
+    """One unroll under random actions, before which so many starts are made."""
+
+    def run(carry):
+        now, key = carry
+        key, key_renew, key_steps = jax.random.split(key, 3)
+        now = rollout.renew(episodes, now, jax.random.split(key_renew, count))
+        keys = jax.random.split(key_steps, unroll)
+        now, _ = rollout.unroll(
+            episodes, None, now, functools.partial(_act, episodes), keys, tau=0.005
+        )
+        return now, key
+
+    return run
+
+
+def _in_each_step(episodes: Episodes, num_envs: int, unroll: int) -> Callable[[Any], Any]:
+    """One unroll under random actions, with a start for each environment in each step."""
+    one = functools.partial(episodes.advance, None, tau=0.005)
+
+    def move(running, key):
+        key_start, key_action = jax.random.split(key)
+        fresh = jax.vmap(episodes.begin)(jax.random.split(key_start, num_envs))
+        action, _ = _act(episodes, jax.vmap(episodes.observe)(running), key_action)
+        running, result = jax.vmap(one)(running, action)
+        ended = result.terminated + result.truncated > 0
+        return jax.vmap(reset_where)(ended, fresh, running), result.reward
+
+    def run(carry):
+        now, key = carry
+        key, key_steps = jax.random.split(key)
+        running, _ = jax.lax.scan(move, now.running, jax.random.split(key_steps, unroll))
+        return now._replace(running=running), key
+
+    return run

@@ -23,11 +23,9 @@ class Pushing(Env):
     observation_size, action_size, backend = 6, 2, "none"
 
     def reset(self, rng: jax.Array) -> State:
-        """Starts with a new table."""
         return self._state(pushing.reset(rng))
 
     def step(self, state: State, action: jax.Array) -> State:
-        """The next state, with the metrics and info that wrappers keep."""
         after = self._state(pushing.step(state.pipeline_state, action))
         return after.replace(metrics=state.metrics, info=state.info)
 

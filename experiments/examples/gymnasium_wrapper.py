@@ -26,13 +26,11 @@ class Pushing(gymnasium.Env):
         self._step = jax.jit(pushing.step)
 
     def reset(self, *, seed=None, options=None):
-        """Starts with a new table."""
         super().reset(seed=seed)
         self.table = pushing.reset(jax.random.key(int(self.np_random.integers(2**31))))
         return np.asarray(self.table), {}
 
     def step(self, action):
-        """Advances one step."""
         self.table = self._step(self.table, action)
         return np.asarray(self.table), 0.0, False, False, {}
 

@@ -1,9 +1,6 @@
 """Learns a reward from recorded boxes and saves it: recordings in, one file out.
 
-    python -m gril_jax.experiments.examples.learn_reward reward.npz      about 15 seconds
-
-The encoder is trained by temporal cycle-consistency alone. Kendall's tau on recordings that it
-was not trained on is printed, and kept in the file.
+python -m gril_jax.experiments.examples.learn_reward reward.npz      about 15 seconds
 """
 
 import sys

@@ -3,18 +3,16 @@
     python -m gril_jax.experiments.fidelity.magical_replay FOLDER      # 20 s on 2 cores
     python -m gril_jax.experiments.fidelity.magical_replay FOLDER --states replayed_states.npz
 
-Each demonstration's actions are played open loop from the Demo start, with the physics "magical".
-Every one of them ended with score 1 when it was recorded. Contacts are chaotic: MAGICAL itself,
-started a millionth of a unit beside, ends with other scores. So the replay is repeated from
-`--moved` starts in which the robot stands about 1e-5 units away, and the figures that tell how well
-the physics agree are those of the first steps.
+Each demonstration's actions are played open loop from the Demo start; all ended with score 1 when
+recorded. Contacts are chaotic: MAGICAL itself, started a millionth of a unit beside, ends with
+other scores. So the replay is repeated from `--moved` starts in which the robot stands about 1e-5
+units away, and the figures that tell how well the physics agree are those of the first steps.
 
-STATES, if given, holds for each demonstration, under the last part of its file's name (`000`), the
-poses (T + 1, 6, 3) of robot, star, square, blue pentagon, yellow circle and yellow pentagon. Errors
-are distances to them in arena units, "blocks" those of blocks that have been moved by then.
+STATES holds for each demonstration, under the last part of its file's name (`000`), the poses
+(T + 1, 6, 3) of robot, star, square, blue pentagon, yellow circle and yellow pentagon. Errors are
+distances to them in arena units, "blocks" those of blocks that have been moved by then.
 """
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,9 +27,9 @@ from jaxtyping import Float, Int
 
 from gril_jax import envs
 from gril_jax.demos.magical_pickles import list_magical, read_actions
-from gril_jax.errors import DemoError, GrilError
+from gril_jax.errors import DemoError
 
-from .physics_parity import arrays_of, figures_of
+from .physics_parity import arrays_of, figures_of, printed
 
 _AHEAD = (10, 20, 40, 120)  # control steps from the start over which errors are taken
 _ASIDE = 1e-5  # arena units: standard deviation of a moved start
@@ -52,33 +50,28 @@ class _Options:
     """Number of further replays, from starts near the true one."""
 
 
-def _name(path: Path) -> str:
-    """The name `000` of demo-MatchRegions-Demo-v0-000.pkl.gz."""
-    return path.name.removesuffix(".pkl.gz").rpartition("-")[2]
-
-
 def _load(paths: tuple[Path, ...]) -> dict[str, Int[np.ndarray, "T"]]:
-    """Actions of each demonstration by its name, all of the same length."""
+    """Actions of each demonstration, all of one length: `000` of demo-...-v0-000.pkl.gz."""
     files = [f for path in paths for f in (list_magical(path) if path.is_dir() else [path])]
     if not files:
         raise DemoError("no demonstration is named, but at least one folder or file must be")
-    found = {_name(file): read_actions(file) for file in files}
+    names = [file.name.removesuffix(".pkl.gz").rpartition("-")[2] for file in files]
+    found = {name: read_actions(file) for name, file in zip(names, files, strict=True)}
     if len({len(actions) for actions in found.values()}) > 1:
         lengths = ", ".join(f"{name}: {len(actions)}" for name, actions in found.items())
         raise DemoError(f"demonstrations differ in length ({lengths}), but must be equally long")
     return found
 
 
-def _recorded(path: Path, names: list[str], steps: int) -> Float[np.ndarray, "D T1 6 3"]:
+def _recorded(path: Path, actions: dict[str, np.ndarray]) -> Float[np.ndarray, "D T1 6 3"]:
     arrays = arrays_of(path, "poses")
-    for name in names:
+    for name, own in actions.items():
         if name not in arrays:
             raise DemoError(f"{path} has no poses of the demonstration {name}")
-        if arrays[name].shape != (steps + 1, 6, 3):
-            raise DemoError(
-                f"{path}: {name} is {arrays[name].shape}, but must be {(steps + 1, 6, 3)}"
-            )
-    return np.stack([arrays[name] for name in names]).astype(np.float32)
+        found, shape = arrays[name].shape, (len(own) + 1, 6, 3)
+        if found != shape:
+            raise DemoError(f"{path}: {name} is {found}, but must be {shape}")
+    return np.stack([arrays[name] for name in actions]).astype(np.float32)
 
 
 def _replay(env: envs.Env, actions: Float[np.ndarray, "D T 3"], aside: Float[np.ndarray, "K 2"]):
@@ -124,10 +117,7 @@ def measure(
     moved: int = 8,
     **options,
 ) -> dict:
-    """Scores of replayed actions by demonstration, and their distance from recorded poses.
-
-    `options` make the task, beside its physics; see the module's text for the rest.
-    """
+    """Scores of replayed actions by demonstration, and their distance from recorded poses."""
     env = envs.make("match_regions", physics="magical", **options)
     ids = np.stack([*actions.values()])
     aside = np.random.default_rng(0).normal(scale=_ASIDE, size=(1 + moved, 2))
@@ -149,23 +139,18 @@ def measure(
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Prints the figures; returns 0 on success, 2 if a file or an option is not right."""
+    """Prints the figures of some demonstrations."""
     options = tyro.cli(_Options, args=argv)
     solver = {"substeps": options.substeps, "iterations": options.iterations}
-    try:
+
+    def work() -> dict:
         if options.moved < 0:
             raise ValueError(f"moved is {options.moved}, but must be at least 0")
         actions = _load(options.demos)
-        recorded = None
-        if options.states is not None:
-            steps = len(next(iter(actions.values())))
-            recorded = _recorded(options.states, [*actions], steps)
-        figures = measure(actions, recorded, moved=options.moved, **solver)
-    except (GrilError, ValueError) as error:
-        print(f"magical_replay: {str(error).rstrip('.')}.", file=sys.stderr)
-        return 2
-    print(json.dumps({"options": solver, **figures}, indent=2), file=sys.stdout)
-    return 0
+        recorded = None if options.states is None else _recorded(options.states, actions)
+        return {"options": solver, **measure(actions, recorded, moved=options.moved, **solver)}
+
+    return printed("magical_replay", work)
 
 
 if __name__ == "__main__":

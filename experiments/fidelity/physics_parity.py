@@ -6,8 +6,7 @@
 FILE holds, for each robot (gripper, short, medium, long), `<robot>_actions` (N, T, A) in [-1, 1],
 `<robot>_states` (N, T + 1, bodies, 6) with x, y, angle, their rates (robot, fingers, star, square,
 blue pentagon, yellow circle, yellow pentagon) and perhaps `<robot>_env_reward` (N, T), the S4
-reward. It is replayed in two ways: "one_step" begins each control step in the recorded state,
-"open_loop" only the first.
+reward. "one_step" begins each control step in the recorded state, "open_loop" only the first.
 
 Errors are distances in arena units and angles in rad: median, 95th percentile and count. "free" are
 steps in which nothing touches the robot, "contact" those in which a block moves or the robot is at
@@ -17,6 +16,7 @@ a block or a wall.
 import json
 import sys
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -25,7 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from gril_jax.experiments.bench.frame import make_env
+from gril_jax.experiments.pipeline import setup
 from jaxtyping import Float
 
 from gril_jax import envs
@@ -54,11 +54,7 @@ class _Options:
 
 
 def arrays_of(path: Path, contents: str) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file.
-
-    Raises:
-      DemoError: there is none, or it is damaged; `contents` says what it should hold.
-    """
+    """The arrays of an .npz file; DemoError says what it should hold."""
     try:
         with np.load(path, allow_pickle=False) as file:
             return dict(file)
@@ -71,8 +67,7 @@ def arrays_of(path: Path, contents: str) -> dict[str, np.ndarray]:
 def _load(path: Path, robot: str | None) -> dict[str, dict[str, np.ndarray]]:
     """Loads and checks the arrays of each robot in the file."""
     arrays = arrays_of(path, "recordings")
-    present = [r for r in ROBOTS if f"{r}_states" in arrays]
-    wanted = [robot] if robot else present
+    wanted = [robot] if robot else [r for r in ROBOTS if f"{r}_states" in arrays]
     if not wanted:
         raise DemoError(f"{path} has no <robot>_states for any of {', '.join(ROBOTS)}")
     found = {}
@@ -80,23 +75,21 @@ def _load(path: Path, robot: str | None) -> dict[str, dict[str, np.ndarray]]:
         for part in ("states", "actions"):
             if f"{name}_{part}" not in arrays:
                 raise DemoError(f"{path} has no array {name}_{part}; it holds {', '.join(arrays)}")
-        states, actions = arrays[f"{name}_states"], arrays[f"{name}_actions"]
+        states = arrays[f"{name}_states"]
         bodies, size = (8, 3) if name == "gripper" else (6, 2)
         if states.ndim != 4 or states.shape[2:] != (bodies, 6) or states.shape[1] < 2:
             raise DemoError(
                 f"{path}: {name}_states is {states.shape}, but must be (N, T + 1, {bodies}, 6)"
             )
-        if actions.shape != (states.shape[0], states.shape[1] - 1, size):
-            raise DemoError(
-                f"{path}: {name}_actions is {actions.shape}, but must be "
-                f"{(states.shape[0], states.shape[1] - 1, size)} to fit {name}_states"
-            )
+        steps = (states.shape[0], states.shape[1] - 1)
+        for part, fitting in (("actions", (*steps, size)), ("env_reward", steps)):
+            shape = arrays[f"{name}_{part}"].shape if f"{name}_{part}" in arrays else fitting
+            if shape != fitting:
+                raise DemoError(
+                    f"{path}: {name}_{part} is {shape}, but must be {fitting} to fit {name}_states"
+                )
         rewards = arrays.get(f"{name}_env_reward")
-        if rewards is not None and rewards.shape != actions.shape[:2]:
-            raise DemoError(
-                f"{path}: {name}_env_reward is {rewards.shape}, but must be {actions.shape[:2]}"
-            )
-        found[name] = {"states": states, "actions": actions, "rewards": rewards}
+        found[name] = {"states": states, "actions": arrays[f"{name}_actions"], "rewards": rewards}
     return found
 
 
@@ -124,18 +117,15 @@ def _one_step(env: envs.Env, states, actions):
 def _open_loop(env: envs.Env, states, actions):
     """Poses (N, T, E, 3) of whole trajectories from the first recorded state."""
 
+    def move(scene, action):
+        scene = env.step(scene, action)
+        return scene, (scene.data.pose, scene.reward)
+
     def play(state, actions):
-        scene = env.reset_to(state[:, :3], state[:, 3:])
+        return jax.lax.scan(move, env.reset_to(state[:, :3], state[:, 3:]), actions)[1]
 
-        def move(scene, action):
-            scene = env.step(scene, action)
-            return scene, (scene.data.pose, scene.reward)
-
-        return jax.lax.scan(move, scene, actions)[1]
-
-    poses, rewards = jax.jit(jax.vmap(play))(
-        jnp.asarray(states[:, 0], jnp.float32), jnp.asarray(actions, jnp.float32)
-    )
+    given = (jnp.asarray(x, jnp.float32) for x in (states[:, 0], actions))
+    poses, rewards = jax.jit(jax.vmap(play))(*given)
     return np.asarray(poses), np.asarray(rewards)
 
 
@@ -147,8 +137,8 @@ def figures_of(errors: np.ndarray) -> dict[str, float | int | None]:
     return {"median": round(float(median), 5), "p95": round(float(p95), 5), "count": errors.size}
 
 
-def _each(errors: dict[str, dict[str, np.ndarray]]) -> dict[str, dict]:
-    return {k: {name: figures_of(e) for name, e in of.items()} for k, of in errors.items()}
+def _both(position: np.ndarray, angle: np.ndarray) -> dict:
+    return {"position": figures_of(position), "angle": figures_of(angle)}
 
 
 def _apart(ours: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -171,13 +161,12 @@ def _compare(env, poses, rewards, states, recorded) -> dict:
     moved = np.linalg.norm(after[..., parts:, :2] - before[..., parts:, :2], axis=-1) > _MOVED
     contact = moved.any(axis=-1) | _touching(env, states)
     place, angle = _apart(poses, after)
-    result = {
-        "robot_free": {"position": place[~contact, 0], "angle": angle[~contact, 0]},
-        "robot_contact": {"position": place[contact, 0], "angle": angle[contact, 0]},
-        "blocks_moved": {"position": place[..., parts:][moved], "angle": angle[..., parts:][moved]},
-        "blocks_still": {"position": place[..., parts:][~moved]},
+    result: dict = {
+        "robot_free": _both(place[~contact, 0], angle[~contact, 0]),
+        "robot_contact": _both(place[contact, 0], angle[contact, 0]),
+        "blocks_moved": _both(place[..., parts:][moved], angle[..., parts:][moved]),
+        "blocks_still": {"position": figures_of(place[..., parts:][~moved])},
     }
-    result = _each(result)
     if recorded is not None:
         result["reward_within_0.05"] = round(float((np.abs(rewards - recorded) < 0.05).mean()), 4)
     return result
@@ -190,9 +179,8 @@ def measure(
     **options,
 ) -> dict:
     """Errors of one robot's recordings; `options` make the task."""
-    env = make_env("match_regions", **options)
-    poses, reward = _one_step(env, states, actions)
-    one_step = _compare(env, poses, reward, states, rewards)
+    env = setup.build("match_regions", options)
+    one_step = _compare(env, *_one_step(env, states, actions), states, rewards)
     poses, reward = _open_loop(env, states, actions)
     open_loop = _compare(env, poses, reward, states, rewards)
     parts = states.shape[2] - len(env.blocks)
@@ -201,35 +189,36 @@ def measure(
     last = np.maximum(free.sum(axis=1) - 1, 0)
     rows = np.flatnonzero(free[:, 0])
     open_loop["robot_at_the_end_of_free_driving"] = {
-        "position": figures_of(place[rows, last[rows], 0]),
-        "angle": figures_of(angle[rows, last[rows], 0]),
+        **_both(place[rows, last[rows], 0], angle[rows, last[rows], 0]),
         "median_steps": int(np.median(last[rows] + 1)) if len(rows) else None,
     }
-    place, angle = place[:, -1], angle[:, -1]
-    open_loop["final_robot"] = {
-        "position": figures_of(place[:, 0]),
-        "angle": figures_of(angle[:, 0]),
-    }
-    open_loop["final_blocks"] = {"position": figures_of(place[:, parts:])}
+    open_loop["final_robot"] = _both(place[:, -1, 0], angle[:, -1, 0])
+    open_loop["final_blocks"] = {"position": figures_of(place[:, -1, parts:])}
     return {"one_step": one_step, "open_loop": open_loop}
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Prints the figures; returns 0 on success, 2 if the file is not of that layout."""
-    options = tyro.cli(_Options, args=argv)
-    given = ("physics", "engine", "substeps", "iterations")
-    chosen = {name: getattr(options, name) for name in given}
+def printed(name: str, work: Callable[[], dict]) -> int:
+    """Prints figures as JSON; 0, or 2 and a sentence if a file or an option is not right."""
     try:
-        recordings = _load(options.file, options.robot)
-        figures = {
-            name: measure(r["states"], r["actions"], r["rewards"], robot=name, **chosen)
-            for name, r in recordings.items()
-        }
+        figures = work()
     except (GrilError, ValueError) as error:
-        print(f"physics_parity: {str(error).rstrip('.')}.", file=sys.stderr)
+        print(f"{name}: {str(error).rstrip('.')}.", file=sys.stderr)
         return 2
-    print(json.dumps({"file": options.file.name, "options": chosen, **figures}, indent=2))
+    print(json.dumps(figures, indent=2), file=sys.stdout)
     return 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Prints the figures of each robot in a file."""
+    options = tyro.cli(_Options, args=argv)
+    chosen = {k: getattr(options, k) for k in ("physics", "engine", "substeps", "iterations")}
+
+    def work() -> dict:
+        found = _load(options.file, options.robot)
+        figures = {name: measure(**of, robot=name, **chosen) for name, of in found.items()}
+        return {"file": options.file.name, "options": chosen, **figures}
+
+    return printed("physics_parity", work)
 
 
 if __name__ == "__main__":

@@ -31,9 +31,7 @@ class Demonstrations(NamedTuple):
 def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress) -> Demonstrations:
     """Runs `gather` into the run's folder, as its first phase.
 
-    Raises:
-      DemoError: see `gather`.
-      RunError: the set is not the one that the run began with.
+    Raises RunError if the set is not the one that the run began with.
     """
     demos = gather(config, env, run.path / "demos", progress)
     source = Path(config.demos.path or run.path / "demos")
@@ -53,10 +51,8 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
     """Loads `config.demos.path`, or the set in `folder`, which is made first if missing.
 
     Objects that the task does not have are left out, so that a task with fewer blocks can learn
-    from videos with more. Failures never train the encoder.
-
-    Raises:
-      DemoError: the set cannot be used for this task.
+    from videos with more. Failures never train the encoder. Raises DemoError if the set cannot be
+    used for this task.
     """
     # A set appears whole: one that is there is the one that these settings make.
     if config.demos.path is None and not (folder / schema.HEADER).is_file():
@@ -75,7 +71,9 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
     good = [e.name for e in demo_set.entries if e.outcome != "failure"]
     if len(good) < 3:
         raise DemoError(f"{source}: holds {len(good)} demonstrations, but at least 3 are needed")
-    held = _kept_aside(config, len(good))
+    held = config.demos.num_validation
+    if config.demos.path is not None:  # of somebody's own videos a quarter at the most
+        held = min(held, math.ceil(len(good) / 4))
     if len(good) - held < config.pretrain.num_videos:
         raise DemoError(
             f"{source}: {len(good) - held} demonstrations are left to train on, but "
@@ -87,9 +85,3 @@ def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstr
         "failure": [e.name for e in demo_set.entries if e.outcome == "failure"],
     }
     return Demonstrations(demo_set, names, sum(e.trimmed for e in demo_set.entries))
-
-
-def _kept_aside(config: RunConfig, successes: int) -> int:
-    """The number of successes to hold out: of somebody's own videos a quarter at the most."""
-    wanted = config.demos.num_validation
-    return wanted if config.demos.path is None else min(wanted, math.ceil(successes / 4))

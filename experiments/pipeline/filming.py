@@ -4,6 +4,8 @@ What a table holds is painted by MuJoCo, the arm included, where OpenGL works; e
 everywhere else, as the outlines of the objects.
 """
 
+import contextlib
+
 import jax
 import numpy as np
 from gril_jax.envs import Env, State
@@ -19,32 +21,24 @@ _PIXELS = 384
 def episode(env: Env, states: State) -> UInt8[np.ndarray, "T P P 3"]:
     """Renders one episode, leaves (T, ...), as a film for people to watch."""
     states = jax.device_get(states)
-    if isinstance(env, Tabletop):
-        try:
-            renderer = Renderer(env, _moments(states)[0], pixels=_PIXELS)
-        except RuntimeError:  # no OpenGL
-            return outlines(env, states.data)
-        try:
-            data = states.data
-            places = zip(data.motion.qpos, data.fixtures, strict=True)
-            frames = np.stack([renderer.frame(*moment) for moment in places])
-        finally:
-            renderer.close()
-        nothing = (frames == 0).all(axis=-1, keepdims=True)  # all that is there has some light
-        return np.where(nothing, np.uint8(env.background), frames)
-    return outlines(env, states.data)
+    if not isinstance(env, Tabletop):
+        return outlines(env, states.data)
+    try:
+        renderer = Renderer(env, _moments(states)[0], pixels=_PIXELS)
+    except RuntimeError:  # no OpenGL
+        return outlines(env, states.data)
+    with contextlib.closing(renderer):
+        places = zip(states.data.motion.qpos, states.data.fixtures, strict=True)
+        frames = np.stack([renderer.frame(*moment) for moment in places])
+    nothing = (frames == 0).all(axis=-1, keepdims=True)  # all that is there has some light
+    return np.where(nothing, np.uint8(env.background), frames)
 
 
 def outlines(env: Env, data) -> UInt8[np.ndarray, "T P P 3"]:
     """Renders an episode from the objects' outlines; `data` is the simulator's, leaves (T, ...)."""
-    return np.stack(
-        [
-            render.paint(
-                env.outlines(moment), half_extent=env.half_extent, background=env.background
-            )
-            for moment in _moments(jax.device_get(data))
-        ]
-    )
+    look = {"half_extent": env.half_extent, "background": env.background}
+    moments = _moments(jax.device_get(data))
+    return np.stack([render.paint(env.outlines(moment), **look) for moment in moments])
 
 
 def _moments(episode) -> list:

@@ -3,14 +3,11 @@
 gril pretrain quickstart --hard-negatives RUN          one round
 gril train quickstart --hard-negatives RUN,RUN         the runs of two rounds together
 
-The policies of finished runs play in their own task, with deterministic and with sampled actions.
-The boxes of what they did, their own learned reward and the demonstrations' last frames alone
-decide what is chosen: no reward of the task and no success. The scenes teach with the weight
-`loss.contrast`, beside the displaced copies (`pretrain.copies`) or without any. A run's folder
-keeps them in `hard_negatives.npz`, and needs the runs that they came from no more.
+The policies of finished runs play in their own task. The boxes of what they did, their own learned
+reward and the demonstrations' last frames alone decide what is chosen: no reward of the task and no
+success. The scenes teach with the weight `loss.contrast`.
 """
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,10 +30,10 @@ from gril_jax.rl.policy import Policy
 from gril_jax.rl.training import Algorithm
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
-from gril_jax.safe_files import sync, writing
+from gril_jax.safe_files import new_file, writing
 from gril_jax.types import DemoBatch
 
-from . import policy_setup, saved, setup
+from . import policy_setup, setup
 
 _FILE = "hard_negatives.npz"
 _EACH = 256  # scenes of each run; a batch of eight videos draws 64
@@ -55,13 +52,18 @@ class EarlierPolicy(NamedTuple):
     learned: RewardParams
 
 
-def load(folders: Sequence[Path]) -> list[EarlierPolicy]:
-    """Loads the policies of some runs, whose folders are only read.
-
-    Raises:
-      ConfigError: a run has no policy, or it cannot be read.
-    """
-    return [_load(folder) for folder in folders]
+def load(folder: Path) -> EarlierPolicy:
+    """The policy of a run, whose folder is only read; ConfigError if it has none."""
+    try:
+        config = run_dir.read_config(folder)
+        env = setup.make_env(config.env, training=False)
+        algorithm = policy_setup.make_algorithm(config, env)
+        policy = policy_setup.restore_policy(folder, config, algorithm)
+        policy_reward = policy_setup.policy_reward(folder, config, env)
+        learned = policy_setup.learned_reward(folder, config, env)
+        return EarlierPolicy(folder, config, algorithm, policy, policy_reward, learned)
+    except RunError as error:
+        raise ConfigError(f"--hard-negatives: {error}") from None
 
 
 def require_boxes(config: RunConfig, policies: Sequence[EarlierPolicy]) -> None:
@@ -72,9 +74,8 @@ def require_boxes(config: RunConfig, policies: Sequence[EarlierPolicy]) -> None:
 
 def noted(policies: Sequence[EarlierPolicy]) -> dict[str, dict[str, Any]]:
     """The note of a new run: whose scenes it learns from, should it be cut off."""
-    if not policies:
-        return {}
-    return {"hard_negatives_of": {"runs": [str(earlier.folder.resolve()) for earlier in policies]}}
+    runs = [str(earlier.folder.resolve()) for earlier in policies]
+    return {"hard_negatives_of": {"runs": runs}} if runs else {}
 
 
 def gather_once(
@@ -88,51 +89,26 @@ def gather_once(
 ) -> Scene | None:
     """Plays and chooses the scenes once; later calls read them from the run's folder.
 
-    Args:
-      policies: of `load`; a run that goes on loads those that it noted if it has to.
-      config: the run's own.
-      demos: those that the run trains on, whose last frames say what belongs where.
-      run: open for writing; it has what `noted` gave.
-      progress: shows the playing.
-      echo: says how many there are.
+    A run that goes on loads the policies that it noted if it has to. The last frames of the
+    demonstrations, which the run trains on, say what belongs where.
 
-    Returns:
-      Leaves (P, N, ...); None where no run was noted, and where nothing is overestimated.
-
-    Raises:
-      ConfigError: see `load`.
-      RunError: the file has changed.
+    Returns leaves (P, N, ...); None where no run was noted, and where nothing is overestimated.
     """
     known = run.finished_phase("hard_negatives_of")
     if known is None:
         return None
     if run.finished_phase("hard_negatives") is None:
-        policies = policies or load([Path(name) for name in known["runs"]])
+        policies = policies or [load(Path(name)) for name in known["runs"]]
         found = [_overestimated(earlier, config, demos, progress) for earlier in policies]
         pool = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
-        digest = _save(run.path / _FILE, pool)
+        with writing(run.path), new_file(run.path / _FILE, overwrite=True) as file:
+            np.savez(file, **pool._asdict())
         counts = [len(scenes.label) for scenes in found]
+        digest = schema.digest(run.path / _FILE)
         run.finish_phase("hard_negatives", {"sha256": digest, "scenes": counts})
         for earlier, count in zip(policies, counts, strict=True):
             echo(f"{count} scenes of {earlier.folder} are overestimated and will be learned from")
     return _read(run.path / _FILE, run.finished_phase("hard_negatives"))
-
-
-def _load(folder: Path) -> EarlierPolicy:
-    try:
-        config = run_dir.read_config(folder)
-        env = setup.make_env(config.env, training=False)
-        algorithm = policy_setup.make_algorithm(config, env)
-        return EarlierPolicy(
-            folder,
-            config,
-            algorithm,
-            policy_setup.restore_policy(folder, config, algorithm),
-            saved.policy_reward(folder, config, env),
-            saved.learned_reward(folder, config, env),
-        )
-    except RunError as error:
-        raise ConfigError(f"--hard-negatives: {error}") from None
 
 
 def _overestimated(
@@ -166,31 +142,16 @@ def _play(earlier: EarlierPolicy, progress: Progress) -> DemoBatch:
     parts = []
     for sampled in (False, True):
         found = evaluate(
-            earlier.algorithm,
-            earlier.policy,
-            earlier.policy_reward,
-            jax.random.fold_in(key, sampled),
-            tau=earlier.config.pool.tau,
-            episodes=episodes,
+            earlier.algorithm, earlier.policy, earlier.policy_reward,
+            jax.random.fold_in(key, sampled), tau=earlier.config.pool.tau, episodes=episodes,
             deterministic=jnp.asarray(not sampled),
-        )
+        )  # fmt: skip
         parts.append(jax.block_until_ready(found.states.objects))
         phase.update(episodes * len(parts))
     seen = jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
     label, is_robot = seen.label[:, 0], seen.is_robot[:, 0]
     length = jnp.full(len(label), seen.center.shape[1], jnp.int32)
     return DemoBatch(seen.center, seen.size, label, is_robot, jnp.ones_like(is_robot), length)
-
-
-def _save(file: Path, pool: Scene) -> str:
-    """Writes the file atomically; returns its digest."""
-    part = file.with_name(f".{file.name}")  # np.savez adds no ending to one that is there
-    with writing(file.parent):
-        np.savez(part, **pool._asdict())
-        sync(part)
-        os.replace(part, file)
-        sync(file.parent)
-    return schema.digest(file)
 
 
 def _read(file: Path, saved: dict[str, Any]) -> Scene | None:

@@ -1,10 +1,5 @@
 """Training of an encoder, on boxes or on frames, behind one interface.
 
-    one = learner(config, demos)
-    state = one.init(key, one.data)
-    state, metrics = one.step(state, one.data, hyper)      # `one.static.updates` updates
-    params = one.reward(state, one.data, hyper)
-
 The demonstrations' arrays are arguments and no constants: frames are too many for a program.
 """
 
@@ -39,7 +34,7 @@ class Learner(NamedTuple):
     static: Static | PixelStatic
     data: Any  # of the training and of the held-out demonstrations, and scenes to learn from, too
     init: Callable[[PRNGKeyArray, Any], Any]
-    step: Callable[[Any, Any, Hyper], tuple[Any, Any]]
+    step: Callable[[Any, Any, Hyper], tuple[Any, Any]]  # of `static.updates` updates
     reward: Callable[[Any, Any, Hyper], RewardParams]
     measure: Callable[[Any, Any, Hyper], dict[str, Float[Array, ""]]]
     latents: Callable[[Params, Any, Hyper], Float[Array, "B T D"]]  # of all frames of `films`
@@ -48,9 +43,9 @@ class Learner(NamedTuple):
 
 def static_config(config: RunConfig, num_classes: int) -> Static | PixelStatic:
     """The static options of the encoder training in the configuration."""
-    if not ENCODERS[config.encoder.kind].boxes:
-        return setup.pixel_pretrain_config(config)
-    return setup.pretrain_config(config, num_classes)
+    if ENCODERS[config.encoder.kind].boxes:
+        return setup.pretrain_config(config, num_classes)
+    return setup.pixel_pretrain_config(config)
 
 
 def learner(
@@ -58,18 +53,11 @@ def learner(
 ) -> Learner:
     """The training of the configuration's encoder on some demonstrations.
 
-    Args:
-      config: a valid one.
-      demos: of `demonstrations.gather`.
-      pool: scenes that earlier rewards overestimated; for boxes alone.
-
-    Raises:
-      ConfigError: a batch would hold more videos than there are.
-      DemoError: a video cannot be read, or is not square.
+    The pool, for boxes alone, holds scenes that earlier rewards overestimated. Raises ConfigError
+    if a batch would hold more videos than there are, DemoError if one cannot be read.
     """
-    if not ENCODERS[config.encoder.kind].boxes:
-        return _of_frames(config, demos)
-    return _of_boxes(config, demos, pool)
+    boxes = ENCODERS[config.encoder.kind].boxes
+    return _of_boxes(config, demos, pool) if boxes else _of_frames(config, demos)
 
 
 def _of_boxes(config, demos, pool) -> Learner:
@@ -122,9 +110,8 @@ def _of_members(static: Static):
 def _of_frames(config, demos) -> Learner:
     static = setup.pixel_pretrain_config(config)
     env, pixels = setup.make_env(config.env, training=False), config.encoder.pixels
-    half_extent = None  # all that the videos show
-    if hasattr(env, "render"):  # no more than the pictures that a policy is paid for
-        half_extent = env.half_extent * pixels / (pixels + 2 * setup.picture_border(pixels))
+    # No more than the pictures that a policy is paid for; else all that the videos show.
+    half_extent = setup.seen_half_extent(env, pixels) if hasattr(env, "render") else None
 
     @functools.cache  # the seeds of a row are measured on the same films
     def frames(*names):

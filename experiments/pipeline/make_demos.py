@@ -35,17 +35,12 @@ def main(config: MakeDemosConfig, out: Path, echo: Callable[[str], None] = print
 def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> list[Imported]:
     """Plays the task's expert, films it, and saves what a detector reads as a set at `out`.
 
-    Raises:
-      DemoError: the expert fails so often that the demonstrations wanted cannot be collected, or
-        something that they need is not there.
-      ConfigError: the task does not offer what the configuration asks for.
+    Raises DemoError if the expert fails too often, or lacks something that it needs.
     """
     chosen, name = config.demos, config.env.name
-    wanted = envs.Wanted(
-        chosen.num + chosen.num_validation, chosen.num_failures, chosen.seed, chosen.variant
-    )
-    total = wanted.successes + wanted.failures
-    phase = progress.phase("playing the expert", total=total, unit="episodes")
+    good, bad = chosen.num + chosen.num_validation, chosen.num_failures
+    wanted = envs.Wanted(good, bad, chosen.seed, chosen.variant)
+    phase = progress.phase("playing the expert", total=good + bad, unit="episodes")
 
     def build(**changes) -> envs.Env:
         return setup.build(name, setup.task_options(config.env, training=False) | changes)
@@ -75,16 +70,11 @@ def _save_videos(
         for done, _ in enumerate(parallel_map(shoot, range(len(episodes))), 1):
             phase.update(done)
         phase = progress.phase("detecting", total=len(episodes), unit="videos", compiles=False)
+        outcome = {stem: one.outcome for stem, one in zip(stems, episodes, strict=True)}
         return import_videos(
-            scratch,
-            out,
-            env.half_extent,
-            classes=env.classes,
-            objects=shown.objects,
-            outcome={s: e.outcome for s, e in zip(stems, episodes, strict=True)},
-            progress=lambda done, total, last: phase.update(done),
-            **header,
-        )
+            scratch, out, env.half_extent, classes=env.classes, objects=shown.objects,
+            outcome=outcome, progress=lambda done, total, last: phase.update(done), **header,
+        )  # fmt: skip
 
 
 def _save_films(

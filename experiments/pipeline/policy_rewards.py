@@ -34,10 +34,7 @@ def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
 def parameters(
     config: RunConfig, learned: RewardParams, demos: DemoBatch | None, num_classes: int
 ) -> Any:
-    """Its parameters, from a learned reward and the demonstrations that it was learned from.
-
-    Without these they have the right shapes, to restore a checkpoint into.
-    """
+    """Its parameters, from a learned reward and its demonstrations; without these, the shapes."""
     return _form(config).parameters(config, learned, demos, num_classes)
 
 
@@ -67,11 +64,7 @@ def _learned(config: RunConfig, env: envs.Env) -> rewards.RewardFn:
 
 
 def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P P 3"]]:
-    """The task's picture of a state, with smooth edges as in the demonstration videos.
-
-    Raises:
-      ConfigError: the task cannot be drawn inside compiled code.
-    """
+    """The task's picture of a state, with smooth edges as in the demonstration videos."""
     env, border = setup.make_env(config.env, training=False), setup.picture_border(pixels)
     if not hasattr(env, "render"):
         raise ConfigError(
@@ -97,12 +90,12 @@ def _subtasks(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
 
 
 def _of_subtasks(config, learned, demos, num_classes):
-    if demos is None:
-        goals = jnp.zeros((_MOST, learned.goal.shape[-1]))
-        scale = jnp.zeros((_MOST, *learned.scale.shape))  # of each of an ensemble's members
-        chain = subtask_chain.ChainParams(goals, scale, jnp.zeros(_MOST), jnp.zeros((), jnp.int32))
-        return learned.encoder, chain
-    return learned.encoder, _chain(config, learned, demos, num_classes)
+    if demos is not None:
+        return learned.encoder, _chain(config, learned, demos, num_classes)
+    goals = jnp.zeros((_MOST, learned.goal.shape[-1]))
+    scale = jnp.zeros((_MOST, *learned.scale.shape))  # of each of an ensemble's members
+    chain = subtask_chain.ChainParams(goals, scale, jnp.zeros(_MOST), jnp.zeros((), jnp.int32))
+    return learned.encoder, chain
 
 
 def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):

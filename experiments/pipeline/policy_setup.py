@@ -1,4 +1,4 @@
-"""Builds the algorithm that trains a policy, and its traced values, from a configuration."""
+"""Builds the algorithm that trains a policy, and reads back what a run has saved of it."""
 
 import math
 from pathlib import Path
@@ -11,7 +11,7 @@ from jaxtyping import PRNGKeyArray
 from gril_jax import envs
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import ALGORITHMS, find
-from gril_jax.errors import RunError
+from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl import training
 from gril_jax.rl.policy import Policy
 from gril_jax.runs.checkpoints import checkpoint
@@ -20,11 +20,7 @@ from . import policy_rewards, setup
 
 
 def make_algorithm(config: RunConfig, env: envs.Env, name: str | None = None) -> training.Algorithm:
-    """The algorithm that the run asks for, or that of a name, on the run's reward.
-
-    Raises:
-      ConfigError: the reward cannot be relabelled, but should be.
-    """
+    """The algorithm that the run asks for, or that of a name, on the run's reward."""
     kind, section = _chosen(config, name)
     seen = section.observe_activity
     seen = config.env.observation != "xmagical" if seen is None else seen
@@ -51,19 +47,28 @@ def _chosen(config: RunConfig, name: str | None) -> tuple[Any, Any]:
     return find(ALGORITHMS[name].algorithm), getattr(config, name)
 
 
-def restore_policy(folder: Path, config: RunConfig, algorithm: training.Algorithm) -> Policy:
-    """Restores the policy of a run.
-
-    Raises:
-      RunError: the run has none yet, or it is damaged.
-    """
-    found = checkpoint.latest(folder / "policy")
-    if found is None:
-        raise RunError(f"{folder} has no policy, so its run has not got that far yet")
-    return checkpoint.restore(found, fresh_policy(config, algorithm, jax.random.key(0)))
-
-
 def fresh_policy(config: RunConfig, algorithm: training.Algorithm, key: PRNGKeyArray) -> Policy:
     """An untrained policy; compiles only the part of `init` that makes it."""
     make = jax.jit(lambda key, hyper: algorithm.policy(algorithm.init(key, hyper)))
     return make(key, algorithm_hyper(config))
+
+
+# What a run has saved; a RunError if there is none yet, or if it is damaged.
+
+
+def restore_policy(folder: Path, config: RunConfig, algorithm: training.Algorithm) -> Policy:
+    """The policy of a run."""
+    found = checkpoint.newest(folder, "policy")
+    return checkpoint.restore(found, fresh_policy(config, algorithm, jax.random.key(0)))
+
+
+def learned_reward(folder: Path, config: RunConfig, env: envs.Env) -> RewardParams:
+    """The reward that a run has learned."""
+    found = checkpoint.newest(folder, "reward")
+    return checkpoint.restore(found, setup.blank_reward(config, len(env.classes)))
+
+
+def policy_reward(folder: Path, config: RunConfig, env: envs.Env) -> Any:
+    """The parameters of the reward that a run's policy was trained on."""
+    found = checkpoint.newest(folder, "policy_reward")
+    return checkpoint.restore(found, policy_rewards.blank(config, env))

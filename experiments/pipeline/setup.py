@@ -26,22 +26,14 @@ _FEW_UPDATES = 5000  # it pays after 4,300 with displaced copies, 7,800 without 
 
 
 def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -> envs.Env:
-    """Builds the task; varied starts are for training only.
-
-    Raises:
-      ConfigError: the task does not offer what the configuration asks for.
-    """
+    """The task; varied starts are for training only. ConfigError if it lacks what is asked for."""
     return build(config.name, task_options(config, training=training, variant=variant))
 
 
 def task_options(
     config: EnvConfig, *, training: bool, variant: str | None = None
 ) -> dict[str, Any]:
-    """The options that a task takes of the section `env`: those of its constructor.
-
-    Raises:
-      ConfigError: the task has no other implementation to choose.
-    """
+    """The options that a task takes of the section `env`: those of its constructor."""
     known = envs.options(config.name)
     if config.impl != EnvConfig.impl and "impl" not in known:
         other = " has env.engine instead" if "engine" in known else " has only one"
@@ -53,25 +45,16 @@ def task_options(
 
 
 def build(task: str, options: Mapping[str, Any]) -> envs.Env:
-    """The task with these options.
-
-    Raises:
-      ConfigError: an option is out of range.
-    """
-    if options.get("impl") == "warp":
-        quieten_warp()
+    """The task with these options; ConfigError if one is out of range."""
+    if options.get("impl") == "warp" and importlib.util.find_spec("warp") is not None:
+        # Or Warp reports on each of its kernels; the task says if it is not installed.
+        warp = importlib.import_module("warp")
+        warp.config.log_level = warp.LOG_WARNING
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
             return envs.make(task, **options)
     except ValueError as error:
         raise ConfigError(f"env: {error}") from error
-
-
-def quieten_warp() -> None:
-    """Keeps Warp from reporting on each of its kernels amid a command's output."""
-    if importlib.util.find_spec("warp") is not None:  # the task says if it is not installed
-        warp = importlib.import_module("warp")
-        warp.config.log_level = warp.LOG_WARNING
 
 
 def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
@@ -86,11 +69,7 @@ def by_name(kind: type[Kind], *sections: Any, **more: Any) -> Kind:
 
 
 def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.Static:
-    """The static options of encoder training; `updates` is one call's share of all steps.
-
-    Raises:
-      ConfigError: the encoder takes pictures.
-    """
+    """The static options of training on boxes; `updates` is one call's share of all steps."""
     require_boxes(config, "training on boxes")
     return by_name(
         pretrain.Static, config.loss, config.pool, config.pretrain,
@@ -118,12 +97,13 @@ def picture_border(pixels: int) -> int:
     return max(1, round(pixels / 64))
 
 
-def require_boxes(config: RunConfig, purpose: str) -> None:
-    """Raises if the encoder takes pictures, for a purpose that needs the objects' boxes.
+def seen_half_extent(env: envs.Env, pixels: int) -> float:
+    """Half extent of what an encoder of pictures sees: without the border."""
+    return env.half_extent * pixels / (pixels + 2 * picture_border(pixels))
 
-    Raises:
-      ConfigError: the encoder takes pictures.
-    """
+
+def require_boxes(config: RunConfig, purpose: str) -> None:
+    """Raises ConfigError if the encoder takes pictures, but the purpose needs objects' boxes."""
     if not ENCODERS[config.encoder.kind].boxes:
         of_boxes = alternatives([name for name, one in ENCODERS.items() if one.boxes])
         raise ConfigError(

@@ -1,14 +1,11 @@
-"""The rows of an ablation of soundness: each is a way of training encoders.
+"""The rows of an ablation of soundness: each is a way of training encoders."""
 
-Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
-"""
-
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-from gril_jax.experiments.tables import rows as named_rows
-
 from gril_jax.config import RunConfig
+
+from ..tables.rows import AuditedSettings, changed, require_learned
 
 # Every row says all that any row changes, so that defaults may move without moving the table.
 _PAPER: dict[str, Any] = {
@@ -60,27 +57,21 @@ ROWS: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Settings(named_rows.Settings):
+class Settings(AuditedSettings):
     """All of an ablation of soundness that is not in the configuration."""
 
-    rows: named_rows.Rows = field(default_factory=lambda: ROWS)
     policies: bool = True
     """True if a policy is trained with each encoder's reward."""
     policies_at_once: int = 25
     """Largest number of policies in one program."""
-    ascents: int = 1000
-    """Gradient ascents of the audit, shared by the starts."""
-    starts: int = 4
-    """Starts that an audit begins from, of each kind."""
 
 
 def with_budget(config: RunConfig, steps: int | None) -> RunConfig:
     """The configuration with this many control steps for a policy; unchanged for None or 0.
 
-    Raises:
-      ConfigError: they do not cover one update, or the policies would not learn from the rewards.
+    Raises ConfigError, too, if policies would not learn from the rewards.
     """
-    named_rows.require_learned(config)
+    require_learned(config)
     if not steps:
         return config
-    return named_rows.changed(config, {f"{config.run.algorithm}.num_timesteps": steps})
+    return changed(config, {f"{config.run.algorithm}.num_timesteps": steps})

@@ -1,12 +1,10 @@
 """Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
 
     gril subtasks RUN                   about a minute
-    gril subtasks RUN --sets True       and a demonstration set for each subtask
+    gril subtasks RUN --sets True       and a set for each subtask, for `gril pretrain --demos`
 
 Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
 where the set has stage times (`DemoEntry.stages`), those of held-out demonstrations are scored.
-Writes `subtasks.json`, a figure for some held-out demonstrations, and with `sets` the folders
-`subtask-1`, `subtask-2`, ..., from which `gril pretrain --demos` learns a subtask's reward.
 """
 
 import json
@@ -17,8 +15,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, learners, saved, setup
-from jaxtyping import Float, Int
+from gril_jax.experiments.pipeline import demonstrations, learners, policy_setup, setup
+from jaxtyping import Float, Int, UInt8
+from matplotlib.figure import Figure
 
 from gril_jax import reward
 from gril_jax.config import RunConfig
@@ -26,17 +25,16 @@ from gril_jax.demos import schema
 from gril_jax.demos.schema import DemoEntry
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError, RunError
-from gril_jax.report.figures.style import png
+from gril_jax.report.figures.curves import reward_profile
+from gril_jax.report.figures.style import COLOURS, GREY, png, styled
 from gril_jax.runs import run_dir
 from gril_jax.runs.metric_rows import plain
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 
-from .figure import stages_figure
+from .ends import scores, segments, write_sets
 from .options import Options
-from .scores import scores
-from .sets import segments, write_sets
 
 _FIGURES = 3  # held-out demonstrations that are drawn
 
@@ -53,10 +51,7 @@ class Traces(NamedTuple):
 def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], None] = print) -> None:
     """Writes figures, scores and cut demonstrations into a new folder.
 
-    Raises:
-      RunError: the run has no reward, its demonstrations are gone, or there are no stages to tell
-        apart.
-      DemoError: a demonstration is damaged.
+    Raises RunError if there is no reward, or if there are no stages to tell apart.
     """
     config = run_dir.read_config(folder)
     with Progress() as progress:
@@ -67,15 +62,19 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
         _require_stages(folder, traces, rule, agreed.shape[1])
         tolerance = round(demos.demo_set.fps)  # one second, in frames
         measured = _scores(traces, {"agreed": agreed, "each alone": alone}, tolerance)
+        about = {"rule": rule, "tolerance": tolerance} | _json(traces, found, agreed, measured)
         with run_dir.writing(out):
             out.mkdir(parents=True)
-            about = {"rule": rule, "tolerance": tolerance}
-            text = json.dumps(plain(about | _json(traces, found, agreed, measured)), indent=1)
-            write_whole(out / "subtasks.json", text + "\n")
+            write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
         drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
         phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
         for count, i in enumerate(drawn, 1):
-            _draw(out, demos, traces, i, agreed[i])
+            entry, own = traces.entries[i], traces.reward[i, : traces.length[i]]
+            frames = read_video(demos.demo_set.folder / entry.video)[: len(own)]
+            look = {"stages": entry.stages, "name": entry.name, "fps": demos.demo_set.fps}
+            picture = png(stages_figure(own, agreed[i], frames, **look))
+            with run_dir.writing(out):
+                (out / f"{entry.name.replace('/', '_')}.png").write_bytes(picture)
             phase.update(count)
         if options.sets:
             write_sets(out, demos.demo_set, traces.entries, agreed, progress)
@@ -84,21 +83,16 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
 
 
 def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrations) -> Traces:
-    """The run's reward along its successful demonstrations.
-
-    Raises:
-      RunError: there is no reward yet.
-    """
+    """The run's reward along its successful demonstrations."""
     env = setup.make_env(config.env, training=False)
-    params = saved.learned_reward(folder, config, env)
+    params = policy_setup.learned_reward(folder, config, env)
     entries = {entry.name: entry for entry in demos.demo_set.entries}
-    owners = [(name, split) for split in ("train", "validation") for name in demos.names[split]]
-    names = [name for name, _ in owners]
+    names = [*demos.names["train"], *demos.names["validation"]]
     learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
     latents = jnp.asarray(learner.latents(params.encoder, learner.films(names), hyper))
     return Traces(
         [entries[name] for name in names],
-        [split == "validation" for _, split in owners],
+        [name in demos.names["validation"] for name in names],
         np.asarray(reward.latent_reward(params, latents)),
         np.array([entries[name].frames for name in names], np.int32),
     )
@@ -110,13 +104,13 @@ def discover(
     """Boundaries on which all demonstrations agree, those that each shows alone, and the rule."""
     given = jnp.asarray(traces.reward), jnp.asarray(traces.length)
     rule: dict[str, Any] = {"prominence": options.prominence, "smoothing": options.smoothing}
+    support = {"support": options.support}
     if (patience := options.patience) is None:
-        patience, found = _stages(*given, **rule, support=options.support)
+        patience, found = _stages(*given, **rule, **support)
     else:
-        found = _agreed(*given, **rule, support=options.support, patience=patience)
+        found = _agreed(*given, **rule, **support, patience=patience)
     alone = _each_alone(*given, **rule, patience=int(patience))
-    rule |= {"support": options.support, "patience": int(patience)}
-    return jax.device_get(found), np.asarray(alone), rule
+    return jax.device_get(found), np.asarray(alone), rule | support | {"patience": int(patience)}
 
 
 _stages = jax.jit(agreement.agreed_stages, static_argnames="smoothing")
@@ -164,27 +158,26 @@ def _scores(
 ) -> dict[str, Any]:
     """Scores of held-out demonstrations with stage times; empty if there are none."""
     known = [i for i, e in enumerate(traces.entries) if traces.held_out[i] and e.stages]
-    if not known:
-        return {}
     stages = [traces.entries[i].stages or {} for i in known]
     return {
         name: scores([frames[i] for i in known], stages, tolerance)
-        for name, frames in found.items()
+        for name, frames in (found.items() if known else ())
     }
 
 
 def _json(traces: Traces, found, agreed, measured: Mapping[str, Any]) -> dict[str, Any]:
     """All results as JSON; `segments` are first and last frames of each subtask."""
     kept = agreed.shape[1]
-    demos = {}
-    for i, entry in enumerate(traces.entries):
-        demos[entry.name] = {
+    demos = {
+        entry.name: {
             "split": "validation" if traces.held_out[i] else "train",
             "ends": agreed[i].tolist(),
             "found": found.found[i, :kept].tolist(),
             "segments": segments(agreed[i], entry.frames),
             "stages": entry.stages,
         }
+        for i, entry in enumerate(traces.entries)
+    }
     return {
         "scores": measured,
         "level": found.level[:kept].tolist(),
@@ -193,15 +186,37 @@ def _json(traces: Traces, found, agreed, measured: Mapping[str, Any]) -> dict[st
     }
 
 
-def _draw(out: Path, demos, traces: Traces, i: int, ends: Int[np.ndarray, "K"]) -> None:
-    entry, length = traces.entries[i], int(traces.length[i])
-    frames = read_video(demos.demo_set.folder / entry.video)[:length]
-    figure = stages_figure(
-        traces.reward[i, :length], ends, frames,
-        stages=entry.stages, name=entry.name, fps=demos.demo_set.fps,
-    )  # fmt: skip
-    with run_dir.writing(out):
-        (out / f"{entry.name.replace('/', '_')}.png").write_bytes(png(figure))
+@styled
+def stages_figure(
+    reward: Float[np.ndarray, "T"],
+    ends: Int[np.ndarray, "K"],
+    frames: UInt8[np.ndarray, "T H W 3"],
+    *,
+    stages: Mapping[str, int] | None = None,
+    name: str = "",
+    fps: float | None = None,
+) -> Figure:
+    """The profile with the frames at the found ends; true ends are dashed lines.
+
+    The found ends are last frames of stages; true ones have names, and are -1 for never.
+    """
+    boundary = np.zeros(len(reward), bool)
+    boundary[ends[(ends >= 0) & (ends < len(reward))]] = True
+    figure = reward_profile(reward, boundary, frames=frames, name=name, fps=fps)
+    axes = figure.axes[0]
+    if stages:
+        figure.text(
+            0.988, 1 - 0.08 / figure.get_figheight(), "numbers: stages found; dashed: true ends",
+            ha="right", va="top", fontsize=9, color=GREY,
+        )  # fmt: skip
+    for stage, frame in (stages or {}).items():
+        if 0 <= frame < len(reward):
+            axes.axvline(frame, color=COLOURS[2], linestyle="--", linewidth=1.2, zorder=1)
+            axes.annotate(
+                stage, (frame, 0), (-3, 5), xycoords=("data", "axes fraction"),
+                textcoords="offset points", color=COLOURS[2], fontsize=9, ha="right",
+            )  # fmt: skip
+    return figure
 
 
 def _sentences(count: int, found, measured: Mapping[str, Any], out: Path) -> Sequence[str]:

@@ -2,42 +2,30 @@
 
     gril sweep quickstart --seeds 8 --reward learned,environmental --lambda 0.1,1
     gril sweep match_regions --rows "environmental,XIRL" --ppo.learning-rate 3e-4,7e-4
-    gril sweep --resume RUN
 
-Writes `sweep.md` (mean, interquartile mean and its interval), `sweep.csv`, `sweep.png`, the final
-policies, and one configuration a cell, which `gril train RUN/cells/000.yaml` runs by itself.
+Writes `sweep.md`, `sweep.csv`, `sweep.png`, the final policies, and one configuration a cell, which
+`gril train RUN/cells/000.yaml` runs by itself.
 """
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import jax
-from gril_jax.experiments.tables.curves import LAST, Curve, at_the_end
-from gril_jax.experiments.tables.figure import learning_curves
-from gril_jax.experiments.tables.programs import programs
-from gril_jax.experiments.tables.rewards import learns
-from gril_jax.experiments.tables.table import Found, Table
-from gril_jax.experiments.tables.written import (
-    SEEDS,
-    Column,
-    Section,
-    markdown,
-    mean_interval,
-    median_reached,
-)
+import numpy as np
 
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load, to_yaml
 from gril_jax.config.grid import Cell
 from gril_jax.errors import RunError
-from gril_jax.report.figures.style import png
 from gril_jax.runs import run_dir
 
+from ..tables.curves import LAST, Curve, at_the_end, learning_curves
+from ..tables.results import Found, Table
+from ..tables.rewards import learns
+from ..tables.written import SEEDS, Column, Section, markdown, mean_interval, median_reached
+
 _COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
-_WHOLE = ("env_steps", "steps_80")
 _REACHED = median_reached(unit=1e-6, digits=2)
 _SECTIONS = (
     Section(
@@ -71,11 +59,7 @@ class Sweep:
 
 
 def read_cells(folder: Path) -> Sweep:
-    """The cells of a sweep and its number of seeds.
-
-    Raises:
-      RunError: the folder is no sweep, or its files are damaged.
-    """
+    """The cells of a sweep and its number of seeds; RunError if the folder is none."""
     try:
         about = json.loads((folder / "sweep.json").read_text(encoding="utf-8"))
         cells = [
@@ -105,30 +89,25 @@ def _first_of_twins(sweep: Sweep) -> list[int]:
     return [counts.index(one) for one in counts]
 
 
-def _plan(rows, num_classes: int, sweep: Sweep):
+def _plan(rows, sweep: Sweep, programs):
     first = _first_of_twins(sweep)
-    return programs(
-        [row for row in rows if first[row.cell] == row.cell], num_classes, jax.devices()
-    )
+    return programs([row for row in rows if first[row.cell] == row.cell])
 
 
-def _policy(curve: Curve) -> dict[str, float | int | None]:
+def _policy(curve: Curve) -> dict[str, float | int]:
     numbers = at_the_end(curve)
-    whole = {name: int(numbers[name]) for name in _WHOLE if numbers[name] == numbers[name]}
-    return numbers | whole
+    return numbers | {k: int(numbers[k]) for k in ("env_steps", "steps_80") if numbers[k] < np.inf}
 
 
 def _with_twins(found: Found, sweep: Sweep) -> Found:
     """The results of all cells; those with the same policies have the same ones."""
     names, first = found.names, _first_of_twins(sweep)
-    lines: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
-    for line in found.lines:
-        lines[line["row"]].append(dict(line))
     return found._replace(
         lines=[
-            line | {"row": name, "cell": name}
+            dict(line) | {"row": name, "cell": name}
             for name, of in zip(names, first, strict=True)
-            for line in lines[names[of]]
+            for line in found.lines
+            if line["row"] == names[of]
         ],
         curves=[
             dataclasses.replace(curve, cell=cell)
@@ -139,15 +118,11 @@ def _with_twins(found: Found, sweep: Sweep) -> Found:
     )
 
 
-def _pictures(found: Found, last: bool) -> Mapping[str, bytes]:
-    return {"sweep.png": png(learning_curves(found.names, found.curves))} if found.curves else {}
-
-
 TABLE = Table(
     "sweep",
-    lambda lines: _COLUMNS,
-    lambda found: markdown(found.lines, _SECTIONS),
-    _pictures,
+    columns=lambda lines: _COLUMNS,
+    text=lambda found: markdown(found.lines, _SECTIONS),
+    figure=lambda found: learning_curves(found.names, found.curves) if found.curves else None,
     configs=lambda config, sweep: [cell.config for cell in sweep.cells],
     plan=_plan,
     policy=_policy,

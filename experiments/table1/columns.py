@@ -1,24 +1,36 @@
-"""The columns of Table I: the numbers of a policy, and the sections that people read."""
+"""What people read of Table I: the numbers of a policy, the sections, and the HTML page."""
 
-from gril_jax.experiments.tables.curves import Curve, first_at, in_last_tenth
-from gril_jax.experiments.tables.table import Found
-from gril_jax.experiments.tables.written import (
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from gril_jax.report import html
+from gril_jax.report.figures.curves import spread, success_failure
+from gril_jax.report.figures.style import png
+from gril_jax.report.headline import Tile
+from gril_jax.report.html import Part
+
+from ..tables.curves import Curve, first_at, in_last_tenth
+from ..tables.results import Found
+from ..tables.written import (
     SEEDS,
     Column,
     Section,
+    by_row,
+    cells,
     markdown,
     mean_interval,
     median_reached,
-    same,
     with_paper,
 )
-
 from .rows import PAPER
 
 STARTS = ("demo", "jitter", "layout")
 _LEVELS = (50, 80, 95)  # percent of success
 
-# As `tables.training` calls them: deterministic actions, then sampled ones, from each start.
+# As `tables.programs` calls them: deterministic actions, then sampled ones, from each start.
 _SCORES = tuple(
     f"{name}{start}{actions}"
     for name in ("success", "score")
@@ -49,7 +61,7 @@ SECTIONS = (
         "100 % for each seed. Paper: the success that its Table I reports.",
         (
             SEEDS,
-            Column("paper", "paper", same),
+            Column("paper", "paper"),
             Column("success", "deterministic actions", _percent),
             Column("success_sampled", "sampled actions", _percent),
         ),
@@ -90,10 +102,7 @@ SECTIONS = (
 
 
 def policy(curve: Curve) -> dict[str, float]:
-    """The scores of one policy as means over the last tenth, and how soon it got there.
-
-    `steps_80` and `seconds_80` are those to 80 % success with sampled actions, from Demo starts.
-    """
+    """The scores of one policy as means over the last tenth, and how soon it got there."""
     last = in_last_tenth(curve.env_steps)
     found = {name: float(curve.scores[name][last].mean()) for name in _SCORES}
     found["env_steps"] = float(curve.env_steps[-1])
@@ -116,3 +125,73 @@ def text(found: Found) -> str:
         f"{about.get('demos_sha256', '')}."
     )
     return f"{markdown(with_paper(found.lines, PAPER, 1), SECTIONS)}\n\n{origin}"
+
+
+def page(found: Found, figure: bytes) -> str:
+    """The page, as one self-contained file."""
+    success, rewards, *others = (_table(found, section) for section in SECTIONS)
+    of, about = by_row(found.lines, "success_sampled"), found.about
+    dots = Part(
+        "A dot for each seed, and a bar at their mean; the dotted line is the first row's mean.",
+        png(spread(of, "success, sampled actions, Demo starts")),
+        "Success of each row's policies",
+        wide=True,
+    )
+    curves = Part(
+        "Figure 2: the interquartile mean over seeds within the band from their lower to their "
+        "upper quartile.",
+        figure,
+        "Success against env steps and against seconds for each row",
+        wide=True,
+    )
+    versions = {str(k): str(x) for k, x in about.get("packages", {}).items()}
+    return html.render(
+        title="Table I: rewards for MatchRegions",
+        summary=(
+            "Policies trained alike on rewards of several kinds: success at the end of the episode "
+            "with sampled actions, from Demo starts, mean over seeds and over the evaluations in "
+            "the last tenth of training."
+        ),
+        tiles=[_tile(row, values) for row, values in of.items() if np.isfinite(values).all()],
+        sections=[
+            html.Section("Success", [dots, success, *others, curves]),
+            html.Section("The learned rewards", [rewards, *_profiles(found.profiles)]),
+        ],
+        facts={k: str(x) for k, x in about.items() if not isinstance(x, Mapping)},
+        tables={"Package versions": versions},
+        listings={"Table I as Markdown": text(found)},
+    )
+
+
+def _tile(row: str, values: np.ndarray) -> Tile:
+    paper = f"; the paper has {PAPER[row]:.1f}%" if row in PAPER else ""
+    note = f"{100 * values.min():.1f}% to {100 * values.max():.1f}% over {len(values)} seeds"
+    return Tile(f"{100 * values.mean():.1f}%", row, note + paper)
+
+
+def _table(found: Found, section: Section) -> html.Table:
+    """A section; in a cell the number, and below it what follows: `84.4; 84.4 (71.9 to 96.9)`."""
+    rows = cells(with_paper(found.lines, PAPER, 1), section.columns)
+    split = {
+        row: [html.Cell(*re.split(r"; | (?=\()", cell, maxsplit=1)) for cell in texts]
+        for row, texts in rows.items()
+    }
+    return html.Table(section.caption, [one.heading for one in section.columns], split)
+
+
+def _profiles(profiles: Mapping[str, Mapping[str, Any]]) -> list[Part]:
+    parts = []
+    for row, found in profiles.items():
+        success, failure = (
+            [np.array(x, float) for x in found[k] if len(x)] for k in ("success", "failure")
+        )
+        if not success or not failure:
+            parts.append(Part(f"{row}: there are no failed demonstrations to compare with."))
+            continue
+        caption = (
+            f"{row}: the reward along demonstrations kept aside, successful (left) and failed "
+            "(right), of the first seed. Successes should end near the top, failures below."
+        )
+        figure = png(success_failure(success, failure))
+        parts.append(Part(caption, figure, f"Rewards along demonstrations: {row}"))
+    return parts or [Part("No reward was learned from graphs.")]

@@ -1,20 +1,16 @@
-"""The rows of Table I: the fields that each changes, and the success that the paper reports.
-
-Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
-"""
+"""The rows of Table I: the fields that each changes, and the success that the paper reports."""
 
 import json
 import math
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from gril_jax.envs import registry
-from gril_jax.experiments.tables import rows as named_rows
-from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError
+
+from ..tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL, AuditedSettings, Rows
 
 # Every learned row says all that any of them changes, so that defaults may move without moving the
 # table. What trains policies, `ppo` or `sac`, and the task are the configuration's in all of them.
@@ -47,13 +43,9 @@ _DENSER = _AUDITED | {"loss.near": 0.5, "loss.touch": 0.05, "run.reward_offset":
 _SHAPED = {"env.reward": "sparse", "run.reward": "shaped", "run.reward_weights": (10.0, 1.0)}
 
 
-def _environmental(reward: str) -> dict[str, Any]:
-    return {"env.reward": reward, "run.reward": "environmental"}
-
-
 ROWS: dict[str, dict[str, Any]] = {
-    "environmental": _environmental("S4"),
-    "environmental V5": _environmental("V5"),
+    "environmental": {"env.reward": "S4", "run.reward": "environmental"},
+    "environmental V5": {"env.reward": "V5", "run.reward": "environmental"},
     "XIRL": _XIRL,
     "XIRL with agreed times": _XIRL | {"loss.warmup": 1500},
     "GraphIRL with robot": _PAPER | GRAPHIRL | WITH_ROBOT,
@@ -64,7 +56,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "ours audited and denser": _DENSER,
     "ours with soft-DTW": _AUDITED | {"loss.consistency": "soft_dtw"},
     "ours with potential shaping": _AUDITED | _SHAPED,
-    "sparse score": _environmental("sparse"),
+    "sparse score": {"env.reward": "sparse", "run.reward": "environmental"},
 }
 
 # Success that the paper's Table I reports, percent.
@@ -84,19 +76,10 @@ QUICK = "environmental,ours without robot"
 QUICK_SEEDS = 2
 QUICK_STEPS = 1500  # of each encoder
 
-
-@dataclass(frozen=True)
-class Settings(named_rows.Settings):
-    """All of Table I that is not in the configuration."""
-
-    rows: named_rows.Rows = field(default_factory=lambda: ROWS)
-    ascents: int = 1000
-    """Gradient ascents of the audit, shared by the starts."""
-    starts: int = 4
-    """Starts that an audit begins from."""
+Settings = AuditedSettings
 
 
-def with_steps(rows: named_rows.Rows, steps: int | None) -> named_rows.Rows:
+def with_steps(rows: Rows, steps: int | None) -> Rows:
     """The rows with so many gradient steps of every encoder; of its row's own where None."""
     if steps is None:
         return rows
@@ -106,18 +89,13 @@ def with_steps(rows: named_rows.Rows, steps: int | None) -> named_rows.Rows:
     }
 
 
-def paths(rows: named_rows.Rows) -> set[str]:
+def paths(rows: Rows) -> set[str]:
     """The fields that rows set, which cannot be chosen for all of them."""
     return {path for change in rows.values() for path in change}
 
 
 def check(config: RunConfig) -> None:
-    """Refuses a task or demonstrations that the rows cannot use, before work starts.
-
-    Raises:
-      ConfigError: the task lacks a reward that the rows set.
-      DemoError: the demonstrations are of another task, or too few.
-    """
+    """Refuses a task or demonstrations that the rows cannot use, before work starts."""
     needed = dict.fromkeys(row["env.reward"] for row in ROWS.values())
     if not {*needed} <= {*registry.spec(config.env.name).rewards}:
         raise ConfigError(

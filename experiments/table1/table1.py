@@ -3,39 +3,85 @@
     gril table1                               five seeds; sized for a GPU
     gril table1 --demos HUMAN --seeds 10
     gril table1 --quick                       two rows and two seeds of one block, on a laptop
-    gril table1 --resume RUN
     gril table1 --join RUN,RUN --out FOLDER      runs with different rows as one table
 
-For each row (`gril_jax.experiments.table1.rows.ROWS`) and seed an encoder is trained where the row
-learns a reward, audited, and a policy is trained with that reward. Writes `table1.md` and
-`table1.csv` (a line a policy) after each program, `figure2.png` and `report.html` at the end.
-`gril report RUN` draws what there is of a run that was cut off.
+For each row and seed an encoder is trained where the row learns a reward, audited, and a policy is
+trained with that reward. Writes `table1.md` and `table1.csv` (a line a policy) after each program,
+`figure2.png` and `report.html` at the end, or when `gril report RUN` draws a run that was cut off.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import jax
-from gril_jax.experiments.tables.audits import audit
-from gril_jax.experiments.tables.figure import learning_curves
-from gril_jax.experiments.tables.programs import programs
-from gril_jax.experiments.tables.table import Found, Table
-from gril_jax.experiments.tables.written import by_row
+import numpy as np
 
-from gril_jax.report.figures.style import png
+from gril_jax import reward
+from gril_jax.metrics.order import two_way_cycle_consistency
+from gril_jax.pretraining import pretrain
+from gril_jax.types import DemoBatch
 
-from .columns import COLUMNS, REWARD, STARTS, policy, text
-from .page import page
-from .profiles import profiles
+from ..pipeline import setup
+from ..pipeline.demonstrations import Demonstrations
+from ..tables.curves import learning_curves
+from ..tables.measures import Measure, audit, stacked
+from ..tables.results import Found, Table
+from ..tables.rewards import TrainedReward
+from ..tables.written import by_row
+from .columns import COLUMNS, REWARD, STARTS, page, policy, text
 from .rows import ROWS, Settings
 
 
-def _pictures(found: Found, last: bool) -> Mapping[str, bytes]:
-    """Figure and page at the end alone: they take seconds."""
-    if not last or not found.curves:
-        return {}
-    figure = png(learning_curves(found.names, found.curves))
-    return {"figure2.png": figure, "report.html": page(found, figure).encode()}
+def profiles(demos: Demonstrations) -> Measure:
+    """Cycle consistency and rewards as a measure, on demonstrations kept aside and on failures."""
+    num_classes = len(demos.demo_set.classes)
+    splits = ["validation", *(["failure"] if demos.names["failure"] else [])]
+    batches = [demos.batch(split) for split in splits]
+
+    def same(config):
+        return setup.pretrain_config(config, num_classes)
+
+    def lower(config, params):
+        embed, hyper = program(same(config)), setup.pretrain_hyper(config)
+        return [embed.lower(params, hyper, batch) for batch in batches]
+
+    def found(programs, config, rewards):
+        return measure(programs, rewards, setup.pretrain_hyper(config), batches)
+
+    return Measure("profiles", found, same, lower, num_classes)
+
+
+def program(static: pretrain.Static):
+    """Jitted program: (S rewards, hyper, demonstrations) -> two-way cycle consistency, rewards."""
+
+    @jax.jit
+    def embed(params: reward.RewardParams, hyper: pretrain.Hyper, batch: DemoBatch):
+        latents = jax.vmap(lambda p: pretrain.embed(p.encoder, batch, hyper, static))(params)
+        cycle = jax.vmap(lambda x: two_way_cycle_consistency(x, batch.length))(latents)
+        return cycle, jax.vmap(reward.latent_reward)(params, latents)
+
+    return embed
+
+
+def measure(
+    programs: Sequence[Any],
+    found: Sequence[TrainedReward],
+    hyper: pretrain.Hyper,
+    batches: Sequence[DemoBatch],
+) -> dict[str, list[Any]]:
+    """Two-way cycle consistency of each encoder, and rewards along demonstrations of the first.
+
+    The programs, from `program`, are one for each batch: demonstrations kept aside, for `cycle` and
+    `success`, then failures if there are any. Rewards are lists with three decimals.
+    """
+    params, cycles, traces = stacked(found), [], []
+    for embed, batch in zip(programs, batches, strict=True):
+        cycle, rewards = embed(params, hyper, batch)
+        one = np.asarray(rewards[0], float).round(3)
+        cycles.append(cycle.tolist())
+        traces.append([values[:n].tolist() for values, n in zip(one, batch.length, strict=True)])
+    failure = traces[1] if len(traces) > 1 else []
+    return {"cycle": cycles[0], "success": traces[0], "failure": failure}
 
 
 def _measures(config, settings: Settings, demos):
@@ -54,13 +100,13 @@ def _summary(found: Found) -> dict[str, Any]:
 
 TABLE = Table(
     "table1",
-    lambda lines: COLUMNS,
-    text,
-    _pictures,
+    columns=lambda lines: COLUMNS,
+    text=text,
+    figure=lambda found: learning_curves(found.names, found.curves) if found.curves else None,
+    picture="figure2.png",
+    page=page,
     settings=Settings,
-    plan=lambda rows, num_classes, settings: programs(
-        rows, num_classes, jax.devices(), starts=STARTS
-    ),
+    plan=lambda rows, settings, programs: programs(rows, starts=STARTS),
     policy=policy,
     measured={"audit": REWARD[2:], "profiles": REWARD[1:2]},
     measures=_measures,

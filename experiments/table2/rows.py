@@ -1,24 +1,15 @@
-"""The rows of Table II: the fields that each changes, and the ratio that the paper reports.
-
-Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
-"""
+"""The rows of Table II: the fields that each changes, and the ratio that the paper reports."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
-
-from gril_jax.experiments.tables import rows as named_rows
-from gril_jax.experiments.tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 
+from ..tables.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL, Rows, changed
+
 # Every row says all that any of them changes, so that defaults may move without moving the table.
-_PAPER: dict[str, Any] = PAPERS_OWN | {
-    "encoder.latent": 32,
-    "pool.alpha": 5.0,
-    "loss.near": 0.5,
-}
+_PAPER: dict[str, Any] = PAPERS_OWN | {"encoder.latent": 32, "pool.alpha": 5.0, "loss.near": 0.5}
 # Why a latent of one number and no weight for what has moved: see configs/shoes_in_box.yaml.
 _OURS = _PAPER | {"encoder.latent": 1, "pool.alpha": 1.0}
 # What makes the reward of MatchRegions pass its audit.
@@ -60,19 +51,12 @@ QUICK = {"demos.num": 20, "demos.num_validation": 6, "demos.num_failures": 21} |
 QUICK_SEEDS = 2
 
 
-@dataclass(frozen=True)
-class Settings(named_rows.Settings):
-    """All of Table II that is not in the configuration."""
-
-    rows: named_rows.Rows = field(default_factory=lambda: ROWS)
-
-
-def usable(config: RunConfig, echo: Callable[[str], None] = print) -> named_rows.Rows:
+def usable(config: RunConfig, echo: Callable[[str], None] = print) -> Rows:
     """The rows that this configuration can train; prints why the others are left out."""
     rows = {}
     for name, change in ROWS.items():
         try:
-            named_rows.changed(config, change)
+            changed(config, change)
         except ConfigError as error:
             echo(f"without the row {name!r}: {error}")
         else:

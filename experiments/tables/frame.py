@@ -1,7 +1,5 @@
 """The frame of every table: it trains, measures, goes on where it stood, and writes.
 
-    frame.make(TABLE, config, settings)              gril table1
-
 For each row and seed an encoder is trained where the row learns a reward, then measured, and a
 policy is trained with the reward where the table has policies. Seeds share a program, and rows do
 that compile alike. All that is written is read from the run's files; it is written again after each
@@ -9,6 +7,7 @@ program, so that a run that is cut off leaves what it has.
 """
 
 import dataclasses
+import functools
 import io
 from collections.abc import Callable, Hashable
 from pathlib import Path
@@ -27,12 +26,10 @@ from . import measures as table_measures
 from . import programs as table_programs
 from . import results
 from . import rewards as table_rewards
-from .rewards import LearnedReward, learns, reward_key
+from .programs import learn_policies
+from .results import Echo, Found, Table
+from .rewards import TrainedReward, learns, reward_key
 from .rows import with_seeds
-from .table import Found, Table
-from .training import learn_policies
-
-Echo = Callable[[str], None]
 
 
 def make(
@@ -43,24 +40,21 @@ def make(
     resume: Path | None = None,
     echo: Echo = print,
 ) -> Path:
-    """Makes a table, or goes on with the run in a folder; returns the run's folder.
+    """Makes a table, or goes on with the run in the folder `resume`; returns the run's folder.
 
     Of several processes (`gril_jax.runs.hosts`) the first alone keeps what it writes, and speaks.
-
-    `config` is what all rows have in common, and `settings` the table's own kind: the rows, and
-    how many seeds. A run in the folder `resume` has both, too.
-
-    Raises:
-      ConfigError: a row's value is out of range, or a policy does not fit into memory.
-      DemoError: the demonstrations do not serve the task.
-      RunError: the run cannot be made, or cannot go on.
+    `config` is what all rows have in common, and `settings` the table's own kind; a run that goes
+    on has both, too. Raises ConfigError if a row's value is out of range, or if a policy does not
+    fit into memory.
     """
     rows = with_seeds(table.configs(config, settings), settings.seeds)
     num_classes = len(setup.make_env(config.env, training=False).classes)
-    plan = table.plan(rows, num_classes, settings)
-    encoders = len({reward_key(row.config) for row in rows if learns(row.config)})
+    programs = functools.partial(
+        table_programs.programs, num_classes=num_classes, devices=jax.devices()
+    )
+    plan = table.plan(rows, settings, programs)
     counts = {
-        "encoders": encoders,
+        "encoders": len({reward_key(row.config) for row in rows if learns(row.config)}),
         "policies": sum(len(program.rows) for program in plan),
         "programs": len(plan),
     }
@@ -96,7 +90,7 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
     left = [program for program, done in zip(plan, finished, strict=True) if not done]
     free = [one for one in left if not any(learns(row.config) for row in one.rows)]
     others = [one for one in left if one not in free]
-    learned: dict[Hashable, LearnedReward] = {}
+    learned: dict[Hashable, TrainedReward] = {}
     gather = _gatherer(run, progress)
     demos = gather(config) if table.one_set else None
 
@@ -115,19 +109,16 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
         wanted = table_rewards.get_ready(rows, gather, pool)
         ready |= table_programs.get_ready(others, jax.devices(), pool)
         measures = [] if demos is None else table.measures(config, settings, demos)
-        needs = lambda rows: table_rewards.needed(wanted, rows)  # noqa: E731
+        needs = functools.partial(table_rewards.needed, wanted)
         ahead.carry_out(
             table_rewards.tasks(wanted, learned, run, progress, echo)
-            + table_measures.tasks(
-                measures, rows, learned, needs, run, pool, progress, then=written
-            )
+            + table_measures.tasks(measures, rows, learned, needs, run, pool, progress, written)
             + table_programs.tasks(left, ready, needs, train)
         )
     if not hosts.is_first():
         return None
     found = results.read(table, run.path, settings)
-    lines = [*found.lines, *([] if demos is None else table.reference(demos))]
-    return found._replace(lines=lines)
+    return found._replace(lines=[*found.lines, *(table.reference(demos) if demos else [])])
 
 
 def _gatherer(run: run_dir.RunDir, progress: Progress) -> Callable[[RunConfig], Demonstrations]:
@@ -138,11 +129,11 @@ def _gatherer(run: run_dir.RunDir, progress: Progress) -> Callable[[RunConfig], 
         key = (table_rewards.task_key(config), config.demos)
         if key not in made:
             env = setup.make_env(config.env, training=False)
-            if made:
+            if not made:
+                made[key] = demonstrations.gather_once(config, env, run, progress)
+            else:
                 folder = run.path / f"demos-{len(made)}"
                 made[key] = demonstrations.gather(config, env, folder, progress)
-            else:
-                made[key] = demonstrations.gather_once(config, env, run, progress)
         return made[key]
 
     return gather

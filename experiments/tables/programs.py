@@ -1,24 +1,26 @@
-"""The programs of a table's policies: which rows share one, and compiling them while others run.
+"""The policies of a table's rows: those that compile to the same program train side by side."""
 
-Rows that compile to the same program are trained side by side by `jax.vmap`; what differs between
-them are arrays.
-"""
-
+import functools
 import itertools
+import shutil
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup
 from jax.sharding import Mesh
 
 from gril_jax.compilation import ahead, memory, sharding
 from gril_jax.errors import ConfigError
 from gril_jax.rl import training
-from gril_jax.runs import hosts
+from gril_jax.runs import hosts, loop
+from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.progress import Progress
+from gril_jax.runs.run_dir import RunDir
 
-from .rewards import keys, stack
+from .rewards import TrainedReward, keys, learns, reward_key, stack
 from .rows import Row
 
 
@@ -43,34 +45,28 @@ def programs(
     """The rows grouped by the program that they compile, in parts that fit into device memory.
 
     They are evaluated in the task's own variant unless `starts` names others; a program has at
-    most `at_once` policies, or as many as fit.
-
-    Raises:
-      ConfigError: one seed does not fit, the devices cannot share a part evenly, or the
-        environments cannot be shared out between the evaluations.
+    most `at_once` policies, or as many as fit. Raises ConfigError if one does not fit, or if
+    devices or environments cannot be shared out.
     """
-    groups: dict[Hashable, list[Row]] = {}
-    made: dict[Hashable, training.Algorithm] = {}
+    groups: dict[Hashable, tuple[training.Algorithm, list[Row]]] = {}
     for row in rows:
-        chosen = policy_setup.policy_config(row.config)
         algorithm = policy_setup.make_algorithm(
             row.config, setup.make_env(row.config.env, training=True)
         )
+        run, steps = row.config.run, policy_setup.policy_config(row.config).num_timesteps
+        kind = (run.reward, run.reward_offset, run.evaluations, steps)
         encoder = setup.encoder_config(row.config, num_classes)
-        run = row.config.run
-        kind = (run.reward, run.reward_offset, run.evaluations, chosen.num_timesteps)
-        key = (row.config.env, algorithm.static, encoder, kind)
         if not _num_parts(len(starts) or 1, algorithm.num_envs):
             raise ConfigError(
                 f"{run.algorithm}.num_envs is {algorithm.num_envs}, but must be "
                 + (f"a multiple of {2 * len(starts)}" if len(starts) > 1 else "even")
                 + ": half of the environments play deterministic actions in evaluations"
             )
-        made.setdefault(key, algorithm)
-        groups.setdefault(key, []).append(row)
+        key = (row.config.env, algorithm.static, encoder, kind)
+        groups.setdefault(key, (algorithm, []))[1].append(row)
     found: list[Program] = []
-    for key, members in groups.items():
-        algorithm, config = made[key], members[0].config
+    for algorithm, members in groups.values():
+        config = members[0].config
         params = policy_rewards.blank(config, algorithm.episodes.env)
         needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
         each = memory.split(len(members), needed, _available_bytes(), len(devices))
@@ -136,33 +132,31 @@ def tasks(
     needs: Callable[[Sequence[Row]], frozenset[str]],
     train: Callable[[Program, Ready], None],
 ) -> list[ahead.Task]:
-    """A task for each program.
+    """A task for each program, whose compiled form, from `get_ready`, is kept while it trains."""
 
-    `needs` names the tasks that learn some rows' rewards. A program's compiled form, from
-    `get_ready`, is not kept any longer than it trains.
-    """
+    def do(program: Program) -> None:
+        train(program, ready.pop(program.name).result())
 
-    def task(program: Program) -> ahead.Task:
-        do = lambda: train(program, ready.pop(program.name).result())  # noqa: E731
-        return ahead.Task(program.name, ready[program.name], needs(program.rows), do)
-
-    return [task(program) for program in left]
+    return [
+        ahead.Task(one.name, ready[one.name], needs(one.rows), functools.partial(do, one))
+        for one in left
+    ]
 
 
 def _compiled(program: Program, devices: Sequence[Any]) -> Ready:
-    algorithm, configs = program.algorithm, [row.config for row in program.rows]
-    layout = sharding.mesh(devices, seeds=len(configs), num_envs=algorithm.num_envs)
-    tasks = tuple(program.tasks[name] for name in tasks_of_parts(program))
+    algorithm, config = program.algorithm, program.rows[0].config
+    layout = sharding.mesh(devices, seeds=len(program.rows), num_envs=algorithm.num_envs)
+    tasks = tuple(program.tasks[name] for name in _tasks_of_parts(program))
     most = max(updates_of_chunks(program))
     with ahead.tracing():
-        hyper, keys = arguments(program, layout)
-        blank = [policy_rewards.blank(configs[0], algorithm.episodes.env)] * len(configs)
+        hyper, keys = _arguments(program, layout)
+        blank = [policy_rewards.blank(config, algorithm.episodes.env)] * len(program.rows)
         params = jax.eval_shape(lambda: stack(blank))
         found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks)
     return Ready(layout, *found.compile())
 
 
-def arguments(program: Program, layout: Mesh) -> tuple[Any, Any]:
+def _arguments(program: Program, layout: Mesh) -> tuple[Any, Any]:
     """Hyper-parameters and keys of the policies, placed on their devices."""
     configs = [row.config for row in program.rows]
     hyper = stack([policy_setup.algorithm_hyper(config) for config in configs])
@@ -177,7 +171,79 @@ def updates_of_chunks(program: Program) -> list[int]:
     return [after - before for before, after in itertools.pairwise(done_by)]
 
 
-def tasks_of_parts(program: Program) -> list[str]:
+def _tasks_of_parts(program: Program) -> list[str]:
     """The task of each part of the environments in an evaluation."""
     parts = _num_parts(len(program.tasks), program.algorithm.num_envs)
     return [*program.tasks, *[[*program.tasks][-1]] * (parts - len(program.tasks))]
+
+
+def learn_policies(
+    program: Program,
+    ready: Ready,
+    rewards: Mapping[Hashable, TrainedReward],
+    run: RunDir,
+    progress: Progress,
+    echo: Callable[[str], None],
+) -> dict[str, Any]:
+    """Trains a program's policies; their scores during training are rows of metrics.jsonl.
+
+    In these `success` is with deterministic actions in the first of the tasks, `success_sampled`
+    with sampled ones, and `success_layout` and `success_layout_sampled` are those in "layout".
+    """
+    rows, algorithm = program.rows, program.algorithm
+    configs = [row.config for row in rows]
+    learned = [rewards[reward_key(one)] if learns(one) else None for one in configs]
+    each = [
+        policy_rewards.parameters(one, found.params, found.demos, found.num_classes)
+        if found
+        else ()
+        for one, found in zip(configs, learned, strict=True)
+    ]
+    # Each process has learned rewards; rounding may have driven them apart.
+    params = sharding.place(ready.layout, hosts.same_everywhere(stack(each)))
+    hyper, keys = _arguments(program, ready.layout)
+    begun = loop.restore(run, program.name, ready.init(keys, hyper), tell=echo)
+    updates, where = updates_of_chunks(program), _tasks_of_parts(program)
+    done_by = [0, *itertools.accumulate(updates)]
+    per_update = algorithm.num_envs * algorithm.unroll_length
+    total = program.updates * per_update * len(rows)
+    phase = progress.phase(f"learning {len(rows)} policies", total=total, unit="env steps")
+
+    def row(chunk, seconds, metrics):
+        _, scores = metrics
+        steps = done_by[chunk] * per_update
+        phase.update(steps * len(rows), success=float(scores.success[..., 1].mean()))
+        found = {"env_steps": steps, "env_steps_per_s": steps * len(rows) / seconds}
+        return found | _by_start(where, scores)
+
+    counts = itertools.islice(updates, begun.chunks, None)
+
+    def step(state):
+        return ready.advance(state, hyper, params, jnp.int32(next(counts)), jnp.asarray(True))
+
+    done = loop.run_chunks(
+        step, begun, run=run, name=program.name, chunks=len(updates), row=row,
+        every_s=configs[0].run.checkpoint_every, keep=configs[0].run.keep_checkpoints,
+    )  # fmt: skip
+    folder = run.path / "policies" / program.name
+    shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here
+    checkpoint.save(
+        folder, program.updates * per_update, hosts.gathered(algorithm.policy(done.state))
+    )
+    return {
+        "rows": [(row.cell, row.seed) for row in rows],
+        "taus": [found and found.tau for found in learned],
+        "seconds": done.seconds,
+    }
+
+
+def _by_start(where: Sequence[str], scores: training.Scores) -> dict[str, Any]:
+    """The scores of each policy by their names in metrics.jsonl, from (policies, parts, 2)."""
+    found = {}
+    for start in dict.fromkeys(where):
+        parts = [i for i, name in enumerate(where) if name == start]
+        suffix = "" if start == where[0] else f"_{start}"
+        for name, values in scores._asdict().items():
+            mean, sampled = values[:, parts].mean(axis=1).T
+            found[f"{name}{suffix}"], found[f"{name}{suffix}_sampled"] = mean, sampled
+    return found

@@ -1,33 +1,70 @@
-"""The results of a table's runs: read from their files, joined, and written.
-
-results.write(TABLE, folder, results.read(TABLE, folder, settings))
-results.join(TABLE, folders, out)                gril table1 --join A,B --out OUT
-"""
+"""One family of tables as a value; the results of its runs: read, joined, and written."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from gril_jax.experiments.pipeline.demonstrations import Demonstrations
+from matplotlib.figure import Figure
+
+from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.report.data import read_versions
+from gril_jax.report.figures.style import png
 from gril_jax.runs import run_dir
 from gril_jax.runs.phases import read_phases
 
-from .curves import curves
-from .rows import Settings, differing, read_settings
-from .table import Found, Table
-from .written import csv, read_csv
+from .curves import Curve, at_the_end, curves
+from .measures import Measure
+from .programs import Program
+from .rows import Row, Settings, changed, differing, read_settings, write_settings
+from .written import Line, csv, read_csv
 
 Echo = Callable[[str], None]
 
 
-def read(table: Table, folder: Path, settings: Any) -> Found:
-    """The results that the files of a run hold.
+class Found(NamedTuple):
+    """The results of the rows and seeds that have finished, in the order of the table."""
 
-    Raises:
-      RunError: the folder is no such run, or a file is missing or damaged.
-    """
+    names: list[str]  # of all rows
+    lines: list[Line]
+    curves: list[Curve]  # of the policies
+    profiles: Mapping[str, Mapping[str, Any]]  # of a row's rewards along demonstrations
+    about: Mapping[str, Any]  # command, versions, device, date, and the demonstrations' digest
+
+
+class Table(NamedTuple):
+    """One family of tables: its rows are in its settings, the rest is here."""
+
+    name: str  # of its verb and of its files
+    columns: Callable[[Sequence[Line]], Sequence[str]]  # of the CSV
+    text: Callable[[Found], str]  # in Markdown
+    figure: Callable[[Found], Figure | None]  # None before there is anything to draw
+    picture: str = ""  # the figure's file, if not NAME.png
+    page: Callable[[Found, bytes], str] | None = None  # with the figure; both at the end alone
+    settings: type[Settings] = Settings
+    configs: Callable[[RunConfig, Any], Sequence[RunConfig]] = lambda config, settings: [
+        changed(config, change) for change in settings.rows.values()
+    ]  # one a row
+    # The policies' programs, from the rows, the settings and what groups rows into programs.
+    plan: Callable[[list[Row], Any, Callable[..., list[Program]]], list[Program]] = lambda *_: []
+    policy: Callable[[Curve], Mapping[str, Any]] = at_the_end  # its numbers in the lines
+    measured: Mapping[str, Sequence[str]] = {}  # measure to its numbers in the lines
+    measures: Callable[[RunConfig, Any, Demonstrations], list[Measure]] = lambda *_: []
+    reference: Callable[[Demonstrations], list[Line]] = lambda demos: []  # lines of no row
+    save: Callable[[Path, str, Any], None] = write_settings
+    names: Callable[[Any], Sequence[str]] = lambda settings: [*settings.rows]
+    complete: Callable[[Found, Any], Found] = lambda found, settings: found  # as read from a run
+    joins_csv: bool = False  # tables of joined runs are made of their CSV alone
+    order: Sequence[str] = ()  # of rows of joined runs; as they are given where empty
+    summary: Callable[[Found], Mapping[str, Any]] = lambda found: {}  # in results.json
+    one_set: bool = True  # of demonstrations for all rows
+
+
+def read(table: Table, folder: Path, settings: Any) -> Found:
+    """The results that the files of a run hold; RunError if one is missing or damaged."""
     config, phases = run_dir.read_config(folder), read_phases(folder).finished
     names = [*table.names(settings)]
     trained = any(name.startswith("policy-") for name in phases)
@@ -36,18 +73,15 @@ def read(table: Table, folder: Path, settings: Any) -> Found:
     for curve in found:
         tau = {} if curve.tau is None else {"tau": curve.tau}
         lines[curve.cell, curve.seed] = dict(table.policy(curve)) | tau
-    for kind, wanted in table.measured.items():
-        for cell in range(len(names)):
-            for seed, values in enumerate(_by_seed(phases.get(f"{kind}-{cell}", {}), wanted)):
-                lines.setdefault((cell, seed), {}).update(values)
+    for kind, cell in itertools.product(table.measured, range(len(names))):
+        done = phases.get(f"{kind}-{cell}", {})
+        for seed, values in enumerate(_by_seed(done, table.measured[kind])):
+            lines.setdefault((cell, seed), {}).update(values)
     about = read_versions(folder) | {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
     first, numbers = config.run.seed, sorted(lines.items())
     each = [{"row": names[cell], "seed": first + k} | of for (cell, k), of in numbers]
-    profiles = {
-        name: phases[f"profiles-{cell}"]
-        for cell, name in enumerate(names)
-        if f"profiles-{cell}" in phases
-    }
+    known = {name: phases.get(f"profiles-{cell}") for cell, name in enumerate(names)}
+    profiles = {name: one for name, one in known.items() if one is not None}
     return table.complete(Found(names, each, found, profiles, about), settings)
 
 
@@ -61,11 +95,7 @@ def _by_seed(done: Mapping[str, Any], wanted: Sequence[str]) -> list[dict[str, f
 
 
 def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
-    """The results that a run's CSV holds, with six digits each.
-
-    Raises:
-      RunError: it is missing or damaged.
-    """
+    """The results that a run's CSV holds, with six digits each."""
     file = folder / f"{table.name}.csv"
     try:
         lines = read_csv(file.read_text(encoding="utf-8"), table.columns([]))
@@ -77,25 +107,28 @@ def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
 
 
 def write(table: Table, folder: Path, found: Found, *, last: bool = True) -> str:
-    """Table, lines and pictures of what is known; returns the table."""
+    """Table, lines and pictures of what is known; returns the table.
+
+    Those of a table with a page take seconds: it has them at the end alone.
+    """
     text = table.text(found)
     files = {
         f"{table.name}.md": f"{text}\n".encode(),
         f"{table.name}.csv": csv(found.lines, table.columns(found.lines)).encode(),
     }
+    figure = table.figure(found) if last or table.page is None else None
+    if figure is not None:
+        picture = files[table.picture or f"{table.name}.png"] = png(figure)
+        if table.page is not None:
+            files["report.html"] = table.page(found, picture).encode()
     with run_dir.writing(folder):
-        for name, contents in (files | dict(table.pictures(found, last))).items():
+        for name, contents in files.items():
             (folder / name).write_bytes(contents)
     return text
 
 
 def redraw(table: Table, folder: Path, echo: Echo = print) -> None:
-    """Writes all of a run's table again, from the run's files alone.
-
-    Raises:
-      RunError: nothing has finished yet, a file of the run is missing or damaged, or the folder
-        cannot be written to.
-    """
+    """Writes all of a run's table again, from its files alone; RunError if nothing has finished."""
     found = read(table, folder, read_settings(folder, table.name, table.settings))
     if not found.curves:
         raise RunError(f"{folder} has no policy that has finished, so its table is still empty")
@@ -106,9 +139,7 @@ def redraw(table: Table, folder: Path, echo: Echo = print) -> None:
 def join(table: Table, folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:
     """Writes the table of several runs, such as of runs with different rows, as one.
 
-    Raises:
-      ConfigError: the runs differ in configuration or demonstrations, or have a row in common.
-      RunError: a folder is no such run, or has nothing yet.
+    Raises ConfigError if the runs differ in more, or have a row in common.
     """
     settings = [read_settings(folder, table.name, table.settings) for folder in folders]
     found_in = _read_csv if table.joins_csv else read
@@ -126,9 +157,9 @@ def join(table: Table, folders: Sequence[Path], out: Path, *, echo: Echo = print
         if not one.lines:
             raise RunError(f"{folder} has nothing that has finished, so there is nothing to join")
     known = [(line["row"], line["seed"]) for one in each for line in one.lines]
-    twice = next((one for one in known if known.count(one) > 1), None)
-    if twice is not None:
-        raise ConfigError(f"row {twice[0]!r} with seed {twice[1]} is in two of the runs to join")
+    for row, seed in known:
+        if known.count((row, seed)) > 1:
+            raise ConfigError(f"row {row!r} with seed {seed} is in two of the runs to join")
     run_dir.require_new(out)
     with run_dir.writing(out):
         out.mkdir(parents=True)

@@ -1,9 +1,6 @@
-"""The rewards of a table's rows, many encoders in one program.
+"""The rewards of a table's rows: encoders that compile to the same program train side by side."""
 
-Rows whose encoders compile to the same program are trained side by side by `jax.vmap`; what differs
-between them are arrays.
-"""
-
+import functools
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
@@ -17,6 +14,7 @@ from gril_jax import reward
 from gril_jax.compilation import ahead, sharding
 from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
+from gril_jax.config.tables import REWARDS
 from gril_jax.runs import loop
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
@@ -25,7 +23,7 @@ from gril_jax.types import DemoBatch
 from .rows import Row
 
 
-class LearnedReward(NamedTuple):
+class TrainedReward(NamedTuple):
     """A learned reward, its tau and its demonstrations."""
 
     params: reward.RewardParams
@@ -36,7 +34,7 @@ class LearnedReward(NamedTuple):
 
 def learns(config: RunConfig) -> bool:
     """True if a reward is learned for the policy."""
-    return config.run.reward != "environmental"
+    return REWARDS[config.run.reward].learns
 
 
 def reward_key(config: RunConfig) -> Hashable:
@@ -65,9 +63,9 @@ class _Ready(NamedTuple):
 
     updates: int  # of a chunk
     arguments: tuple[Any, Any, Any]  # keys, data, hyper
-    init: Callable[[Any, Any], Any]  # (keys, data) -> state
-    step: Callable[[Any, Any, Any], tuple[Any, Any]]  # (state, data, hyper) -> (state, metrics)
-    finish: Callable[[Any, Any, Any], tuple[Any, Any]]  # the same -> (reward parameters, tau)
+    init: Any  # (keys, data) -> state
+    step: Any  # (state, data, hyper) -> (state, metrics)
+    finish: Any  # the same -> (reward parameters, tau)
 
 
 class Wanted(NamedTuple):
@@ -101,19 +99,20 @@ def get_ready(
 
 def tasks(
     wanted: Sequence[Wanted],
-    found: dict[Hashable, LearnedReward],
+    found: dict[Hashable, TrainedReward],
     run: RunDir,
     progress: Progress,
     echo: Callable[[str], None],
 ) -> list[ahead.Task]:
     """One task per program, which adds its rewards to the found ones."""
 
-    def task(number: int, one: Wanted) -> ahead.Task:
-        name = _name(number)
-        learn = lambda: found.update(_learned(name, one, run, progress, echo))  # noqa: E731
-        return ahead.Task(name, one.ready, frozenset(), learn)
+    def learn(name: str, one: Wanted) -> None:
+        found.update(_learned(name, one, run, progress, echo))
 
-    return [task(number, one) for number, one in enumerate(wanted)]
+    return [
+        ahead.Task(_name(i), one.ready, frozenset(), functools.partial(learn, _name(i), one))
+        for i, one in enumerate(wanted)
+    ]
 
 
 def needed(wanted: Sequence[Wanted], rows: Iterable[Row]) -> frozenset[str]:
@@ -128,7 +127,7 @@ def _name(number: int) -> str:
 
 def _learned(
     name: str, one: Wanted, run: RunDir, progress: Progress, echo: Callable[[str], None]
-) -> dict[Hashable, LearnedReward]:
+) -> dict[Hashable, TrainedReward]:
     """Trains the encoders of a program."""
     ready, chosen = one.ready.result(), one.config
     keys, data, hyper = ready.arguments
@@ -148,7 +147,7 @@ def _learned(
     params, tau = jax.device_get(ready.finish(state, data, hyper))
     train, num_classes = one.demos.batch("train"), len(one.demos.demo_set.classes)
     return {
-        key: LearnedReward(
+        key: TrainedReward(
             jax.tree.map(lambda x, i=i: x[i], params), float(tau[i]), train, num_classes
         )
         for i, key in enumerate(one.keys)
@@ -195,8 +194,7 @@ def _side_by_side(one: Callable) -> Callable:
 def _one_by_one(layout: Mesh) -> Callable[[Callable], Callable]:
     """Like `_side_by_side` for networks with convolutions; each device runs its seeds in turn.
 
-    Side by side they would be grouped convolutions, which are slower than those of one network, and
-    would hold the activations of all seeds at once.
+    Side by side they would be grouped convolutions, slower, and hold all activations at once.
     """
 
     def each(one: Callable) -> Callable:
@@ -204,11 +202,10 @@ def _one_by_one(layout: Mesh) -> Callable[[Callable], Callable]:
             return jax.lax.map(lambda seed: one(seed[0], data, *seed[1:]), (first, *more))
 
         def spread(first, data, *more):
-            seeds, all_of_it = PartitionSpec("seeds"), PartitionSpec()
-            specs = (seeds, all_of_it, *[seeds] * len(more))
-            return jax.shard_map(
-                mine, mesh=layout, in_specs=specs, out_specs=seeds, check_vma=False
-            )(first, data, *more)
+            seeds = PartitionSpec("seeds")
+            specs = (seeds, PartitionSpec(), *[seeds] * len(more))
+            run = jax.shard_map(mine, mesh=layout, in_specs=specs, out_specs=seeds, check_vma=False)
+            return run(first, data, *more)
 
         return spread
 

@@ -1,13 +1,14 @@
 """The rows of a table: chosen by name, and saved beside the run that makes them.
 
-Neither JAX nor MuJoCo is imported here: the command line looks at the rows first.
+Neither JAX nor MuJoCo is imported here, nor in the rows of any table: the command line looks at
+them first.
 """
 
 import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from gril_jax.config import RunConfig
 from gril_jax.config.command_line import nearest
@@ -56,15 +57,18 @@ class Settings:
     """Encoders and policies of each row."""
 
 
-AnySettings = TypeVar("AnySettings", bound=Settings)
+@dataclasses.dataclass(frozen=True)
+class AuditedSettings(Settings):
+    """Those of a table whose rewards are audited."""
+
+    ascents: int = 1000
+    """Gradient ascents of an audit, shared by its starts."""
+    starts: int = 4
+    """Starts that an audit begins from, of each kind."""
 
 
 def chosen_rows(names: str | None, known: Rows) -> Rows:
-    """Rows by their comma-separated names; all if `names` is None.
-
-    Raises:
-      ConfigError: there is no row of this name, or one is named twice.
-    """
+    """Rows by their comma-separated names, each once; all if `names` is None."""
     if names is None:
         return known
     wanted = [name.strip() for name in names.split(",")]
@@ -78,11 +82,7 @@ def chosen_rows(names: str | None, known: Rows) -> Rows:
 
 
 def changed(config: RunConfig, change: Mapping[str, Any]) -> RunConfig:
-    """The configuration with some fields, named by dotted paths, set to other values.
-
-    Raises:
-      ConfigError: a value is out of its field's range.
-    """
+    """The configuration with some fields, named by dotted paths, set to other values."""
     parts: dict[str, Any] = {}
     for path, value in change.items():
         section, field = path.split(".")
@@ -125,12 +125,8 @@ def write_settings(folder: Path, name: str, settings: Settings) -> None:
         write_whole(folder / f"{name}.json", text + "\n")
 
 
-def read_settings(folder: Path, name: str, kind: type[AnySettings]) -> AnySettings:
-    """The settings that `write_settings` wrote, of the table that `gril NAME` makes.
-
-    Raises:
-      RunError: the file is missing or damaged.
-    """
+def read_settings(folder: Path, name: str, kind: type[Settings]) -> Any:
+    """The settings, of this kind, that `write_settings` wrote; RunError if they are damaged."""
     try:
         found = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         rows = {

@@ -1,7 +1,8 @@
 """Lines of a table as CSV and as Markdown, both from lists of columns.
 
-A line maps columns to values: `row` and `seed` say whose it is, the others are numbers; what is
-not known is missing, None or NaN. Shapes use K for the known values of a row's lines.
+A line maps columns to values: `row` and `seed` say whose it is, the others are numbers, or words
+that all lines of a row have; what is not known is missing, None or NaN. Shapes use K for the known
+values of a row's lines.
 """
 
 import csv as csv_format
@@ -19,11 +20,6 @@ from gril_jax.metrics.interquartile import interquartile_interval, interquartile
 Line = Mapping[str, Any]
 
 _MOST = 4  # columns beside the rows' names
-
-
-def same(values: Sequence[Any], count: int) -> str:
-    """The value that all lines of a row have, such as the paper's."""
-    return str(values[0])
 
 
 def mean_range(values: Float[np.ndarray, "K"], count: int) -> str:
@@ -119,12 +115,12 @@ def _rows(lines: Sequence[Line]) -> dict[str, list[Line]]:
 
 
 def _cell(lines: Sequence[Line], one: Column) -> str:
-    if one.write is same:
-        known: Any = [line[one.name] for line in lines if one.name in line]
-    else:
-        lines = [line for line in lines if not one.among or line.get(one.among) is not None]
-        values = column(lines, one.name)
-        known = values[np.isfinite(values)]
+    said = [line[one.name] for line in lines if isinstance(line.get(one.name), str)]
+    if said:  # words, the same in all lines of a row
+        return said[0]
+    lines = [line for line in lines if not one.among or line.get(one.among) is not None]
+    values = column(lines, one.name)
+    known = values[np.isfinite(values)]
     return one.write(known, len(lines)) if len(known) or (one.among and lines) else ""
 
 
@@ -132,7 +128,9 @@ def markdown(lines: Sequence[Line], sections: Sequence[Section]) -> str:
     """Sections as tables of at most five columns; a column or row without numbers is left out."""
     parts = []
     for caption, columns in sections:
-        known = [one for one in columns if _is_known(lines, one)]
+        known = [
+            one for one in columns if any(x.get(one.among or one.name) is not None for x in lines)
+        ]
         if not known:
             continue
         parts.append(caption)
@@ -146,11 +144,7 @@ def markdown(lines: Sequence[Line], sections: Sequence[Section]) -> str:
                 if any(texts)
             ]
             parts.append("\n".join(table))
-    return "\n\n".join(part for part in parts if part)
-
-
-def _is_known(lines: Sequence[Line], one: Column) -> bool:
-    return any(line.get(one.among or one.name) is not None for line in lines)
+    return "\n\n".join(parts)
 
 
 def csv(lines: Sequence[Line], columns: Sequence[str]) -> str:
@@ -172,8 +166,7 @@ def _in_csv(value: Any) -> Any:
 def read_csv(text: str, columns: Sequence[str]) -> list[dict[str, Any]]:
     """The lines of `csv`, of which the first two columns are the row and the seed.
 
-    Raises:
-      KeyError, TypeError, ValueError: a column is missing or holds no number.
+    Raises KeyError, TypeError or ValueError if a column is missing or holds no number.
     """
     return [
         {"row": line["row"], "seed": int(line["seed"])}

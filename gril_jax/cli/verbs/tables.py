@@ -1,7 +1,7 @@
 """Verbs that make tables of named rows: to begin, to go on with a run, to join several.
 
-A table `name` has its rows and settings in `gril_jax.experiments.NAME.rows`, which imports neither
-JAX nor MuJoCo, and its `TABLE` in `gril_jax.experiments.NAME.NAME`.
+A table `name` has its rows in `gril_jax.experiments.NAME.rows`, which imports neither JAX nor
+MuJoCo, and its `TABLE` in `gril_jax.experiments.NAME.NAME`. The rows' module may have `Settings`.
 """
 
 import dataclasses
@@ -52,13 +52,15 @@ def _table(
 
     def plan(args: list[str]) -> Work:
         # Names and numbers only: it imports neither JAX nor MuJoCo.
+        named_rows = importlib.import_module("gril_jax.experiments.tables.rows")
         known = importlib.import_module(f"gril_jax.experiments.{name}.rows")
-        other = _begun(args, name, known.Settings) or _joined(args, name)
+        kind = getattr(known, "Settings", named_rows.Settings)
+        other = _begun(args, name, kind) or _joined(args, name)
         if other is not None:
             return other
         if quick := hasattr(known, "QUICK_SEEDS") and "--quick" in args:
             args.remove("--quick")
-        usual = known.Settings(**({"seeds": known.QUICK_SEEDS} if quick else {}))
+        usual = kind(known.ROWS, **({"seeds": known.QUICK_SEEDS} if quick else {}))
         numbers = {
             key: whole_number(args, f"--{key.replace('_', '-')}", value)
             for key, value in vars(usual).items()

@@ -5,12 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.experiments.ablate.ablate import TABLE
-from gril_jax.experiments.ablate.rows import ROWS, Settings
+from gril_jax.experiments.ablate.rows import ROWS
 from gril_jax.experiments.pipeline import setup
 from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.tables.rewards import LearnedReward
+from gril_jax.experiments.tables.results import Found
+from gril_jax.experiments.tables.rewards import TrainedReward
 from gril_jax.experiments.tables.rows import changed
-from gril_jax.experiments.tables.table import Found
 from support.kinematic_demos import kinematic_demos
 
 from gril_jax.config import RunConfig
@@ -40,12 +40,12 @@ def test_the_measure_of_many_encoders_is_that_of_each():
             return train
 
     demo_set = type("Set", (), {"classes": (*"abcdefg",)})
-    (measure,) = TABLE.measures(CONFIG, Settings(), Made(demo_set, {}, 0))
+    (measure,) = TABLE.measures(CONFIG, None, Made(demo_set, {}, 0))
     static = setup.pretrain_config(CONFIG, 7)
     keys = jax.random.split(jax.random.key(0))
     each = [encoder.init(key, static.encoder) for key in keys]
     params = [RewardParams(one, jnp.ones(4), jnp.ones(()), jnp.float32(5.0)) for one in each]
-    rewards = [LearnedReward(one, 0.0, train, 7) for one in params]
+    rewards = [TrainedReward(one, 0.0, train, 7) for one in params]
     config = changed(CONFIG, {"pool.alpha": 20.0})
     found = measure.measure(measure.compile(CONFIG, 2), config, rewards)
     alone = pretrain.evaluate(each[1], train, train, setup.pretrain_hyper(config), static)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from gril_jax.experiments.bench import frame
 from gril_jax.experiments.bench.gymnasium_tasks import InvertedPendulum, Reacher
 from gril_jax.experiments.bench.known import GROUND
 from gril_jax.experiments.bench.pendulum import Pendulum, SacSetting, Setting
@@ -116,7 +117,7 @@ def test_every_task_algorithm_and_side_is_measured_once(monkeypatch):
 def test_a_process_that_fails_is_one_sentence(monkeypatch):
     from gril_jax.experiments.bench import known as bench_known
 
-    monkeypatch.setattr(bench_known, "_CHILD", "raise SystemExit('no memory left')")
+    monkeypatch.setattr(frame, "_CHILD", "raise SystemExit('no memory left')")
     with pytest.raises(RunError, match="ppo of ours on pendulum failed: no memory left"):
         bench_known._child(("pendulum", "ppo", "ours", 1))
 

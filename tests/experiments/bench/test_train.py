@@ -6,7 +6,6 @@ from gril_jax.experiments.bench import compile as bench_compile
 from gril_jax.experiments.bench import sac as bench_sac
 from gril_jax.experiments.bench import seeds
 from gril_jax.experiments.bench import train as bench_train
-from gril_jax.experiments.bench.starts import starts
 from support.probes import Probe
 
 from gril_jax.cli import main
@@ -83,7 +82,7 @@ def test_training_is_compared_with_random_actions_and_starts_with_each_other(mon
     found = bench_train.costs(Success(), SIZES, 1)
     assert set(found["steps_per_s"]) == {"learned", "environmental", "random"}
     assert set(found["share_of_random"]) == {"learned", "environmental"}
-    found = starts(Success(), 8, 2, 1)
+    found = bench_train.starts(Success(), 8, 2, 1)
     assert found["pool_times_as_fast"]["pool"] == 1
     assert found["starts_an_unroll"] == {"pool": 4, "each_step": 16}
 

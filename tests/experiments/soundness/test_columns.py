@@ -1,8 +1,8 @@
 """The tables of an ablation of soundness beside plain sums over their lines."""
 
 import numpy as np
-from gril_jax.experiments.soundness.columns import COLUMNS, PREDICTORS, text
-from gril_jax.experiments.tables.table import Found
+from gril_jax.experiments.soundness.soundness import COLUMNS, PREDICTORS, text
+from gril_jax.experiments.tables.results import Found
 from gril_jax.experiments.tables.written import column
 
 

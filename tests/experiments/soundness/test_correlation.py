@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gril_jax.experiments.soundness.correlation import correlation, spearman
+from gril_jax.experiments.soundness.soundness import correlation, spearman
 from scipy.stats import spearmanr
 
 

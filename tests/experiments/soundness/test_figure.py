@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gril_jax.experiments.soundness.figure import figure
+from gril_jax.experiments.soundness.soundness import figure
 
 from gril_jax.errors import ShapeError
 from gril_jax.report.figures.style import png

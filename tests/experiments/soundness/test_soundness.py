@@ -7,10 +7,9 @@ import jax
 import jax.numpy as jnp
 import pytest
 from gril_jax.experiments.pipeline import demonstrations, setup
-from gril_jax.experiments.soundness.columns import COLUMNS
-from gril_jax.experiments.soundness.rows import Settings
-from gril_jax.experiments.soundness.soundness import TABLE
-from gril_jax.experiments.tables import audits, frame, results
+from gril_jax.experiments.soundness.rows import ROWS, Settings
+from gril_jax.experiments.soundness.soundness import COLUMNS, TABLE
+from gril_jax.experiments.tables import frame, measures, results
 from gril_jax.experiments.tables.rows import read_settings, write_settings
 from gril_jax.experiments.tables.written import csv as written
 from support.kinematic_demos import kinematic_demos
@@ -77,7 +76,7 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     assert (first[1].seeds, first[1].policies, first[1].ascents) == (3, False, 7)
     assert first[0].demos.num == 128
     assert second[0].ppo.num_timesteps == 4000
-    assert second[1] == Settings()
+    assert second[1] == Settings(ROWS)
 
 
 def test_tables_of_runs_with_different_rows_become_one(tmp_path, capsys):
@@ -137,7 +136,7 @@ def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
     assert list(read_settings(out, "soundness", Settings).rows) == ["paper", "touched"]
     assert not (out / "soundness.png").exists()
 
-    monkeypatch.setattr(audits, "measure", None)  # not done again
+    monkeypatch.setattr(measures, "audit_figures", None)  # not done again
     assert main.main(["soundness", "--resume", str(out)]) == 0
     lines = list(csv.DictReader((out / "soundness.csv").open()))
     assert [(x["row"], x["seed"]) for x in lines] == [

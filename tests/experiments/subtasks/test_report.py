@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from gril_jax.experiments.subtasks import figure as subtask_figure
+from gril_jax.experiments.subtasks import ends as stage_ends
 from gril_jax.experiments.subtasks import report as subtask_report
-from gril_jax.experiments.subtasks import scores, sets
 from gril_jax.experiments.subtasks.options import Options
 
 from gril_jax.cli import main
@@ -27,7 +26,7 @@ def _entry(name="x", stages=None, frames=80):
 
 def test_scores_count_what_is_met_once_and_in_order():
     found = [np.array([24, 40, 55, 70]), np.array([12, -1, -1, -1])]
-    one = scores.scores(found, STAGES, 5)
+    one = stage_ends.scores(found, STAGES, 5)
     assert one["all_found"] == 0.5
     assert (one["precision"], one["recall"]) == (4 / 5, 4 / 5)
     assert one["false"] == 0.5
@@ -37,7 +36,7 @@ def test_scores_count_what_is_met_once_and_in_order():
 
 
 def test_scores_of_nothing_found_are_zero_and_the_error_is_unknown():
-    one = scores.scores([np.full(4, -1)], STAGES[:1], 5)
+    one = stage_ends.scores([np.full(4, -1)], STAGES[:1], 5)
     assert (one["recall"], one["false"], one["errors"]["lid"]) == (0.0, 0.0, None)
     assert np.isnan(one["median_error"])
 
@@ -62,7 +61,7 @@ def test_a_subtask_begins_where_the_one_before_ends_and_the_last_ends_with_the_f
     demos = _saved(tmp_path / "set")
     ends = np.array([[10, 24], [12, 30]])
     with Progress(stream=io.StringIO()) as progress:
-        sets.write_sets(tmp_path, demos, demos.entries, ends, progress)
+        stage_ends.write_sets(tmp_path, demos, demos.entries, ends, progress)
     first, last = (load_demo_set(tmp_path / f"subtask-{n}") for n in (1, 2))
     assert [e.frames for e in first.entries] == [11, 13]
     assert [e.frames for e in last.entries] == [20, 28]
@@ -95,7 +94,7 @@ def test_a_figure_marks_found_ends_and_true_ends():
     reward = np.linspace(-1, 0, 40).astype(np.float32)
     frames = np.zeros((40, 16, 16, 3), np.uint8)
     stages = {"lid": 8, "A": 30, "never": -1}
-    figure = subtask_figure.stages_figure(
+    figure = subtask_report.stages_figure(
         reward, np.array([10, 32]), frames, stages=stages, name="x"
     )
     texts = [text.get_text() for text in figure.axes[0].texts]

@@ -5,7 +5,7 @@ import pytest
 from gril_jax.experiments.table1.columns import COLUMNS, REWARD, SECTIONS, policy, text
 from gril_jax.experiments.table1.rows import PAPER
 from gril_jax.experiments.tables.curves import Curve
-from gril_jax.experiments.tables.table import Found
+from gril_jax.experiments.tables.results import Found
 from gril_jax.experiments.tables.written import cells, with_paper
 
 SCORES = COLUMNS[2:14]

@@ -4,10 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from gril_jax.experiments.table1.columns import COLUMNS, REWARD, SECTIONS
-from gril_jax.experiments.table1.page import page
+from gril_jax.experiments.table1.columns import COLUMNS, REWARD, SECTIONS, page
 from gril_jax.experiments.table1.rows import PAPER
-from gril_jax.experiments.tables.table import Found
+from gril_jax.experiments.tables.results import Found
 from gril_jax.experiments.tables.written import cells, with_paper
 
 from gril_jax.report.figures.curves import spread

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from gril_jax.experiments.pipeline import setup
 from gril_jax.experiments.pipeline.demonstrations import Demonstrations
-from gril_jax.experiments.table1.profiles import measure, profiles, program
+from gril_jax.experiments.table1.table1 import measure, profiles, program
 from gril_jax.experiments.tables import measures
-from gril_jax.experiments.tables.rewards import LearnedReward, reward_key
+from gril_jax.experiments.tables.rewards import TrainedReward, reward_key
 from gril_jax.experiments.tables.rows import changed, with_seeds
 from support.kinematic_demos import kinematic_demos
 
@@ -44,7 +44,7 @@ def learned(batch):
         )
         goal = jnp.asarray(draw.normal(size=3), jnp.float32)
         one = RewardParams(encoder, goal, jnp.float32(0.5), jnp.float32(5.0))
-        found.append(LearnedReward(one, 0.0, batch, 4))
+        found.append(TrainedReward(one, 0.0, batch, 4))
     return found
 
 

@@ -8,7 +8,7 @@ import pytest
 from gril_jax.experiments.pipeline import policy_rewards
 from gril_jax.experiments.table1.columns import COLUMNS
 from gril_jax.experiments.table1.rows import ROWS, Settings
-from gril_jax.experiments.tables import audits, frame
+from gril_jax.experiments.tables import frame, measures
 from gril_jax.experiments.tables.rows import changed, write_settings
 
 from gril_jax import threads
@@ -69,7 +69,7 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     some = ["--rows", "sparse score,XIRL", "--seeds", "3", "--run.evaluations", "4"]
     assert main.main(["table1", *some]) == 0
     usual, quick, chosen = calls
-    assert usual == (changed(load("match_regions"), {"run.evaluations": 10}), Settings())
+    assert usual == (changed(load("match_regions"), {"run.evaluations": 10}), Settings(ROWS))
     assert list(quick[1].rows) == ["environmental", "ours without robot"]
     assert quick[1].rows["ours without robot"]["pretrain.steps"] == 1500
     assert (quick[1].seeds, quick[0].run.algorithm) == (2, "sac")
@@ -169,7 +169,7 @@ def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
     first = list(csv.DictReader((out / "table1.csv").open()))
     assert [x["row"] for x in first if x["success"]] == ["environmental"] * 2 + ["ours audited"] * 2
 
-    monkeypatch.setattr(audits, "measure", None)  # not done again
+    monkeypatch.setattr(measures, "audit_figures", None)  # not done again
     assert main.main(["table1", "--resume", str(out)]) == 0
     lines = list(csv.DictReader((out / "table1.csv").open()))
     assert lines[:4] == first[:4]

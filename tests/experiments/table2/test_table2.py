@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gril_jax.experiments.pipeline import setup
-from gril_jax.experiments.table2 import columns, measures, table2
 from gril_jax.experiments.table2 import rows as table2_rows
+from gril_jax.experiments.table2 import table2
 from gril_jax.experiments.tables import frame
+from gril_jax.experiments.tables.results import Found
 from gril_jax.experiments.tables.rows import changed
-from gril_jax.experiments.tables.table import Found
 from gril_jax.experiments.tables.written import csv
 
 from gril_jax.cli import main
@@ -35,19 +35,19 @@ REWARD = -np.random.default_rng(0).random((4, 8)).astype(np.float32)
 
 
 def test_a_kind_is_read_from_the_name_of_a_failure():
-    kinds = [measures.kind_of(entry) for entry in ENTRIES]
+    kinds = [table2.kind_of(entry) for entry in ENTRIES]
     assert kinds == ["success", "success", "lid only", "one shoe"]
-    assert measures.kind_of(_entry("x", "failure", 3)) == "failure"
+    assert table2.kind_of(_entry("x", "failure", 3)) == "failure"
 
 
 def test_stages_are_counted_from_the_frames_at_which_they_are_finished():
-    assert measures.stages_done(ENTRIES[0], 6).tolist() == [0, 0, 1, 1, 2, 2]
-    assert measures.stages_done(ENTRIES[3], 3).tolist() == [0, 0, 0]
+    assert table2.stages_done(ENTRIES[0], 6).tolist() == [0, 0, 1, 1, 2, 2]
+    assert table2.stages_done(ENTRIES[3], 3).tolist() == [0, 0, 0]
 
 
 def test_measures_are_those_of_loops():
-    found = measures.measure(REWARD, LENGTH, ENTRIES)
-    assert set(measures.MEASURES) <= set(found)
+    found = table2.measure(REWARD, LENGTH, ENTRIES)
+    assert set(table2.MEASURES) <= set(found)
     own = [r[:n] for r, n in zip(REWARD, LENGTH, strict=True)]
     for name, cost in {
         "natural": [-r.sum() for r in own],
@@ -65,17 +65,17 @@ def test_measures_are_those_of_loops():
 
 
 def test_the_table_has_the_papers_ratio_beside_ours_and_each_kind_of_failure():
-    base = measures.measure(REWARD, LENGTH, ENTRIES)
+    base = table2.measure(REWARD, LENGTH, ENTRIES)
     lines = [
         {"row": row, "seed": seed, "tau": 0.9} | base | {"rho_held": rho, "order": None}
         for row, rho in (("XIRL", 0.9), ("ours without robot", 0.5))
         for seed in (0, 1)
     ]
-    text = columns.text(Found([], lines, [], {}, {}))
+    text = table2.text(Found([], lines, [], {}, {}))
     row = next(x for x in text.splitlines() if x.startswith("| ours without robot"))
     assert "| 0.684 | 0.500 (0.500 to 0.500) |" in row
     assert "lid only" in text
-    table = csv(lines, columns.columns(lines)).splitlines()
+    table = csv(lines, table2.columns(lines)).splitlines()
     assert len(table) == 5
     assert table[0].startswith("row,seed,rho_held,")
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments.tables import audits
+from gril_jax.experiments.tables import measures as table_measures
 
 from gril_jax.audit import measures
 from gril_jax.audit.scene_reward import scene_reward
@@ -19,7 +19,7 @@ ENV = EnvConfig(targets=("green square",), distractors=("yellow circle",))
 def test_a_scene_without_a_demo_start_is_refused():
     stray = EnvConfig(targets=("red star",), distractors=(), variant="layout")
     with pytest.raises(ConfigError, match="env: "):
-        audits.tasks(stray)
+        table_measures.audited_tasks(stray)
 
 
 @pytest.mark.slow
@@ -28,9 +28,9 @@ def test_each_reward_has_the_figures_of_its_own_audit():
     network = jax.vmap(lambda key: encoder.init(key, config))(jax.random.split(jax.random.key(3)))
     each = jnp.ones(2)
     params = RewardParams(network, jnp.ones((2, 3)), each, jnp.array([5.0, 1.0]))
-    on = audits.ground(audits.tasks(ENV), starts=1)
-    run = audits.program(config, on.task, ascents=4)
-    found = audits.measure(run, params, on)
+    on = table_measures.ground(table_measures.audited_tasks(ENV), starts=1)
+    run = table_measures.audit_program(config, on.task, ascents=4)
+    found = table_measures.audit_figures(run, params, on)
     assert {x.shape for x in found.values()} == {(2,)}
     second = jax.tree.map(lambda x: x[1], params)
     for variant, states in on.states.items():
@@ -41,6 +41,6 @@ def test_each_reward_has_the_figures_of_its_own_audit():
                 ).measures
             )
         )(second, states)
-        for name, field in audits.FIGURES.items():
+        for name, field in table_measures.FIGURES.items():
             mine = found[f"{name}_{variant}"][1]
             np.testing.assert_allclose(mine, getattr(alone, field), rtol=1e-3, atol=1e-4)

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from gril_jax.experiments.tables.curves import Curve
-from gril_jax.experiments.tables.figure import draw_spread, learning_curves
+from gril_jax.experiments.tables.curves import Curve, draw_spread, learning_curves
 from matplotlib.figure import Figure
 
 from gril_jax.errors import ShapeError

@@ -15,7 +15,6 @@ from gril_jax.experiments.tables.written import (
     mean_range,
     median_reached,
     read_csv,
-    same,
 )
 
 COLUMNS = ("row", "seed", "tau", "success", "steps")
@@ -87,7 +86,7 @@ def test_what_is_known_of_a_row_stands_in_its_cells():
     del lines[2]["steps"]
     lines[0]["note"] = lines[1]["note"] = "said"
     soon = Column("steps", "steps", median_reached(unit=1.0, digits=0), among="success")
-    found = cells(lines, [SEEDS, Column("note", "note", same), Column("tau", "tau"), soon])
+    found = cells(lines, [SEEDS, Column("note", "note"), Column("tau", "tau"), soon])
     tau = mean_range(np.array([line["tau"] for line in lines[:2]]), 2)
     assert found["a"][:3] == ["2", "said", tau]
     assert found["a"][3].endswith("(2 of 2)")

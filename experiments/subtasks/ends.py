@@ -1,0 +1,114 @@
+"""Found ends of stages: scored against the true ones, and demonstrations cut at them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int
+
+from gril_jax.demos.demo_set import Demo, DemoSet, save_demo_set
+from gril_jax.demos.schema import DemoEntry
+from gril_jax.demos.vision.video import read_video
+from gril_jax.runs.progress import Progress
+from gril_jax.subtasks.matching import match_within
+
+_LEAST = 2  # frames of a demonstration
+
+
+def scores(
+    found: Sequence[Int[np.ndarray, "M"]], stages: Sequence[Mapping[str, int]], tolerance: int
+) -> dict[str, Any]:
+    """Scores of several demonstrations together.
+
+    Found ends are increasing frames of each, filled up with -1; the true ones have names, and are
+    -1 for never. A found one may miss a true one by `tolerance` frames.
+
+    Returns:
+      all_found: share of the demonstrations whose stages are all met.
+      precision, recall: shares of the found and of the true ends that are met, of all together.
+      median_error: median distance of those that are met, frames; NaN if there is none.
+      errors: for each stage the median of found minus true, frames; None if never met.
+      false: found ends that meet none, a demonstration.
+      right_count: share of the demonstrations with as many ends as stages.
+    """
+    met, counts, truths = [], [], []
+    errors: dict[str, list[int]] = {name: [] for name in stages[0]}
+    for ends, times in zip(found, stages, strict=True):
+        ends = ends[ends >= 0]
+        order = sorted((time, name) for name, time in times.items() if time >= 0)
+        true = jnp.array([time for time, _ in order], jnp.int32)
+        # As many pairs as possible, and among those the nearest.
+        column = np.asarray(_match(jnp.asarray(ends), true, tolerance=tolerance))
+        for i in np.flatnonzero(column >= 0):
+            time, name = order[column[i]]
+            errors[name].append(int(ends[i]) - time)
+        met.append((column >= 0).sum()), counts.append(len(ends)), truths.append(len(order))
+    met, counts, truths = np.array(met), np.array(counts), np.array(truths)
+    every = np.abs(np.array([e for one in errors.values() for e in one], float))
+    return {
+        "all_found": float(np.mean(met == truths)),
+        "precision": float(met.sum() / max(counts.sum(), 1)),
+        "recall": float(met.sum() / max(truths.sum(), 1)),
+        "median_error": float(np.median(every)) if len(every) else float("nan"),
+        "errors": {k: float(np.median(v)) if v else None for k, v in errors.items()},
+        "false": float(np.mean(counts - met)),
+        "right_count": float(np.mean(counts == truths)),
+        "demonstrations": len(found),
+    }
+
+
+_match = jax.jit(match_within, static_argnames="tolerance")
+
+
+def write_sets(
+    out: Path,
+    demo_set: DemoSet,
+    entries: Sequence[DemoEntry],
+    ends: Int[np.ndarray, "B K"],
+    progress: Progress,
+) -> None:
+    """A set in `out/subtask-1`, ... for each of the K subtasks, whose ends are last frames.
+
+    A subtask's demonstration begins with the last frame of the stage before, where a policy of
+    this subtask would begin, and ends with its own; the last subtask's goes on to the film's end,
+    where the task is done for certain. Those of fewer than 2 frames are left out.
+    """
+    phase = progress.phase("cutting", total=ends.size, unit="films", compiles=False)
+    tracks = {e.name: t for e, t in zip(demo_set.entries, demo_set.tracks, strict=True)}
+    done = 0
+
+    def demos(number: int) -> Iterator[Demo]:
+        nonlocal done
+        for entry, own in zip(entries, ends, strict=True):
+            first, last = segments(own, entry.frames)[number]
+            if last - first + 1 >= _LEAST:
+                span = slice(first, last + 1)
+                frames = read_video(demo_set.folder / entry.video)[span]
+                stages = entry.stages and {
+                    name: frame - first if first <= frame < first + len(frames) else -1
+                    for name, frame in entry.stages.items()
+                }
+                during = tracks[entry.name].during(span)
+                yield Demo(entry.name, frames, during, 0, entry.outcome, stages)
+            done += 1
+            phase.update(done)
+
+    for number in range(ends.shape[1]):
+        save_demo_set(
+            out / f"subtask-{number + 1}", demos(number), task=demo_set.task,
+            classes=demo_set.classes, half_extent=demo_set.half_extent, fps=demo_set.fps,
+            source=f"subtask {number + 1} of {ends.shape[1]} of: {demo_set.source}",
+        )  # fmt: skip
+
+
+def segments(ends: Int[np.ndarray, "K"], num_frames: int) -> list[tuple[int, int]]:
+    """First and last frame of each subtask, see `write_sets`.
+
+    >>> segments(np.array([4, 7]), 10)
+    [(0, 4), (4, 9)]
+    """
+    firsts = [0, *ends[:-1].tolist()]
+    return list(zip(firsts, [*firsts[1:], num_frames - 1], strict=True))
