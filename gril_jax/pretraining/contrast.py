@@ -3,8 +3,8 @@
 Cycle-consistency and reconstruction say nothing about states that no demonstration visits, and a
 policy will find among them those that happen to lie near the goal. Here the distance of made-up
 states from the goal is given, too: copies of frames in which objects are somewhere else are as far
-from it as `gril_jax.pretraining.final_places.misplacement` says, which knows from the last frames of the
-demonstrations what belongs where. Videos are all it takes: no action, no label.
+from it as `gril_jax.pretraining.final_places.misplacement` says, which knows from the last frames
+of the demonstrations what belongs where. Videos are all it takes: no action, no label.
 
 With `ascents` the copies go where the present encoder overestimates them most, before it learns
 from them: the same that a policy would do (adversarial training, Madry et al., ICLR 2018). What a
