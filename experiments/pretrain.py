@@ -66,7 +66,13 @@ def opened(
         yield OpenRun(config, run, progress, echo, loaded)
 
 
-def main(config: RunConfig, *, resume=None, hard_negatives=(), echo: Echo = print) -> Path:
+def main(
+    config: RunConfig,
+    *,
+    resume: Path | None = None,
+    hard_negatives: Sequence[Path] = (),
+    echo: Echo = print,
+) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:
         env = setup.make_env(config.env, training=False)

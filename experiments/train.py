@@ -8,8 +8,9 @@ gril train quickstart --hard-negatives RUN    learn from states that RUN's rewar
 
 import itertools
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +30,13 @@ from . import evaluate, pretrain
 from .pretrain import Echo, OpenRun, opened
 
 
-def main(config: RunConfig, *, resume=None, hard_negatives=(), echo: Echo = print) -> Path:
+def main(
+    config: RunConfig,
+    *,
+    resume: Path | None = None,
+    hard_negatives: Sequence[Path] = (),
+    echo: Echo = print,
+) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.make_env(config.env, training=False)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
@@ -51,7 +58,7 @@ def main(config: RunConfig, *, resume=None, hard_negatives=(), echo: Echo = prin
         lap("reward")
         if program is not None:
             params = sharding.place(layout, _one(reward_params))
-            found = _learn_policy(run, algorithm, params, *program.result())
+            found = _learn_policy(run, algorithm, program.result(), params)
         policy = policy_setup.restore_policy(run.path, config, algorithm)
         lap("policy")
         played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
@@ -82,11 +89,16 @@ def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrat
     return policy_setup.policy_reward(run.path, run.config, env)
 
 
-def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> tuple:
-    """Chunks of updates for one seed on all devices, compiled, and the seconds that it took.
+class _Program(NamedTuple):
+    """Chunks of compiled updates for one seed on all devices."""
 
-    With its keys and hyper-parameters, which have a leading axis of one seed as all that it takes.
-    """
+    compiled: sharding.Compiled
+    keys: Any  # with a leading axis of one seed, as all that it takes
+    hyper: Any
+    seconds: float  # that compiling took
+
+
+def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:
     started = time.monotonic()
     keys = jax.random.fold_in(jax.random.key(config.run.seed), 1)[None]
     hyper = sharding.place(layout, _one(policy_setup.algorithm_hyper(config)))
@@ -96,7 +108,7 @@ def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> 
     tasks = (setup.make_env(config.env, training=False),) if examines else ()
     most = config.run.updates_per_chunk
     found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks).compile()
-    return found, keys, hyper, time.monotonic() - started
+    return _Program(found, keys, hyper, time.monotonic() - started)
 
 
 def _one(tree: Any) -> Any:
@@ -104,10 +116,10 @@ def _one(tree: Any) -> Any:
 
 
 def _learn_policy(
-    run: OpenRun, algorithm: training.Algorithm, params: Any, compiled, keys, hyper, compile_s
+    run: OpenRun, algorithm: training.Algorithm, program: _Program, params: Any
 ) -> dict[str, Any]:
     """Runs all updates, chunk by chunk; saves the policy and returns the results."""
-    config = run.config
+    config, (compiled, keys, hyper, compile_s) = run.config, program
     name, per_chunk = config.run.algorithm, config.run.updates_per_chunk
     per_update = algorithm.num_envs * algorithm.unroll_length
     updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
