@@ -5,6 +5,8 @@ import importlib.metadata
 import os
 import pathlib
 
+import pytest
+
 TESTS = pathlib.Path(__file__).parent
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -28,6 +30,17 @@ experiments/fidelity/magical_replay""".split()
 
 SECONDS: collections.Counter[str] = collections.Counter()  # of each file, tests and fixtures
 SLOWEST = 10
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _large_programs_too():
+    """The library's own choice for its large programs would take the place of these flags."""
+    from gril_jax.compilation import compiler  # late: after the hook that checks types
+
+    with pytest.MonkeyPatch.context() as patch:
+        for options in (compiler._OPTIONS, compiler._BRIEF):
+            patch.setitem(options, "cpu", {})
+        yield
 
 
 def pytest_configure(config):

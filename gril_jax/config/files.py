@@ -57,7 +57,7 @@ def load(
     Args:
       name: a path, the name of a shipped configuration, or None for the defaults alone.
       overrides: options such as `("--ppo.num-envs", "64")`.
-      schema: what to build; sections of the file that it lacks are checked and left out.
+      schema: what to build: `RunConfig`, or some of its sections.
       prog, description: the command as it appears in the help, and the help's first paragraph.
 
     Raises:
@@ -67,13 +67,13 @@ def load(
     if name is not None:
         file = find(name)
         try:
-            tree = _read(file)
-            parse(RunConfig, [*_flags(tree, "")], prog=prog)  # all of it, whatever is asked for
-            sections = {field.name for field in dataclasses.fields(schema)}
-            part = {key: value for key, value in tree.items() if key in sections}
-            default = parse(schema, [*_flags(part, "")], prog=prog)
+            whole = parse(RunConfig, [*_flags(_read(file), "")], prog=prog)
         except ConfigError as error:
             raise ConfigError(f"{file}: {error}") from None
+        sections = {field.name for field in dataclasses.fields(schema)}
+        default = schema(**{name: getattr(whole, name) for name in sections})
+        if not overrides:
+            return default
     return parse(schema, overrides, default=default, prog=prog, description=description)
 
 

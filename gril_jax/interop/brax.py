@@ -29,9 +29,11 @@ _KEY = "learned_reward"
 class BraxTask(Protocol):
     """An environment in brax's style, for one episode at a time."""
 
-    def reset(self, rng: PRNGKeyArray) -> Any: ...
+    def reset(self, rng: PRNGKeyArray) -> Any:
+        """The first state: with `reward`, `done`, `metrics`, `info` and `replace`."""
 
-    def step(self, state: Any, action: Float[Array, "A"]) -> Any: ...
+    def step(self, state: Any, action: Float[Array, "A"]) -> Any:
+        """The next state."""
 
 
 class RewardWrapper:
