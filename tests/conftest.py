@@ -21,12 +21,11 @@ if importlib.metadata.version("jaxlib").startswith("0.10."):
 os.environ.setdefault("XLA_FLAGS", " ".join(FLAGS))
 
 # Files that take longest come first, or one worker would play its last alone.
-LONGEST = """pipeline runs/hosts compilation/sharding envs/planar/physics rl/ppo
-envs/magical/match_regions/task envs/magical/match_regions/expert/scripted
-pretraining/loss pretraining/pretrain encoders/encoder rl/training rl/sac envs/planar/mjx_engine
-losses/time_warping/soft_dtw envs/planar/contacts experiments/examples report/run_report
-interop/policy_file experiments/sweeps/ablate subtasks/boundaries reward/latent_goal
-experiments/fidelity/magical_replay""".split()
+LONGEST = """pipeline envs/magical/match_regions/expert/scripted docs report/run_report
+envs/tabletop/shoes_in_box/task envs/planar/physics envs/magical/raster pretraining/pretrain
+compilation/sharding pretraining/pixel_pretrain pretraining/contrast encoders/encoder rl/ppo
+envs/magical/match_regions/task experiments/adding demos/vision/detect envs/planar/mjx_engine
+older_files""".split()
 
 SECONDS: collections.Counter[str] = collections.Counter()  # of each file, tests and fixtures
 SLOWEST = 10
