@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.envs import Env
 from gril_jax.experiments.pipeline import filming, policy_setup, setup
 
 from gril_jax.config import RunConfig
@@ -39,7 +40,12 @@ def main(
 
 
 def play(
-    config: RunConfig, env, policy: Policy, reward_params: Any, folder: Path, progress: Progress
+    config: RunConfig,
+    env: Env,
+    policy: Policy,
+    reward_params: Any,
+    folder: Path,
+    progress: Progress,
 ) -> dict[str, Any]:
     """Evaluates the trained policy beside an untrained one, and films one episode."""
     algorithm = policy_setup.make_algorithm(config, env)

@@ -29,7 +29,7 @@ _Plane = Float[Array, "#S #S"]  # a number a pixel, or a row or column of them
 _Pixels = Float[Array, "S S 3"]
 
 
-class Scene(NamedTuple):
+class Painting(NamedTuple):
     """A scene to paint. Lengths are in arena units, angles in radians, counter-clockwise."""
 
     pose: Float[Array, "N 3"]  # x, y, angle; a finger's x, y is its pivot; closed: robot's angle
@@ -69,7 +69,7 @@ class _Layer(NamedTuple):
 
 
 def render(
-    scene: Scene,
+    scene: Painting,
     *,
     robot: str = "gripper",
     arena: float = 1.1,
@@ -106,7 +106,7 @@ def render(
     return _paint([*ground, *blocks, *_robot(parts, robot, canvas)], size, antialias)
 
 
-def _check(scene: Scene, robot: str, size: int, half_extent: float, arena: float) -> None:
+def _check(scene: Painting, robot: str, size: int, half_extent: float, arena: float) -> None:
     check_known("robot", robot, robots.ROBOTS)
     if size < 1:
         raise ValueError(f"size is {size}, but a picture needs at least 1 pixel")
@@ -157,7 +157,7 @@ def _ground(
         yield _Layer(_dashes(goal, canvas), _pick(look.FILL, colour))
 
 
-def _blocks(scene: Scene, canvas: _Canvas) -> Iterable[_Layer]:
+def _blocks(scene: Painting, canvas: _Canvas) -> Iterable[_Layer]:
     blocks = scene.shape.shape[0]
     wedges = jnp.take(_WEDGES, scene.shape, axis=0, mode="clip")
     for i, pose in enumerate(scene.pose[scene.pose.shape[0] - blocks :]):

@@ -35,7 +35,7 @@ IMPLEMENTATIONS = ("jax", "warp")
 _ROWS = 6  # of the solver for each contact: 4 of its pyramid, and what joints and limits need
 
 
-class Scene(NamedTuple):
+class Additions(NamedTuple):
     """A task's additions to the arm and the table."""
 
     bodies: str  # MJCF; joints of free things come after the arm's, in this order
@@ -43,7 +43,7 @@ class Scene(NamedTuple):
 
 
 def build(
-    scene: Scene, *, timestep: float, iterations: int, ls_iterations: int, max_contacts: int
+    scene: Additions, *, timestep: float, iterations: int, ls_iterations: int, max_contacts: int
 ) -> mujoco.MjModel:
     """Compiles a scene: the Panda, a table at z = 0, and the task's objects.
 

@@ -18,7 +18,7 @@ _SUSTAINED = 5  # moments, the reset being one
 _SUCCESS_BONUS, _CHANGE_COST = 5.0, 0.01
 
 
-class Progress(NamedTuple):
+class StageProgress(NamedTuple):
     """The progress of a task at one moment."""
 
     done: Bool[Array, "K"]  # the stages that hold now
@@ -54,7 +54,7 @@ def no_record(stages: int) -> Record:
     return Record(jnp.full(stages, -1, jnp.int32), zero, zero)
 
 
-def record(before: Record, progress: Progress, time: Int[Array, ""]) -> Record:
+def record(before: Record, progress: StageProgress, time: Int[Array, ""]) -> Record:
     """The record after a control step that ended at `time`."""
     fresh = progress.done & ~before.reached
     held = jnp.where(progress.finished, before.held + 1, 0)
@@ -65,7 +65,7 @@ def record(before: Record, progress: Progress, time: Int[Array, ""]) -> Record:
 
 
 def reward(
-    name: str, before: Record, after: Record, progress: Progress, change: Float[Array, "A"]
+    name: str, before: Record, after: Record, progress: StageProgress, change: Float[Array, "A"]
 ) -> Float[Array, ""]:
     """The reward of a control step between two records, `change` that of its action.
 

@@ -27,8 +27,8 @@ from . import REWARDS, boxes, physics
 from . import observation as observations
 from . import reward as rewards
 from .boxes import Boxes
-from .physics import Motion, Scene, build
-from .reward import Progress, Record
+from .physics import Additions, Motion, build
+from .reward import Record, StageProgress
 from .start import Moments, Start, draw_moment
 
 CONTROL_HZ = 20.0
@@ -56,11 +56,11 @@ class Task(NamedTuple):
 
     things: tuple[str, ...]  # names, in the order of `boxes`
     stages: tuple[str, ...]  # names
-    scene: Scene
+    scene: Additions
     home: tuple[float, ...]  # the arm's joints at reset
     start: Callable[[PRNGKeyArray, float], Start]  # (key, share of the ranges) -> start
     boxes: Callable[[View], Boxes]  # of the things, (N, ...)
-    progress: Callable[[View, Boxes], Progress]
+    progress: Callable[[View, Boxes], StageProgress]
     episode_length: int
     by_boxes: Callable[..., Stages]
     """(classes, half_extent=) -> the stages as seen in a picture, for audits of rewards."""

@@ -8,10 +8,10 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any
 
 import jax
 import numpy as np
+from gril_jax.envs import Env
 
 from gril_jax.compilation.compiler import compiled
 from gril_jax.rl import ppo, rewards, sac, training
@@ -25,7 +25,7 @@ _FIXED = {  # brax's SAC has no options for these
 }  # fmt: skip
 
 
-def chunks(setting: Setting | SacSetting, task: Any = None):
+def chunks(setting: Setting | SacSetting, task: Env | None = None):
     """Two programs: seed -> state, and (state, count, examine) -> what `chunk` returns."""
     task = Pendulum() if task is None else task
     of, fixed = (sac.SAC, _FIXED) if isinstance(setting, SacSetting) else (ppo.PPO, {})
@@ -75,7 +75,7 @@ def train(
 
 
 def all_returns(
-    setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
+    setting: Setting | SacSetting, task: Env, seeds: int, episodes: int
 ) -> list[list[float]]:
     """Returns of mean actions, per seed one at each evaluation; all seeds run in one program.
 

@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from brax.training.types import Transition
+from gril_jax.envs import Env
 from gril_jax.experiments.pipeline import setup
 
 from gril_jax.rl import policy, rewards, sac, sac_loss, training
@@ -40,7 +41,7 @@ def main(*, num_envs: int, target: float | None) -> dict[str, Any]:
     return result
 
 
-def speeds(env: Any, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict[str, Any]:
+def speeds(env: Env, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict[str, Any]:
     """Control steps per second of both, interleaved; the best of some calls."""
     static = dataclasses.replace(static, min_replay=0)
     sides = {"ours": Ours(env, static, hyper), "host_loop": HostLoop(env, static, hyper)}
@@ -51,7 +52,7 @@ def speeds(env: Any, static: sac.Static, hyper: sac.Hyper, repeats: int) -> dict
 
 
 def until_success(
-    env: Any, static: sac.Static, hyper: sac.Hyper, target: float, limit_s: float
+    env: Env, static: sac.Static, hyper: sac.Hyper, target: float, limit_s: float
 ) -> dict[str, Any]:
     """Seconds, compilation included, until the last 100 training episodes reach a success rate."""
     found = {}
@@ -87,7 +88,7 @@ class _Learner:
 class Ours(_Learner):
     """Our SAC; each call runs a chunk of updates."""
 
-    def __init__(self, env: Any, static: sac.Static, hyper: sac.Hyper, updates: int = 10):
+    def __init__(self, env: Env, static: sac.Static, hyper: sac.Hyper, updates: int = 10):
         super().__init__(updates * static.num_envs * static.unroll_length)
         algorithm = sac.SAC(env, rewards.environmental, static)
         self._state = jax.jit(algorithm.init)(jax.random.key(0), hyper)
@@ -107,7 +108,7 @@ class Ours(_Learner):
 class HostLoop(_Learner):
     """One environment, stepped from Python, with the replay in NumPy."""
 
-    def __init__(self, env: Any, static: sac.Static, hyper: sac.Hyper, steps: int = 320):
+    def __init__(self, env: Env, static: sac.Static, hyper: sac.Hyper, steps: int = 320):
         super().__init__(steps)
         self._static = static
         algorithm = sac.SAC(env, rewards.environmental, static)

@@ -20,6 +20,7 @@ from brax.training.agents.ppo import train as stock
 from brax.training.agents.sac import networks as sac_networks
 from brax.training.agents.sac import train as stock_sac
 from flax import linen
+from gril_jax.envs import Env as Task
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from .pendulum import Pendulum, SacSetting, Setting
@@ -30,7 +31,7 @@ class BraxTask(Env):
 
     observation_size, action_size, backend = 0, 0, "none"  # the sizes are each task's own
 
-    def __init__(self, task: Any) -> None:
+    def __init__(self, task: Task) -> None:
         self._task = task
         self.observation_size, self.action_size = task.observation_size, task.action_size
 
@@ -61,7 +62,7 @@ def train(
     setting: Setting | SacSetting,
     progress: Callable[[int, float, float], None] = lambda *_: None,
     *,
-    task: Any = None,
+    task: Task | None = None,
     eval_envs: int | None = None,
     mean_actions: bool = False,
 ) -> list[float]:
@@ -112,7 +113,7 @@ _SAC = {
 
 
 def all_returns(
-    setting: Setting | SacSetting, task: Any, seeds: int, episodes: int
+    setting: Setting | SacSetting, task: Task, seeds: int, episodes: int
 ) -> list[list[float]]:
     """Returns of mean actions over so many episodes, per seed one at each evaluation."""
     return [

@@ -5,6 +5,8 @@ import shutil
 from pathlib import Path
 from typing import NamedTuple
 
+from gril_jax.envs import Env
+
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet, demo_batch, load_demo_set, select_objects
@@ -28,7 +30,9 @@ class Demonstrations(NamedTuple):
         return demo_batch(self.demo_set, self.names[split])
 
 
-def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress) -> Demonstrations:
+def gather_once(
+    config: RunConfig, env: Env, run: run_dir.RunDir, progress: Progress
+) -> Demonstrations:
     """Runs `gather` into the run's folder, as its first phase.
 
     Raises RunError if the set is not the one that the run began with.
@@ -47,7 +51,7 @@ def gather_once(config: RunConfig, env, run: run_dir.RunDir, progress: Progress)
     return demos
 
 
-def gather(config: RunConfig, env, folder: Path, progress: Progress) -> Demonstrations:
+def gather(config: RunConfig, env: Env, folder: Path, progress: Progress) -> Demonstrations:
     """Loads `config.demos.path`, or the set in `folder`, which is made first if missing.
 
     Objects that the task does not have are left out, so that a task with fewer blocks can learn

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from gril_jax import envs
 from gril_jax.audit import measures as audit_measures
 from gril_jax.audit.measures import States, make_states
-from gril_jax.audit.scene_reward import Scene, scene_reward
+from gril_jax.audit.scene_reward import Scene, StagedTask, scene_reward
 from gril_jax.compilation import ahead
 from gril_jax.compilation.compiler import compiled
 from gril_jax.config import EnvConfig, RunConfig
@@ -120,7 +120,7 @@ FIGURES = {
 class Ground(NamedTuple):
     """The states that rewards are audited on; the same for all."""
 
-    task: Any  # a `gril_jax.envs.stages.Stages`
+    task: StagedTask
     states: Mapping[str, States]  # by variant
 
 
@@ -169,7 +169,7 @@ def _states(env: envs.Env, reset_keys, state_keys) -> States:
     return jax.vmap(functools.partial(make_states, task=env.stages))(state_keys, scene)
 
 
-def audit_program(encoder: GraphConfig, task: Any, *, ascents: int):
+def audit_program(encoder: GraphConfig, task: StagedTask, *, ascents: int):
     """The jitted audit of many rewards, (parameters, states) -> measures; for any variant."""
 
     @jax.jit

@@ -21,7 +21,7 @@ from gril_jax.reward.learned_reward import LearnedReward, Memory
 class RewardState(NamedTuple):
     """An environment's state, and the reward's memory of the episode."""
 
-    env: Any
+    env: Any  # the environment's own state
     memory: Memory
 
 

@@ -42,7 +42,7 @@ def made_scene(names, blocks, robot=scenes.ROBOT, fingers=(OPEN, -OPEN), goal=GO
         turned = zip((-1, 1), fingers, strict=True)
         poses += [(*_pivot(robot, side), robot[2] + angle) for side, angle in turned]
     split = [name.split() for name in names]
-    return raster.Scene(
+    return raster.Painting(
         pose=jnp.array([*poses, *blocks], jnp.float32).reshape(-1, 3),
         shape=jnp.array([SHAPES.index(s) for _, s in split], jnp.int32),
         colour=jnp.array([raster.COLOURS.index(c) for c, _ in split], jnp.int32),

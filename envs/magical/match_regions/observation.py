@@ -23,7 +23,7 @@ OBSERVATIONS = ("rich", "sorted", "xmagical")
 _FAR = 100.0  # more than any squared distance in an arena
 
 
-class Scene(NamedTuple):
+class Observed(NamedTuple):
     """One scene; P parts of the robot (3 with fingers, else 1), B blocks, targets first."""
 
     pose: Float[Array, "E 3"]  # parts, then blocks
@@ -32,7 +32,7 @@ class Scene(NamedTuple):
     inside: Bool[Array, "B"]
 
 
-def _rich(scene: Scene, parts: int, due: int = 0) -> Float[Array, "O"]:
+def _rich(scene: Observed, parts: int, due: int = 0) -> Float[Array, "O"]:
     """The observation; the first `due` targets are sorted by when they are due (0: none)."""
     x_y, yaw, velocity = scene.pose[0, :2], scene.pose[0, 2], scene.velocity[0]
     heading, speed = jnp.stack([jnp.cos(yaw), jnp.sin(yaw)]), turned(-yaw, velocity[:2])[::-1]
@@ -57,7 +57,7 @@ def _rich(scene: Scene, parts: int, due: int = 0) -> Float[Array, "O"]:
     return jnp.concatenate([*robot, each.reshape(-1), order.astype(jnp.float32).reshape(-1)])
 
 
-def _xmagical(scene: Scene, parts: int, targets: int) -> Float[Array, "O"]:
+def _xmagical(scene: Observed, parts: int, targets: int) -> Float[Array, "O"]:
     robot, blocks = scene.pose[0], scene.pose[parts:, :2]
     length = lambda d: jnp.sqrt(jnp.sum(d**2, axis=-1) + 1e-12) / DIAGONAL  # noqa: E731
     reach, goal = length(blocks - robot[:2]), length(blocks - scene.goal[:2])
@@ -69,7 +69,7 @@ def _xmagical(scene: Scene, parts: int, targets: int) -> Float[Array, "O"]:
     return jnp.concatenate(each)
 
 
-def observe(kind: str, scene: Scene, *, parts: int, targets: int) -> Float[Array, "O"]:
+def observe(kind: str, scene: Observed, *, parts: int, targets: int) -> Float[Array, "O"]:
     """The observation of the given kind, one of `OBSERVATIONS`."""
     if kind == "xmagical":
         return _xmagical(scene, parts, targets)

@@ -22,7 +22,7 @@ REGION, ROBOT, _FIRST = 0, 1, 2
 DIAGONAL = 2.8284271247461903  # by which V5 and S3 divide distances: of a +-1 arena
 
 
-class Progress(NamedTuple):
+class ScoreInputs(NamedTuple):
     """Scoring inputs at one step; K targets, targets first among the B blocks."""
 
     inside: Bool[Array, "B"]  # block's centre in the region
@@ -32,25 +32,25 @@ class Progress(NamedTuple):
     nearest: Float[Array, "K"]  # the least of that since reset
 
 
-def _counts(at: Progress) -> tuple[Array, Array]:
+def _counts(at: ScoreInputs) -> tuple[Array, Array]:
     targets = len(at.distance)
     inside = at.inside.astype(jnp.float32)
     return inside[:targets].sum(), inside[targets:].sum()
 
 
-def score(at: Progress) -> Float[Array, ""]:
+def score(at: ScoreInputs) -> Float[Array, ""]:
     """(n_t / K) (1 - n_d / (n_t + n_d)) with n_t targets and n_d distractors in the region."""
     n_t, n_d = _counts(at)
     return n_t / len(at.distance) * (1.0 - n_d / jnp.maximum(n_t + n_d, 1.0))
 
 
-def _s4(at: Progress) -> Float[Array, ""]:
+def _s4(at: ScoreInputs) -> Float[Array, ""]:
     _, n_d = _counts(at)
     left = jnp.where(at.inside[: len(at.distance)], 0.0, at.distance)
     return 10.0 * jnp.tanh((jnp.sum(at.start - left) - n_d - 0.1) / 2)
 
 
-def _v5(at: Progress) -> Float[Array, ""]:
+def _v5(at: ScoreInputs) -> Float[Array, ""]:
     n_t, n_d = _counts(at)
     share = 1.0 / jnp.maximum(n_t + n_d, 1.0)
     far = -10.0 * jnp.mean(at.distance) / DIAGONAL * (1.0 + jnp.sqrt(n_d * share))
@@ -59,7 +59,7 @@ def _v5(at: Progress) -> Float[Array, ""]:
     return far + 4.0 + near + 10.0 * n_t * share + 10.0 * n_t - 5.0 * n_d
 
 
-def _s3(at: Progress) -> Float[Array, ""]:
+def _s3(at: ScoreInputs) -> Float[Array, ""]:
     f = lambda d: -0.006 * d**2 - 500.0 * jnp.log(d**2 + 0.001)  # noqa: E731
     _, n_d = _counts(at)
     inside = at.inside[: len(at.distance)]
@@ -70,7 +70,7 @@ def _s3(at: Progress) -> Float[Array, ""]:
     return progress - 5.0 * n_d + 10.0 * near - 20.8
 
 
-def reward(name: str, at: Progress) -> Float[Array, ""]:
+def reward(name: str, at: ScoreInputs) -> Float[Array, ""]:
     """The dense reward of the given name, one of `REWARDS`; "sparse" is the score."""
     return {"S4": _s4, "V5": _v5, "S3": _s3, "sparse": score}[name](at)
 
@@ -101,4 +101,4 @@ def _inside(block: int, name: str, movable: tuple[int, ...]) -> Stage:
 def _score(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
     inside = jnp.concatenate([task.done(center, size), task.faulty(center, size)])
     unused = jnp.zeros(len(task.stages))
-    return score(Progress(inside, unused, unused, unused, unused))
+    return score(ScoreInputs(inside, unused, unused, unused, unused))

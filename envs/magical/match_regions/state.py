@@ -8,7 +8,7 @@ from gril_jax.envs.planar import shapes
 from gril_jax.envs.planar.robots import Robot
 from jaxtyping import Array, Bool, Float, Int
 
-from .score import Progress
+from .score import ScoreInputs
 
 
 class PlanarData(NamedTuple):
@@ -33,10 +33,10 @@ def distances(points: Float[Array, "K C"], center: Float[Array, "2"]) -> Float[A
     return jnp.sqrt(jnp.sum((points[:, :2] - center) ** 2, axis=1) + 1e-12)
 
 
-def progress(data: PlanarData, *, parts: int, targets: int) -> Progress:
+def progress(data: PlanarData, *, parts: int, targets: int) -> ScoreInputs:
     """The quantities of scores and rewards; `parts` bodies are the robot's, then come targets."""
     blocks = data.pose[parts:]
-    return Progress(
+    return ScoreInputs(
         inside=(jnp.abs(blocks[:, :2] - data.goal[:2]) <= data.goal[2:] / 2).all(axis=1),
         distance=distances(blocks[:targets], data.goal[:2]),
         start=data.start_distance,

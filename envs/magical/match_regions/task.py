@@ -205,7 +205,7 @@ class MatchRegions:
     def _observe(self, data: PlanarData) -> State:
         progress = states.progress(data, parts=self._parts, targets=self.num_targets)
         score = rewards.score(progress)
-        seen = observations.Scene(data.pose, data.velocity, data.goal, progress.inside)
+        seen = observations.Observed(data.pose, data.velocity, data.goal, progress.inside)
         return State(
             data=data,
             obs=observations.observe(self._kind, seen, parts=self._parts, targets=self.num_targets),
@@ -223,7 +223,7 @@ class MatchRegions:
 
     def render(self, data: PlanarData, *, size: int = 384, antialias: bool = False) -> Array:
         """The scene as an image (size, size, 3) of uint8, inside jit; see `raster`."""
-        drawn = raster.Scene(data.pose, data.shape, data.colour, data.goal, data.colour[0])
+        drawn = raster.Painting(data.pose, data.shape, data.colour, data.goal, data.colour[0])
         return raster.render(
             drawn, size=size, half_extent=self.half_extent, antialias=antialias,
             robot=self.robot.name, arena=self.arena,

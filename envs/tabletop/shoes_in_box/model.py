@@ -6,7 +6,7 @@ A shoe is one box for contacts: capsules roll out of a grasp. Lengths are metres
 """
 
 from gril_jax.envs.panda.model import PADS, PALM, TIPS, words
-from gril_jax.envs.tabletop.physics import TABLE, Scene
+from gril_jax.envs.tabletop.physics import TABLE, Additions
 
 RIM = 0.15  # height of the walls
 BOX_HALF = (0.18, 0.13, RIM / 2)  # outside
@@ -51,7 +51,7 @@ def _pairs() -> tuple[tuple[str, str], ...]:
     return (*pairs, (PALM, TABLE), (PALM, _LID))
 
 
-def scene() -> Scene:
+def scene() -> Additions:
     """The scene; joints after the arm's are the hinge (rad), then a free joint for each shoe."""
     walls = "".join(_box(name, *shape) for name, shape in _WALLS.items())
     shoes = "".join(
@@ -60,4 +60,4 @@ def scene() -> Scene:
         for name in _SHOES
     )
     box = f'<body name="box" mocap="true">{walls}{_lid()}</body>'
-    return Scene(f"{box}{shoes}", _pairs())
+    return Additions(f"{box}{shoes}", _pairs())

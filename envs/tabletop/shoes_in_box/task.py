@@ -23,7 +23,7 @@ from gril_jax.envs.panda.frames import Frame, compose, into, out_of, rotation
 from gril_jax.envs.tabletop.boxes import Boxes, box, free, lowest, stacked, touching
 from gril_jax.envs.tabletop.demonstrations import JITTER, Expert, record
 from gril_jax.envs.tabletop.recorded import moments
-from gril_jax.envs.tabletop.reward import Progress, closeness
+from gril_jax.envs.tabletop.reward import StageProgress, closeness
 from gril_jax.envs.tabletop.start import Footprint, Moments, Start, free_joint, group, place
 from gril_jax.envs.tabletop.task import Tabletop, Task, View
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
@@ -112,7 +112,7 @@ def _boxes(view: View) -> Boxes:
     return stacked(found)
 
 
-def _progress(view: View, things: Boxes) -> Progress:
+def _progress(view: View, things: Boxes) -> StageProgress:
     base, shoes = _box_frame(view), Boxes(*(x[2:] for x in things))
     inside = jax.vmap(functools.partial(_inside, base))(shoes.position)
     released = jax.vmap(functools.partial(free, view.pads))(shoes)
@@ -121,7 +121,7 @@ def _progress(view: View, things: Boxes) -> Progress:
     done = jnp.concatenate([lid_open[None], inside & released])
     carrying = _carrying(view, base, shoes, inside, released)
     within = jnp.where(lid_open, carrying, _opening(view, things))
-    return Progress(done, within, (done[1:] & (speed < _SLOW)).all())
+    return StageProgress(done, within, (done[1:] & (speed < _SLOW)).all())
 
 
 def _inside(base: Frame, position: Float[Array, "3"]) -> Bool[Array, ""]:

@@ -9,7 +9,7 @@ from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.panda.frames import Frame
 from gril_jax.envs.tabletop.boxes import box
-from gril_jax.envs.tabletop.physics import Scene, build
+from gril_jax.envs.tabletop.physics import Additions, build
 
 PI = np.pi
 POSES = [  # joints; tool centre point; where the fingers open
@@ -25,7 +25,7 @@ REST = np.array(POSES[3][0], np.float32)
 @pytest.fixture(scope="module")
 def arm():
     """The arm alone, in C MuJoCo."""
-    return build(Scene("", ()), timestep=0.005, iterations=4, ls_iterations=6, max_contacts=4)
+    return build(Additions("", ()), timestep=0.005, iterations=4, ls_iterations=6, max_contacts=4)
 
 
 def _random(count, seed=0):

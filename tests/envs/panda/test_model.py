@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda import model as panda_model
-from gril_jax.envs.tabletop.physics import Scene, build
+from gril_jax.envs.tabletop.physics import Additions, build
 
 HOME = [0.0571, -0.1029, 0.0417, -2.2644, 0.0052, 2.1616, 0.8812]
 
 
 @pytest.fixture(scope="module")
 def arm():
-    return build(Scene("", ()), timestep=0.005, iterations=4, ls_iterations=6, max_contacts=4)
+    return build(Additions("", ()), timestep=0.005, iterations=4, ls_iterations=6, max_contacts=4)
 
 
 def test_masses_are_the_published_ones(arm):

@@ -4,14 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs.tabletop import reward as rewards
-from gril_jax.envs.tabletop.reward import Progress
+from gril_jax.envs.tabletop.reward import StageProgress
 
 STAGES = 3
 
 
 def _moment(done, within=0.0, finished=False):
     flags = jnp.arange(STAGES) < done
-    return Progress(flags, jnp.float32(within), jnp.array(finished))
+    return StageProgress(flags, jnp.float32(within), jnp.array(finished))
 
 
 def _episode(moments):

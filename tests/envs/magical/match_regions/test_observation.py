@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs.magical.match_regions import observation as observations
-from gril_jax.envs.magical.match_regions.observation import Scene
+from gril_jax.envs.magical.match_regions.observation import Observed
 from support import planar_scenes, scenes
 
 BLOCKS = ("green star", "green square", "blue pentagon", "yellow circle", "yellow pentagon")
@@ -26,7 +26,7 @@ def _scene(robot, base=(-0.5, 0.1, -1.2 * math.pi), opening=planar_scenes.OPEN, 
         velocity = np.random.default_rng(seed).normal(size=pose.shape)
     inside = np.arange(5) == 3
     floats = (jnp.asarray(f, jnp.float32) for f in (pose, velocity))
-    return Scene(*floats, GOAL, jnp.asarray(inside)), len(parts)
+    return Observed(*floats, GOAL, jnp.asarray(inside)), len(parts)
 
 
 @pytest.mark.parametrize(("robot", "size"), [("gripper", 25), ("long", 24)])
@@ -121,7 +121,7 @@ def test_there_is_one_name_for_each_number(kind, robot, count, targets):
     parts = 3 if robot == "gripper" else 1
     blocks = tuple(BLOCKS[i % 5] for i in range(count))
     some = jnp.ones((parts + count, 3))
-    scene = Scene(some, some, GOAL, jnp.zeros(count, bool))
+    scene = Observed(some, some, GOAL, jnp.zeros(count, bool))
     seen = jax.eval_shape(
         lambda s: observations.observe(kind, s, parts=parts, targets=targets), scene
     )
@@ -132,7 +132,7 @@ def test_there_is_one_name_for_each_number(kind, robot, count, targets):
 def test_all_in_one_place_is_finite_with_a_finite_gradient():
     """Robot, blocks and region's centre coincide: distances are 0."""
     pose = jnp.zeros((8, 3)).at[:, :2].set(GOAL[:2])
-    scene = Scene(pose, jnp.zeros((8, 3)), GOAL, jnp.ones(5, bool))
+    scene = Observed(pose, jnp.zeros((8, 3)), GOAL, jnp.ones(5, bool))
     for kind in observations.OBSERVATIONS:
         total = lambda p, k=kind: observations.observe(  # noqa: E731
             k, scene._replace(pose=p), parts=3, targets=2

@@ -22,7 +22,7 @@ def _progress(moves):
         xy[block] = place
     start, reach = (np.linalg.norm(HOME[:2] - p, axis=1) for p in (GOAL, ROBOT))
     now = np.linalg.norm(xy[:2] - ROBOT, axis=1)
-    return rewards.Progress(
+    return rewards.ScoreInputs(
         inside=jnp.asarray((np.abs(xy - GOAL) <= [0.3, 0.35]).all(axis=1)),
         distance=jnp.asarray(np.linalg.norm(xy[:2] - GOAL, axis=1), jnp.float32),
         start=jnp.asarray(start, jnp.float32),
@@ -79,7 +79,7 @@ def _numpy(name, at):
 def _random(seed, targets=2, blocks=5):
     rng = np.random.default_rng(seed)
     distance, start, reach = rng.uniform(0.05, 2.5, (3, targets)).astype(np.float32)
-    return rewards.Progress(
+    return rewards.ScoreInputs(
         inside=jnp.asarray(rng.random(blocks) < 0.5),
         distance=jnp.asarray(distance),
         start=jnp.asarray(start + 0.1 * (abs(start - 1) < 0.1)),  # S3 divides by f, 0 near 1
