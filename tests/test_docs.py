@@ -1,5 +1,6 @@
 """The documentation is true: Python runs, commands are understood, links lead somewhere."""
 
+import ast
 import json
 import os
 import re
@@ -12,6 +13,7 @@ from support.paths import REPOSITORY
 
 from gril_jax.cli import main, verbs
 from gril_jax.config import RunConfig
+from gril_jax.config.command_line import options
 from gril_jax.errors import ConfigError
 from gril_jax.interop.reward_file import save_reward
 from gril_jax.runs import run_dir
@@ -22,6 +24,8 @@ PAGES = sorted(
     for path in REPOSITORY.glob(pattern)
 )
 RESULTS = REPOSITORY / "experiments" / "results"
+ATTRIBUTES = {"env.render", "env.reset_to"}  # of a task, and no options of the configuration
+OTHERS = {"pip", "python", "srun", "sbatch", "make", "--signal=TERM@120"}  # commands with options of their own
 
 
 def _name(path):
@@ -113,6 +117,37 @@ def test_every_verb_that_is_named_exists(path):
         verb = code.split()[0] if code else ""
         if not verb.startswith("-") and not verb.isupper():
             assert verb in words, f"gril {code}"
+
+
+def _known_options():
+    """Options of the configuration, and those that the command line's own sources name."""
+    known = set(options(RunConfig)) | {"--help"}
+    for path in (REPOSITORY / "gril_jax" / "cli").rglob("*.py"):
+        text = path.read_text()
+        fields = [n.target for n in ast.walk(ast.parse(text)) if isinstance(n, ast.AnnAssign)]
+        known |= {f"--{ast.unparse(name)}".replace("_", "-") for name in fields}
+        known |= set(re.findall(r"--[a-z][a-z-]*", text))
+    return known
+
+
+KNOWN = _known_options()
+SECTIONS = {option[2:].partition(".")[0] for option in options(RunConfig) if "." in option}
+
+
+@pytest.mark.parametrize("path", PAGES, ids=_name)
+def test_every_option_that_is_named_exists(path):
+    text = re.sub(r"^```.*?^```", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
+    if path.name == "CHANGELOG.md":  # names what there was, too
+        return
+    for code in re.findall(r"`([^`\n]+)`", text):
+        first = (code.split() or [""])[0]
+        if first in OTHERS or "XLA_FLAGS" in code:
+            continue
+        for option in re.findall(r"(?<![\w-])--[a-z][\w.-]*", code):
+            assert option in KNOWN, f"{option} in `{code}`"
+        section, _, field = first.partition(".")
+        if section in SECTIONS and re.fullmatch(r"[a-z_]+", field) and first not in ATTRIBUTES:
+            assert f"--{section}.{field}".replace("_", "-") in KNOWN, code
 
 
 def test_a_stale_option_would_be_found(surroundings):
