@@ -25,7 +25,8 @@ PAGES = sorted(
 )
 RESULTS = REPOSITORY / "experiments" / "results"
 ATTRIBUTES = {"env.render", "env.reset_to"}  # of a task, and no options of the configuration
-OTHERS = {"pip", "python", "srun", "sbatch", "make", "--signal=TERM@120"}  # commands with options of their own
+# Commands with options of their own, and one of theirs.
+OTHERS = {"pip", "python", "srun", "sbatch", "make", "--signal=TERM@120"}
 
 
 def _name(path):

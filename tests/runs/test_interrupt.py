@@ -16,6 +16,14 @@ from gril_jax.errors import RunError
 from gril_jax.runs.interrupt import Interrupted, heard, noticed
 
 
+@pytest.fixture(autouse=True)
+def _as_in_a_terminal():
+    """A shell's background job ignores Ctrl-C from the start, and with it these tests would."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_first_signal_is_noted_and_nothing_is_raised(number):
     with noticed() as notice:
