@@ -10,8 +10,9 @@ import pytest
 TESTS = pathlib.Path(__file__).parent
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
-# Most of the time goes to compiling: without optimisation, and with the older code generator, it is
-# half. With AVX2 that code is wrong (LLVM's fast selector; the gradient of a masked mean shows it).
+# Much of the time goes to compiling: less without optimisation, and with the older code generator.
+# Without optimisation XLA 0.10's code for AVX2 is wrong: tests/losses/tcc/test_forms.py shows it, a
+# gradient of the form "classification"; its code for AVX passes.
 # XLA aborts over a flag that it does not know: hence the version.
 FLAGS = ["--xla_backend_optimization_level=1"]
 if importlib.metadata.version("jaxlib").startswith("0.10."):

@@ -138,7 +138,7 @@ def _allowed(name, packages):
 
 
 def _faults(path):
-    """What a file imports that its layer must not."""
+    """Imports of a file that its layer must not have."""
     module = _module(path)
     layer = _layer(module)
     layers, packages = LAYERS[layer]

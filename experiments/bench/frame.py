@@ -162,7 +162,7 @@ print(json.dumps([answer, count.requests, count.made, count.seconds]))
 
 
 class Answer(NamedTuple):
-    """What a call in a process of its own came to."""
+    """Result of a call in a process of its own, and what XLA compiled for it."""
 
     value: Any  # as JSON has it
     requests: int  # programs given to XLA

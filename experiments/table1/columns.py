@@ -1,4 +1,4 @@
-"""What people read of Table I: the numbers of a policy, the sections, and the HTML page."""
+"""The page of Table I: the numbers of a policy, the sections of the table, and the HTML."""
 
 import re
 from collections.abc import Mapping

@@ -211,7 +211,7 @@ def shrink(
 
 
 def _named(demo_set: DemoSet, names: Sequence[str], values: Sequence[Any]) -> list[Any]:
-    """What belongs to the demonstrations of these names, from what belongs to all of them."""
+    """The values of the demonstrations of these names, out of one value for each of the set."""
     known = {entry.name: value for entry, value in zip(demo_set.entries, values, strict=True)}
     if unknown := [name for name in names if name not in known]:
         raise DemoError(

@@ -187,7 +187,7 @@ def evaluate(
 def figures(
     learned: RewardParams, latents: Float[Array, "B T D"], length: Int[Array, "B"]
 ) -> dict[str, Float[Array, ""]]:
-    """What `evaluate` returns, of a reward and the latents of recordings."""
+    """Scalar measures of a reward, from the latents of recordings; `evaluate` names them."""
     rewards = reward.latent_reward(learned, latents)
     last = jnp.take_along_axis(rewards, length[:, None] - 1, axis=1)
     return {

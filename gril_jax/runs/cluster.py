@@ -16,8 +16,8 @@ _SLURM = ("SLURM_JOB_ID", "SLURM_NTASKS", "SLURM_PROCID")
 
 
 def cluster_of(environment: Mapping[str, str]) -> dict[str, Any]:
-    """What an environment says of a job to `jax.distributed`; nothing under SLURM, which JAX asks,
-    and a ConfigError if it describes none, or not all of it, or its numbers do not fit."""
+    """Arguments of `jax.distributed.initialize` from environment variables; none under SLURM, which
+    JAX asks itself. ConfigError if they describe no job, or half of one, or do not fit."""
     given = [name for name in _NAMES if environment.get(name)]
     if not given:
         if all(environment.get(name) for name in _SLURM):

@@ -1,4 +1,4 @@
-"""What each verb checks, calls and returns, in this process and with stand-ins for the work."""
+"""Checks, calls and results of each verb, in this process and with stand-ins for the work."""
 
 import sys
 import types

@@ -1,4 +1,4 @@
-"""What a training is said to need beside what its compiled program needs, and how it is split."""
+"""Predicted memory of a training, beside what its compiled program needs, and its splitting."""
 
 import functools
 
@@ -20,7 +20,7 @@ HYPER = jax.tree.map(jnp.float32, ppo.Hyper())
 
 
 def _needed(algorithm, hyper):
-    """What the program for a chunk takes, its state included, bytes."""
+    """Bytes that the program for a chunk takes, its state included."""
     state = jax.eval_shape(algorithm.init, jax.random.key(0), hyper)
     chunk = functools.partial(training.chunk, algorithm, updates=2, evaluation=(algorithm.env,))
     program = jax.jit(chunk, donate_argnums=0).lower(state, hyper, jnp.zeros(())).compile()

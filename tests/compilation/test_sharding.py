@@ -1,4 +1,4 @@
-"""How devices are shared out, and that training on eight of them comes to what one comes to."""
+"""The sharing of devices, and training on eight of them, which comes to what one comes to."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Which options become axes of a sweep, and the cells that they span."""
+"""Axes of a sweep, made of options with commas, and the cells that they span."""
 
 import pytest
 

@@ -38,7 +38,7 @@ def test_a_task_is_a_folder_a_line_and_a_yaml_file(run):
 def test_an_encoder_is_a_file_and_a_line(run):
     leaves = checkpoint.manifest(checkpoint.latest(run / "reward"))["leaves"]
     kernel = next(leaf for leaf in leaves if "dummy_kernel" in leaf["path"])
-    assert kernel["shape"] == [4, 4]
+    assert kernel["shape"] == [4, 3]
 
 
 def test_a_loss_is_a_file_and_a_line(run):

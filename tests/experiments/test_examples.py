@@ -25,7 +25,7 @@ def _needs(*packages):
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
-    """What the first example writes."""
+    """The file that the first example writes."""
     path = tmp_path_factory.mktemp("rewards") / "reward.npz"
     said = []
     tau = learn_reward.main(str(path), steps=100, echo=said.append)

@@ -23,7 +23,7 @@ def _nearest(query, key):
 
 
 def _home(videos, route):
-    """Which frames of the first video are within one frame of themselves after the route."""
+    """Frames of the first video that are within one frame of themselves after the route."""
     frames = np.arange(len(videos[route[0]]))
     for u, v in itertools.pairwise(route):
         frames = _nearest(videos[u], videos[v])[frames]

@@ -1,4 +1,4 @@
-"""Where demonstrations leave things: the reference is found, and costs are a loop's."""
+"""Final places of demonstrations: the reference is found, and costs are a loop's."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""Which moments are chosen: by a plain loop over episodes, and by what must never be chosen."""
+"""The choice of states: by a plain loop over episodes, and by what must never be chosen."""
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +30,7 @@ def scenes():
 
 @pytest.fixture(scope="module")
 def rewards():
-    """What is paid and what is due: the third episode ends well, and one moment is no number."""
+    """Rewards paid and due: the third episode ends well, and one moment is no number."""
     paid, due = np.random.default_rng(0).uniform(-1, 0, (2, EPISODES, FRAMES)).astype(np.float32)
     due[:, -1] = -0.5
     due[2, -1] = -0.05

@@ -1,4 +1,4 @@
-"""What encoder training minimises: every switch, against the losses it is made of."""
+"""The loss of encoder training: every switch, against the losses it is made of."""
 
 import dataclasses
 

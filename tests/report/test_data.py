@@ -1,4 +1,4 @@
-"""What a report reads: arrays and numbers are checked, and rates say how sure they are."""
+"""Inputs of a report: arrays and numbers are checked, and rates say how sure they are."""
 
 import json
 import math

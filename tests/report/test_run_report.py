@@ -26,7 +26,7 @@ HOSTILE = '<script>alert("x")</script>&'
 
 
 class Page(html.parser.HTMLParser):
-    """What a browser would make of a page: its tags, its addresses, and its text."""
+    """A page as a browser reads it: its tags, its addresses, and its text."""
 
     def __init__(self, text):
         super().__init__()

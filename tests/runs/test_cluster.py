@@ -1,4 +1,4 @@
-"""What the environment says of a job of several processes."""
+"""Environment variables that describe a job of several processes."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Which runs the ordinary report is drawn of."""
+"""Runs with an ordinary report, and runs with a page or table of their own."""
 
 import pytest
 

@@ -46,7 +46,7 @@ def spoken(monkeypatch):
 
 
 class _Run:
-    """What the stand-in for wandb returns: it counts steps as wandb does."""
+    """Run of the stand-in for wandb: it counts steps as wandb does."""
 
     def __init__(self, told, step):
         self.told, self.step = told, step

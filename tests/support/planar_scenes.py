@@ -78,7 +78,7 @@ def play(state, actions, *, robot="gripper", iterations=10):
 
 
 def overhang(env, pose):
-    """How far bodies (..., E, 3) stand out of the arena: the greatest of each scene.
+    """Distance by which bodies (..., E, 3) stand out of the arena: the greatest of each scene.
 
     From the outlines of all parts and blocks, in numpy.
     """

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 
 class Data(NamedTuple):
-    """What the probe remembers."""
+    """Memory of the probe."""
 
     sign: Float[Array, ""]  # the observation: -1 or 1, drawn anew at each step
     before: Float[Array, ""]  # the sign that the last action answered

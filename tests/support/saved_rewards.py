@@ -59,7 +59,7 @@ def scene(num_demos, num_frames):
 
 
 def moment(config):
-    """What the encoder takes at one moment: a graph, a stack of graphs, or a picture."""
+    """Input of the encoder at one moment: a graph, a stack of graphs, or a picture."""
     if isinstance(config, encoder.PixelConfig):
         return jax.random.uniform(jax.random.key(1), (32, 32, 3))
     history = getattr(config, "history", 1)

@@ -54,7 +54,7 @@ def train(name, devices, seeds, chunks=2):
 
 
 def temporary_bytes(name, devices, seeds):
-    """What a chunk's program holds on each device beside its inputs and outputs."""
+    """Bytes that a chunk's program holds on each device beside its inputs and outputs."""
     state, run, inputs = begin(name, devices, seeds)
     return run.lower(state, *inputs).compile().memory_analysis().temp_size_in_bytes
 

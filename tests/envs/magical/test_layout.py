@@ -1,4 +1,4 @@
-"""What an episode's start draws: bounds, shares, no overlap, and a flag where nothing fits."""
+"""Sampled starts of episodes: bounds, shares, no overlap, and a flag where nothing fits."""
 
 import jax
 import jax.numpy as jnp
@@ -74,7 +74,7 @@ def _scatter(robot, shapes, count=100, arena=ARENA):
 
 
 def _overlaps(robot, layout, shapes):
-    """Whether, in each start, any two of robot, blocks and region overlap, or a wall is crossed."""
+    """True for starts in which two of robot, blocks and region overlap, or a wall is crossed."""
     rim, radii = layouts.rim(robots.robot(robot)), layouts.RADII[list(shapes)] - 1e-5
     found = []
     for base, blocks, goal in zip(layout.robot, layout.blocks, layout.goal, strict=True):

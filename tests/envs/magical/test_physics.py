@@ -1,4 +1,4 @@
-"""What MAGICAL solves in another way, against loops in numpy and the original engine's figures."""
+"""MAGICAL's own parts of the physics, against loops in numpy and the original engine's figures."""
 
 import functools
 

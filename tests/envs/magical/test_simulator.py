@@ -1,4 +1,4 @@
-"""What actions of MatchRegions mean."""
+"""Meaning of the actions of MatchRegions."""
 
 import math
 

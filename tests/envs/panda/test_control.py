@@ -1,4 +1,4 @@
-"""What actions do to the servos' aims."""
+"""Effect of actions on the servos' aims."""
 
 import functools
 

@@ -46,7 +46,7 @@ def _rim(capsule, count=64):
 
 
 def _covered(points, capsules):
-    """Which points lie in some capsule."""
+    """True for points that lie in some capsule."""
     hit = np.zeros(len(points), bool)
     for start, end, radius in capsules:
         a, b = np.array(start), np.array(end)
@@ -56,7 +56,7 @@ def _covered(points, capsules):
 
 
 def _farthest_outside(capsules, vertices):
-    """How far the capsules stand out of an outline."""
+    """Greatest distance by which the capsules stand out of an outline."""
     rim = np.concatenate([_rim(c) for c in capsules])
     stray = rim[~_inside(rim, vertices * (1 + 1e-9))]
     return max((_to_outline(p, vertices) for p in stray), default=0.0)

@@ -38,7 +38,7 @@ def _shapes(names=SHAPES):
 
 
 def _command(engine, action):
-    """What MatchRegions tells an engine."""
+    """Arguments of an engine for MatchRegions."""
     turn = 2 * engine.dt * 40.0 * action[1]
     return Command(jnp.clip(action[0], -0.8, 0.8), turn, jnp.clip(OPEN - action[2], 0.0, OPEN))
 

@@ -1,4 +1,4 @@
-"""What every task on the table shares: options and the contract of an environment."""
+"""Common parts of the tasks on the table: options and the contract of an environment."""
 
 import jax
 import jax.numpy as jnp

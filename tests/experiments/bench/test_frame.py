@@ -1,4 +1,4 @@
-"""What the benchmarks measure with, and the two wrappings of one pendulum."""
+"""The frame of the benchmarks, and the two wrappings of one pendulum."""
 
 import jax
 import jax.numpy as jnp

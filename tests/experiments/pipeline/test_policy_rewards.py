@@ -1,4 +1,4 @@
-"""What a policy's reward gets from the demonstrations."""
+"""Parameters that a policy's reward gets from the demonstrations."""
 
 import dataclasses
 

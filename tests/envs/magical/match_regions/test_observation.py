@@ -1,4 +1,4 @@
-"""What a policy sees, against the reference's vector and number by number."""
+"""Observations, against the reference's vector and number by number."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What is read off a MatchRegions scene: score, rewards, objects, observation.
+"""Readings of a MatchRegions scene: score, rewards, objects, observation.
 
 Reference numbers are those of the original simulator.
 """
