@@ -59,16 +59,8 @@ class Dummy(PPO):
 
 OPTIONS = (
     *("--encoder.kind", "dummy", "--encoder.latent", "3", "--loss.consistency", "dummy"),
-    *(
-        "--loss.decoder",
-        "graph",
-        "--loss.warmup",
-        "0",
-        "--run.reward",
-        "dummy",
-        "--run.algorithm",
-        "dummy",
-    ),
+    *("--loss.decoder", "graph", "--loss.warmup", "0"),
+    *("--run.reward", "dummy", "--run.algorithm", "dummy"),
     *("--dummy.num-envs", "4", "--dummy.unroll-length", "5", "--dummy.num-timesteps", "20"),
     *("--dummy.hidden", "8"),
 )
