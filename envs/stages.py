@@ -44,6 +44,9 @@ class Stage:
     """(key, centre, size) -> centres at which it holds clearly, only `moves` changed."""
     required_before: tuple[str, ...] = ()
     """Stages that must be done first, all of them declared earlier."""
+    within: Callable[[Points, Points], tuple[Float[Array, "2"], Float[Array, "2"]]] | None = None
+    """(centre, size) -> corners of a box that has in it every place where the stage holds, for a
+    stage of one object; None: it is done by `place` alone."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,6 +114,23 @@ class Stages:
             out = self.astray(key_out, stage, center, size)
             out = jnp.where(stage.holds(center, size), out, center)
             center = jnp.where(want, stage.place(key_in, center, size), out)
+        return center
+
+    def fulfil(self, key: PRNGKeyArray, center: Points, size: Points) -> Points:
+        """A success: all stages done, each object anywhere where its stage holds, and not only
+        where it clearly does. Without a free place for one, the state may be no success."""
+        for stage, key_stage in zip(
+            self.stages, jax.random.split(key, len(self.stages)), strict=True
+        ):
+            if stage.within is None:
+                center = stage.place(key_stage, center, size)
+                continue
+            (index,), (low, high) = stage.moves, stage.within(center, size)
+            holds = lambda c, stage=stage: stage.holds(c, size)  # noqa: E731
+            center = free_place(
+                key_stage, index, center, size, low=low, high=high, others=self.movable,
+                allowed=holds,
+            )  # fmt: skip
         return center
 
     def astray(self, key: PRNGKeyArray, stage: Stage, center: Points, size: Points) -> Points:

@@ -156,7 +156,9 @@ def _labels(learned: LearnedReward, classes, label: np.ndarray, source: Path) ->
 
 def _check_finite(states: States, found: Audit, names) -> None:
     """Raises RunError for the first state whose reward is not finite."""
-    made = states.battery.scenes, states.alone, states.pushed, found.found.scene
+    made = (
+        states.battery.scenes, states.alone, states.pushed, states.successes, found.found.scene
+    )  # fmt: skip
     for scenes, paid in zip(made, (*found.rewards, found.found.reward), strict=True):
         bad = np.argwhere(~np.isfinite(paid))
         if len(bad):

@@ -121,8 +121,9 @@ def _overestimated(
     hyper, static = setup.pretrain_hyper(config), setup.pretrain_config(config, num_classes)
     latents = pretrain.embed(earlier.learned.encoder, played, *own)
     paid = reward.latent_reward(earlier.learned, latents)
-    places = jax.jit(final_places, static_argnums=1, static_argnames="turned")(
-        demos, num_classes, turned=static.turn_scenes
+    how = dict(turned=static.turn_scenes, anywhere_inside=static.anywhere_inside)
+    places = jax.jit(final_places, static_argnums=1, static_argnames=[*how])(
+        demos, num_classes, **how
     )
     still = played.label[:, None], played.is_robot[:, None]
     label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)

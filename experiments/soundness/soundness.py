@@ -30,7 +30,10 @@ AUDIT = [f"{name}_{variant}" for variant in VARIANTS for name in FIGURES]
 COLUMNS = ("row", "seed", "tau", *AUDIT, *LAST)
 
 # Figures that should foretell success: by a high value (1) or by a low one (-1).
-_SIGNS = {"order": 1, "touch": -1, "push": -1, "hack_gap": 1, "hack_share": -1}
+_SIGNS = {
+    "order": 1, "touch": -1, "push": -1, "hack_gap": 1, "hack_share": -1, "hack_gap_anywhere": 1,
+    "outbid": -1,
+}  # fmt: skip
 PREDICTORS = {"tau": 1} | {name: _SIGNS[name.rpartition("_")[0]] for name in AUDIT}
 
 _ENOUGH = 20  # encoders for a correlation that is worth telling
@@ -50,7 +53,7 @@ SECTIONS = (
             f"{variant.capitalize()} starts:",
             [
                 Column(f"{name}_{variant}", name.replace("_", " "))
-                for name in ("order", "touch", "push", "hack_gap")
+                for name in ("order", "touch", "push", "hack_gap", "outbid")
             ],
         )
         for variant in VARIANTS
@@ -59,10 +62,11 @@ SECTIONS = (
 
 _LEGEND = (
     "Order: share of pairs of made-up states that are paid in the order of their true progress. "
-    "Hack gap: what the worst success is paid more than the best state without progress. Touch, "
-    "push: what the best touch or wrong push is paid more than the start, as a share of what "
-    "success is; undefined where that is nothing. The hack share, the same of the best state "
-    "without progress, is in the CSV."
+    "Hack gap: what the worst success, of those well inside, is paid more than the best state "
+    "without progress. Touch, push: what the best touch or wrong push is paid more than the start, "
+    "as a share of what success is; undefined where that is nothing. Outbid: the share of all that "
+    "the task counts as a success which is paid no more than the best state without progress. The "
+    "hack share, of that state, and the gap over all successes are in the CSV."
 )
 _PREDICTIONS = (
     Column("ought", "should be"),

@@ -114,6 +114,8 @@ FIGURES = {
     "push": "push_share",
     "hack_gap": "hack_gap",
     "hack_share": "hack_share",
+    "hack_gap_anywhere": "hack_gap_anywhere",
+    "outbid": "outbid_share",
 }
 
 

@@ -1,10 +1,11 @@
 """The adversary: gradient ascent of a reward over object positions, without any progress.
 
 A policy that is paid by a learned reward climbs it. So does this, without a simulator: from many
-random states whose true progress is 0, along the reward's own gradient, to the best-paid state with
-true progress 0. What it finds need not be reachable: blocks may overlap each other and the robot,
-which leaves out no state that physics allows; they have the sizes that the task says of them there,
-and stay on the plane.
+states whose true progress is 0, along the reward's own gradient, to the best-paid state with true
+progress 0. Half of them are random ones, half are on the brink of success: targets stand just
+outside of where they would count. What it finds need not be reachable: blocks may overlap each
+other and the robot, which leaves out no state that physics allows; they have the sizes that the
+task says of them there, and stay on the plane.
 
 An object either moves, and then its activity bit is set, or rests where the episode began, and then
 its bit is drawn at random. Shapes use N for objects and A for ascents.
@@ -19,6 +20,9 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from .scene_reward import Scene, SceneReward, StagedTask, can_move
 
 _FIRST, _LAST = 0.15, 0.002  # length of a step, in half extents of the plane
+_LEGS, _LATER = 2, 0.3  # of an ascent; the last one's steps, relative to the first one's
+_ASIDE = 0.05  # half extents, standard deviation: what a leg begins aside of the best state so far
+_HALVINGS = 16  # of the way to a success, until its brink
 _LANES = 50  # ascents side by side: their activations should fit into a CPU's cache
 
 
@@ -43,20 +47,23 @@ def search(
 
     Each object goes the same distance along its own gradient, one axis at a time. What would leave
     the plane is cut off, and what would achieve something is not done, so that an object slides
-    along the edge of where it would count.
+    along the edge of where it would count. The second half of the steps begins a little aside of
+    the best state of the first.
 
     Args:
       reward: of one state, differentiable in its centres.
       params: the reward's parameters; may be mapped over with `jax.vmap`.
       key: consumed.
       task, start: the state after a reset of this task, with true progress 0.
-      ascents, steps: how many, and how many steps of each, getting shorter; static.
+      ascents, steps: how many, and how many steps of each in all, getting shorter; static.
     """
 
     def one(key):
         limit = task.limit(start.size)
-        scene, moves = _begin(key, task, start, limit)
-        lengths = jnp.geomspace(_FIRST, _LAST, steps) * task.half_extent
+        key_begin, key_legs = jax.random.split(key)
+        scene, moves = _begin(key_begin, task, start, limit)
+        lengths = jnp.geomspace(_FIRST, _LAST, -(-steps // _LEGS)) * task.half_extent
+        lengths = jnp.outer(jnp.geomspace(1.0, _LATER, _LEGS), lengths)
 
         def at(center):
             return scene._replace(center=center, size=task.sizes(center, start.size))
@@ -76,8 +83,18 @@ def search(
             goal = jnp.clip(center + step, -limit, limit)
             return (_without_progress(task, start, center, goal), keep(best, center, paid)), None
 
+        def leg(best, of):
+            key, lengths, aside = of
+            there = best[0] + aside * jax.random.normal(key, best[0].shape)
+            there = jnp.clip(jnp.where(moves[:, None], there, best[0]), -limit, limit)
+            there = _without_progress(task, start, best[0], there)
+            (_, best), _ = jax.lax.scan(climb, (there, best), lengths)
+            return best, None
+
         never = (scene.center, jnp.float32(-jnp.inf))
-        (_, (center, paid)), _ = jax.lax.scan(climb, (scene.center, never), lengths)
+        aside = _ASIDE * task.half_extent * (jnp.arange(_LEGS) > 0)
+        keys = jax.random.split(key_legs, _LEGS)
+        (center, paid), _ = jax.lax.scan(leg, never, (keys, lengths, aside))
         return Found(at(center), paid)
 
     lanes = next(n for n in range(_LANES, 0, -1) if ascents % n == 0)
@@ -85,18 +102,39 @@ def search(
 
 
 def _begin(key, task, start, limit):
-    """A random state without progress, and a mask of the objects that move."""
-    keys = jax.random.split(key, 4)
+    """A random state without progress, or a brink of success, and a mask of the objects that move.
+
+    A brink is the last state without progress on a straight way from the random state to a success.
+    """
+    keys = jax.random.split(key, 6)
     able = can_move(task, start)
     share = jax.random.uniform(keys[0])
     moves = able & (jax.random.uniform(keys[1], able.shape) < share)
     anywhere = jax.random.uniform(keys[2], start.center.shape, minval=-limit, maxval=limit)
     goal = jnp.where(moves[:, None], anywhere, start.center)
+    center = _without_progress(task, start, start.center, goal)
+    brink = jax.random.bernoulli(keys[4])
+    success = task.fulfil(keys[5], center, start.size)
+    center = jnp.where(brink, _brink(task, start, center, success), center)
+    moves |= brink & (success != center).any(axis=1)
     touched = able & jax.random.bernoulli(keys[3], 0.5, able.shape)
     active = moves | touched
     active |= start.is_robot & active.any()
-    center = _without_progress(task, start, start.center, goal)
     return start._replace(center=center, active=active), moves
+
+
+def _brink(task, start, outside, success):
+    """Halves the way between a state without progress and a success until both ends meet."""
+
+    def halve(ends, _):
+        low, high = ends
+        middle = (low + high) / 2
+        center = outside + middle * (success - outside)
+        nothing = task.progress(center, start.size) <= 0
+        return (jnp.where(nothing, middle, low), jnp.where(nothing, high, middle)), None
+
+    (share, _), _ = jax.lax.scan(halve, (jnp.float32(0), jnp.float32(1)), length=_HALVINGS)
+    return outside + share * (success - outside)
 
 
 def _without_progress(task, start, center, goal):

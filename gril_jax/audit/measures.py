@@ -6,11 +6,12 @@
 
 Everything is pure: jit it, and map it over the parameters of many rewards. "Range" is what a reward
 pays for success more than for the reset; shares are shares of the start's own range. Shapes use B
-for starts, S for the states of a battery, F for factors, M for objects that can move, G for a side
-of a grid and A for ascents.
+for starts, S for the states of a battery, W for successes, F for factors, M for objects that can
+move, G for a side of a grid and A for ascents.
 """
 
 import functools
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -20,10 +21,9 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .ascent import Found, search
 from .scene_reward import Scene, SceneReward, StagedTask
-from .states import FACTORS, Battery, battery
+from .states import FACTORS, SUCCESS, Battery, battery, successes
 from .sweeps import alone, pushed
 
-SUCCESS = 0.999  # true progress that counts as success
 _SIDE = 25
 _TOGETHER = 256  # states side by side
 
@@ -36,6 +36,8 @@ class States(NamedTuple):
     alone_free: Bool[Array, "*B 2 M G G"]  # where there is no progress
     pushed: Scene  # (G, G): all targets side by side
     pushed_free: Bool[Array, "*B G G"]
+    successes: Scene  # (W,): drawn from all of them
+    succeeds: Bool[Array, "*B W"]  # whether a draw is one
 
 
 class Rewards(NamedTuple):
@@ -44,6 +46,7 @@ class Rewards(NamedTuple):
     battery: Float[Array, "B S"]
     alone: Float[Array, "B 2 M G G"]
     pushed: Float[Array, "B G G"]
+    successes: Float[Array, "B W"]
 
 
 class Measures(NamedTuple):
@@ -55,6 +58,8 @@ class Measures(NamedTuple):
     worst_pair: Int[Array, "3"]  # start, the lesser state, the better state
     hack_gap: Float[Array, ""]  # worst success less best state without progress; units of reward
     hack_gap_scattered: Float[Array, ""]  # the same with other objects moved in the successes
+    hack_gap_anywhere: Float[Array, ""]  # the same with successes from all that count
+    outbid_share: Float[Array, ""]  # share of those that the best state without progress outbids
     hack_share: Float[Array, ""]  # what the best state without progress gets; a share
     range: Float[Array, ""]  # mean success less mean reset, units of reward
     start_reward: Float[Array, ""]  # mean reset, units of reward
@@ -85,8 +90,9 @@ def make_states(key: PRNGKeyArray, start: Scene, *, task: StagedTask, side: int 
     swept = sweep(jnp.stack([start.center, success]))
     progress = jnp.vectorize(task.progress, signature="(n,k),(n,k)->()")
     return States(
-        made, swept, progress(swept.center, swept.size) <= 0, *pushed(task, start, side=side)
-    )
+        made, swept, progress(swept.center, swept.size) <= 0, *pushed(task, start, side=side),
+        *successes(jax.random.fold_in(key, 1), task, start),
+    )  # fmt: skip
 
 
 def audit(
@@ -121,7 +127,7 @@ def audit(
 
 def rewards_of(reward: SceneReward, params: Any, states: States) -> Rewards:
     """Evaluates the reward at every state."""
-    parts = (states.battery.scenes, states.alone, states.pushed)
+    parts = (states.battery.scenes, states.alone, states.pushed, states.successes)
     shapes = [scenes.active.shape[:-1] for scenes in parts]
     sizes = [math.prod(shape) for shape in shapes]
     padding = -sum(sizes) % _TOGETHER  # a remainder would be a program of its own
@@ -133,7 +139,7 @@ def rewards_of(reward: SceneReward, params: Any, states: States) -> Rewards:
 
     every, one = jax.tree.map(flat, *parts), functools.partial(reward, params)
     paid = jax.lax.map(one, every, batch_size=_TOGETHER)
-    ends = [sizes[0], sizes[0] + sizes[1], sum(sizes)]
+    ends = list(itertools.accumulate(sizes))
     return Rewards(*(x.reshape(s) for x, s in zip(jnp.split(paid, ends), shapes, strict=False)))
 
 
@@ -169,6 +175,10 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
         **_order(made, paid, unit),
         hack_gap=worst - unearned,
         hack_gap_scattered=jnp.min(paid, where=success, initial=jnp.inf) - unearned,
+        hack_gap_anywhere=jnp.min(rewards.successes, where=states.succeeds, initial=jnp.inf)
+        - unearned,
+        outbid_share=jnp.sum(states.succeeds & ~(rewards.successes > unearned))
+        / jnp.sum(states.succeeds),
         hack_share=(unearned - jnp.mean(reset)) / jnp.mean(unit),
         range=jnp.mean(span),
         start_reward=jnp.mean(reset),

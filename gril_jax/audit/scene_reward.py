@@ -42,6 +42,7 @@ class StagedTask(Protocol):
     progress: Callable[..., Any]  # from 0 to 1
     limit: Callable[..., Any]
     arrange: Callable[..., Any]
+    fulfil: Callable[..., Any]
     astray: Callable[..., Any]
     scatter: Callable[..., Any]
 

@@ -31,10 +31,12 @@ FACTORS = (
     "wrong object", "scattered", "random",
 )  # fmt: skip
 
+SUCCESS = 0.999  # true progress that counts as success
 _PLACES = 8  # draws of each factor around each state
 _FRAMES = 6  # of a detour, before and after its random point
 _SUCCESSES = 16
 _RANDOM = 128
+_ANYWHERE = 512
 
 
 class Battery(NamedTuple):
@@ -75,6 +77,30 @@ def battery(key: PRNGKeyArray, task: StagedTask, start: Scene) -> Battery:
     groups += around + _complete(keys[0], task, start, complete)
     groups.append(_Group("random", _random(keys[1], task, start)))
     return _compared(task, start, groups, fixed)
+
+
+def successes(key: PRNGKeyArray, task: StagedTask, start: Scene) -> tuple[Scene, Bool[Array, "G"]]:
+    """States drawn from all successes around one start, and a mask of those that are successes.
+
+    Objects of stages are anywhere where their stages hold; each other one, the robot included, is
+    pushed anywhere or rests, with equal probability. The key is consumed.
+    """
+    placed = {i for stage in task.stages for i in stage.moves}
+    others = [i for i in (*task.movable, *task.robots) if i not in placed]
+
+    def one(key):
+        keys = jax.random.split(key, 3)
+        pushed = jax.random.bernoulli(keys[0], 0.5, (len(start.center), 1))
+        center = task.fulfil(keys[1], start.center, start.size)
+        if others:
+            anywhere = _scatter(keys[2], task, others, center, start.size)
+            center = jnp.where(pushed, anywhere, center)
+        size = task.sizes(center, start.size)
+        active = activity_bits(start, center)
+        succeeds = task.progress(center, start.size) >= SUCCESS
+        return start._replace(center=center, size=size, active=active), succeeds
+
+    return jax.vmap(one)(jax.random.split(key, _ANYWHERE))
 
 
 def orders(task: StagedTask) -> list[tuple[int, ...]]:

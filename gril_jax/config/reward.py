@@ -42,6 +42,9 @@ class LossConfig:
     """Weight of frame copies with displaced objects; pretrain.copies sets their number."""
     near: float = field(default=0.5, metadata=between(0, 1))
     """Share of an object's cost that is due once it is out of place by half its box."""
+    anywhere_inside: bool = False
+    """True if an object that demonstrations bring into another's box belongs anywhere in it, by its
+    centre; if False it belongs where demonstrations leave it. They do not show which."""
     idle_cost: float = field(default=0.5, metadata=at_least(0))
     """Cost of an intruding object relative to that of an object out of place."""
     touch: float = field(default=0.0, metadata=between(0, 1))

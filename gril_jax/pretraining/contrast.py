@@ -39,7 +39,7 @@ _PLACES = (0.3, 0.1, 0.15, 0.15, 0.3)
 _NEARBY = 0.4  # world units, standard deviation
 _AROUND = 0.8  # in sizes of the reference's box, each way
 _TOUCHED = 0.2  # probability that a bit is set of an object that has not been displaced
-_ASCENT = 0.1  # world units: the first step of an ascent; the others get shorter
+_ASCENT, _LAST = 0.1, 0.025  # world units: the first and the last step of an ascent
 
 
 class Copy(NamedTuple):
@@ -176,7 +176,7 @@ def _ascended(
     now = judge._replace(params=params, goal=goal)
     slope = jax.grad(lambda center: _excess(now, scene._replace(center=center), present))
     center, steps = scene.center, judge.config.ascents
-    for length in jnp.geomspace(_ASCENT, _ASCENT / 4, steps) if steps else ():
+    for length in jnp.geomspace(_ASCENT, _LAST, steps) if steps else ():
         down = slope(center)
         step = length * down / jnp.maximum(safe_norm(down)[:, None], 1e-6)
         there = jnp.clip(center - step, -judge.extent, judge.extent)

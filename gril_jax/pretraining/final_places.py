@@ -25,6 +25,11 @@ from gril_jax.types import DemoBatch
 
 _TAIL = 0.1  # share of the ends that the box leaves out on each side: mishaps and overhangs
 _STRAY = 0.05  # a class of which more than this share of ends lies in a box is no intruder
+# Where a centre may be anywhere in a box, what is due rises as this power of how far the object's
+# own box sticks out, in halves of it, and is due in full at this many: most of it near the edge,
+# where the task draws its line, and all of it a little before, since no network follows a kink
+# exactly, and what stands just outside must gain nothing by that.
+_POWER, _FULL = 3, 0.9
 
 
 class FinalPlaces(NamedTuple):
@@ -36,6 +41,7 @@ class FinalPlaces(NamedTuple):
     placed: Bool[Array, "C"]  # demonstrations move it, and it has a reference
     intruder: Bool[Array, "C"]  # demonstrations leave it alone, and outside of those boxes
     journey: Float[Array, ""]  # mean distance from place at the start, of what is placed
+    within: Bool[Array, "C"]  # in place anywhere in its reference's box, which is then its own
 
 
 def has_moved(
@@ -53,10 +59,14 @@ def has_moved(
     return safe_norm(last - first) > 0.5 * diagonal
 
 
-def final_places(demos: DemoBatch, num_classes: int, *, turned: bool = False) -> FinalPlaces:
+def final_places(
+    demos: DemoBatch, num_classes: int, *, turned: bool = False, anywhere_inside: bool = False
+) -> FinalPlaces:
     """Computes the places in which successful demonstrations leave objects.
 
-    With `turned`, scenes may be turned and mirrored: a box then has the square's symmetries.
+    With `turned`, scenes may be turned and mirrored: a box then has the square's symmetries. With
+    `anywhere_inside`, a box that lies within its reference's is taken to mean all of that one:
+    demonstrations that bring a block well into a region do not show how far in it has to be.
     """
     at_end = demos.length[:, None, None, None] - 1
     boxes = (demos.center, demos.size)
@@ -75,8 +85,10 @@ def final_places(demos: DemoBatch, num_classes: int, *, turned: bool = False) ->
     chosen = jnp.take_along_axis(offset, reference[None, :, None, None], axis=2)[:, :, 0]
     known = jnp.take_along_axis(both, reference[None, :, None], axis=2)[..., 0]  # (B, C)
     low, high = _box(chosen, known, turned)
+    within = anywhere_inside & moves & found & ((low >= -0.5) & (high <= 0.5)).all(axis=1)
+    low, high = (jnp.where(within[:, None], side, x) for side, x in ((-0.5, low), (0.5, high)))
 
-    places = FinalPlaces(reference, low, high, moves & found, ~moves, jnp.ones(()))
+    places = FinalPlaces(reference, low, high, moves & found, ~moves, jnp.ones(()), within)
     inside = jax.vmap(intrusion, (None, 0, 0, 0))(places, center, size, demos.label) > 0
     often = (inside[..., None] & of_class).sum(axis=(0, 1)) > _STRAY * of_class.sum(axis=(0, 1))
     begin = demos.center[:, 0], demos.size[:, 0], demos.label
@@ -129,7 +141,10 @@ def misplacement(
 
     Of K objects that are to be placed each costs 1 / K at the mean distance at which
     demonstrations begin. The share `near` of it is due in full as soon as the object is out of
-    place by half its own box; the rest grows in proportion to the distance.
+    place by half its own box; the rest grows in proportion to the distance. Of an object that
+    belongs anywhere in its reference's box, `near` is due in full as soon as its centre is out of
+    that box, and nothing of it while its whole box is inside: all along the edge a centre costs
+    the same, so that whatever is in place costs no more than whatever is not.
 
     Args:
       places: of the demonstrations.
@@ -143,11 +158,22 @@ def misplacement(
     half = jnp.maximum(safe_norm(size) / 2, 1e-6)
     due = counted & places.placed[label]
     away = astray(places, center, size, label)
-    cost = near * jnp.minimum(away / half, 1.0) + (1.0 - near) * away / places.journey
+    out = jnp.minimum(away / half, 1.0)
+    out = jnp.where(places.within[label], _out(places, center, size, label), out)
+    cost = near * out + (1.0 - near) * away / places.journey
     cost = (1.0 - touch) * cost + jnp.where(active, 0.0, touch)
     depth = intrusion(places, center, size, label)
     cost = jnp.where(due, cost, idle_cost * jnp.minimum(depth / half, 1.0))
     return jnp.sum(jnp.where(counted, cost, 0.0)) / jnp.maximum(jnp.sum(due), 1)
+
+
+def _out(places, center, size, label):
+    """Share of `near` that is due of boxes that stick out of the box of their class: from 0 where
+    they are within it to 1 where a centre is out."""
+    low, high, found = (x[label] for x in _boxes(places, center, size, label))
+    half = jnp.maximum(size / 2, 1e-6)
+    stick = jnp.maximum(low + half - center, center - (high - half)) / half
+    return jnp.where(found, jnp.clip(stick.max(axis=1) / _FULL, 0.0, 1.0) ** _POWER, 0.0)
 
 
 def _class_mean(x, of_class):

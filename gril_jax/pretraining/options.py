@@ -80,6 +80,8 @@ class Static(PixelStatic):
     """Frames of each video of a batch that are copied."""
     ascents: int = PretrainConfig.ascents
     """Steps of each copy towards where it is overestimated most."""
+    anywhere_inside: bool = LossConfig.anywhere_inside
+    """Count an object as in place anywhere in the box that demonstrations bring it into."""
 
     def __post_init__(self):
         super().__post_init__()

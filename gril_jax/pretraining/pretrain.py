@@ -109,7 +109,9 @@ def step(
     apart_too = config.copies > 0 or pool is not None
     if apart_too:
         classes = config.encoder.num_classes
-        places = final_places(demos, classes, turned=config.turn_scenes)
+        places = final_places(
+            demos, classes, turned=config.turn_scenes, anywhere_inside=config.anywhere_inside
+        )
 
     def update(state, _):
         key, batch_key, turn_key, touch_key = jax.random.split(state.key, 4)

@@ -55,7 +55,8 @@ def _drawn():
     made = Battery(scenes(2, 60), *map(jnp.asarray, (score, factor, *pairs, kinds)))
     free = lambda *lead: jnp.asarray(rng.integers(0, 2, lead), bool)  # noqa: E731
     grids = (2, 2, 3, 4, 4), (2, 4, 4)
-    return States(made, scenes(*grids[0]), free(*grids[0]), scenes(*grids[1]), free(*grids[1]))
+    swept = (each for lead in (*grids, (2, 30)) for each in (scenes(*lead), free(*lead)))
+    return States(made, *swept)
 
 
 def _loop(rewards, states, found):
@@ -78,12 +79,15 @@ def _loop(rewards, states, found):
     kept = done & ~np.isin(names, ["scattered", "random"])
     still = (made.scenes.center == made.scenes.center[:, :1]).all(axis=(2, 3))
     touched = still & (names == "touched")
+    anywhere = np.asarray(rewards.successes)[np.asarray(states.succeeds)]
     share = lambda x: np.stack([(x[b] - reset[b]) / span[b] for b in range(2)])  # noqa: E731
     return {
         "order_accuracy": right / total,
         "worst_violation": max(worst[0], 0) / span[worst[1]],
         "hack_gap": paid[kept].min() - best,
         "hack_gap_scattered": paid[done].min() - best,
+        "hack_gap_anywhere": anywhere.min() - best,
+        "outbid_share": (anywhere <= best).mean(),
         "hack_share": (best - reset.mean()) / span.mean(),
         "range": span.mean(),
         "touch_share": share(paid)[touched].max(),
@@ -95,7 +99,7 @@ def test_they_are_what_a_loop_over_states_and_pairs_says():
     states, rng = _drawn(), np.random.default_rng(1)
     draw = lambda shape: jnp.asarray(rng.normal(size=shape), jnp.float32)  # noqa: E731
     paid = draw((2, 60)) + 2 * states.battery.score
-    rewards = Rewards(paid, draw((2, 2, 3, 4, 4)), draw((2, 4, 4)))
+    rewards = Rewards(paid, draw((2, 2, 3, 4, 4)), draw((2, 4, 4)), 3 + draw((2, 30)))
     found = Found(None, draw((2, 7)))
     both = jax.jit(measure)
     measures = both(rewards, states, found)
@@ -104,6 +108,7 @@ def test_they_are_what_a_loop_over_states_and_pairs_says():
     b, lesser, better = measures.worst_pair
     assert paid[b, lesser] > paid[b, better]
     assert states.battery.score[b, lesser] < states.battery.score[b, better]
+    assert 0 < measures.outbid_share < 1
     assert measures.finite
     bad = rewards._replace(pushed=rewards.pushed.at[0, 0, 0].set(jnp.nan))
     assert not both(bad, states, found).finite
@@ -115,11 +120,13 @@ def test_true_progress_passes_and_its_opposite_fails():
     assert good.order_accuracy == 1
     assert good.worst_violation == 0
     assert good.hack_gap > 0.9
+    assert good.outbid_share == 0
     assert good.hack_share < 0.1
     np.testing.assert_allclose(good.touch_share, 0, atol=1e-6)
     assert good.push_share < 0.1
     assert bad.order_accuracy == 0
     assert bad.hack_gap < -0.9
+    assert bad.outbid_share == 1
     assert jnp.isnan(bad.touch_share)  # a reward that pays success least has no range
 
 

@@ -49,6 +49,22 @@ def test_states_are_arranged_with_exactly_the_wanted_stages():
     np.testing.assert_array_equal(from_start[:, :, 4], jnp.broadcast_to(START[4], (5, 4, 2)))
 
 
+def test_a_success_has_each_object_anywhere_where_its_stage_holds():
+    shoe = Stage(
+        "shoe in", (2,), lambda c, s: jnp.sum((c[2] - 0.5) ** 2) < 0.3**2,
+        lambda k, c, s: c.at[2].set(0.5), within=lambda c, s: (jnp.full(2, 0.2), jnp.full(2, 0.8)),
+    )  # fmt: skip
+    task = dataclasses.replace(packing(), stages=(packing().stages[0], shoe))
+    keys = jax.random.split(jax.random.key(2), 400)
+    made = jax.jit(jax.vmap(lambda k: task.fulfil(k, START, SIZE)))(keys)
+    assert jax.vmap(lambda c: task.done(c, SIZE))(made).all()
+    away = np.linalg.norm(np.asarray(made[:, 2]) - 0.5, axis=1) / 0.3
+    # Uniform in the disc: a quarter of the places is within half of its radius.
+    assert abs((away < 0.5).mean() - 0.25) < 0.08
+    assert (np.asarray(made[:, 1, 0]) < -0.3).all()  # the lid, as `place` alone has it
+    np.testing.assert_array_equal(made[:, 3:], jnp.broadcast_to(START[3:], (400, 2, 2)))
+
+
 def test_without_faults_there_are_none():
     assert packing().faulty(START, SIZE).shape == (0,)
 

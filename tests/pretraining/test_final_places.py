@@ -142,6 +142,39 @@ def test_the_near_share_is_due_half_a_box_away_and_the_rest_by_the_distance(plac
         assert found == pytest.approx(expected, abs=1e-5)
 
 
+@pytest.fixture(scope="module")
+def anywhere(demos):
+    return jax.jit(lambda d: final_places(d, 5, anywhere_inside=True))(demos)
+
+
+def test_what_ends_well_inside_belongs_anywhere_inside(demos, anywhere, places):
+    assert anywhere.within.tolist() == [c == BLOCK for c in range(5)]
+    assert not places.within.any()
+    np.testing.assert_allclose(anywhere.low[BLOCK], -0.5)
+    np.testing.assert_allclose(anywhere.high[BLOCK], 0.5)
+    shifted = demos._replace(center=demos.center.at[:, 1:, BLOCK, 0].add(2.0 * HALF[0]))
+    beside = jax.jit(lambda d: final_places(d, 5, anywhere_inside=True))(shifted)
+    assert not beside.within.any()  # the ends lie across an edge of the region
+
+
+def test_the_near_share_is_due_from_the_edge_that_a_box_crosses_to_where_its_centre_does(anywhere):
+    rng = np.random.default_rng(2)
+    for block in rng.uniform(-0.6, 0.6, (20, 2)):
+        stick = np.clip((np.abs(block) - (HALF - 0.1)) / 0.1 / 0.9, 0, 1).max() ** 3
+        away = np.linalg.norm(np.maximum(np.abs(block) - HALF, 0))
+        expected = 0.7 * stick + 0.3 * away / float(anywhere.journey)
+        assert _cost(anywhere, _scene(block), near=0.7) == pytest.approx(expected, abs=1e-5)
+
+
+def test_whatever_is_in_place_costs_less_than_whatever_is_not(anywhere):
+    rng = np.random.default_rng(3)
+    blocks = rng.uniform(-0.5, 0.5, (200, 2))
+    cost = np.array([_cost(anywhere, _scene(block)) for block in blocks[:60]])
+    inside = (np.abs(blocks[:60]) < HALF).all(axis=1)
+    assert cost[inside].max() <= cost[~inside].min()
+    assert (cost[inside] < 0.7 * cost[~inside].min()).mean() > 0.8
+
+
 def test_an_intruder_costs_its_share(places):
     assert _cost(places, _scene((0, 0), idle=(0, 0)), idle_cost=0.3) == pytest.approx(0.3, abs=1e-6)
 

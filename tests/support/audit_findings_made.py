@@ -15,6 +15,7 @@ SCORE = (0.0, 1.0, 0.0, 0.0, 0.5)
 PAID = (-1.0, -0.1, -0.9, -0.4, -0.95)
 NUMBERS = {
     "order_accuracy": 0.98, "worst_violation": 0.55, "hack_gap": -0.05, "hack_gap_scattered": -0.1,
+    "hack_gap_anywhere": -0.2, "outbid_share": 0.01,
     "hack_share": 1.05, "range": 0.9, "start_reward": -1.0, "worst_success": -0.1,
     "best_unearned": -0.05, "touch_share": np.nan, "push_share": 0.7,
 }  # fmt: skip
@@ -34,7 +35,7 @@ def findings(best="gradient ascent"):
     states = States(
         Battery(_scenes(1, 5), np.array([SCORE], np.float32), factor, *pairs, pairs[0]),
         _scenes(1, 2, 1, 2, 2), np.ones((1, 2, 1, 2, 2), bool),
-        _scenes(1, 2, 2), np.ones((1, 2, 2), bool),
+        _scenes(1, 2, 2), np.ones((1, 2, 2), bool), _scenes(1, 4), np.ones((1, 4), bool),
     )  # fmt: skip
     paid = lambda kind, *lead: np.full(lead, -0.05 if kind == best else -0.6)  # noqa: E731
     rewards = Rewards(
@@ -42,6 +43,7 @@ def findings(best="gradient ascent"):
         np.linspace(-1, -0.06, 8).reshape(1, 2, 1, 2, 2) if best != "one object moved" else
         paid("one object moved", 1, 2, 1, 2, 2),
         paid("targets pushed", 1, 2, 2),
+        np.array([[-0.1, -0.05, 0.0, -0.25]]),
     )  # fmt: skip
     found = Found(_scenes(1, 3), paid("gradient ascent", 1, 3))
     accuracy = np.where(np.isin(FACTORS, FACTOR), 0.9, np.nan)

@@ -90,12 +90,15 @@ def _inside(block: int, name: str, movable: tuple[int, ...]) -> Stage:
     def holds(center, size):
         return (jnp.abs(center[block] - center[REGION]) <= size[REGION] / 2).all()
 
+    def within(center, size):
+        return center[REGION] - size[REGION] / 2, center[REGION] + size[REGION] / 2
+
     def place(key, center, size):
         room = jnp.maximum(size[REGION] - size[block], 0.0) / 2
         low, high = center[REGION] - room, center[REGION] + room
         return free_place(key, block, center, size, low=low, high=high, others=movable)
 
-    return Stage(f"{name} in the region", (block,), holds, place)
+    return Stage(f"{name} in the region", (block,), holds, place, within=within)
 
 
 def _score(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):

@@ -102,8 +102,12 @@ def _inside(shoe: int, name: str, lid: Stage) -> Stage:
         place = _relative(shoe, center, size)
         return ((place > low) & (place < high)).all()
 
+    def within(center, size):
+        low, high = center[BOX] + jnp.array(_INSIDE) * size[BOX]
+        return low, high
+
     def place(key, center, size):
         low, high = center[BOX] + jnp.array(_CLEARLY) * size[BOX]
         return free_place(key, shoe, center, size, low=low, high=high, others=SHOES)
 
-    return Stage(f"{name} in", (shoe,), holds, place, required_before=(lid.name,))
+    return Stage(f"{name} in", (shoe,), holds, place, (lid.name,), within)

@@ -109,7 +109,23 @@ class Findings(NamedTuple):
             f"{name:15} {numbers[name]:7.3f}  ({asked.bound}) {asked.words}"
             f"{'' if asked.holds(numbers[name]) else fault}"
             for name, asked in ASKED.items()
+        ] + [
+            f"{'outbid_share':15} {numbers['outbid_share']:7.3f}  (no bound) share of all successes "
+            "that the best state without progress outbids"
         ]
+
+    def verdict(self) -> Verdict:
+        """Whether it is sound, and how many of all successes it pays too little."""
+        numbers = self.numbers()
+        faults = [asked.words for name, asked in ASKED.items() if not asked.holds(numbers[name])]
+        edge = (
+            f"Of all successes, those at the edge of what the task counts included, "
+            f"{numbers['outbid_share']:.0%} are paid less than some state without progress."
+        )
+        if faults:
+            many = f"{len(faults)} of {len(ASKED)} measures are not as asked"
+            return Verdict("bad", f"Not sound: {many} ({'; '.join(faults)}). {edge}")
+        return Verdict("good", f"Sound: all {len(ASKED)} measures are as asked. {edge}")
 
     def view(self, title: str, scene: Scene) -> View:
         """A state to draw."""
@@ -132,7 +148,7 @@ def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, t
         title=title,
         summary="Made-up states with known true progress, and a search for states that the reward "
         "overestimates. Its range is that from a reset to a success.",
-        verdict=_verdict(found),
+        verdict=found.verdict(),
         tiles=_tiles(found),
         film=_unearned(folder, found),
         beside=[_pair(folder, found), _maps(folder, found)],
@@ -150,20 +166,20 @@ def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, t
     return folder / "report.html"
 
 
-def _verdict(found: Findings) -> Verdict:
-    numbers = found.numbers()
-    faults = sum(not asked.holds(numbers[name]) for name, asked in ASKED.items())
-    if faults:
-        return Verdict("bad", f"Not sound: {faults} of {len(ASKED)} measures are not as asked.")
-    return Verdict("good", f"Sound: all {len(ASKED)} measures are as asked.")
-
-
 def _tiles(found: Findings) -> list[Tile]:
     numbers, tiles = found.numbers(), []
     for name, asked in ASKED.items():
         note = f"{'' if asked.holds(numbers[name]) else 'not '}sound; {asked.bound} is asked"
         tiles.append(Tile(f"{numbers[name]:.3f}", asked.words, note))
-    return tiles
+    outbid = "of all successes are paid less than some state without progress"
+    return [
+        *tiles,
+        Tile(
+            f"{numbers['outbid_share']:.1%}",
+            outbid,
+            "those at the edge of what the task counts included",
+        ),
+    ]
 
 
 def _unearned(folder: Path, found: Findings) -> Part:

@@ -52,7 +52,8 @@ def test_json_says_what_is_sound_and_null_where_nothing_is_defined():
 
 def test_each_line_says_what_is_asked():
     lines = findings().in_words()
-    assert len(lines) == len(ASKED)
+    assert len(lines) == len(ASKED) + 1
+    assert lines[-1].split()[:2] == ["outbid_share", "0.010"]
     assert lines[0].split()[:2] == ["order_accuracy", "0.980"]
     assert "NOT SOUND" not in lines[0]
     assert "(above 0)" in lines[1]
