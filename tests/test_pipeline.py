@@ -95,7 +95,13 @@ def test_evaluation_and_report_work_from_a_copy_of_the_folder_alone(run, tmp_pat
     said = []
     numbers = evaluate.main(copy, episodes=2, seed=3, echo=said.append)
     assert 0 <= numbers["success"] <= numbers["success_ever"] <= 1
-    assert len(said) == 1
+    assert [line.split(":")[0] for line in said[:4]] == [
+        "success with deterministic actions", "success with sampled actions",
+        "success elsewhere, deterministic actions", "success at some moment",
+    ]  # fmt: skip
+    assert all("of 2 Jitter starts" in line for line in (said[0], said[1], said[3]))
+    assert "of 2 Layout starts" in said[2]
+    assert said[4] in ("the task's own start: solved", "the task's own start: not solved")
     assert main.main(["report", str(copy)]) == 0
     assert (copy / "report.html").stat().st_size > 100_000
 
@@ -131,5 +137,8 @@ def test_results_are_plain_numbers(run):
     assert results["demonstrations"] == {"train": 6, "validation": 2, "failure": 2}
     assert 0 <= results["success"] <= 1
     assert results["success_random"] == 0
+    assert (results["starts"], results["variant"]) == (4, "jitter")
+    assert (results["elsewhere_starts"], results["elsewhere_variant"]) == (4, "layout")
+    assert results["demo_solved"] in (True, False)
     assert 0 <= results["success_sampled"] <= 1
     assert isinstance(run_dir.read_config(run), RunConfig)

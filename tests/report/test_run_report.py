@@ -116,8 +116,9 @@ def _bytes(address):
     [
         "GRIL run my run",
         "90.0%",
-        "18 of 20 episodes; 95% Wilson interval 69.9% to 97.2%",
-        "1 of 20 episodes",
+        "18 of 20 Jitter starts; 95% Wilson interval 69.9% to 97.2%",
+        "1 of 20 Jitter starts",
+        "5 of 20 Layout starts",
         "0.912",
         "0.834",
         "4,321",
