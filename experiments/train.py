@@ -140,7 +140,7 @@ def _learn_policy(
         count, examined = plan(chunk - 1)
         means = _means({name: values[: int(count)] for name, values in metrics.items()})
         steps = min(chunk * per_chunk, updates) * per_update
-        phase.update(steps, success=means["success"], reward=means["reward"])
+        phase.update(steps, **{"success in training": means["success"]}, reward=means["reward"])
         scored = {}
         if scores is not None and bool(examined):  # with deterministic actions, and with sampled
             for kind, values in scores._asdict().items():

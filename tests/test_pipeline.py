@@ -1,7 +1,10 @@
 """The whole of it, small: videos in, trained policy, evaluation and report out."""
 
+import contextlib
+import io
 import json
 import pathlib
+import re
 import shutil
 
 import numpy as np
@@ -14,6 +17,7 @@ from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.demos.demo_set import load_demo_set, select_objects
 from gril_jax.errors import DemoError, RunError
+from gril_jax.report import rates
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
@@ -31,8 +35,20 @@ SMALL = (
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> pathlib.Path:
     out = tmp_path_factory.mktemp("pipeline") / "run"
-    assert main.main(["quickstart", "--out", str(out), *SMALL]) == 0
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        assert main.main(["quickstart", "--out", str(out), *SMALL]) == 0
+    (out.parent / "said.txt").write_text(said.getvalue())
     return out
+
+
+def test_it_says_how_many_starts_each_success_rate_counts(run):
+    lines = (run.parent / "said.txt").read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("success"))
+    assert lines[first : first + 6] == rates.sentences(run_dir.read_results(run))
+    for line in lines[first : first + 5]:
+        assert re.search(r"% of 4 (Jitter|Layout) starts \(95% interval", line)
+    assert re.fullmatch("the task's own start: (not )?solved", lines[first + 5])
 
 
 def test_a_run_leaves_everything_a_reader_looks_for(run):

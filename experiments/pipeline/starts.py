@@ -1,6 +1,7 @@
 """Starts that a policy is evaluated from: drawn for each variant, and counted."""
 
 import dataclasses
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -49,6 +50,14 @@ def draw(
 def evaluated_from(config: EnvConfig) -> registry.Starts:
     """The variants that a configuration's policies are evaluated from."""
     return registry.starts(config.name, config.variant)
+
+
+@functools.cache
+def distinct(config: EnvConfig, variant: str | None, count: int) -> int:
+    """How many of so many starts of a variant are distinct, by drawing as many."""
+    env = setup.make_env(config, training=False, variant=variant)
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), count))
+    return int(which(states).max()) + 1
 
 
 @jax.jit

@@ -15,10 +15,10 @@ from gril_jax.errors import RunError
 from .data import number
 
 UNKNOWN = "number of starts not recorded"
+SURE = 1 - 1e-6  # a share of all: shares are float32
 WHERE = "results.json"
 
 _Z = 1.959963984540054  # 97.5% of a standard normal distribution lie below it
-_SURE = 1 - 1e-6  # shares are float32
 
 
 class Rate(NamedTuple):
@@ -39,7 +39,7 @@ class Rate(NamedTuple):
     def value(self) -> str:
         """The rate alone, in percent or in words."""
         if self.single:
-            return "solved" if self.share >= _SURE else "not solved"
+            return "solved" if self.share >= SURE else "not solved"
         return f"{100 * self.share:.1f}%"
 
     @property

@@ -1,0 +1,70 @@
+"""What the success of a table's policies counts: starts of each evaluation, and policies.
+
+A policy is one observation. Its success is a share of the distinct starts of an evaluation, and a
+table's intervals are over policies.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from gril_jax.report.rates import SURE, UNKNOWN, Rate
+
+from .written import Column, Line, column, mean_interval
+
+COUNTS = ("starts", "episodes")  # in a policy's line, both of an evaluation
+
+
+class Counted(NamedTuple):
+    """Episodes of one kind of actions in an evaluation, and how many of their starts differ."""
+
+    episodes: int
+    distinct: int
+
+    def in_words(self, variant: str = "", *, sampled: bool = False) -> str:
+        """Such as "256 Jitter starts"."""
+        return Rate(0.0, self.distinct, self.episodes, sampled, variant).counted
+
+
+def read(done: Mapping[str, Any]) -> dict[str, Counted]:
+    """What a finished program of policies says of its starts, by variant; empty if nothing."""
+    return {variant: Counted(**found) for variant, found in done.get("starts", {}).items()}
+
+
+def in_words(starts: Mapping[str, Counted], variant: str, *, sampled: bool = False) -> str:
+    """What an evaluation from a variant counts, as far as that is recorded."""
+    found = starts.get(variant)
+    return UNKNOWN if found is None else found.in_words(variant, sampled=sampled)
+
+
+def solved(values: Float[np.ndarray, "K"], count: int) -> str:
+    """How many policies solve a single start with deterministic actions: `solved by 4 of 5`."""
+    del count
+    return f"solved by {int((values >= SURE).sum())} of {len(values)} policies"
+
+
+def of_lines(lines: Sequence[Line], *, sampled: bool = False) -> str:
+    """What the success in these lines counts: that of their fields `starts` and `episodes`."""
+    known = [line for line in lines if np.isfinite(line.get("success", np.nan))]
+    starts, episodes = (column(known, name) for name in COUNTS)
+    if not len(known) or np.isnan(starts).any():
+        return UNKNOWN
+    if starts.min() < starts.max():
+        return f"{starts.min():.0f} to {starts.max():.0f} starts"
+    played = 0 if np.isnan(episodes).any() else int(episodes.max())
+    return Counted(played, int(starts[0])).in_words(sampled=sampled)
+
+
+def success_columns(lines: Sequence[Line], *, unit: float = 1.0) -> list[Column]:
+    """Success with deterministic and with sampled actions; of one start, who solves it."""
+    one = of_lines(lines) == Counted(1, 1).in_words()
+    first = ("", solved) if one else ("success, ", mean_interval(unit=unit))
+    return [
+        Column("success", f"{first[0]}deterministic actions, {of_lines(lines)}", first[1]),
+        Column(
+            "success_sampled", f"success, sampled actions, {of_lines(lines, sampled=True)}",
+            mean_interval(unit=unit),
+        ),
+    ]  # fmt: skip
