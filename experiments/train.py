@@ -141,8 +141,11 @@ def _learn_policy(
         means = _means({name: values[: int(count)] for name, values in metrics.items()})
         steps = min(chunk * per_chunk, updates) * per_update
         phase.update(steps, **{"success in training": means["success"]}, reward=means["reward"])
-        scored = {}
+        scored: dict[str, float] = {}
         if scores is not None and bool(examined):  # with deterministic actions, and with sampled
+            scored["eval/episodes"] = (
+                algorithm.num_envs // 2
+            )  # of either kind, as many starts drawn
             for kind, values in scores._asdict().items():
                 scored[f"eval/{kind}"], scored[f"eval/{kind}_sampled"] = map(float, values[0])
         return {**means, **scored, "env_steps": steps, "env_steps_per_s": steps / seconds}

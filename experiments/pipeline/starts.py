@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs import registry
+from gril_jax.envs import Env, registry
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from gril_jax.config import EnvConfig
@@ -55,8 +55,12 @@ def evaluated_from(config: EnvConfig) -> registry.Starts:
 @functools.cache
 def distinct(config: EnvConfig, variant: str | None, count: int) -> int:
     """How many of so many starts of a variant are distinct, by drawing as many."""
-    env = setup.make_env(config, training=False, variant=variant)
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), count))
+    return count_starts(setup.make_env(config, training=False, variant=variant), count)
+
+
+def count_starts(env: Env, draws: int) -> int:
+    """How many of so many starts of a task are distinct."""
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), draws))
     return int(which(states).max()) + 1
 
 

@@ -47,7 +47,6 @@ REWARD = ("tau", "cycle", "order_demo", "hack_gap_demo")
 COLUMNS = ("row", "seed", *_SCORES, "env_steps", *_SOON, *REWARD)
 
 _percent = mean_interval(digits=1, unit=100.0)
-_alone = mean_interval(digits=1, unit=100.0, middle=False)
 
 
 def _reached(unit: str, factor: float, digits: int) -> list[Column]:
@@ -183,10 +182,10 @@ def page(found: Found, figure: bytes) -> str:
 
 
 def _tile(row: str, values: np.ndarray, counted: str) -> Tile:
-    mean, _, interval = _alone(values, len(values)).partition(" ")
-    policies = f"{interval.strip('()')}% over {len(values)} policies" if interval else "one policy"
+    mean, middle = _percent(values, len(values)).split("; ")
     paper = f"; the paper has {PAPER[row]:.1f}%" if row in PAPER else ""
-    return Tile(f"{mean}%", row, f"{policies}, {counted}{paper}")
+    note = f"interquartile mean {middle} over {len(values)} policies, {counted}{paper}"
+    return Tile(f"{mean}%", row, note)
 
 
 def _table(found: Found, section: Section) -> html.Table:

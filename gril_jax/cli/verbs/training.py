@@ -107,6 +107,6 @@ VERBS = (
         },
     ),
     Verb("report RUN", "figures and tables of a run", _report),
-    Verb("eval RUN", "success rate and return of a run's policy", _eval),
+    Verb("eval RUN", "success of a run's policy over distinct starts, and its return", _eval),
     Verb("pretrain [CONFIG]", "the learned reward alone", _pretrain),
 )  # fmt: skip
