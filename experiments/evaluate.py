@@ -61,13 +61,14 @@ def main(
     """Evaluates the policy of a finished run; the folder is only read. Returns what it prints."""
     config = run_dir.read_config(folder)
     env = setup.make_env(config.env, training=False, variant=variant)
-    policy = policy_setup.restore_policy(folder, config, policy_setup.make_algorithm(config, env))
+    algorithm = policy_setup.make_algorithm(config, env)
+    policy = policy_setup.restore_policy(folder, config, algorithm)
     reward_params = policy_setup.policy_reward(folder, config, env)
     key_begin, key_act = jax.random.split(jax.random.key(seed))
     among = evaluated_from(config.env)
     if variant is not None and among.own is not None:
         among = Starts(variant, variant, None)
-    player = _player(config, env, among, reward_params, key_begin, episodes)
+    player = _player(config, algorithm, among, reward_params, key_begin, episodes)
     found, means = _trained(player, policy, key_act)
     for line in rates.sentences(found):
         echo(line)
@@ -91,11 +92,12 @@ def play(
     keys = jax.random.split(jax.random.fold_in(jax.random.key(config.run.seed), 2), 3)
     key_begin, key_act = jax.random.split(keys[0])
     among, episodes = evaluated_from(config.env), config.run.eval_episodes
-    player = _player(config, env, among, reward_params, key_begin, episodes)
+    algorithm = policy_setup.make_algorithm(config, env)
+    player = _player(config, algorithm, among, reward_params, key_begin, episodes)
     found, means = _trained(player, policy, key_act)
     phase.update(1)
     # Through the host it loses its weak types, or the program would be compiled once more.
-    untrained = jax.device_get(policy_setup.fresh_policy(config, player.algorithm, keys[1]))
+    untrained = jax.device_get(policy_setup.fresh_policy(config, algorithm, keys[1]))
     random = player.play(player.many, untrained, keys[2], deterministic=False)
     _film(env, means, episodes, folder)
     phase.update(2)
@@ -107,13 +109,13 @@ def play(
 
 def _player(
     config: RunConfig,
-    env: Env,
+    algorithm: Algorithm,
     among: Starts,
     reward_params: Any,
     key: PRNGKeyArray,
     episodes: int,
 ) -> Player:
-    algorithm = policy_setup.make_algorithm(config, env)
+    """A player of so many episodes from each of these variants."""
 
     def drawn(variant: str | None, key: PRNGKeyArray) -> Group:
         return draw(config.env, variant, algorithm.episodes, key, count=episodes)

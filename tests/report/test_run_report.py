@@ -258,6 +258,23 @@ def test_numbers_that_are_missing_or_null_have_no_tile(run):
     assert "Wilson" not in page.text
 
 
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"eval/episodes": 8}, "Marks: evaluations in between, 8 fresh starts for either kind."),
+        ({}, "Marks: evaluations in between, number of starts not recorded."),
+    ],
+)
+def test_the_learning_curve_says_what_its_evaluations_count(run, more, said):
+    assert "Marks" not in report(run).text
+    with (run / "metrics.jsonl").open("a") as file:
+        row = {"phase": "ppo", "env_steps": 9000, "eval/success": 0.5, "eval/success_sampled": 0.5}
+        file.write(json.dumps(row | more) + "\n")
+    text = report(run).text
+    assert said in text
+    assert "Dashes: a random policy, 20 Jitter starts." in text
+
+
 def test_a_run_on_the_tasks_own_reward_does_not_call_it_learned(tmp_path):
     settings = dataclasses.replace(RunSettings(), reward="environmental")
     page = report(save_run(tmp_path / "run", config=RunConfig(run=settings)))
