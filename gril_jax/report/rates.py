@@ -55,9 +55,8 @@ class Rate(NamedTuple):
         kind = f"{self.variant.capitalize()} start".lstrip()
         if self.starts > 1:
             return f"{self.starts} {kind}s"
-        return (
-            f"{self.episodes} sampled episodes from one {kind}" if self.sampled else f"one {kind}"
-        )
+        played = f"{self.episodes} sampled episodes" if self.episodes else "sampled episodes"
+        return f"{played} from one {kind}" if self.sampled else f"one {kind}"
 
     @property
     def tally(self) -> str:

@@ -37,6 +37,7 @@ def test_wilsons_interval_mirrors_and_narrows():
         (Rate(0.0, 1, 100), "not solved (one start)"),
         (Rate(0.5, 1, 100), "not solved (one start)"),
         (Rate(0.93, 1, 100, True, "demo"), "93.0% of 100 sampled episodes from one Demo start"),
+        (Rate(0.93, 1, 0, True), "93.0% of sampled episodes from one start"),
         (Rate(0.93, None, 100), "93.0% (number of starts not recorded)"),
     ],
 )
