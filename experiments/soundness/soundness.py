@@ -48,7 +48,7 @@ _OF_AUDITS = [
 ]
 
 
-def sections(lines: Sequence[Line]) -> list[Section]:
+def sections(found: Found) -> list[Section]:
     """The sections of the table, of which the first is of tau and success."""
     caption = (
         "Mean over encoders; of tau the lowest and highest, of success the interquartile mean and "
@@ -56,7 +56,9 @@ def sections(lines: Sequence[Line]) -> list[Section]:
         "success at the end of its last evaluation's episodes."
     )
     encoders = SEEDS._replace(heading="encoders")
-    first = Section(caption, (encoders, Column("tau", "tau"), *success_columns(lines)))
+    first = Section(
+        caption, (encoders, Column("tau", "tau"), *success_columns(found.lines, found.variant))
+    )
     return [first, *_OF_AUDITS]
 
 
@@ -131,12 +133,13 @@ def correlation(
 
 def text(found: Found) -> str:
     """Mean and range of each row, then how well each figure foretells success."""
-    parts = [markdown(found.lines, sections(found.lines)), _LEGEND, *_predictions(found.lines)]
+    parts = [markdown(found.lines, sections(found)), _LEGEND, *_predictions(found)]
     return "\n\n".join(parts)
 
 
-def _predictions(lines: Sequence[Line]) -> list[str]:
+def _predictions(table: Found) -> list[str]:
     """Lines on how well each figure predicts success; empty without policies."""
+    lines = table.lines
     success, tau = column(lines, "success"), column(lines, "tau")
     known = success[np.isfinite(success)]
     if not len(known):
@@ -161,7 +164,7 @@ def _predictions(lines: Sequence[Line]) -> list[str]:
     ]
     return [
         markdown(rows, [Section(caption, _PREDICTIONS)]),
-        _verdict(known, found, of_lines(lines)),
+        _verdict(known, found, of_lines(lines, table.variant)),
     ]
 
 

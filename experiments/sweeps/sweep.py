@@ -27,7 +27,6 @@ from ..tables.rewards import learns
 from ..tables.written import (
     SEEDS,
     Column,
-    Line,
     Section,
     markdown,
     mean_interval,
@@ -38,8 +37,8 @@ _COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
 _REACHED = median_reached(unit=1e-6, digits=2)
 
 
-def _sections(lines: Sequence[Line]) -> list[Section]:
-    among = of_lines(lines)
+def _sections(found: Found) -> list[Section]:
+    among = of_lines(found.lines, found.variant)
     return [
         Section(
             "Mean; interquartile mean with its 95 % bootstrap interval over policies, each of "
@@ -49,7 +48,7 @@ def _sections(lines: Sequence[Line]) -> list[Section]:
             "and how many got there.",
             (
                 SEEDS._replace(heading="policies"),
-                *success_columns(lines),
+                *success_columns(found.lines, found.variant),
                 Column("steps_80", "M env steps to 80 %", _REACHED, among="env_steps"),
             ),
         ),
@@ -136,7 +135,7 @@ def _with_twins(found: Found, sweep: Sweep) -> Found:
 TABLE = Table(
     "sweep",
     columns=lambda lines: _COLUMNS,
-    text=lambda found: markdown(found.lines, _sections(found.lines)),
+    text=lambda found: markdown(found.lines, _sections(found)),
     figure=lambda found: learning_curves(found.names, found.curves) if found.curves else None,
     configs=lambda config, sweep: [cell.config for cell in sweep.cells],
     plan=_plan,

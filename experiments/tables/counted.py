@@ -45,26 +45,25 @@ def solved(values: Float[np.ndarray, "K"], count: int) -> str:
     return f"solved by {int((values >= SURE).sum())} of {len(values)} policies"
 
 
-def of_lines(lines: Sequence[Line], *, sampled: bool = False) -> str:
-    """What the success in these lines counts: that of their fields `starts` and `episodes`."""
+def of_lines(lines: Sequence[Line], variant: str = "", *, sampled: bool = False) -> str:
+    """What the success in these lines counts, by their fields `starts` and `episodes`, from a
+    variant of the task if that is known."""
     known = [line for line in lines if np.isfinite(line.get("success", np.nan))]
     starts, episodes = (column(known, name) for name in COUNTS)
     if not len(known) or np.isnan(starts).any():
         return UNKNOWN
     if starts.min() < starts.max():
-        return f"{starts.min():.0f} to {starts.max():.0f} starts"
+        return f"{starts.min():.0f} to " + Rate(0.0, int(starts.max()), variant=variant).counted
     played = 0 if np.isnan(episodes).any() else int(episodes.max())
-    return Counted(played, int(starts[0])).in_words(sampled=sampled)
+    return Counted(played, int(starts[0])).in_words(variant, sampled=sampled)
 
 
-def success_columns(lines: Sequence[Line], *, unit: float = 1.0) -> list[Column]:
+def success_columns(lines: Sequence[Line], variant: str = "") -> list[Column]:
     """Success with deterministic and with sampled actions; of one start, who solves it."""
-    one = of_lines(lines) == Counted(1, 1).in_words()
-    first = ("", solved) if one else ("success, ", mean_interval(unit=unit))
+    among, played = (of_lines(lines, variant, sampled=sampled) for sampled in (False, True))
+    single = among == Counted(1, 1).in_words(variant)
+    words, write = ("", solved) if single else ("success, ", mean_interval())
     return [
-        Column("success", f"{first[0]}deterministic actions, {of_lines(lines)}", first[1]),
-        Column(
-            "success_sampled", f"success, sampled actions, {of_lines(lines, sampled=True)}",
-            mean_interval(unit=unit),
-        ),
-    ]  # fmt: skip
+        Column("success", f"{words}deterministic actions, {among}", write),
+        Column("success_sampled", f"success, sampled actions, {played}", mean_interval()),
+    ]

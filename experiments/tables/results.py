@@ -41,6 +41,11 @@ class Found(NamedTuple):
         each = [curve.starts for curve in self.curves]
         return each[0] if each and all(one == each[0] for one in each) else {}
 
+    @property
+    def variant(self) -> str:
+        """The variant of the task that `success` is counted from; empty if not recorded."""
+        return next(iter(self.starts), "")
+
 
 class Table(NamedTuple):
     """One family of tables: its rows are in its settings, the rest is here."""
