@@ -12,7 +12,7 @@ import dataclasses
 import inspect
 import pkgutil
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from .checks import check_known, nearest
 
@@ -36,6 +36,12 @@ class TaskSpec:
     """Options of the constructor that `gril bench env` compares."""
     bench_envs: int = 4096
     """Environments that `gril bench env` steps together on a GPU."""
+    many_starts: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """By a value of the option `variant` with a single start: the variant with many starts from
+    which success is counted in its place. A variant that is not here stands for itself."""
+    elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """By a variant: the one whose starts lie further away, to be told beside it. Variants that are
+    named here or in `many_starts` differ in `reset` alone."""
     steps_in_mjx: bool = False
     """True if MuJoCo MJX steps it, whatever its options are."""
     xla_flags: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
@@ -75,6 +81,22 @@ def check(name: str, reward: str | None) -> None:
     rewards = spec(name).rewards
     if reward is not None:
         check_known("reward", reward, rewards)
+
+
+class Starts(NamedTuple):
+    """Variants of a task that a policy is evaluated from."""
+
+    own: str | None  # None where the task has no variants
+    many: str | None  # success is counted over its starts; the own one if that has many
+    elsewhere: str | None  # None where there is no other
+
+
+def starts(name: str, variant: str) -> Starts:
+    """The variants to evaluate from if a task is configured with this one."""
+    if "variant" not in options(name):
+        return Starts(None, None, None)
+    task = spec(name)
+    return Starts(variant, task.many_starts.get(variant, variant), task.elsewhere.get(variant))
 
 
 def make(name: str, **options: Any) -> Any:

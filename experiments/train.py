@@ -16,12 +16,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments.pipeline import demonstrations, policy_rewards, policy_setup, setup
+from gril_jax.experiments.pipeline.starts import evaluated_from
 from jaxtyping import Array, Bool, Int
 
 from gril_jax import envs
 from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
-from gril_jax.report import run_report
+from gril_jax.report import rates, run_report
 from gril_jax.rl import training
 from gril_jax.runs import loop
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
@@ -68,13 +69,9 @@ def main(
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
-    echo(
-        f"success {results['success']:.1%} over {results['eval_episodes']} episodes "
-        f"(with sampled actions {results['success_sampled']:.1%}, "
-        f"random policy {results['success_random']:.1%}), "
-        f"tau {results['tau']:.3f}, {results['env_steps_per_s']:,.0f} env steps/s\n"
-        f"report: {page}"
-    )
+    for line in rates.sentences(results):
+        echo(line)
+    echo(f"tau {results['tau']:.3f}, {results['env_steps_per_s']:,.0f} env steps/s\nreport: {page}")
     return run.path
 
 
@@ -105,7 +102,8 @@ def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> 
     params = _one(policy_rewards.blank(config, algorithm.episodes.env))
     # Half of the environments play deterministic actions in evaluations.
     examines = config.run.evaluations > 0 and algorithm.num_envs % 2 == 0
-    tasks = (setup.make_env(config.env, training=False),) if examines else ()
+    many = evaluated_from(config.env).many
+    tasks = (setup.make_env(config.env, training=False, variant=many),) if examines else ()
     most = config.run.updates_per_chunk
     found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks).compile()
     return _Program(found, keys, hyper, time.monotonic() - started)
@@ -142,9 +140,12 @@ def _learn_policy(
         count, examined = plan(chunk - 1)
         means = _means({name: values[: int(count)] for name, values in metrics.items()})
         steps = min(chunk * per_chunk, updates) * per_update
-        phase.update(steps, success=means["success"], reward=means["reward"])
-        scored = {}
+        phase.update(steps, **{"success in training": means["success"]}, reward=means["reward"])
+        scored: dict[str, float] = {}
         if scores is not None and bool(examined):  # with deterministic actions, and with sampled
+            scored["eval/episodes"] = (
+                algorithm.num_envs // 2
+            )  # of either kind, as many starts drawn
             for kind, values in scores._asdict().items():
                 scored[f"eval/{kind}"], scored[f"eval/{kind}_sampled"] = map(float, values[0])
         return {**means, **scored, "env_steps": steps, "env_steps_per_s": steps / seconds}

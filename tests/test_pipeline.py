@@ -1,7 +1,10 @@
 """The whole of it, small: videos in, trained policy, evaluation and report out."""
 
+import contextlib
+import io
 import json
 import pathlib
+import re
 import shutil
 
 import numpy as np
@@ -14,6 +17,7 @@ from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.demos.demo_set import load_demo_set, select_objects
 from gril_jax.errors import DemoError, RunError
+from gril_jax.report import rates
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
@@ -31,8 +35,20 @@ SMALL = (
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> pathlib.Path:
     out = tmp_path_factory.mktemp("pipeline") / "run"
-    assert main.main(["quickstart", "--out", str(out), *SMALL]) == 0
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        assert main.main(["quickstart", "--out", str(out), *SMALL]) == 0
+    (out.parent / "said.txt").write_text(said.getvalue())
     return out
+
+
+def test_it_says_how_many_starts_each_success_rate_counts(run):
+    lines = (run.parent / "said.txt").read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("success"))
+    assert lines[first : first + 6] == rates.sentences(run_dir.read_results(run))
+    for line in lines[first : first + 5]:
+        assert re.search(r"% of 4 (Jitter|Layout) starts \(95% interval", line)
+    assert re.fullmatch("the task's own start: (not )?solved", lines[first + 5])
 
 
 def test_a_run_leaves_everything_a_reader_looks_for(run):
@@ -95,7 +111,13 @@ def test_evaluation_and_report_work_from_a_copy_of_the_folder_alone(run, tmp_pat
     said = []
     numbers = evaluate.main(copy, episodes=2, seed=3, echo=said.append)
     assert 0 <= numbers["success"] <= numbers["success_ever"] <= 1
-    assert len(said) == 1
+    assert [line.split(":")[0] for line in said[:4]] == [
+        "success with deterministic actions", "success with sampled actions",
+        "success elsewhere, deterministic actions", "success at some moment",
+    ]  # fmt: skip
+    assert all("of 2 Jitter starts" in line for line in (said[0], said[1], said[3]))
+    assert "of 2 Layout starts" in said[2]
+    assert said[4] in ("the task's own start: solved", "the task's own start: not solved")
     assert main.main(["report", str(copy)]) == 0
     assert (copy / "report.html").stat().st_size > 100_000
 
@@ -131,5 +153,8 @@ def test_results_are_plain_numbers(run):
     assert results["demonstrations"] == {"train": 6, "validation": 2, "failure": 2}
     assert 0 <= results["success"] <= 1
     assert results["success_random"] == 0
+    assert (results["starts"], results["variant"]) == (4, "jitter")
+    assert (results["elsewhere_starts"], results["elsewhere_variant"]) == (4, "layout")
+    assert results["demo_solved"] in (True, False)
     assert 0 <= results["success_sampled"] <= 1
     assert isinstance(run_dir.read_config(run), RunConfig)

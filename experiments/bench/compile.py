@@ -72,9 +72,10 @@ def programs(config: RunConfig) -> Iterator[Program]:
         chunk = jax.jit(advance, donate_argnums=0)
         yield Program(f"{name}: chunk with evaluation", chunk, (state, hyper, reward))
         if name == "ppo":  # of another algorithm it is nearly the same
-            args = algorithm, jax.eval_shape(algorithm.policy, state), reward, key
-            options = {"tau": hyper.tau, "episodes": config.run.eval_episodes}
-            options |= {"deterministic": jnp.bool_(1)}
+            begin = functools.partial(evaluate.begin, episodes=config.run.eval_episodes)
+            begun = jax.eval_shape(functools.partial(begin, algorithm.episodes), key)
+            args = algorithm, jax.eval_shape(algorithm.policy, state), reward, begun, key
+            options = {"tau": hyper.tau, "deterministic": jnp.bool_(1)}
             yield Program("evaluate", evaluate.evaluate, args, options)
 
 

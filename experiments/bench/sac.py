@@ -20,6 +20,7 @@ import numpy as np
 from brax.training.types import Transition
 from gril_jax.envs import Env
 from gril_jax.experiments.pipeline import setup
+from gril_jax.experiments.pipeline.starts import count_starts
 
 from gril_jax.rl import policy, rewards, sac, sac_loss, training
 
@@ -69,7 +70,8 @@ def until_success(
             "success": round(learner.success, 3),
             "reached": learner.success >= target,
         }
-    return {"target": target, "limit_s": limit_s, **found}
+    counted = {"episodes": _RECENT, "starts": count_starts(env, _RECENT)}
+    return {"target": target, "success_of": counted, "limit_s": limit_s, **found}
 
 
 class _Learner:

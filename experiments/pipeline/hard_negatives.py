@@ -25,7 +25,7 @@ from gril_jax.pretraining import pretrain
 from gril_jax.pretraining.final_places import final_places
 from gril_jax.pretraining.hard_negatives import choose, due_rewards
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.rl.evaluate import evaluate
+from gril_jax.rl.evaluate import begin, evaluate
 from gril_jax.rl.policy import Policy
 from gril_jax.rl.training import Algorithm
 from gril_jax.runs import run_dir
@@ -142,10 +142,11 @@ def _play(earlier: EarlierPolicy, progress: Progress) -> DemoBatch:
     key = jax.random.fold_in(jax.random.key(earlier.config.run.seed), 3)
     parts = []
     for sampled in (False, True):
+        key_begin, key_act = jax.random.split(jax.random.fold_in(key, sampled))
         found = evaluate(
             earlier.algorithm, earlier.policy, earlier.policy_reward,
-            jax.random.fold_in(key, sampled), tau=earlier.config.pool.tau, episodes=episodes,
-            deterministic=jnp.asarray(not sampled),
+            begin(earlier.algorithm.episodes, key_begin, episodes=episodes), key_act,
+            tau=earlier.config.pool.tau, deterministic=jnp.asarray(not sampled),
         )  # fmt: skip
         parts.append(jax.block_until_ready(found.states.objects))
         phase.update(episodes * len(parts))

@@ -20,6 +20,7 @@ from scipy.stats import rankdata
 from gril_jax.errors import ShapeError
 from gril_jax.report.figures.style import COLOURS, WIDTH, shortened, styled
 
+from ..tables.counted import of_lines, success_columns
 from ..tables.curves import LAST
 from ..tables.measures import FIGURES, TAU, VARIANTS, audit, audited_tasks
 from ..tables.results import Found, Table
@@ -38,27 +39,31 @@ PREDICTORS = {"tau": 1} | {name: _SIGNS[name.rpartition("_")[0]] for name in AUD
 
 _ENOUGH = 20  # encoders for a correlation that is worth telling
 
-SECTIONS = (
+_OF_AUDITS = [
     Section(
-        "Mean over encoders (lowest to highest). Success is counted at the end of the episode.",
-        (
-            SEEDS._replace(heading="encoders"),
-            Column("tau", "tau"),
-            Column("success", "success, deterministic actions"),
-            Column("success_sampled", "success, sampled actions"),
-        ),
-    ),
-    *(
-        Section(
-            f"{variant.capitalize()} starts:",
-            [
-                Column(f"{name}_{variant}", name.replace("_", " "))
-                for name in ("order", "touch", "push", "hack_gap", "outbid")
-            ],
-        )
-        for variant in VARIANTS
-    ),
-)
+        f"{variant.capitalize()} starts:",
+        [
+            Column(f"{name}_{variant}", name.replace("_", " "))
+            for name in ("order", "touch", "push", "hack_gap", "outbid")
+        ],
+    )
+    for variant in VARIANTS
+]
+
+
+def sections(found: Found) -> list[Section]:
+    """The sections of the table, of which the first is of tau and success."""
+    caption = (
+        "Mean over encoders; of tau the lowest and highest, of success the interquartile mean and "
+        "its 95 % bootstrap interval. Each encoder has one policy, which is one observation: its "
+        "success at the end of its last evaluation's episodes."
+    )
+    encoders = SEEDS._replace(heading="encoders")
+    first = Section(
+        caption, (encoders, Column("tau", "tau"), *success_columns(found.lines, found.variant))
+    )
+    return [first, *_OF_AUDITS]
+
 
 _LEGEND = (
     "Order: share of pairs of made-up states that are paid in the order of their true progress. "
@@ -132,12 +137,13 @@ def correlation(
 
 def text(found: Found) -> str:
     """Mean and range of each row, then how well each figure foretells success."""
-    parts = [markdown(found.lines, SECTIONS), _LEGEND, *_predictions(found.lines)]
+    parts = [markdown(found.lines, sections(found)), _LEGEND, *_predictions(found)]
     return "\n\n".join(parts)
 
 
-def _predictions(lines: Sequence[Line]) -> list[str]:
+def _predictions(table: Found) -> list[str]:
     """Lines on how well each figure predicts success; empty without policies."""
+    lines = table.lines
     success, tau = column(lines, "success"), column(lines, "tau")
     known = success[np.isfinite(success)]
     if not len(known):
@@ -151,7 +157,7 @@ def _predictions(lines: Sequence[Line]) -> list[str]:
         "interval, and the share of bootstrap samples in which a figure predicts success better "
         "than tau does:"
     )
-    lines = [
+    rows = [
         {
             "row": _in_words(name),
             "ought": "positive" if PREDICTORS[name] > 0 else "negative",
@@ -160,14 +166,21 @@ def _predictions(lines: Sequence[Line]) -> list[str]:
         }
         for name, one in found.items()
     ]
-    return [markdown(lines, [Section(caption, _PREDICTIONS)]), _verdict(known, found)]
+    return [
+        markdown(rows, [Section(caption, _PREDICTIONS)]),
+        _verdict(known, found, of_lines(lines, table.variant)),
+    ]
 
 
-def _verdict(success: Float[np.ndarray, "n"], found: Mapping[str, Correlation]) -> str:
+def _verdict(
+    success: Float[np.ndarray, "n"], found: Mapping[str, Correlation], counted: str
+) -> str:
     """The best figure in a sentence, and the data behind its correlation."""
     few, most = int((success < 0.05).sum()), int((success > 0.95).sum())
-    basis = f"{few} of {len(success)} encoders gave a success below 5 %, and {most} above 95 %" + (
-        f"; {_ENOUGH} encoders at least would be needed." if len(success) < _ENOUGH else "."
+    few_seen = f"; {_ENOUGH} encoders at least would be needed." * (len(success) < _ENOUGH)
+    basis = (
+        f"{few} of {len(success)} encoders gave a success below 5 %, and {most} above 95 % "
+        f"({counted}){few_seen or '.'}"
     )
     signed = {n: PREDICTORS[n] * one.rho for n, one in found.items() if np.isfinite(one.rho)}
     if not signed:

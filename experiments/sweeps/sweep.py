@@ -20,34 +20,48 @@ from gril_jax.config.grid import Cell
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 
+from ..tables.counted import of_lines, success_columns
 from ..tables.curves import LAST, Curve, at_the_end, learning_curves
 from ..tables.results import Found, Table
 from ..tables.rewards import learns
-from ..tables.written import SEEDS, Column, Section, markdown, mean_interval, median_reached
+from ..tables.written import (
+    SEEDS,
+    Column,
+    Section,
+    markdown,
+    mean_interval,
+    median_reached,
+)
 
 _COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
 _REACHED = median_reached(unit=1e-6, digits=2)
-_SECTIONS = (
-    Section(
-        "Mean; interquartile mean with its 95 % bootstrap interval over seeds. Steps are those at "
-        "the first evaluation with a success of at least 80 % (sampled actions), the median over "
-        "seeds, of which those that never got there come last, and how many got there.",
-        (
-            SEEDS,
-            Column("success", "success (deterministic actions)", mean_interval()),
-            Column("success_sampled", "success (sampled actions)", mean_interval()),
-            Column("steps_80", "M env steps to 80 %", _REACHED, among="env_steps"),
+
+
+def _sections(found: Found) -> list[Section]:
+    among = of_lines(found.lines, found.variant)
+    return [
+        Section(
+            "Mean; interquartile mean with its 95 % bootstrap interval over policies, each of "
+            "which is one observation: its success in its last evaluation, from fresh starts. "
+            "Steps are those at the first evaluation with a success of at least 80 % (sampled "
+            "actions), the median over policies, of which those that never got there come last, "
+            "and how many got there.",
+            (
+                SEEDS._replace(heading="policies"),
+                *success_columns(found.lines, found.variant),
+                Column("steps_80", "M env steps to 80 %", _REACHED, among="env_steps"),
+            ),
         ),
-    ),
-    Section(
-        "The same of other scores, and the mean of the learned rewards' tau:",
-        (
-            Column("success_ever", "success at some moment", mean_interval()),
-            Column("score", "score", mean_interval()),
-            Column("tau", "tau", lambda values, count: f"{values.mean():.3f}"),
+        Section(
+            "The same of other scores, with deterministic actions, and the mean of the learned "
+            "rewards' tau:",
+            (
+                Column("success_ever", f"success at some moment, {among}", mean_interval()),
+                Column("score", "score", mean_interval()),
+                Column("tau", "tau", lambda values, count: f"{values.mean():.3f}"),
+            ),
         ),
-    ),
-)
+    ]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,7 +135,7 @@ def _with_twins(found: Found, sweep: Sweep) -> Found:
 TABLE = Table(
     "sweep",
     columns=lambda lines: _COLUMNS,
-    text=lambda found: markdown(found.lines, _SECTIONS),
+    text=lambda found: markdown(found.lines, _sections(found)),
     figure=lambda found: learning_curves(found.names, found.curves) if found.curves else None,
     configs=lambda config, sweep: [cell.config for cell in sweep.cells],
     plan=_plan,

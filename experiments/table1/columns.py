@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from gril_jax.envs import registry
 
 from gril_jax.report import html
 from gril_jax.report.figures.curves import spread, success_failure
@@ -12,6 +13,7 @@ from gril_jax.report.figures.style import png
 from gril_jax.report.headline import Tile
 from gril_jax.report.html import Part
 
+from ..tables.counted import Counted, in_words, solved
 from ..tables.curves import Curve, first_at, in_last_tenth
 from ..tables.results import Found
 from ..tables.written import (
@@ -27,7 +29,9 @@ from ..tables.written import (
 )
 from .rows import PAPER
 
-STARTS = ("demo", "jitter", "layout")
+# What the task says: its own single start, the many that success is counted over, and elsewhere.
+STARTS = registry.starts("match_regions", "demo")
+_HEADLINE = f"success_{STARTS.many}"
 _LEVELS = (50, 80, 95)  # percent of success
 
 # As `tables.programs` calls them: deterministic actions, then sampled ones, from each start.
@@ -37,6 +41,7 @@ _SCORES = tuple(
     for start in ("", *(f"_{start}" for start in STARTS[1:]))
     for actions in ("", "_sampled")
 )
+SUCCESS = _SCORES[:6]
 _SOON = tuple(f"{unit}_{level}" for level in _LEVELS for unit in ("steps", "seconds"))
 REWARD = ("tau", "cycle", "order_demo", "hack_gap_demo")
 COLUMNS = ("row", "seed", *_SCORES, "env_steps", *_SOON, *REWARD)
@@ -51,52 +56,61 @@ def _reached(unit: str, factor: float, digits: int) -> list[Column]:
     ]
 
 
-SECTIONS = (
-    Section(
-        "Success from Demo starts, percent: mean over seeds; their interquartile mean and its 95 % "
-        "bootstrap interval. Success is a final score of 1, all targets and nothing else in the "
-        "region. Of each policy it is the mean over the evaluations in the last tenth of its "
-        "training, each in fresh episodes, half with deterministic and half with sampled actions. "
-        "Demo starts are all the same, so that with deterministic actions an evaluation gives 0 or "
-        "100 % for each seed. Paper: the success that its Table I reports.",
-        (
-            SEEDS,
-            Column("paper", "paper"),
-            Column("success", "deterministic actions", _percent),
-            Column("success_sampled", "sampled actions", _percent),
+def sections(starts: Mapping[str, Counted]) -> list[Section]:
+    """The sections of the table, whose headings say what an evaluation counts."""
+
+    def headed(variant: str, words: str, write: Any = _percent) -> Column:
+        suffix = "_sampled" if (sampled := words.startswith("sampled")) else ""
+        name = f"success{'' if variant == STARTS.own else f'_{variant}'}{suffix}"
+        return Column(name, f"{words}, {in_words(starts, variant, sampled=sampled)}", write)
+
+    def both(variant: str, write: Any = _percent) -> list[Column]:
+        return [headed(variant, "deterministic actions", write), headed(variant, "sampled actions")]
+
+    many, own, elsewhere = (name.capitalize() for name in (STARTS.many, STARTS.own, STARTS[2]))
+    return [
+        Section(
+            f"Success from {many} starts, percent: mean over policies; their interquartile mean "
+            "and its 95 % bootstrap interval. Each policy is one observation: the mean over the "
+            "evaluations in the last tenth of its training, each from fresh starts. Success is a "
+            "final score of 1, all targets and nothing else in the region. Paper: the success that "
+            "its Table I reports.",
+            (
+                SEEDS._replace(heading="policies"), Column("paper", "paper"), *both(STARTS.many),
+            ),
         ),
-    ),
-    Section(
-        "The learned rewards, mean over seeds (lowest to highest). Tau and cycle consistency are "
-        "those on demonstrations kept aside. Order is the share of pairs of made-up states that "
-        "are paid in the order of their true progress, hack gap what the worst success is paid "
-        "more than the best state without progress, both from Demo starts.",
-        (
-            Column("tau", "tau"),
-            Column("cycle", "cycle consistency"),
-            Column("order_demo", "order"),
-            Column("hack_gap_demo", "hack gap"),
+        _REWARDS,
+        Section(
+            f"From the task's own start, {own}, a single one, which a policy solves with "
+            "deterministic actions in all of these evaluations or not; sampled actions, percent:",
+            both(STARTS.own, solved),
         ),
-    ),
-    Section(
-        "Success from other starts than those of the task, percent:",
-        [
-            Column(f"success_{start}{suffix}", f"{start.capitalize()} starts, {words}", _percent)
-            for start in STARTS[1:]
-            for suffix, words in (("", "deterministic"), ("_sampled", "sampled"))
-        ],
-    ),
-    Section(
-        "Million env steps until the first evaluation with so much success, from Demo starts with "
-        "sampled actions, without interpolation: the median over seeds, of which those that never "
-        "got there come last, and how many got there.",
-        _reached("steps", 1e-6, 2),
-    ),
-    Section(
-        "Seconds until the same evaluation. They are those of a program with all its policies side "
-        "by side, without the reward's training and without compiling, most of which is done while "
-        "other programs run.",
-        _reached("seconds", 1.0, 0),
+        Section(f"Success from {elsewhere} starts, percent:", both(STARTS.elsewhere)),
+        Section(
+            "Million env steps until the first evaluation with so much success, from "
+            f"{many} starts with sampled actions, without interpolation: the median over policies, "
+            "of which those that never got there come last, and how many got there.",
+            _reached("steps", 1e-6, 2),
+        ),
+        Section(
+            "Seconds until the same evaluation. They are those of a program with all its policies "
+            "side by side, without the reward's training and without compiling, most of which is "
+            "done while other programs run.",
+            _reached("seconds", 1.0, 0),
+        ),
+    ]  # fmt: skip
+
+
+_REWARDS = Section(
+    "The learned rewards, mean over seeds (lowest to highest). Tau and cycle consistency are those "
+    "on demonstrations kept aside. Order is the share of pairs of made-up states that are paid in "
+    "the order of their true progress, hack gap what the worst success is paid more than the best "
+    f"state without progress, both from {STARTS.own.capitalize()} starts.",
+    (
+        Column("tau", "tau"),
+        Column("cycle", "cycle consistency"),
+        Column("order_demo", "order"),
+        Column("hack_gap_demo", "hack gap"),
     ),
 )
 
@@ -106,7 +120,7 @@ def policy(curve: Curve) -> dict[str, float]:
     last = in_last_tenth(curve.env_steps)
     found = {name: float(curve.scores[name][last].mean()) for name in _SCORES}
     found["env_steps"] = float(curve.env_steps[-1])
-    success = curve.scores["success_sampled"]
+    success = curve.scores[f"{_HEADLINE}_sampled"]
     for level in _LEVELS:
         found[f"steps_{level}"] = first_at(success, curve.env_steps, level=level / 100)
         found[f"seconds_{level}"] = first_at(success, curve.seconds, level=level / 100)
@@ -124,22 +138,24 @@ def text(found: Found) -> str:
         f"{about.get('device', '')}; {shown}; demonstrations with SHA-256 "
         f"{about.get('demos_sha256', '')}."
     )
-    return f"{markdown(with_paper(found.lines, PAPER, 1), SECTIONS)}\n\n{origin}"
+    return f"{markdown(with_paper(found.lines, PAPER, 1), sections(found.starts))}\n\n{origin}"
 
 
 def page(found: Found, figure: bytes) -> str:
     """The page, as one self-contained file."""
-    success, rewards, *others = (_table(found, section) for section in SECTIONS)
-    of, about = by_row(found.lines, "success_sampled"), found.about
+    success, rewards, *others = (_table(found, section) for section in sections(found.starts))
+    of, about = by_row(found.lines, f"{_HEADLINE}_sampled"), found.about
+    counted = in_words(found.starts, STARTS.many, sampled=True)
     dots = Part(
-        "A dot for each seed, and a bar at their mean; the dotted line is the first row's mean.",
-        png(spread(of, "success, sampled actions, Demo starts")),
+        f"A dot for each policy, {counted}, and a bar at their mean; the dotted line is the first "
+        "row's mean.",
+        png(spread(of, f"success, sampled actions, {STARTS.many.capitalize()} starts")),
         "Success of each row's policies",
         wide=True,
     )
     curves = Part(
-        "Figure 2: the interquartile mean over seeds within the band from their lower to their "
-        "upper quartile.",
+        f"Figure 2: success with sampled actions ({counted}), the interquartile mean over policies "
+        "within the band from their lower to their upper quartile.",
         figure,
         "Success against env steps and against seconds for each row",
         wide=True,
@@ -149,10 +165,12 @@ def page(found: Found, figure: bytes) -> str:
         title="Table I: rewards for MatchRegions",
         summary=(
             "Policies trained alike on rewards of several kinds: success at the end of the episode "
-            "with sampled actions, from Demo starts, mean over seeds and over the evaluations in "
-            "the last tenth of training."
+            f"with sampled actions ({counted}), mean over policies and over the evaluations in the "
+            "last tenth of training."
         ),
-        tiles=[_tile(row, values) for row, values in of.items() if np.isfinite(values).all()],
+        tiles=[
+            _tile(row, values, counted) for row, values in of.items() if np.isfinite(values).all()
+        ],
         sections=[
             html.Section("Success", [dots, success, *others, curves]),
             html.Section("The learned rewards", [rewards, *_profiles(found.profiles)]),
@@ -163,10 +181,11 @@ def page(found: Found, figure: bytes) -> str:
     )
 
 
-def _tile(row: str, values: np.ndarray) -> Tile:
+def _tile(row: str, values: np.ndarray, counted: str) -> Tile:
+    mean, middle = _percent(values, len(values)).split("; ")
     paper = f"; the paper has {PAPER[row]:.1f}%" if row in PAPER else ""
-    note = f"{100 * values.min():.1f}% to {100 * values.max():.1f}% over {len(values)} seeds"
-    return Tile(f"{100 * values.mean():.1f}%", row, note + paper)
+    note = f"interquartile mean {middle} over {len(values)} policies, {counted}{paper}"
+    return Tile(f"{mean}%", row, note)
 
 
 def _table(found: Found, section: Section) -> html.Table:

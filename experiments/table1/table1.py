@@ -15,6 +15,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from matplotlib.figure import Figure
 
 from gril_jax import reward
 from gril_jax.metrics.order import two_way_cycle_consistency
@@ -28,7 +29,7 @@ from ..tables.measures import Measure, audit, stacked
 from ..tables.results import Found, Table
 from ..tables.rewards import TrainedReward
 from ..tables.written import by_row
-from .columns import COLUMNS, REWARD, STARTS, page, policy, text
+from .columns import COLUMNS, REWARD, STARTS, SUCCESS, page, policy, text
 from .rows import ROWS, Settings
 
 
@@ -92,17 +93,23 @@ def _measures(config, settings: Settings, demos):
 
 def _summary(found: Found) -> dict[str, Any]:
     rows: dict[str, dict[str, float]] = {}
-    for name in ("success", "success_sampled"):
+    for name in SUCCESS:
         for row, values in by_row(found.lines, name).items():
             rows.setdefault(row, {})[name] = sum(values.tolist()) / len(values)
-    return {"rows": rows} | dict(found.about)
+    starts = {variant: counted._asdict() for variant, counted in found.starts.items()}
+    return {"rows": rows, "starts": starts} | dict(found.about)
+
+
+def _figure(found: Found) -> Figure | None:
+    score = f"success_{STARTS.many}_sampled"
+    return learning_curves(found.names, found.curves, score=score) if found.curves else None
 
 
 TABLE = Table(
     "table1",
     columns=lambda lines: COLUMNS,
     text=text,
-    figure=lambda found: learning_curves(found.names, found.curves) if found.curves else None,
+    figure=_figure,
     picture="figure2.png",
     page=page,
     settings=Settings,

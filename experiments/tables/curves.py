@@ -5,7 +5,7 @@ Shapes use E for the evaluations of a policy while it is trained, and n for thos
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +18,10 @@ from gril_jax.errors import ShapeError
 from gril_jax.metrics.interquartile import interquartile_mean
 from gril_jax.report.figures.style import COLOURS, GREY, WIDTH, shortened, styled
 
-LAST = ("env_steps", "success", "success_sampled", "success_ever", "score")  # of `at_the_end`
+from .counted import COUNTS, Counted, read
+
+# Of `at_the_end`.
+LAST = ("env_steps", "success", "success_sampled", "success_ever", "score", *COUNTS)
 
 _FEW = 6  # bands that can be told apart where they overlap
 _COLUMNS = 3
@@ -36,6 +39,8 @@ class Curve:
     env_steps: Float[np.ndarray, "E"]
     seconds: Float[np.ndarray, "E"]  # of its program, whose other policies it was trained beside
     scores: Mapping[str, Float[np.ndarray, "E"]]  # as `programs.learn_policies` names them
+    starts: Mapping[str, Counted] = field(default_factory=dict)
+    """Of each evaluation, by variant, that of the first scores first; empty if not recorded."""
 
 
 def curves(
@@ -58,15 +63,18 @@ def curves(
         steps, seconds = values.pop("env_steps"), values.pop("seconds")
         for i, ((cell, seed), tau) in enumerate(zip(done["rows"], done["taus"], strict=True)):
             own = {name: x[:, i] for name, x in values.items()}
-            found.append(Curve(cell, seed, tau, steps, seconds, own))
+            found.append(Curve(cell, seed, tau, steps, seconds, own, read(done)))
     return sorted(found, key=lambda curve: (curve.cell, curve.seed))
 
 
 def at_the_end(curve: Curve) -> dict[str, float]:
-    """The scores of a policy's last evaluation, and `steps_80` to a success of 80 %."""
+    """The scores of a policy's last evaluation, the starts that they count if these are recorded,
+    and `steps_80` to a success of 80 %."""
     success = curve.scores["success_sampled"]
     last = {name: float(values[-1]) for name, values in curve.scores.items()}
     steps = {"env_steps": float(curve.env_steps[-1])}
+    for counted in [*curve.starts.values()][:1]:
+        last |= {"starts": counted.distinct, "episodes": counted.episodes}
     return steps | last | {"steps_80": first_at(success, curve.env_steps, level=0.8)}
 
 
@@ -90,11 +98,13 @@ class _Line(NamedTuple):
 
 
 @styled
-def learning_curves(names: Sequence[str], found: Sequence[Curve]) -> Figure:
+def learning_curves(
+    names: Sequence[str], found: Sequence[Curve], *, score: str = "success_sampled"
+) -> Figure:
     """Success against env steps and against seconds (Figure 2); ShapeError without a curve.
 
-    Each row is a line within its band, and many rows have a panel each; a row without a policy is
-    left out.
+    The score is one with sampled actions. Each row is a line within its band, and many rows have a
+    panel each; a row without a policy is left out.
     """
     if not found:
         raise ShapeError("found is empty; it must hold at least one curve.")
@@ -105,7 +115,7 @@ def learning_curves(names: Sequence[str], found: Sequence[Curve]) -> Figure:
         name: _Line(
             np.mean([[0.0, *curve.env_steps] for curve in members], axis=0) / 1e6,
             np.mean([[0.0, *curve.seconds] for curve in members], axis=0),
-            np.stack([[0.0, *curve.scores["success_sampled"]] for curve in members]),
+            np.stack([[0.0, *curve.scores[score]] for curve in members]),
         )
         for name, members in rows.items()
     }

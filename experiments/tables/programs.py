@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup
+from gril_jax.experiments.pipeline.starts import distinct, evaluated_from
 from jax.sharding import Mesh
 
 from gril_jax.compilation import ahead, memory, sharding
@@ -20,6 +21,7 @@ from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 
+from .counted import Counted
 from .rewards import TrainedReward, keys, learns, reward_key, stack
 from .rows import Row
 
@@ -44,8 +46,8 @@ def programs(
 ) -> list[Program]:
     """The rows grouped by the program that they compile, in parts that fit into device memory.
 
-    They are evaluated in the task's own variant unless `starts` names others; a program has at
-    most `at_once` policies, or as many as fit. Raises ConfigError if one does not fit, or if
+    They are evaluated from the variant that has many starts unless `starts` names others; a program
+    has at most `at_once` policies, or as many as fit. Raises ConfigError if one does not fit, or if
     devices or environments cannot be shared out.
     """
     groups: dict[Hashable, tuple[training.Algorithm, list[Row]]] = {}
@@ -75,8 +77,8 @@ def programs(
         per_update = algorithm.num_envs * algorithm.unroll_length
         updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
         tasks = {
-            variant: setup.make_env(config.env, training=False, variant=variant)
-            for variant in starts or (config.env.variant,)
+            variant: setup.make_env(config.env, training=False, variant=variant or None)
+            for variant in starts or (evaluated_from(config.env).many or "",)
         }
         for start in range(0, len(members), each):
             for part in _evenly(members[start : start + each], at_once):
@@ -174,7 +176,20 @@ def updates_of_chunks(program: Program) -> list[int]:
 def _tasks_of_parts(program: Program) -> list[str]:
     """The task of each part of the environments in an evaluation."""
     parts = _num_parts(len(program.tasks), program.algorithm.num_envs)
-    return [*program.tasks, *[[*program.tasks][-1]] * (parts - len(program.tasks))]
+    names = [*program.tasks]
+    more = names[:2][-1:] * (parts - len(names))  # of `Starts` the one with many
+    return [*names[:2], *more, *names[2:]]
+
+
+def starts(program: Program) -> dict[str, Counted]:
+    """The starts of an evaluation with either kind of actions, by variant."""
+    where = _tasks_of_parts(program)
+    share, config = program.algorithm.num_envs // (2 * len(where)), program.rows[0].config.env
+    found = {}
+    for variant in program.tasks:
+        count = share * where.count(variant)
+        found[variant] = Counted(count, distinct(config, variant or None, count))
+    return found
 
 
 def learn_policies(
@@ -212,7 +227,8 @@ def learn_policies(
     def row(chunk, seconds, metrics):
         _, scores = metrics
         steps = done_by[chunk] * per_update
-        phase.update(steps * len(rows), success=float(scores.success[..., 1].mean()))
+        shown = float(scores.success[:, 0, 1].mean())
+        phase.update(steps * len(rows), **{"success in evaluations, sampled": shown})
         found = {"env_steps": steps, "env_steps_per_s": steps * len(rows) / seconds}
         return found | _by_start(where, scores)
 
@@ -234,6 +250,7 @@ def learn_policies(
         "rows": [(row.cell, row.seed) for row in rows],
         "taus": [found and found.tau for found in learned],
         "seconds": done.seconds,
+        "starts": {variant: found._asdict() for variant, found in starts(program).items()},
     }
 
 

@@ -16,6 +16,7 @@ from gril_jax.report.figures.style import png
 from gril_jax.runs import run_dir
 from gril_jax.runs.phases import read_phases
 
+from .counted import COUNTS, Counted
 from .curves import Curve, at_the_end, curves
 from .measures import Measure
 from .programs import Program
@@ -33,6 +34,17 @@ class Found(NamedTuple):
     curves: list[Curve]  # of the policies
     profiles: Mapping[str, Mapping[str, Any]]  # of a row's rewards along demonstrations
     about: Mapping[str, Any]  # command, versions, device, date, and the demonstrations' digest
+
+    @property
+    def starts(self) -> Mapping[str, Counted]:
+        """The starts of each policy's evaluations, by variant; empty if not recorded of all."""
+        each = [curve.starts for curve in self.curves]
+        return each[0] if each and all(one == each[0] for one in each) else {}
+
+    @property
+    def variant(self) -> str:
+        """The variant of the task that `success` is counted from; empty if not recorded."""
+        return next(iter(self.starts), "")
 
 
 class Table(NamedTuple):
@@ -98,7 +110,7 @@ def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
     """The results that a run's CSV holds, with six digits each."""
     file = folder / f"{table.name}.csv"
     try:
-        lines = read_csv(file.read_text(encoding="utf-8"), table.columns([]))
+        lines = read_csv(file.read_text(encoding="utf-8"), table.columns([]), COUNTS)
     except (OSError, ValueError, KeyError, TypeError):
         raise RunError(
             f"{folder} has no table yet: its {file.name} is missing or damaged"

@@ -163,13 +163,18 @@ def _in_csv(value: Any) -> Any:
     return f"{value:.6g}" if value is not None and np.isfinite(value) else ""
 
 
-def read_csv(text: str, columns: Sequence[str]) -> list[dict[str, Any]]:
+def read_csv(text: str, columns: Sequence[str], newer: Sequence[str] = ()) -> list[dict[str, Any]]:
     """The lines of `csv`, of which the first two columns are the row and the seed.
 
-    Raises KeyError, TypeError or ValueError if a column is missing or holds no number.
+    Raises KeyError, TypeError or ValueError if a column is missing or holds no number; older files
+    lack those that are `newer`.
     """
     return [
         {"row": line["row"], "seed": int(line["seed"])}
-        | {name: float(line[name]) for name in columns[2:] if line[name]}
+        | {
+            name: float(line[name])
+            for name in columns[2:]
+            if (line.get(name) if name in newer else line[name])
+        }
         for line in csv_format.DictReader(io.StringIO(text))
     ]

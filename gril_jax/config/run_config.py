@@ -39,11 +39,12 @@ class RunSettings:
     """Constant added to the learned reward if that is the whole reward. With 1 it starts at about 0
     instead of -1: no policy is better or worse for it, but some are found sooner."""
     evaluations: int = field(default=8, metadata=at_least(0))
-    """Number of evaluations during policy training, in the training program itself."""
+    """Number of evaluations during policy training, in the training program itself, from the starts
+    that success is counted over."""
     out: str | None = field(default=None, metadata=optional(rule(str.strip, "a folder or None")))
     """Folder to create for the results; None names one after the time, under runs/."""
-    eval_episodes: int = field(default=100, metadata=at_least(1))
-    """Episodes of an evaluation."""
+    eval_episodes: int = field(default=256, metadata=at_least(1))
+    """Starts of an evaluation, each played with deterministic actions and with sampled ones."""
     updates_per_chunk: int = field(default=10, metadata=at_least(1))
     """Updates in one compiled call, after which the host logs and may save; changes no result."""
     checkpoint_every: float = field(default=60.0, metadata=at_least(0))

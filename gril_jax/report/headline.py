@@ -4,16 +4,14 @@ A field of `results.json` that is no number, or a rate not from 0 to 1, is a `Ru
 """
 
 import functools
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from gril_jax.errors import RunError
 
 from .data import number
+from .rates import WHERE, Rate, name, own_start, rates, wilson
 
-_Z = 1.959963984540054  # 97.5% of a standard normal distribution lie below it
-_WHERE = "results.json"
 _SOLVED = 0.9  # success rate from which a run is said to have worked
 
 
@@ -32,53 +30,42 @@ class Verdict(NamedTuple):
     text: str
 
 
-def wilson(rate: float, count: int) -> tuple[float, float]:
-    """Wilson's 95% interval of a success rate from 0 to 1 in `count` trials, at least 1: within 0
-    and 1, and of some width even where all trials succeeded.
-
-    >>> [round(x, 3) for x in wilson(0.5, 20)]
-    [0.299, 0.701]
-    """
-    widening = _Z**2 / count
-    middle = (rate + widening / 2) / (1 + widening)
-    half = math.sqrt(rate * (1 - rate) * widening + widening**2 / 4) / (1 + widening)
-    return max(0.0, middle - half), min(1.0, middle + half)
-
-
 def verdict(results: Mapping[str, Any]) -> Verdict:
     """A sentence on whether the run worked, judged by the success of its policy."""
     if not results:
         return Verdict("open", "The run has not finished, so it has no results yet.")
-    rate, random, tau, episodes = (
-        number(results, field, _WHERE)
-        for field in ("success", "success_random", "tau", "eval_episodes")
-    )
-    if rate is None:
-        known = "" if tau is None else f": Kendall's tau on held-out demonstrations is {tau:.3f}"
-        return Verdict("open", f"A reward was learned{known}.")
-    count = int(episodes or 0)
-    share = f"{round(rate * count)} of {count}" if count else f"{100 * rate:.1f}% of the"
-    found = f"{share} evaluation episodes succeed"
-    against = "" if random is None else f"; a random policy: {100 * random:.0f}%"
-    if rate >= _SOLVED:
-        return Verdict("good", f"It worked: {found}{against}.")
-    chance = wilson(random or 0.0, count)[1] if count else random or 0.0
-    if (wilson(rate, count)[0] if count else rate) > chance:
-        return Verdict("fair", f"It works in part: {found}{against}.")
-    return Verdict("bad", f"It did not work: {found}{against}.")
+    known = rates(results)
+    if "success" not in known:
+        tau = number(results, "tau", WHERE)
+        said = "" if tau is None else f": Kendall's tau on held-out demonstrations is {tau:.3f}"
+        return Verdict("open", f"A reward was learned{said}.")
+    rate, random = known["success"], known.get("success_random")
+    against = "" if random is None else f"; a random policy: {random.value} of {random.counted}"
+    if rate.starts is None:
+        found = f"success {rate}" + ("" if random is None else f"; a random policy: {random.value}")
+    elif rate.single:
+        found = f"the task's one start is {rate.value}{against}"
+    else:
+        found = f"{rate.tally} end in success{against}"
+    if rate.value == "solved" or (rate.share >= _SOLVED and not rate.single):
+        return Verdict("good", f"It worked: {found}.")
+    if _better(rate, random):
+        return Verdict("fair", f"It works in part: {found}.")
+    return Verdict("bad", f"It did not work: {found}.")
+
+
+def _better(rate: Rate, random: Rate | None) -> bool:
+    """True if a policy is surely better than a random one."""
+    least = rate.interval[0] if rate.interval else rate.share
+    if random is None:
+        return least > (wilson(0.0, rate.starts)[1] if rate.interval else 0.0)
+    return least > (random.interval[1] if random.interval else random.share)
 
 
 def headline(results: Mapping[str, Any]) -> list[Tile]:
     """Tiles of the numbers in `results.json`; missing numbers have none."""
-    get = functools.partial(number, results, where=_WHERE)
-    episodes, total = int(get("eval_episodes") or 0), sum(s for _, s in stage_times(results))
-    rates = {
-        "success": "success of the trained policy",
-        "success_sampled": "success with sampled actions",
-        "success_random": "success of a random policy",
-    }
-    known = {field: rate for field in rates if (rate := get(field)) is not None}
-    tiles = [_rate_tile(field, rate, episodes, rates[field]) for field, rate in known.items()]
+    get = functools.partial(number, results, where=WHERE)
+    total = sum(s for _, s in stage_times(results))
     others = (
         (get("tau"), ".3f", "Kendall's tau of the alignment",
          "on demonstrations kept aside; 1 is perfect, 0 is chance"),
@@ -90,30 +77,36 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
         (get("trimmed_frames"), ",.0f", "frames trimmed",
          "cut from ends of videos in which nothing moves"),
     )  # fmt: skip
-    return tiles + [
+    return success_tiles(results) + [
         Tile(format(value, shape), label, note)
         for value, shape, label, note in others
         if value is not None
     ]
 
 
-def _rate_tile(field: str, rate: float, episodes: int, label: str) -> Tile:
-    if not 0 <= rate <= 1:
-        raise RunError(f"{_WHERE}: {field} is {rate:g}, but must be from 0 to 1")
-    note = ""
-    if episodes >= 1:
-        low, high = (100 * bound for bound in wilson(rate, episodes))
-        note = f"{round(rate * episodes)} of {episodes} episodes; "
-        note += f"95% Wilson interval {low:.1f}% to {high:.1f}%"
-    return Tile(f"{100 * rate:.1f}%", label, note)
+def success_tiles(results: Mapping[str, Any]) -> list[Tile]:
+    """Tiles of the success rates, each with what it counts, and of the task's own start."""
+    known, own = rates(results), own_start(results)
+    tiles = {field: Tile(rate.value, name(field), _note(rate)) for field, rate in known.items()}
+    last = [tiles.pop(field) for field in ("success_random",) if field in tiles]
+    tiles.pop("success_ever", None)
+    alone = [Tile(own, "the task's own start", "with deterministic actions")] if own else []
+    return [*tiles.values(), *alone, *last]
+
+
+def _note(rate: Rate) -> str:
+    if rate.interval is None:
+        return rate.tally
+    low, high = (100 * bound for bound in rate.interval)
+    return f"{rate.tally}; 95% Wilson interval {low:.1f}% to {high:.1f}%"
 
 
 def stage_times(results: Mapping[str, Any]) -> list[tuple[str, float]]:
     """The stages of the run, in order, with the seconds that each took."""
     seconds = results.get("seconds") or {}
     if not isinstance(seconds, Mapping):
-        raise RunError(f"{_WHERE}: seconds must be an object of numbers")
-    times = [(str(name), number(seconds, name, f"{_WHERE}, seconds")) for name in seconds]
+        raise RunError(f"{WHERE}: seconds must be an object of numbers")
+    times = [(str(name), number(seconds, name, f"{WHERE}, seconds")) for name in seconds]
     return [(name, time) for name, time in times if time is not None]
 
 

@@ -23,10 +23,11 @@ from gril_jax.report.figures.filmstrip import Film, beside_reward, contact_sheet
 from gril_jax.report.figures.style import png
 from gril_jax.runs.phases import require_single
 
-from .data import number, read_rollouts, read_versions
+from .data import read_rollouts, read_versions
 from .headline import headline, in_words, stage_times, verdict
 from .html import Part, Section, render
 from .inputs import Inputs, films_of, read_inputs
+from .rates import UNKNOWN, Rate, rates
 
 _TOP = 4  # numbers on the first screen
 _NO_POLICY = Part("No policy has been trained in this run.")
@@ -153,14 +154,29 @@ def _both_outcomes(run: Inputs) -> Part:
 
 
 def _learning_curve(run: Inputs) -> Part:
-    random = number(run.results, "success_random", "results.json")
-    figure = learning_curve(run.rows[run.config.run.algorithm], random_success=random)
+    random, rows = rates(run.results).get("success_random"), run.rows[run.config.run.algorithm]
+    figure = learning_curve(rows, random_success=random and random.share)
     return Part(
-        "Training episodes, with sampled actions. A reward that rises without success has missed "
+        "Line: training episodes from the task's own starts, with sampled actions."
+        f"{_evaluations(rows)}{_of_random(random)} A reward that rises without success has missed "
         "what the task is about.",
         run.save("rl_curve.png", png(figure)),
         "Success rate and mean reward against environment steps",
     )
+
+
+def _evaluations(rows: Sequence[Mapping[str, Any]]) -> str:
+    """What the evaluations of a learning curve count, as a sentence; empty without any."""
+    examined = [row for row in rows if row.get("eval/success") is not None]
+    if not examined:
+        return ""
+    counts = [row.get("eval/episodes") for row in examined]
+    drawn = UNKNOWN if None in counts else f"{counts[0]:.0f} fresh starts for either kind"
+    return f" Marks: evaluations in between, {drawn}."
+
+
+def _of_random(random: Rate | None) -> str:
+    return "" if random is None else f" Dashes: a random policy, {random.counted}."
 
 
 def _rollout(run: Inputs) -> Part:

@@ -1,4 +1,11 @@
-"""Evaluation of a policy: whole episodes from the task's own starts."""
+"""Evaluation of a policy: whole episodes from starts that have been drawn before.
+
+    begun = begin(algorithm.episodes, key_begin, episodes=256)
+    found = evaluate(algorithm, policy, reward_params, begun, key, tau=tau, deterministic=True)
+
+Starts are an argument: one compiled program serves all variants of a task whose episodes differ in
+nothing but how they begin.
+"""
 
 import functools
 from typing import Any, NamedTuple
@@ -7,7 +14,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from .episodes import Episodes, EpisodeState
 from .policy import Policy
+from .rollout import strong
 from .training import Algorithm
 
 
@@ -22,39 +31,45 @@ class Evaluation(NamedTuple):
 
 
 @functools.partial(jax.jit, static_argnums=(0,), static_argnames=("episodes",))
+def begin(of: Episodes, key: PRNGKeyArray, *, episodes: int) -> EpisodeState:
+    """So many episodes at their starts, leaves (E, ...). The key is consumed."""
+    begun = jax.vmap(of.begin)(jax.random.split(key, episodes))
+    return jax.tree.map(strong, begun)  # or `evaluate` compiles once more for a task's weak types
+
+
+@functools.partial(jax.jit, static_argnums=(0,))
 def evaluate(
     algorithm: Algorithm,
     policy: Policy,
     reward_params: Any,
+    begun: EpisodeState,
     key: PRNGKeyArray,
     *,
     tau: Float[Array, ""] | float,
-    episodes: int,
-    deterministic: Bool[Array, ""] | bool = True,
+    deterministic: Bool[Array, "*E"] | bool = True,
 ) -> Evaluation:
-    """Runs the policy for `episodes` episodes, in parallel. The key is consumed.
+    """Runs the policy through the episodes begun, leaves (E, ...), in parallel.
 
-    `deterministic` may be traced: one program plays the trained policy's mean actions and, to
-    compare, the samples of an untrained one.
+    The key is consumed. `deterministic` says, of all episodes or of each, whether the policy's mean
+    actions are played or samples; it may be traced.
     An episode whose simulation fails stays where it was before the failure.
     """
-    key_begin, key_act = jax.random.split(key)
-    of = algorithm.episodes
-    running = jax.vmap(of.begin)(jax.random.split(key_begin, episodes))
+    of, episodes = algorithm.episodes, len(begun.time)
+    means = jnp.broadcast_to(deterministic, (episodes,))
 
-    def one(episode, key):
+    def one(episode, key, deterministic):
         mean = algorithm.act(policy, episode, key, deterministic=True)
         sample = algorithm.act(policy, episode, key, deterministic=False)
         action = jnp.where(deterministic, mean, sample)
         return of.advance(reward_params, episode, action, tau=tau)
 
     def move(running, key):
-        running, result = jax.vmap(one)(running, jax.random.split(key, episodes))
+        running, result = jax.vmap(one)(running, jax.random.split(key, episodes), means)
         return running, (running.state, result)
 
-    steps = jax.random.split(key_act, of.env.episode_length)
-    _, (states, results) = jax.lax.scan(move, running, steps)
-    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), running.state, states)
+    steps = jax.random.split(key, of.env.episode_length)
+    _, (states, results) = jax.lax.scan(move, begun, steps)
+    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), begun.state, states)
     success = results.metrics["success"]
     return Evaluation(
         states=jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), states),

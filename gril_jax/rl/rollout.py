@@ -48,13 +48,14 @@ def init(episodes: Episodes, keys: Key[Array, "K"]) -> VectorState:
     num_envs = len(keys) // 2
     both = jax.vmap(episodes.begin)(keys)
     # A task's own weak types would become strong in the first step, which then compiles twice.
-    both = jax.tree.map(_strong, both)
+    both = jax.tree.map(strong, both)
     running = jax.tree.map(lambda x: x[:num_envs], both)
     starts = jax.tree.map(lambda x: x[num_envs:], both)
     return VectorState(running, starts, jnp.zeros((), jnp.int32))
 
 
-def _strong(x: Array) -> Array:
+def strong(x: Array) -> Array:
+    """The array without a weak type."""
     return x.astype(x.dtype) if getattr(x, "weak_type", False) else x  # keys have no such thing
 
 

@@ -1,4 +1,4 @@
-"""Inputs of a report: arrays and numbers are checked, and rates say how sure they are."""
+"""Inputs of a report: arrays and numbers are checked, and numbers become words."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from gril_jax.report.data import (
     read_rows,
     read_versions,
 )
-from gril_jax.report.headline import headline, in_words, stage_times, verdict, wilson
+from gril_jax.report.headline import headline, in_words, stage_times, verdict
 from gril_jax.runs import run_dir
 
 # --- arrays
@@ -134,30 +134,15 @@ def test_what_is_no_usable_number_is_refused(value):
 # --- words for numbers
 
 
-@pytest.mark.parametrize("count", [1, 7, 50, 1000])
-@pytest.mark.parametrize("rate", [0.0, 0.3, 1.0])
-def test_wilsons_bounds_are_where_the_rate_is_just_not_refuted(rate, count):
-    """Each bound p solves |rate - p| = z sqrt(p (1 - p) / count), the score test's edge."""
-    for bound, edge in zip(wilson(rate, count), (0.0, 1.0), strict=True):
-        if bound == pytest.approx(edge, abs=1e-12):
-            assert rate == edge
-            continue
-        spread = math.sqrt(bound * (1 - bound) / count)
-        assert abs(rate - bound) == pytest.approx(1.959963984540054 * spread, rel=1e-9)
-
-
-def test_wilsons_interval_mirrors_and_narrows():
-    low, high = wilson(0.2, 30)
-    assert wilson(0.8, 30) == pytest.approx((1 - high, 1 - low))
-    narrow = wilson(0.2, 3000)
-    assert low < narrow[0] < 0.2 < narrow[1] < high
-
-
 def test_the_headline_compares_the_trained_policy_with_a_random_one():
     values = {tile.label: (tile.value, tile.note) for tile in headline(RESULTS)}
-    assert values["success of the trained policy"][0] == "90.0%"
+    assert values["success with deterministic actions"][0] == "90.0%"
     assert values["success with sampled actions"][0] == "80.0%"
-    assert values["success of a random policy"][1].startswith("1 of 20 episodes")
+    elsewhere = values["success elsewhere, deterministic actions"]
+    assert elsewhere[0] == "25.0%"
+    assert elsewhere[1].startswith("5 of 20 Layout starts")
+    assert values["the task's own start"][0] == "solved"
+    assert values["success of a random policy"][1].startswith("1 of 20 Jitter starts")
     assert values["for the whole run"][0] == "1 min 13 s"
     assert headline({}) == []
 
@@ -171,18 +156,17 @@ def test_the_headline_compares_the_trained_policy_with_a_random_one():
             "open",
             "A reward was learned: Kendall's tau on held-out demonstrations is 0.5",
         ),
-        ({"success": 0.95, "eval_episodes": 20}, "good", "It worked: 19 of 20 evaluation"),
+        ({"success": 0.95, "starts": 20}, "good", "It worked: 19 of 20 starts end in success"),
         (
-            {"success": 0.5, "success_random": 0.0, "eval_episodes": 20},
+            {"success": 0.5, "success_random": 0.0, "starts": 20},
             "fair",
-            "a random policy: 0%",
+            "a random policy: 0.0% of 20 starts",
         ),
-        (
-            {"success": 0.1, "success_random": 0.05, "eval_episodes": 20},
-            "bad",
-            "It did not work: 2 ",
-        ),
-        ({"success": 0.0}, "bad", "0.0% of the evaluation episodes"),
+        ({"success": 0.1, "success_random": 0.05, "starts": 20}, "bad", "It did not work: 2 "),
+        ({"success": 1.0, "starts": 1, "eval_episodes": 9}, "good", "one start is solved."),
+        ({"success": 0.0, "starts": 1, "eval_episodes": 9}, "bad", "one start is not solved."),
+        ({"success": 0.95}, "good", "success 95.0% (number of starts not recorded)."),
+        ({"success": 0.0}, "bad", "success 0.0% (number of starts not recorded)."),
     ],
 )
 def test_the_verdict_is_by_success_and_by_what_chance_allows(results, grade, text):
@@ -191,9 +175,9 @@ def test_the_verdict_is_by_success_and_by_what_chance_allows(results, grade, tex
     assert text in found.text
 
 
-def test_a_rate_without_a_number_of_episodes_has_no_interval():
-    (tile,) = headline({"success": 0.5})
-    assert (tile.value, tile.note) == ("50.0%", "")
+def test_a_rate_of_an_unknown_number_of_starts_has_no_interval():
+    (tile,) = headline({"success": 0.5, "eval_episodes": 20})
+    assert (tile.value, tile.note) == ("50.0%", "number of starts not recorded")
 
 
 def test_stages_keep_their_order_and_leave_out_what_was_not_timed():

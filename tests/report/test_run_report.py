@@ -116,8 +116,9 @@ def _bytes(address):
     [
         "GRIL run my run",
         "90.0%",
-        "18 of 20 episodes; 95% Wilson interval 69.9% to 97.2%",
-        "1 of 20 episodes",
+        "18 of 20 Jitter starts; 95% Wilson interval 69.9% to 97.2%",
+        "1 of 20 Jitter starts",
+        "5 of 20 Layout starts",
         "0.912",
         "0.834",
         "4,321",
@@ -255,6 +256,23 @@ def test_numbers_that_are_missing_or_null_have_no_tile(run):
     page = report(run)
     assert "0.250" in page.text
     assert "Wilson" not in page.text
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"eval/episodes": 8}, "Marks: evaluations in between, 8 fresh starts for either kind."),
+        ({}, "Marks: evaluations in between, number of starts not recorded."),
+    ],
+)
+def test_the_learning_curve_says_what_its_evaluations_count(run, more, said):
+    assert "Marks" not in report(run).text
+    with (run / "metrics.jsonl").open("a") as file:
+        row = {"phase": "ppo", "env_steps": 9000, "eval/success": 0.5, "eval/success_sampled": 0.5}
+        file.write(json.dumps(row | more) + "\n")
+    text = report(run).text
+    assert said in text
+    assert "Dashes: a random policy, 20 Jitter starts." in text
 
 
 def test_a_run_on_the_tasks_own_reward_does_not_call_it_learned(tmp_path):

@@ -23,9 +23,9 @@ def _make(**options):
 
 
 def _evaluate(ppo, policy, seed=1, **options):
-    return evaluation.evaluate(
-        ppo, policy, None, jax.random.key(seed), tau=0.005, episodes=EPISODES, **options
-    )
+    key_begin, key_act = jax.random.split(jax.random.key(seed))
+    begun = evaluation.begin(ppo.episodes, key_begin, episodes=EPISODES)
+    return evaluation.evaluate(ppo, policy, None, begun, key_act, tau=0.005, **options)
 
 
 @pytest.fixture(scope="module")

@@ -16,4 +16,6 @@ SPEC = TaskSpec(
         {"targets": ("green square",), "distractors": ("yellow circle",)},
     ),
     bench_envs=32_768,
+    many_starts={"demo": "jitter"},
+    elsewhere={"demo": "layout", "jitter": "layout"},
 )  # fmt: skip

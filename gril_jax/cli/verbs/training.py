@@ -79,12 +79,13 @@ def _report(args: list[str]) -> Work:
 @dataclass(frozen=True)
 class _Eval:
     run: RunFolder
-    episodes: int = field(default=100, metadata=count())
-    """Episodes to play."""
+    episodes: int = field(default=256, metadata=count())
+    """Starts to draw; a rate says how many of them are distinct."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of the episodes."""
     variant: Variant | None = None
-    """Quantities randomised at the start; None keeps the run's own variant."""
+    """Variant of the task to start in. None is as a run evaluates itself: from the variant that has
+    many starts, from the one that starts elsewhere, and from the task's own start if it has one."""
 
 
 def _eval(args: list[str]) -> Work:
@@ -106,6 +107,6 @@ VERBS = (
         },
     ),
     Verb("report RUN", "figures and tables of a run", _report),
-    Verb("eval RUN", "success rate and return of a run's policy", _eval),
+    Verb("eval RUN", "success of a run's policy over distinct starts, and its return", _eval),
     Verb("pretrain [CONFIG]", "the learned reward alone", _pretrain),
 )  # fmt: skip

@@ -110,8 +110,8 @@ class Findings(NamedTuple):
             f"{'' if asked.holds(numbers[name]) else fault}"
             for name, asked in ASKED.items()
         ] + [
-            f"{'outbid_share':15} {numbers['outbid_share']:7.3f}  (no bound) share of all successes "
-            "that the best state without progress outbids"
+            f"{'outbid_share':15} {numbers['outbid_share']:7.3f}  (no bound) share of all "
+            "successes that the best state without progress outbids"
         ]
 
     def verdict(self) -> Verdict:

@@ -3,7 +3,7 @@
 import numpy as np
 from gril_jax.experiments.soundness.soundness import COLUMNS, PREDICTORS, text
 from gril_jax.experiments.tables.results import Found
-from gril_jax.experiments.tables.written import column
+from gril_jax.experiments.tables.written import column, mean_interval
 
 
 def _lines(rows=4, seeds=6, policies=True):
@@ -16,6 +16,7 @@ def _lines(rows=4, seeds=6, policies=True):
             line = {"row": f"row {row}", "seed": seed}
             line |= dict(zip(COLUMNS[2:], map(float, values), strict=False))
             line["success"] = 1.0 - line["hack_share_demo"]
+            line |= {"starts": 8.0, "episodes": 8.0}
             if not policies:
                 line = {k: v for k, v in line.items() if k in ("row", "seed", *PREDICTORS)}
             found.append(line)
@@ -30,8 +31,11 @@ def test_a_row_has_mean_and_range_over_its_encoders():
     lines = _lines(2)
     first, demo, layout = [x for x in markdown(lines).splitlines() if x.startswith("| row 1 |")][:3]
     assert first.startswith("| row 1 | 6 |")
+    assert first.strip("| ").split(" | ")[3:5] == [
+        mean_interval()(column(lines[6:], name), 6) for name in ("success", "success_sampled")
+    ]
     for line, names in (
-        (first, ("tau", "success", "success_sampled")),
+        (first[: first.index(" | 0.", 20)], ("tau",)),
         (demo, ("order_demo", "touch_demo", "push_demo", "hack_gap_demo")),
         (layout, ("order_layout", "touch_layout", "push_layout", "hack_gap_layout")),
     ):
@@ -62,7 +66,7 @@ def test_every_figure_has_its_correlation_with_success():
 def _basis(lines):
     x = column(lines, "success")
     few, most = (x < 0.05).sum(), (x > 0.95).sum()
-    return f"{few} of {len(x)} encoders gave a success below 5 %, and {most} above 95 %"
+    return f"{few} of {len(x)} encoders gave a success below 5 %, and {most} above 95 % (8 starts)"
 
 
 def test_tau_may_be_the_best():
@@ -75,7 +79,7 @@ def test_too_few_encoders_and_equal_ones_are_told():
     same = [line | {"success": 0.0} for line in _lines(5)]
     assert markdown(same).splitlines()[-1] == (
         "All encoders are the same in success, so nothing predicts it: 30 of 30 encoders gave a "
-        "success below 5 %, and 0 above 95 %."
+        "success below 5 %, and 0 above 95 % (8 starts)."
     )
 
 

@@ -1,0 +1,69 @@
+"""What the success of a table's policies counts: starts of each evaluation, and policies.
+
+A policy is one observation. Its success is a share of the distinct starts of an evaluation, and a
+table's intervals are over policies.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from gril_jax.report.rates import SURE, UNKNOWN, Rate
+
+from .written import Column, Line, column, mean_interval
+
+COUNTS = ("starts", "episodes")  # in a policy's line, both of an evaluation
+
+
+class Counted(NamedTuple):
+    """Episodes of one kind of actions in an evaluation, and how many of their starts differ."""
+
+    episodes: int
+    distinct: int
+
+    def in_words(self, variant: str = "", *, sampled: bool = False) -> str:
+        """Such as "256 Jitter starts"."""
+        return Rate(0.0, self.distinct, self.episodes, sampled, variant).counted
+
+
+def read(done: Mapping[str, Any]) -> dict[str, Counted]:
+    """What a finished program of policies says of its starts, by variant; empty if nothing."""
+    return {variant: Counted(**found) for variant, found in done.get("starts", {}).items()}
+
+
+def in_words(starts: Mapping[str, Counted], variant: str, *, sampled: bool = False) -> str:
+    """What an evaluation from a variant counts, as far as that is recorded."""
+    found = starts.get(variant)
+    return UNKNOWN if found is None else found.in_words(variant, sampled=sampled)
+
+
+def solved(values: Float[np.ndarray, "K"], count: int) -> str:
+    """How many policies solve a single start with deterministic actions: `solved by 4 of 5`."""
+    del count
+    return f"solved by {int((values >= SURE).sum())} of {len(values)} policies"
+
+
+def of_lines(lines: Sequence[Line], variant: str = "", *, sampled: bool = False) -> str:
+    """What the success in these lines counts, by their fields `starts` and `episodes`, from a
+    variant of the task if that is known."""
+    known = [line for line in lines if np.isfinite(line.get("success", np.nan))]
+    starts, episodes = (column(known, name) for name in COUNTS)
+    if not len(known) or np.isnan(starts).any():
+        return UNKNOWN
+    if starts.min() < starts.max():
+        return f"{starts.min():.0f} to " + Rate(0.0, int(starts.max()), variant=variant).counted
+    played = 0 if np.isnan(episodes).any() else int(episodes.max())
+    return Counted(played, int(starts[0])).in_words(variant, sampled=sampled)
+
+
+def success_columns(lines: Sequence[Line], variant: str = "") -> list[Column]:
+    """Success with deterministic and with sampled actions; of one start, who solves it."""
+    among, played = (of_lines(lines, variant, sampled=sampled) for sampled in (False, True))
+    single = among == Counted(1, 1).in_words(variant)
+    words, write = ("", solved) if single else ("success, ", mean_interval())
+    return [
+        Column("success", f"{words}deterministic actions, {among}", write),
+        Column("success_sampled", f"success, sampled actions, {played}", mean_interval()),
+    ]
