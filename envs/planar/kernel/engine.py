@@ -1,0 +1,74 @@
+"""The kernel behind the interface of `physics.Physics`, inside JAX's programs.
+
+Hot is `step` alone: the rest is the XLA engine's, of which this one computes the same numbers but
+for rounding.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import warp as wp
+from gril_jax.envs.planar.impulses import _LEFT
+from gril_jax.envs.planar.joints import Command, Strengths
+from gril_jax.envs.planar.physics import BLOCK_MASS, Physics
+from gril_jax.envs.planar.shapes import BlockShape
+from jaxtyping import Array, Float
+
+from .fingers import NONE, PINS, PIVOTS
+from .program import control_step
+
+
+class KernelPhysics:
+    """The engine `physics` as a kernel; `pins` says that MAGICAL's pins hold the fingers."""
+
+    def __init__(self, physics: Physics, *, pins: bool):
+        self.physics, self.dt = physics, physics.dt
+        kind = int(PINS if pins else PIVOTS) if physics.robot.has_fingers else int(NONE)
+        kernel = control_step(physics.robot.name, physics.num_blocks, kind)
+        self._call = wp.jax_kernel(kernel, num_outputs=3, launch_dims=1)
+        self._memory = physics.rest().size
+
+    def rest(self) -> Float[Array, "I"]:
+        """The memory of a scene in which nothing has touched yet."""
+        return self.physics.rest()
+
+    # By itself, so that programs which share this object trace it once.
+    @functools.partial(jax.jit, static_argnums=0)
+    def step(
+        self,
+        pose: Float[Array, "E 3"],
+        velocity: Float[Array, "E 3"],
+        memory: Float[Array, "I"],
+        shapes: BlockShape,
+        strengths: Strengths,
+        command: Command,
+    ) -> tuple[Float[Array, "E 3"], Float[Array, "E 3"], Float[Array, "I"]]:
+        """Poses, velocities and memory a control step later, as `Physics.step`."""
+        of, dt = self.physics, self.dt
+        lane = [pose, velocity, memory, *_fields(shapes, BLOCK_MASS / of.block_mass)]
+        lane += [jnp.stack([jnp.asarray(x, jnp.float32) for x in f]) for f in (strengths, command)]
+        scalars = 1 / of.block_mass, of.arena, dt, of._ahead, (1.0 - _LEFT**dt) / dt
+        dims = {"new_pose": (1, len(pose)), "new_velocity": (1, len(pose)), "new_memory": (1, self._memory)}
+        found = self._call(
+            *(x[None] for x in lane), *scalars, of.substeps, of.iterations, output_dims=dims
+        )
+        return tuple(x[0] for x in found)
+
+    def settle(self, *args) -> Float[Array, "I"]:
+        """The memory of a scene that a command has just brought here, as `Physics.settle`."""
+        return self.physics.settle(*args)
+
+    def clearance(self, pose: Float[Array, "E 3"], shapes: BlockShape) -> Float[Array, ""]:
+        """Gap between the robot and the nearest block or wall, as `Physics.clearance`."""
+        return self.physics.clearance(pose, shapes)
+
+
+def _fields(shapes: BlockShape, lightness: float) -> list[Array]:
+    """Directions (B, 5, 2), corners (B, 5, 2), rims (B, 3, 2) and sizes (B, 3)."""
+    pairs = lambda v: jnp.stack([v.x, v.y], axis=-1)  # noqa: E731
+    corners = jnp.swapaxes(pairs(shapes.corners), 0, 1)
+    rims = jnp.stack([pairs(v) for v in (shapes.rim_start, shapes.rim_end, shapes.rim_out)], 1)
+    reach = jnp.sqrt((corners**2).sum(-1).max(-1)) + shapes.radius
+    sizes = jnp.stack([shapes.radius, shapes.inverse_inertia * lightness, reach], axis=1)
+    return [jnp.swapaxes(pairs(shapes.directions), 0, 1), corners, rims, sizes]
