@@ -58,8 +58,10 @@ LATE_EXTRAS = {
 }
 # The table of tasks is names and import paths alone: the schema checks names against it.
 LIGHT = {("gril_jax/config/task.py", "gril_jax.envs.registry")}
-# What only an adapter to it imports: (file, package).
+KERNEL = ROOT / "envs/planar/kernel"
+# What only an adapter to it, or a kernel in it, imports: (file, package).
 ADAPTED = {("gril_jax/interop/gymnasium.py", "gymnasium"), ("gril_jax/interop/gymnax.py", "gymnax")}
+ADAPTED |= {(path.relative_to(ROOT).as_posix(), "warp") for path in KERNEL.glob("*.py")}
 # The only reader of pickles, with an unpickler that builds nothing but arrays.
 PICKLES = {"gril_jax/demos/magical_pickles.py"}
 

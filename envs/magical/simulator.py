@@ -1,4 +1,4 @@
-"""The simulators of MAGICAL's tasks: two presets of physics, two engines, and their commands.
+"""The simulators of MAGICAL's tasks: two presets of physics, three engines, and their commands.
 
 Physics:
   "xmagical"  arena 1.1, block mass 0.01, drive force 5: blocks stop within a hundredth of a second
@@ -6,12 +6,14 @@ Physics:
               `physics` says what else differs
 
 Engines: "impulse", our own solver (`planar.physics`), which follows the original closely and serves
-every option; or "mjx", MuJoCo's (`planar.mjx_engine`), which serves the gripper, fixed shapes and
-"xmagical" physics. What an action means: see `match_regions.task`.
+every option; "kernel", the same in one NVIDIA Warp kernel (`planar.kernel`); or "mjx", MuJoCo's
+(`planar.mjx_engine`), which serves the gripper, fixed shapes and "xmagical" physics. What an action
+means: see `match_regions.task`.
 """
 
 import functools
-from typing import NamedTuple
+import importlib
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -29,9 +31,13 @@ CONTROL_HZ = 8.0
 _MAX_SPEED = 0.8  # units/s
 _OFFSET = 1.5  # rad: how far from the heading MAGICAL's turns aim
 TURN_GAIN = {"original": 40.0, "smooth": TURN_RATE}  # rad/s for a turn of 1, before saturation
-_SOLVING = {"impulse": (10, 6), "mjx": (5, 2)}  # substeps and iterations of each engine
+_SOLVING = {
+    "impulse": (10, 6),
+    "kernel": (10, 6),
+    "mjx": (5, 2),
+}  # substeps and iterations of each engine
 
-Engine = Physics | MjxPhysics
+Engine = Any  # with the methods of `Physics`: rest, step, settle, clearance
 
 
 class Preset(NamedTuple):
@@ -75,9 +81,10 @@ def engine(
     }
     check_counts(**counts)
     common = dict(arena=preset.arena, control_hz=CONTROL_HZ, **counts)
-    if name == "impulse":
+    if name in ("impulse", "kernel"):
         kind = MagicalPhysics if physics == "magical" else Physics
-        return _impulses(kind, robot, len(blocks), block_mass=preset.block_mass, **common)
+        own = _impulses(kind, robot, len(blocks), block_mass=preset.block_mass, **common)
+        return own if name == "impulse" else _in_a_kernel(own)
     if robot != "gripper":
         raise ValueError(f"engine 'mjx' serves the robot 'gripper' only, not {robot!r}")
     if physics != "xmagical":
@@ -91,6 +98,18 @@ def engine(
 def _impulses(kind: type[Physics], robot: str, num_blocks: int, **options) -> Physics:
     """The physics engine, shared by all tasks with the same motion: it takes longest to trace."""
     return kind(robots.robot(robot), num_blocks, **options)
+
+
+@functools.cache
+def _in_a_kernel(physics: Physics) -> Engine:
+    """The engine that computes the same in a kernel."""
+    try:
+        kernel = importlib.import_module("gril_jax.envs.planar.kernel.engine")
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"engine is 'kernel', which needs a package: pip install 'gril-jax[warp]' ({error})"
+        ) from error
+    return kernel.KernelPhysics(physics, pins=isinstance(physics, MagicalPhysics))
 
 
 def command(action: Float[Array, "A"], *, gain: float, dt: float) -> Command:

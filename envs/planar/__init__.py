@@ -1,1 +1,1 @@
-"""Rigid bodies in the plane, in JAX or in MuJoCo MJX."""
+"""Rigid bodies in the plane, in JAX, in a Warp kernel or in MuJoCo MJX."""

@@ -19,6 +19,7 @@ from .robots import Box, Part
 from .shapes import BlockShape, signed_distance
 
 _FAR = 1e3
+_MIDDLE = 1e-6  # arena units; a circle that lies on a side would else change layers by rounding
 
 
 class Frames(NamedTuple):
@@ -71,7 +72,7 @@ def with_part(part: Part, at: Frames, shapes: BlockShape, blocks: Frames) -> lis
     candidates = fence(jax.tree.map(lambda *f: jnp.concatenate(f), *found))
     local = candidates.second.into(at.heading)
     # Along the longer side of the part: x for a stick, y for a finger.
-    right = (local.x if part.boxes[0].half[0] > part.boxes[0].half[1] else local.y) >= 0
+    right = (local.x if part.boxes[0].half[0] > part.boxes[0].half[1] else local.y) >= -_MIDDLE
     return [_deepest(candidates, side) for side in (right, ~right)]
 
 

@@ -1,15 +1,17 @@
 """Control steps per second of a task, random actions in parallel episodes.
 
     gril bench env                      MatchRegions with the default setting
-    gril bench env --settings True      what each setting of the solver gives, and the MJX engine
-    gril bench env --task shoes_in_box --settings True   the same there, and Warp if installed
+    gril bench env --settings True      what each setting of the solver and each engine gives
+    gril bench env --task shoes_in_box --settings True   the same there
 
-Throughput is the best of some runs of a compiled scan, and `finite` the share of episodes whose
-numbers all are. A case of MatchRegions takes about 15 s on 2 CPU cores, one of the shoes longer.
+What needs Warp is left out where it is not installed. Throughput is the best of some runs of a
+compiled scan, of all cases in turn, and `finite` the share of episodes whose numbers all are. One
+of MatchRegions takes about 15 s on 2 CPU cores, of the shoes longer.
 """
 
 import importlib.util
 import itertools
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -30,40 +32,52 @@ def main(*, task: str, num_envs: int | None, steps: int, settings: bool) -> dict
     num_envs = num_envs or (256 if jax.default_backend() == "cpu" else spec.bench_envs)
     cases = spec.bench_settings if settings else ({},)
     if importlib.util.find_spec("warp") is None:
-        cases = [case for case in cases if case.get("impl") != "warp"]
-    return {"task": task, "cases": [measure(task, num_envs, steps, **case) for case in cases]}
+        cases = [case for case in cases if not _needs_warp(case)]
+    made = [_Case(task, num_envs, steps, case) for case in cases]
+    calls = {str(case.options): case for case in made}
+    speed = speeds(calls, dict.fromkeys(calls, num_envs * steps), _REPEATS)
+    return {"task": task, "cases": [case.figures(speed[name]) for name, case in calls.items()]}
 
 
-def measure(task: str, num_envs: int, steps: int, **options: Any) -> dict[str, Any]:
-    """Steps per second and compile time of one setting."""
-    if options.get("impl") == "warp":
-        options["worlds"] = num_envs
-    env = setup.build(task, options)
-    state = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), num_envs))
+def _needs_warp(options: Mapping[str, Any]) -> bool:
+    return options.get("impl") == "warp" or options.get("engine") == "kernel"
 
-    def play(state, key):
-        def move(state, key):
-            action = jax.random.uniform(key, (num_envs, env.action_size), minval=-1.0)
-            return jax.vmap(env.step)(state, action), None
 
-        return jax.lax.scan(move, state, jax.random.split(key, steps))[0]
+class _Case:
+    """One setting: a call plays so many control steps of episodes that go on and on."""
 
-    program, compile_s = compile_timed(play, state, jax.random.key(0), plain=True)
-    numbers = itertools.count()
+    def __init__(self, task: str, num_envs: int, steps: int, options: Mapping[str, Any]):
+        self.options, self.num_envs = dict(options), num_envs
+        if options.get("impl") == "warp":
+            self.options["worlds"] = num_envs
+        env = setup.build(task, self.options)
+        self._state = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), num_envs))
+        self._numbers = itertools.count()
 
-    def call():
-        nonlocal state
-        state = program(state, jax.random.key(next(numbers)))
-        return state
+        def play(state, key):
+            def move(state, key):
+                action = jax.random.uniform(key, (num_envs, env.action_size), minval=-1.0)
+                return jax.vmap(env.step)(state, action), None
 
-    speed = speeds({task: call}, {task: num_envs * steps}, _REPEATS)[task]
-    return {
-        "options": options,
-        "num_envs": num_envs,
-        "control_steps_per_s": round(speed),
-        "compile_s": round(compile_s, 2),
-        "finite": _finite(state),
-    }
+            return jax.lax.scan(move, state, jax.random.split(key, steps))[0]
+
+        self._program, self._compile_s = compile_timed(
+            play, self._state, jax.random.key(0), plain=True
+        )
+
+    def __call__(self) -> Any:
+        self._state = self._program(self._state, jax.random.key(next(self._numbers)))
+        return self._state
+
+    def figures(self, speed: float) -> dict[str, Any]:
+        """What the benchmark reports of it, given its control steps a second."""
+        return {
+            "options": self.options,
+            "num_envs": self.num_envs,
+            "control_steps_per_s": round(speed),
+            "compile_s": round(self._compile_s, 2),
+            "finite": _finite(self._state),
+        }
 
 
 def _finite(states: Any) -> float:

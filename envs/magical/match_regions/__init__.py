@@ -10,6 +10,8 @@ SPEC = TaskSpec(
     rewards=("S4", "V5", "S3", "sparse"),
     bench_settings=(  # of the solver, from the original's own to the coarsest, and other engines
         {"substeps": 10, "iterations": 10}, {"substeps": 10, "iterations": 6},
+        {"engine": "kernel", "substeps": 10, "iterations": 10},
+        {"engine": "kernel", "substeps": 10, "iterations": 6},
         {"substeps": 10, "iterations": 4}, {"substeps": 7, "iterations": 4},
         {"substeps": 5, "iterations": 5}, {"engine": "mjx", "substeps": 10, "iterations": 4},
         {"engine": "mjx", "substeps": 5, "iterations": 2}, {"variant": "all"}, {"robot": "short"},

@@ -44,7 +44,7 @@ class MatchRegions:
     Args:
       robot: "gripper", or a stick: "short", "medium" or "long".
       physics: the preset, "xmagical" or "magical".
-      engine: "impulse" or "mjx".
+      engine: "impulse", "kernel" (the same in NVIDIA Warp) or "mjx".
       targets, distractors: block names, "<colour> <shape>", such as "green star".
       variant: what is drawn at reset: nothing ("demo"), a little of everything ("jitter",
         +-0.0275 and +-9 degrees), places ("layout"), colours ("color"), shapes ("shape"), forces

@@ -4,7 +4,10 @@ Hot is `step` alone: the rest is the XLA engine's, of which this one computes th
 for rounding.
 """
 
+import contextlib
 import functools
+import os
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +27,9 @@ class KernelPhysics:
 
     def __init__(self, physics: Physics, *, pins: bool):
         self.physics, self.dt = physics, physics.dt
+        wp.config.log_level = wp.LOG_WARNING  # or Warp reports on each kernel
+        with _without_stderr():  # where there is no GPU, Warp's library says so
+            wp.init()
         kind = int(PINS if pins else PIVOTS) if physics.robot.has_fingers else int(NONE)
         kernel = control_step(physics.robot.name, physics.num_blocks, kind)
         self._call = wp.jax_kernel(kernel, num_outputs=3, launch_dims=1)
@@ -49,7 +55,11 @@ class KernelPhysics:
         lane = [pose, velocity, memory, *_fields(shapes, BLOCK_MASS / of.block_mass)]
         lane += [jnp.stack([jnp.asarray(x, jnp.float32) for x in f]) for f in (strengths, command)]
         scalars = 1 / of.block_mass, of.arena, dt, of._ahead, (1.0 - _LEFT**dt) / dt
-        dims = {"new_pose": (1, len(pose)), "new_velocity": (1, len(pose)), "new_memory": (1, self._memory)}
+        dims = {
+            "new_pose": (1, len(pose)),
+            "new_velocity": (1, len(pose)),
+            "new_memory": (1, self._memory),
+        }
         found = self._call(
             *(x[None] for x in lane), *scalars, of.substeps, of.iterations, output_dims=dims
         )
@@ -62,6 +72,19 @@ class KernelPhysics:
     def clearance(self, pose: Float[Array, "E 3"], shapes: BlockShape) -> Float[Array, ""]:
         """Gap between the robot and the nearest block or wall, as `Physics.clearance`."""
         return self.physics.clearance(pose, shapes)
+
+
+@contextlib.contextmanager
+def _without_stderr() -> Iterator[None]:
+    """Keeps what libraries print out of the process's standard error."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _fields(shapes: BlockShape, lightness: float) -> list[Array]:

@@ -74,7 +74,7 @@ def sign(x: float) -> float:
 @no_type_check
 def _face(shapes: Shapes, b: int, point: wp.vec2, middle: wp.vec2) -> wp.vec2:
     """The direction in which both points lie the furthest."""
-    best = float(-1.0e9)
+    best = wp.float32(-1.0e9)
     face = wp.vec2(0.0, 0.0)
     for k in range(5):
         direction = shapes.directions[b, k]
@@ -95,7 +95,7 @@ def block_distance(
     Where it can be `deep` in the block, its body's middle says through which face it leaves. Beyond
     the margin a distance is only some number that is beyond it, too.
     """
-    along = float(-1.0e9)
+    along = wp.float32(-1.0e9)
     nearest = wp.vec2(0.0, 0.0)
     for k in range(5):
         direction = shapes.directions[b, k]

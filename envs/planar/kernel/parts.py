@@ -14,22 +14,21 @@ Numbers = wp.types.vector(17 + 2 * _CORNERS, wp.float32)
 
 def numbers(parts: tuple[RobotPart, ...]):
     """A Warp matrix whose rows are the parts, their numbers in the order of `part_of`."""
-    rows = [_of(part) for part in parts]
-    return wp.types.matrix((len(rows), len(rows[0])), wp.float32)(*sum(rows, []))
+    rows = np.array([_of(part) for part in parts])
+    return wp.types.matrix(rows.shape, wp.float32)(rows)
 
 
-def _of(part: RobotPart) -> list[float]:
+def _of(part: RobotPart) -> np.ndarray:
     boxes = [(*b.center, *b.half) for b in part.boxes]
     tilt = part.boxes[-1].angle if boxes else 0.0
     boxes += [(0.0,) * 4] * (2 - len(boxes))
     reach = part.radius or np.linalg.norm(part.outline, axis=1).max()
     ends = np.zeros((_CORNERS, 2))
     ends[: len(part.corners)] = part.corners
-    flat = np.array([
+    return np.array([
         1 / part.mass, 1 / part.inertia, part.friction, part.radius, reach, len(part.boxes),
         *boxes[0], *boxes[1], np.cos(tilt), np.sin(tilt), len(part.corners), *ends.ravel(),
     ])  # fmt: skip
-    return flat.tolist()
 
 
 @wp.func

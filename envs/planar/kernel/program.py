@@ -65,7 +65,10 @@ def _solve(
 @wp.func
 @no_type_check
 def _keep_rows(
-    rows: wp.array(dtype=Row), count: int, old: wp.array(dtype=wp.vec2i), memory: wp.array(dtype=float)
+    rows: wp.array(dtype=Row),
+    count: int,
+    old: wp.array(dtype=wp.vec2i),
+    memory: wp.array(dtype=float),
 ):
     """Writes the rows' impulses into the memory, and into `old` where they are."""
     for r in range(count):
@@ -76,7 +79,9 @@ def _keep_rows(
 
 @wp.func
 @no_type_check
-def _forget(memory: wp.array(dtype=float), contacts: int, old: wp.array(dtype=wp.vec2i), known: int):
+def _forget(
+    memory: wp.array(dtype=float), contacts: int, old: wp.array(dtype=wp.vec2i), known: int
+):
     """Zeros the memory of contacts: that of the `known` ones in `old`, or if -1 of all."""
     if known < 0:
         for slot in range(contacts):
@@ -151,7 +156,7 @@ def control_step(robot: str, blocks: int, kind: int) -> wp.Kernel:
         drive = wp.vec3(kept[end], kept[end + 1], kept[end + 2])
         fingers = recalled(kept, end + 3, kind)
 
-        known = int(-1)
+        known = wp.int32(-1)
         for _ in range(substeps):
             if kind == PINS:
                 fingers.pupils = swung(fingers.pupils, moving[0][2] + shift[0][2], dt)

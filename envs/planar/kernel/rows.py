@@ -113,14 +113,18 @@ def kick(
     velocity[row.second] = velocity[row.second] + wp.vec3(
         push[0] * w[0], push[1] * w[0], w[1] * (arm[0] * j[0] + arm[1] * j[1])
     )
-    shift[row.second] = shift[row.second] + wp.vec3(apart[0] * w[0], apart[1] * w[0], w[1] * (arm[0] * j[2]))
+    shift[row.second] = shift[row.second] + wp.vec3(
+        apart[0] * w[0], apart[1] * w[0], w[1] * (arm[0] * j[2])
+    )
     if row.first >= 0:
         w = weights[row.first]
         arm = row.recoil
         velocity[row.first] = velocity[row.first] - wp.vec3(
             push[0] * w[0], push[1] * w[0], w[1] * (arm[0] * j[0] + arm[1] * j[1])
         )
-        shift[row.first] = shift[row.first] - wp.vec3(apart[0] * w[0], apart[1] * w[0], w[1] * (arm[0] * j[2]))
+        shift[row.first] = shift[row.first] - wp.vec3(
+            apart[0] * w[0], apart[1] * w[0], w[1] * (arm[0] * j[2])
+        )
 
 
 @wp.func
@@ -157,7 +161,7 @@ def sweep(
     weights: wp.array(dtype=wp.vec2),
 ):  # fmt: skip
     """One pass over all rows, a layer at a time."""
-    done = int(0)
+    done = wp.int32(0)
     for r in range(count):
         row = rows[r]
         sums = _solved(row, velocity, shift)

@@ -11,6 +11,7 @@ import warp as wp
 from .outlines import Part, Shapes, block_distance, box_distance, into, out_of
 from .rows import Row, Touch, append, deeper, nothing, prepared
 
+MIDDLE = wp.constant(1.0e-6)
 BLOCK_FRICTION = wp.constant(0.5)
 WALL_FRICTION = wp.constant(0.8)
 
@@ -56,7 +57,7 @@ def _box_on_block(
                 distance, out = box_distance(part.fore, part.tilt, local, middle)
             out = out_of(out, at)
             second = corner - out * radius
-            if into(second, at)[axis] >= 0.0:
+            if into(second, at)[axis] >= -MIDDLE:
                 right = deeper(right, distance - radius, out, second)
             else:
                 left = deeper(left, distance - radius, out, second)
@@ -67,7 +68,7 @@ def _box_on_block(
         gap, out = block_distance(shapes, b, into(point, heading), middle, True, 0.0)
         out = out_of(out, heading)
         second = point - out * gap
-        if into(second, at)[axis] >= 0.0:
+        if into(second, at)[axis] >= -MIDDLE:
             right = deeper(right, gap, -out, second)
         else:
             left = deeper(left, gap, -out, second)
@@ -83,7 +84,8 @@ def _of_part(
     lefts: wp.array(dtype=Touch), rows: wp.array(dtype=Row), count: int,
 ) -> int:  # fmt: skip
     """Appends the rows of one part with the blocks: a layer of a disc, two of boxes."""
-    part, n = parts[p], int(count)
+    part = parts[p]
+    n = wp.int32(count)
     friction, wide = part.friction * BLOCK_FRICTION, scene.blocks
     for b in range(scene.blocks):
         body = scene.parts + b
@@ -154,7 +156,8 @@ def _of_walls(
     rows: wp.array(dtype=Row), count: int,
 ) -> int:  # fmt: skip
     """Appends the rows of body e with the walls: the nearer of each axis, on either side."""
-    n, corners, reach, radius, friction = int(count), int(5), float(0.0), float(0.0), float(0.0)
+    n, corners = wp.int32(count), wp.int32(5)
+    reach, radius, friction = wp.float32(0.0), wp.float32(0.0), wp.float32(0.0)
     if e < scene.parts:
         corners = parts[e].corners
         reach = parts[e].reach
@@ -197,7 +200,7 @@ def find_rows(
     lefts: wp.array(dtype=Touch), rows: wp.array(dtype=Row),
 ) -> int:  # fmt: skip
     """Lists all that touches, with the impulses in `memory`; returns how many rows there are."""
-    count, layer, wide = int(0), int(0), scene.blocks
+    count, layer, wide = wp.int32(0), wp.int32(0), scene.blocks
     for p in range(scene.parts):
         count = _of_part(
             p, layer, parts, shapes, scene, pose, heading, weights, memory, lefts, rows, count

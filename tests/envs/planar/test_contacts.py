@@ -102,6 +102,15 @@ def test_a_circle_before_a_stick_touches_where_it_is_nearest(gap):
     assert float(which.second.y[0]) == pytest.approx(-0.12, abs=1e-5)
 
 
+def test_a_circle_on_a_side_keeps_its_layer_however_the_stick_turns():
+    """Its impulses start the next substep's only if they lie in the same layer."""
+    for yaw in np.linspace(-3, 3, 40):
+        way = 0.169 * np.array([-np.sin(yaw), np.cos(yaw)])
+        right, left = _with("medium", [CIRCLE], [(*way, 0.3)], at=(0.0, 0.0, yaw))
+        assert float(right.gap[0]) == pytest.approx(-0.001, abs=1e-6)
+        assert float(left.gap[0]) > 0.0
+
+
 def test_a_stick_end_that_digs_into_a_block_is_found_though_no_block_corner_is_inside():
     """The corner of the stick is 0.01 below the face of a square that is wider than the stick."""
     depth = 0.01

@@ -1,0 +1,159 @@
+"""The kernel against the XLA engine, step by step, and inside JAX's transformations."""
+
+import functools
+import importlib.util
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.envs.magical import simulator
+from gril_jax.envs.planar import shapes
+from gril_jax.envs.planar.joints import Strengths
+from support import planar_scenes
+
+from gril_jax import envs
+
+LANES, STEPS = 32, 40
+INSTALLED = importlib.util.find_spec("warp") is not None
+with_warp = pytest.mark.skipif(not INSTALLED, reason="warp-lang is not installed")
+# From any layout, the robot often before a block, so that most of the states have contacts.
+STARTS = dict(variant="all", varied_starts=1.0, facing=1.0)
+CASES = [("gripper", "xmagical"), ("gripper", "magical"), ("short", "xmagical")]
+CASES += [
+    pytest.param(*case, marks=pytest.mark.slow)
+    for case in (("long", "magical"), ("medium", "xmagical"))
+]
+
+
+@functools.cache
+def _env(robot="gripper", physics="xmagical", engine="kernel"):
+    return envs.make("match_regions", robot=robot, physics=physics, engine=engine, **STARTS)
+
+
+def _starts(env, lanes=LANES):
+    return jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), lanes))
+
+
+def _arguments(env, state, action):
+    """Arguments of the engines' `step`."""
+    data, command = state.data, env._command(action)
+    scene = data.pose, data.velocity, data.memory, shapes.blocks(data.shape)
+    return *scene, Strengths(*data.strengths), command
+
+
+def _actions(size, steps=STEPS, lanes=LANES):
+    """Random actions (steps, lanes, size), held for a while, mostly forward and little turned."""
+    rng = np.random.default_rng(1)
+    held = rng.uniform(-1, 1, (-(-steps // 5), lanes, size))
+    held[..., 0] = np.abs(held[..., 0]) * rng.choice([1, 1, 1, -1], held.shape[:2])
+    held[..., 1] *= rng.choice([0.05, 1.0], held.shape[:2])
+    return jnp.asarray(np.repeat(held, 5, axis=0)[:steps], jnp.float32)
+
+
+def _apart(robot, physics):
+    """Largest differences of poses, velocities and memories (steps, lanes), and of contacts.
+
+    Each control step begins in a state of the XLA engine's.
+    """
+    one, other = (_env(robot, physics, engine) for engine in ("impulse", "kernel"))
+    contacts = 3 * (len(one.blocks) + 1) + (0 if robot != "gripper" else 12)
+
+    def compared(state, action):
+        given = _arguments(one, state, action)
+        a, b = one._engine.step(*given), other._engine.step(*given)
+        errors = [jnp.abs(x - y).max() for x, y in zip(a, b, strict=True)]
+        return one.step(state, action), (*errors, (a[2][:-contacts] > 0).sum())
+
+    play = jax.jit(lambda s, a: jax.lax.scan(lambda s, a: jax.vmap(compared)(s, a), s, a))
+    return [np.asarray(x) for x in play(_starts(one), _actions(one.action_size))[1]]
+
+
+@with_warp
+@pytest.mark.parametrize(("robot", "physics"), CASES)
+def test_a_control_step_is_that_of_the_xla_engine(robot, physics):
+    """But for rounding, to which a few pinched blocks are sensitive."""
+    pose, velocity, memory, contacts = _apart(robot, physics)
+    assert (contacts > 0).mean() > 0.3
+    assert (contacts > 2).any()
+    for error in (pose, memory):
+        assert np.median(error) < 2e-6
+        assert np.quantile(error, 0.9) < 1e-4
+        assert (error > 1e-3).mean() < 0.02
+    assert np.median(velocity) < 5e-5
+
+
+@with_warp
+@pytest.mark.parametrize("robot", ["gripper", "short"])
+def test_extreme_actions_keep_all_finite_and_inside(robot):
+    env = _env(robot)
+    rng = np.random.default_rng(2)
+    actions = np.repeat(rng.choice([-1.0, 1.0], (20, LANES, env.action_size)), 10, axis=0)
+
+    def move(state, action):
+        state = jax.vmap(env.step)(state, action)
+        return state, (state.data.pose, state.data.velocity, state.data.memory)
+
+    _, moved = jax.jit(lambda s, a: jax.lax.scan(move, s, a))(_starts(env), np.float32(actions))
+    assert all(np.isfinite(x).all() for x in moved)
+    robots = np.asarray(moved[0])[..., :1, :2]
+    assert np.abs(robots).max() < env.arena
+
+
+def _leaves(found):
+    return [np.asarray(x) for x in found]
+
+
+@with_warp
+def test_a_step_is_the_same_in_a_program_and_outside_and_each_time():
+    env = _env()
+    state = jax.tree.map(lambda x: x[3], _starts(env))
+    given = _arguments(env, state, jnp.array([1.0, 0.3, 0.2]))
+    plain = type(env._engine).step.__wrapped__
+    found = [_leaves(env._engine.step(*given)) for _ in range(2)]
+    found.append(_leaves(plain(env._engine, *given)))
+    for again in found[1:]:
+        for a, b in zip(found[0], again, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(found[0][0], given[0])
+
+
+@with_warp
+def test_lanes_of_lanes_are_single_ones():
+    env = _env()
+    state, action = _starts(env, 6), _actions(3, 1, 6)[0]
+    nested = jax.tree.map(lambda x: x.reshape(2, 3, *x.shape[1:]), (state, action))
+    step = lambda s, a: env._engine.step(*_arguments(env, s, a))  # noqa: E731
+    found = jax.jit(jax.vmap(jax.vmap(step)))(*nested)
+    for lane in range(6):
+        single = step(*jax.tree.map(lambda x, lane=lane: x[lane], (state, action)))
+        for many, one in zip(found, single, strict=True):
+            np.testing.assert_allclose(many[divmod(lane, 3)], one, atol=1e-6)
+
+
+@with_warp
+def test_shapes_that_all_lanes_share_are_those_of_each():
+    env = envs.make("match_regions", engine="kernel")
+    state, action = _starts(env, 4), _actions(3, 1, 4)[0]
+    each = jax.vmap(lambda s, a: env._engine.step(*_arguments(env, s, a)))(state, action)
+    shared = jax.vmap(env.step)(state, action).data
+    np.testing.assert_allclose(shared.pose, each[0], atol=1e-6)
+
+
+@with_warp
+def test_it_begins_and_measures_as_the_xla_engine():
+    one, other = (_env(engine=engine) for engine in ("impulse", "kernel"))
+    np.testing.assert_array_equal(one._engine.rest(), other._engine.rest())
+    pose = jnp.asarray(planar_scenes.scene("gripper", (0.0, 0.0, 0.0)), jnp.float32)
+    assert one.clearance(pose) == other.clearance(pose)
+    moving = dict(action=jnp.array([1.0, 0.0, 0.0]))
+    states = [env.reset_to(pose, jnp.zeros_like(pose), **moving) for env in (one, other)]
+    np.testing.assert_array_equal(*(state.data.memory for state in states))
+
+
+def test_without_the_package_a_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gril_jax.envs.planar.kernel.engine", None)
+    simulator._in_a_kernel.cache_clear()
+    with pytest.raises(ValueError, match=r"engine is 'kernel', .* pip install 'gril-jax\[warp\]'"):
+        envs.make("match_regions", engine="kernel")
