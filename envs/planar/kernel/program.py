@@ -30,9 +30,10 @@ def _table_and_drive(
     """One pass over these joints; returns the drive's summed impulse. `most` are impulses."""
     for b in range(scene.blocks):
         e = scene.parts + b
-        held = steered(velocity[e], table[b], wp.vec3(), weights[e], most[3], most[4])
-        velocity[e] = served(velocity[e], held - table[b], weights[e])
-        table[b] = held
+        if wp.length_sq(velocity[e]) + wp.length_sq(table[b]) > 0.0:  # else it stays still
+            held = steered(velocity[e], table[b], wp.vec3(), weights[e], most[3], most[4])
+            velocity[e] = served(velocity[e], held - table[b], weights[e])
+            table[b] = held
     new = steered(velocity[0], drive, aim.drive, weights[0], most[0], most[1])
     velocity[0] = served(velocity[0], new - drive, weights[0])
     return new
@@ -102,7 +103,8 @@ def _move(
     for e in range(bodies):
         before[e] = pose[e]
         pose[e] = pose[e] + dt * (share * velocity[e] + shift[e])
-        heading[e] = wp.vec2(wp.cos(pose[e][2]), wp.sin(pose[e][2]))
+        if pose[e][2] != before[e][2]:  # most blocks are still
+            heading[e] = wp.vec2(wp.cos(pose[e][2]), wp.sin(pose[e][2]))
         shift[e] = wp.vec3()
 
 
@@ -148,6 +150,7 @@ def control_step(robot: str, blocks: int, kind: int) -> wp.Kernel:
         for e in range(bodies):
             at[e] = pose[lane, e]
             moving[e] = velocity[lane, e]
+            heading[e] = wp.vec2(wp.cos(at[e][2]), wp.sin(at[e][2]))
         end = contacts + 3 * blocks
         for b in range(blocks):
             weights[parts + b] = wp.vec2(inverse_mass, shapes.sizes[b, 1])

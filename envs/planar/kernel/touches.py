@@ -91,7 +91,8 @@ def _of_part(
         body = scene.parts + b
         offset = _between(pose, p, body)
         lefts[b] = nothing()
-        if wp.length(offset) <= part.reach + shapes.sizes[b, 2]:
+        near = part.reach + shapes.sizes[b, 2]
+        if wp.dot(offset, offset) <= near * near:
             touch = nothing()
             if part.boxes == 0:
                 point = into(-offset, heading[body])
@@ -122,7 +123,8 @@ def _of_pair(
     """Appends the row of block i's deepest corner in block j, if there is one."""
     first, second, wide = scene.parts + i, scene.parts + j, scene.blocks
     offset = _between(pose, first, second)
-    if wp.length(offset) > shapes.sizes[i, 2] + shapes.sizes[j, 2]:
+    near = shapes.sizes[i, 2] + shapes.sizes[j, 2]
+    if wp.dot(offset, offset) > near * near:
         return count
     best, radius = nothing(), shapes.sizes[i, 0]
     for k in range(5):
