@@ -19,7 +19,7 @@ from gril_jax.envs.planar.shapes import BlockShape
 from jaxtyping import Array, Float
 
 from .fingers import NONE, PINS, PIVOTS
-from .program import control_step
+from .lanes import callable_step
 
 
 class KernelPhysics:
@@ -31,8 +31,7 @@ class KernelPhysics:
         with _without_stderr():  # where there is no GPU, Warp's library says so
             wp.init()
         kind = int(PINS if pins else PIVOTS) if physics.robot.has_fingers else int(NONE)
-        kernel = control_step(physics.robot.name, physics.num_blocks, kind)
-        self._call = wp.jax_kernel(kernel, num_outputs=3, launch_dims=1)
+        self._call = callable_step(physics.robot.name, physics.num_blocks, kind)
         self._memory = physics.rest().size
 
     def rest(self) -> Float[Array, "I"]:

@@ -18,6 +18,7 @@ from .rows import Row, Touch, kick, sweep
 from .servos import Aims, Command, aims_of, served, steered
 from .touches import Scene, find_rows
 
+OUTPUTS = 3  # of the kernel: poses, velocities, memories
 Strengths = wp.types.vector(5, wp.float32)  # the fields of `joints.Strengths`
 
 

@@ -1,6 +1,7 @@
 """The kernel against the XLA engine, step by step, and inside JAX's transformations."""
 
 import functools
+import importlib
 import importlib.util
 import sys
 
@@ -157,3 +158,17 @@ def test_without_the_package_a_sentence_says_what_to_install(monkeypatch):
     simulator._in_a_kernel.cache_clear()
     with pytest.raises(ValueError, match=r"engine is 'kernel', .* pip install 'gril-jax\[warp\]'"):
         envs.make("match_regions", engine="kernel")
+
+
+@with_warp
+def test_threads_share_out_lanes_without_a_trace(monkeypatch):
+    lanes = importlib.import_module("gril_jax.envs.planar.kernel.lanes")
+    env, found = _env(), []
+    state, action = _starts(env, 200), _actions(3, 1, 200)[0]
+    step = jax.jit(jax.vmap(lambda s, a: env._engine.step(*_arguments(env, s, a))))
+    for cores in (1, 3):
+        monkeypatch.setattr(lanes, "_cores", lambda cores=cores: cores)
+        assert len(lanes._shares(200)) == cores
+        found.append(_leaves(step(state, action)))
+    for one, three in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, three)
