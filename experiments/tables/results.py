@@ -69,6 +69,7 @@ class Table(NamedTuple):
     save: Callable[[Path, str, Any], None] = write_settings
     names: Callable[[Any], Sequence[str]] = lambda settings: [*settings.rows]
     complete: Callable[[Found, Any], Found] = lambda found, settings: found  # as read from a run
+    newer: Sequence[str] = ()  # columns that older CSVs lack
     joins_csv: bool = False  # tables of joined runs are made of their CSV alone
     order: Sequence[str] = ()  # of rows of joined runs; as they are given where empty
     summary: Callable[[Found], Mapping[str, Any]] = lambda found: {}  # in results.json
@@ -110,7 +111,7 @@ def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
     """The results that a run's CSV holds, with six digits each."""
     file = folder / f"{table.name}.csv"
     try:
-        lines = read_csv(file.read_text(encoding="utf-8"), table.columns([]), COUNTS)
+        lines = read_csv(file.read_text(encoding="utf-8"), table.columns([]), [*COUNTS, *table.newer])
     except (OSError, ValueError, KeyError, TypeError):
         raise RunError(
             f"{folder} has no table yet: its {file.name} is missing or damaged"
