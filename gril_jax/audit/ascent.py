@@ -76,7 +76,7 @@ def search(
             goal = jnp.clip(center + step, -limit, limit)
             return (_without_progress(task, start, center, goal), keep(best, center, paid)), None
 
-        never = (scene.center, jnp.float32(-jnp.inf))
+        never = (scene.center, jnp.full_like(value(scene.center), -jnp.inf))
         (_, (center, paid)), _ = jax.lax.scan(climb, (scene.center, never), lengths)
         return Found(at(center), paid)
 

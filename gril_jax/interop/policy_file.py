@@ -76,7 +76,8 @@ def main(
     echo: Callable[[str], None] = print,
 ) -> None:
     """Writes the newest policy of a run to a new file; its algorithm is built from its config. A
-    RunError if the run has no policy or a broken one, or the file exists or cannot be written."""
+    RunError if the run has no policy or a broken one, or the file exists or cannot be written; a
+    ShapeError if the task misnames its numbers."""
     found = checkpoint.newest(folder, "policy")
     fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
     arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
@@ -109,7 +110,8 @@ def describe(
     arrays: dict[str, Float[np.ndarray, "..."]],
     objects: Sequence[str],
 ) -> dict[str, Any]:
-    """The meaning of the arrays, as JSON has it. Index ranges are [start, stop).
+    """The meaning of the arrays, as JSON has it; errors are those of `observation_layout`. Index
+    ranges are [start, stop).
 
     The objects are those whose activity bits the policy sees, in order. Its fields:
       format, version, gril_jax: what wrote the file; version 1 had neither digest nor reader.
@@ -165,7 +167,8 @@ def observation_layout(env: SizedTask, objects: Sequence[str] = ()) -> list[dict
 
 
 def action_layout(env: SizedTask) -> list[dict[str, Any]]:
-    """Name, start, stop, low and high of each part of the action, as `observation_layout`."""
+    """Name, start, stop, low and high of each part of the action, as `observation_layout`, whose
+    errors are the same."""
     found = _layout(env, "action", env.action_size)
     return [entry | {"low": -1.0, "high": 1.0} for entry in found]
 
