@@ -32,9 +32,8 @@ def load_policy(path: str | os.PathLike) -> Callable[[Any], np.ndarray]:
     try:
         _check_policy(about, arrays)
     except Exception as error:
-        raise ValueError(
-            f"{path} is no whole policy file ({error!s:.99}): export it again"
-        ) from None
+        why = str(error)[:99] or type(error).__name__
+        raise ValueError(f"{path} is no policy file ({why}): export it again") from None
     mean, limit = arrays["observation_mean"], arrays["observation_limit"]
     start, stop = about["output"]["mean"]
 
@@ -58,11 +57,11 @@ def unpack(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarra
     try:
         whole = hashlib.sha256(raw[:-64]).hexdigest().encode() == raw[-64:]
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-            members = {info.filename: info for info in archive.infolist()}
-            _require(len(members) == len(archive.infolist()), "two arrays have one name")
-            _require(sum(i.file_size for i in members.values()) <= len(raw), "it would inflate")
-            _require(not any(i.compress_type for i in members.values()), "it is compressed")
-            arrays = {name.removesuffix(".npy"): _array(archive.read(name)) for name in members}
+            members = archive.infolist()
+            _require(sum(member.file_size for member in members) <= len(raw), "it would inflate")
+            _require(not any(member.compress_type for member in members), "it is compressed")
+            arrays = {m.filename.removesuffix(".npy"): _array(archive.read(m)) for m in members}
+        _require(len(arrays) == len(members), "two arrays have one name")
         _require("description" in arrays, "it has no description")
         about = json.loads(str(arrays.pop("description")))
         _require(isinstance(about, dict) and "version" in about, "its description has no version")
@@ -71,9 +70,8 @@ def unpack(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarra
             _require(array.dtype == np.float32, f"{name} is not float32")
             _require(np.isfinite(array).all(), f"{name} is not finite")
     except Exception as error:
-        raise ValueError(
-            f"{path} is cut short or damaged ({error!s:.99}): export it again"
-        ) from None
+        why = str(error)[:99] or type(error).__name__
+        raise ValueError(f"{path} is cut short or damaged ({why}): export it again") from None
     return about, arrays
 
 
