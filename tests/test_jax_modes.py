@@ -124,7 +124,9 @@ def _policy(module, name, static):
     algorithm = getattr(module, name)(Probe(), rewards.environmental, static)
     hyper = module.Hyper(*map(jnp.float32, module.Hyper()))
     state = jax.jit(algorithm.init)(jax.random.key(0), hyper)
-    state, values = jax.jit(lambda state: algorithm.step(state, hyper, ()))(state)
+    # A scan, whose state must keep its types.
+    steps = jax.jit(lambda s: jax.lax.scan(lambda s, _: algorithm.step(s, hyper, ()), s, length=2))
+    state, values = steps(state)
     return algorithm.policy(state), values
 
 
