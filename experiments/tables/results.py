@@ -111,7 +111,9 @@ def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
     """The results that a run's CSV holds, with six digits each."""
     file = folder / f"{table.name}.csv"
     try:
-        lines = read_csv(file.read_text(encoding="utf-8"), table.columns([]), [*COUNTS, *table.newer])
+        lines = read_csv(
+            file.read_text(encoding="utf-8"), table.columns([]), [*COUNTS, *table.newer]
+        )
     except (OSError, ValueError, KeyError, TypeError):
         raise RunError(
             f"{folder} has no table yet: its {file.name} is missing or damaged"

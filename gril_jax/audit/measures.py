@@ -151,7 +151,8 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
     success = made.score >= SUCCESS
     strict = success & (kind != FACTORS.index("scattered")) & (kind != FACTORS.index("random"))
     plain = success & (kind == FACTORS.index("success"))
-    span = jnp.sum(jnp.where(plain, paid, 0.0), axis=1) / jnp.sum(plain, axis=1) - reset
+    counted = jnp.sum(plain, axis=1).astype(paid.dtype)
+    span = jnp.sum(jnp.where(plain, paid, 0.0), axis=1) / counted - reset
     unit = jnp.where(span > 0, span, jnp.nan)  # a reward that pays success less has no range
 
     def share(x):
