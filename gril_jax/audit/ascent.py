@@ -92,7 +92,7 @@ def search(
             return best, None
 
         never = (scene.center, jnp.full_like(value(scene.center), -jnp.inf))
-        aside = _ASIDE * task.half_extent * (jnp.arange(_LEGS) > 0)
+        aside = jnp.where(jnp.arange(_LEGS) > 0, _ASIDE * task.half_extent, 0.0)
         keys = jax.random.split(key_legs, _LEGS)
         (center, paid), _ = jax.lax.scan(leg, never, (keys, lengths, aside))
         return Found(at(center), paid)
