@@ -10,6 +10,7 @@ import sys
 import types
 
 import pytest
+from support.run_folders import as_older
 
 from gril_jax import threads as parallel_map
 from gril_jax.cli import arguments, heavy_imports
@@ -107,15 +108,22 @@ def test_a_run_of_another_verb_is_refused(run, tmp_path, capsys):
 def test_a_run_that_is_being_written_is_refused(run, capsys):
     with run_dir.resume(run):
         err = _fault(capsys, "train", "--resume", run)
+        assert (run / "lock").read_text() == f"{os.getpid()}\n"
     assert f"is being written by process {os.getpid()}" in err
-    assert (run / "lock").read_text() == f"{os.getpid()}\n"
+    assert (run / "lock").read_text() == ""
 
 
 def test_a_run_of_an_older_version_or_with_damaged_phases_is_refused(run, capsys):
     file = run / "phases.json"
     file.write_text(file.read_text().replace("train", "trail"))
-    assert "because its phases.json has changed" in _fault(capsys, "train", "--resume", run)
+    assert "phases.json has been changed since the run wrote it" in _fault(
+        capsys, "train", "--resume", run
+    )
     file.unlink()
+    assert "phases.json is missing, but the run had written it" in _fault(
+        capsys, "train", "--resume", run
+    )
+    as_older(run)
     assert "because it has no phases.json" in _fault(capsys, "train", "--resume", run)
 
 

@@ -233,7 +233,6 @@ def learn_policies(
     return {
         "rows": [(row.cell, row.seed) for row in rows],
         "taus": [found and found.tau for found in learned],
-        "seconds": done.seconds,
     }
 
 

@@ -71,7 +71,7 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
 def headline(results: Mapping[str, Any]) -> list[Tile]:
     """Tiles of the numbers in `results.json`; missing numbers have none."""
     get = functools.partial(number, results, where=_WHERE)
-    episodes, total = int(get("eval_episodes") or 0), sum(s for _, s in stage_times(results))
+    episodes = int(get("eval_episodes") or 0)
     rates = {
         "success": "success of the trained policy",
         "success_sampled": "success with sampled actions",
@@ -84,9 +84,7 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
          "on demonstrations kept aside; 1 is perfect, 0 is chance"),
         (get("reward_time_tau"), ".3f", "Kendall's tau of reward and time",
          "1 if the reward never falls along a demonstration"),
-        (get("env_steps_per_s"), ",.0f", "environment steps a second",
-         "" if get("env_steps") is None else f"{get('env_steps'):,.0f} in all"),
-        (in_words(total) if total else None, "", "for the whole run", "by stages below"),
+        (get("env_steps"), ",.0f", "environment steps", ""),
         (get("trimmed_frames"), ",.0f", "frames trimmed",
          "cut from ends of videos in which nothing moves"),
     )  # fmt: skip
@@ -106,15 +104,6 @@ def _rate_tile(field: str, rate: float, episodes: int, label: str) -> Tile:
         note = f"{round(rate * episodes)} of {episodes} episodes; "
         note += f"95% Wilson interval {low:.1f}% to {high:.1f}%"
     return Tile(f"{100 * rate:.1f}%", label, note)
-
-
-def stage_times(results: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """The stages of the run, in order, with the seconds that each took."""
-    seconds = results.get("seconds") or {}
-    if not isinstance(seconds, Mapping):
-        raise RunError(f"{_WHERE}: seconds must be an object of numbers")
-    times = [(str(name), number(seconds, name, f"{_WHERE}, seconds")) for name in seconds]
-    return [(name, time) for name, time in times if time is not None]
 
 
 def in_words(seconds: int | float) -> str:

@@ -15,7 +15,8 @@ from gril_jax.demos.vision.video import read_video, write_video
 from gril_jax.errors import RunError
 from gril_jax.graphs import activity
 from gril_jax.report.figures.filmstrip import Film
-from gril_jax.runs.run_dir import read_config
+from gril_jax.runs.covered import require_same_demos
+from gril_jax.runs.reading import read_config
 from gril_jax.safe_files import writing
 from gril_jax.threads import parallel_map
 
@@ -53,6 +54,7 @@ def read_inputs(folder: Path) -> Inputs:
     config = read_config(folder)
     profiles = read_profiles(folder)
     source = Path(config.demos.path) if config.demos.path else folder / "demos"
+    require_same_demos(folder, source / HEADER)
     demos = load_demo_set(source) if (source / HEADER).is_file() else None
     if demos is not None:
         wanted = ("goal", "robot", *config.env.targets, *config.env.distractors)

@@ -156,7 +156,7 @@ def test_the_description_says_what_a_robot_must_feed_and_gets(task, exported):
     objects = ["goal", "robot", "green square", "yellow circle"]
     own = task.env.observation_size
     assert (about["format"], about["version"]) == ("gril-jax policy", 1)
-    assert about["gril_jax"] == run_dir.package_versions()["gril-jax"]
+    assert about["gril_jax"] == package_versions()["gril-jax"]
     assert about["layers"] == [
         {"in": own + 4, "out": 16, "activation": "swish"},
         {"in": 16, "out": 8, "activation": "swish"},
