@@ -23,21 +23,32 @@ class Marks(NamedTuple):
 
     found: Sequence[Mark]
     complete: bool  # False if a checkpoint is of a version that had no marks
+    damaged: Sequence[str]  # a sentence for each checkpoint whose mark cannot be read
 
 
 def marks_of(path: Path, phases: Phases | None) -> Marks:
-    """The marks of a run; those of damaged checkpoints, which are set aside, do not count."""
+    """The marks of a run; of one that has finished the file of its phases has the last one."""
     found = [] if phases is None or phases.metrics is None else [phases.metrics]
-    complete = True
+    complete, damaged = True, list[str]()
+    if has_finished(phases):
+        return Marks(found, complete, damaged)
     for folder in sorted((path / "checkpoints").glob("*")):
         newest = manifest.latest(folder)
         try:
             mark = newest and manifest.manifest(newest).get("metrics")
-        except RunError:
+        except manifest.DamagedError as error:
+            damaged.append(str(error))
+            continue
+        except RunError:  # removed at this moment, by the process that writes them
             continue
         found += [mark] if mark else []
         complete = complete and (newest is None or mark is not None)
-    return Marks(found, complete)
+    return Marks(found, complete, damaged)
+
+
+def has_finished(phases: Phases | None) -> bool:
+    """True if a run has come to its results, as far as its phases say it."""
+    return phases is not None and "finished" in (phases.files or {})
 
 
 def newest_mark(marks: Marks) -> Mark | None:
@@ -81,10 +92,11 @@ def read_metrics(path: Path, *, clocks: bool = False) -> list[dict[str, Any]]:
     """
     file = _file(path, "metrics.jsonl")
     phases = recorded(path)
-    finished = phases is not None and "finished" in (phases.files or {})
-    marks = marks_of(path, phases).found  # before the file, which may be growing
+    marks = marks_of(path, phases)  # before the file, which may be growing
+    if marks.damaged:
+        raise RunError(marks.damaged[0])
     try:
-        rows = read_rows(file, marks, whole=finished)
+        rows = read_rows(file, marks.found, whole=has_finished(phases))
     except FileNotFoundError:
         raise RunError(f"the run in {path} has no metrics yet: it lacks {file.name}") from None
     except OSError as error:

@@ -69,6 +69,7 @@ class RunDir:
     def _checked_rows(self) -> list[dict[str, Any]]:
         """The rows of work that is not done again, which must be those that the run wrote."""
         marks = marks_of(self.path, self._phases)
+        self.said += marks.damaged
         rows = read_rows(self.rows.file, marks.found)
         if marks.complete:
             self.rows.cut_after(newest_mark(marks), self._phases.finished)

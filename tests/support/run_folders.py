@@ -123,6 +123,20 @@ def save_run(
     return path if covered else as_older(path)
 
 
+def differing(one, other):
+    """Files of two runs that differ or that only one of them has, but for the clocks."""
+    names = {p.relative_to(run).as_posix() for run in (one, other) for p in run.rglob("*")}
+    return sorted(
+        name
+        for name in names
+        if name != "times.jsonl" and _contents(one / name) != _contents(other / name)
+    )
+
+
+def _contents(file):
+    return file.read_bytes() if file.is_file() else file.is_dir()
+
+
 def as_older(path):
     """Makes a run like those of the versions that noted no digests; returns its folder."""
     (path / "phases.json").unlink(missing_ok=True)
