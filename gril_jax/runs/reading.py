@@ -33,16 +33,17 @@ def marks_of(path: Path, phases: Phases | None) -> Marks:
     if has_finished(phases):
         return Marks(found, complete, damaged)
     for folder in sorted((path / "checkpoints").glob("*")):
-        newest = manifest.latest(folder)
-        try:
-            mark = newest and manifest.manifest(newest).get("metrics")
-        except manifest.DamagedError as error:
-            damaged.append(str(error))
-            continue
-        except RunError:  # removed at this moment, by the process that writes them
-            continue
-        found += [mark] if mark else []
-        complete = complete and (newest is None or mark is not None)
+        for step in reversed(manifest.steps(folder)):
+            try:
+                mark = manifest.manifest(folder / f"{step:012d}").get("metrics")
+            except manifest.DamagedError as error:  # the one before it is taken
+                damaged.append(str(error))
+                continue
+            except RunError:  # removed at this moment, by the process that writes them
+                continue
+            found += [mark] if mark else []
+            complete = complete and mark is not None
+            break
     return Marks(found, complete, damaged)
 
 

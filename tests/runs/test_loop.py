@@ -147,6 +147,22 @@ def test_a_damaged_checkpoint_is_told_and_set_aside_and_the_one_before_taken(who
     assert _rows(path) == _rows(whole[0])
 
 
+def test_a_damaged_manifest_is_told_and_the_rows_of_the_checkpoint_before_it_stay(whole, tmp_path):
+    path = tmp_path / "run"
+    for chunks in (4, 8):
+        with pytest.raises(ZeroDivisionError):
+            _train(path, row=_fails_after(chunks))
+    *_, before, newest = sorted((path / "checkpoints" / "walk").glob("*"))
+    (newest / "manifest.json").write_text("{}")
+    with pytest.raises(RunError, match=f"{newest} is damaged"):
+        run_dir.read_metrics(path)
+    trained, (sentence,) = _train(path)
+    assert f"{newest} is damaged: its manifest cannot be read: it is set aside" in sentence
+    assert digest(trained.state) == whole[1]
+    assert _rows(path) == _rows(whole[0])
+    assert before.name < newest.name
+
+
 def test_with_all_checkpoints_damaged_a_phase_begins_again_and_says_so(whole, tmp_path):
     path = tmp_path / "run"
     with pytest.raises(ZeroDivisionError):
