@@ -55,9 +55,11 @@ class RunDir:
         self.rows = MetricRows(path / "metrics.jsonl")
         self.times = Times(path / times.FILE, expected=not begins and phases.files is not None)
         try:
-            self.said = [said for said in (self.rows.said, self.times.said) if said]
+            rows = self._checked_rows()
+            self.times.expect(rows)
+            self.said += [said for said in (self.rows.said, self.times.said) if said]
             self.times.append(started=time.strftime("%Y-%m-%dT%H:%M:%S%z"))
-            rows = self._with_clocks(self._checked_rows())
+            rows = self._with_clocks(rows)
             self._count = len(rows)
             for name in config.run.sinks:
                 self._sinks.append(open_sink(name, path, dataclasses.asdict(config)))

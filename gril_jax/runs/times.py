@@ -36,22 +36,29 @@ class Times:
 
     def __init__(self, file: Path, *, expected: bool):
         """`expected` if a run that goes on must have the file."""
-        self.file, self.said, self.rows = file, "", list[Row]()
-        self._last = ""
+        self.file, self.said = file, ""
         with writing(file.parent):
             data = file.read_bytes() if file.exists() else b""
             self.rows, self._last, end, fault = _checked(data)
-            os.truncate(file, end) if data else None
-            self._stream = open(file, "ab")
-        if expected and not data:
-            fault = "it is missing or empty"
-        if fault:
-            if data:
+            if fault:
                 file.with_name(f"{FILE}.damaged").write_bytes(data)
-            self.said = f"{file} is damaged ({fault}): the run goes on without the times lost"
-            self.append(lost=fault)
+            if end < len(data):
+                os.truncate(file, end)
+            self._stream = open(file, "ab")
+        if fault or (expected and not data):
+            self._lose(fault or "it is missing or empty")
         elif end < len(data):
             self.said = f"the last line of {file} was cut short, and is left out"
+
+    def expect(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Notes that times are lost if there are none of one of these rows."""
+        lacking = _first_lacking(rows, self.rows)
+        if lacking is not None:
+            self._lose(f"it has no times of line {lacking} of metrics.jsonl")
+
+    def _lose(self, fault: str) -> None:
+        self.said = f"{self.file} is damaged ({fault}): the run goes on without the times lost"
+        self.append(lost=fault)
 
     def append(self, **fields: Any) -> None:
         """Adds a line."""
@@ -98,15 +105,28 @@ def with_clocks(rows: Sequence[Mapping[str, Any]], times: Sequence[Row], file: P
 
     Rows of older versions have their own.
     """
-    by_line = {time["line"]: time for time in times if "line" in time}
-    complete = bool(times) and not any("lost" in time for time in times)
+    lacking = _first_lacking(rows, times)
+    if lacking is not None:
+        raise RunError(f"{file} has no times of line {lacking} of metrics.jsonl")
+    by_line = _by_line(times)
     found = []
     for number, row in enumerate(rows, 1):
-        clocks = by_line.get(number)
-        if clocks is None and complete and "seconds" not in row:
-            raise RunError(f"{file} lacks the times of line {number} of metrics.jsonl")
-        found.append({**row, **{k: v for k, v in (clocks or {}).items() if k in CLOCKS}})
+        clocks = by_line.get(number, {})
+        found.append({**row, **{name: clocks[name] for name in CLOCKS if name in clocks}})
     return found
+
+
+def _by_line(times: Sequence[Row]) -> dict[int, Row]:
+    return {time["line"]: time for time in times if "line" in time}
+
+
+def _first_lacking(rows: Sequence[Mapping[str, Any]], times: Sequence[Row]) -> int | None:
+    """The first line of metrics.jsonl without times, unless a line with "lost" allows for it."""
+    if not times or any("lost" in time for time in times):
+        return None
+    by_line = _by_line(times)
+    lines = enumerate(rows, 1)
+    return next((n for n, row in lines if n not in by_line and "seconds" not in row), None)
 
 
 def started(folder: Path) -> str | None:

@@ -76,6 +76,15 @@ def test_a_run_goes_on_without_times_that_are_damaged_and_says_so(path, whole_li
     assert json.loads(file.read_text().splitlines()[-1])["line"] == 5
 
 
+def test_a_run_goes_on_without_times_of_its_last_rows_and_says_so(path):
+    file = path / times.FILE
+    file.write_bytes(b"".join(file.read_bytes().splitlines(keepends=True)[:3]))
+    with run_dir.resume(path) as run:
+        assert "it has no times of line 3 of metrics.jsonl" in run.said[0]
+    found = run_dir.read_metrics(path, clocks=True)
+    assert [row.get("seconds") for row in found] == [0.0, 0.5, None, None]
+
+
 def test_a_line_that_was_cut_short_is_left_out_and_said(path):
     file = path / times.FILE
     file.write_bytes(file.read_bytes() + b'{"line": 5, "sec')

@@ -82,7 +82,7 @@ class Command(NamedTuple):
 
     run: Path
     args: Callable[[Path, Path], list[str]]  # from the run's copy and the folder for its output
-    made: Callable[[Path], Path] = lambda run: run / "nothing"  # a file that it writes into the run
+    drawn: tuple[str, ...] = ()  # files that it writes into the run, and reads only then
     through: str = ""  # a sentence of the command that comes after all reading
 
 
@@ -98,8 +98,9 @@ def carried_out(command: Command, work: Path) -> Outcome:
         except BaseException:
             code = None
             traceback.print_exc()
-    files = [*sorted(p for p in out.rglob("*") if p.is_file()), command.made(work / "run")]
-    made = tuple(hashlib.sha256(p.read_bytes()).hexdigest() for p in files if p.is_file())
+    files = [*sorted(p for p in out.rglob("*") if p.is_file())]
+    files += [work / "run" / name for name in command.drawn if (work / "run" / name).is_file()]
+    made = tuple(hashlib.sha256(p.read_bytes()).hexdigest() for p in files)
     return Outcome(code, said.getvalue(), told.getvalue(), made)
 
 
@@ -117,10 +118,11 @@ def files_read(command: Command, work: Path) -> tuple[list[str], Outcome]:
     finally:
         opened, _opened = _opened, None
     inside = {str(Path(p).absolute()) for p in opened}
+    before -= {*command.drawn}
     read = sorted(name for name in before if str((work / "run" / name).absolute()) in inside)
     _copied(command, work)
-    for name in before - {*read}:
-        (work / "run" / name).unlink()
+    for name in {*before, *command.drawn} - {*read}:
+        (work / "run" / name).unlink(missing_ok=True)
     again = carried_out(command, work)
     assert (again.code, again.out, again.made) == (whole.code, whole.out, whole.made), again
     return read, whole
