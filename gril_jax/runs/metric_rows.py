@@ -76,7 +76,13 @@ class MetricRows:
         the finished ones: its work is done again."""
         rows, begin = read_rows(self.file), mark["lines"] if mark else 0
         redone = (row.get("phase", None) not in {None, *finished} for row in rows[begin:])
-        self._cut(next((begin + i for i, again in enumerate(redone) if again), len(rows)))
+        end = next((begin + i for i, again in enumerate(redone) if again), len(rows))
+        self._cut(end)
+        if end < len(rows):
+            self.said += (
+                f"{'; ' * bool(self.said)}{len(rows) - end} lines of {self.file} after the last "
+                "checkpoint are left out: their work is done again"
+            )
 
     def _cut(self, lines: int) -> None:
         kept = self.file.read_bytes().split(b"\n")[:lines]

@@ -158,5 +158,11 @@ def planted(command: Command, work: Path, name: str, kind: str, draw) -> tuple[s
     faults = [line for line in found.err.splitlines() if line.startswith("gril: ")]
     if found.code and len(faults) == 1 and not (command.through and command.through in faults[0]):
         return "refused", faults[0]
-    repaired = any(word in found.out for word in ("is damaged", "was cut short"))
-    return ("said" if repaired else "silent"), text
+    return ("said" if _said(found.out, file, work / "run") else "silent"), text
+
+
+def _said(out: str, file: Path, run: Path) -> bool:
+    """True if a line tells of a file, or of the checkpoint that it is of, that it is left out."""
+    names = [str(file), *(str(above) for above in file.parents if run in above.parents)]
+    told = [line for line in out.splitlines() if any(name in line for name in names)]
+    return any(word in line for line in told for word in ("damaged", "left out"))
