@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import json
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -55,7 +54,6 @@ def main(
     everything begins from, share the ascents. Raises RunError if there is no reward yet, and
     ConfigError if reward and task do not fit together.
     """
-    began = time.perf_counter()
     learned, env, names, scenes = _subject(source, task, variant, starts, seed)
     if out is None:
         out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
@@ -80,7 +78,6 @@ def main(
     settings = {
         "source": str(source), "ascents": found.found.reward.size, "starts": starts, "seed": seed,
         "variant": getattr(env, "variant", None),
-        "seconds": round(time.perf_counter() - began, 1),
     }  # fmt: skip
     results = findings.as_json() | {"settings": settings}
     with run_dir.writing(out):

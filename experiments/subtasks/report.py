@@ -30,6 +30,7 @@ from gril_jax.errors import DemoError, RunError
 from gril_jax.report.figures.curves import reward_profile
 from gril_jax.report.figures.style import COLOURS, GREY, png, styled
 from gril_jax.runs import run_dir
+from gril_jax.runs.covered import require_same_demos
 from gril_jax.runs.metric_rows import plain
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
@@ -128,6 +129,7 @@ def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstration
     source = Path(config.demos.path or folder / "demos")
     if not (source / schema.HEADER).is_file():
         raise DemoError(f"{source} is gone, but the reward is to be followed along its films")
+    require_same_demos(folder, source / schema.HEADER)
     env = setup.make_env(config.env, training=False)
     return demonstrations.gather(config, env, folder / "demos", progress)
 

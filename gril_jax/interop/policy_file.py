@@ -46,8 +46,8 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import RunError, ShapeError
 from gril_jax.rl import training
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
-from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.versions import package_versions
 from gril_jax.safe_files import new_file, writing
 
 from . import read_policy
@@ -140,7 +140,7 @@ def describe(
     return {
         "format": FORMAT,
         "version": VERSION,
-        "gril_jax": run_dir.package_versions()["gril-jax"],
+        "gril_jax": package_versions()["gril-jax"],
         "layers": [
             {"in": kernel.shape[0], "out": kernel.shape[1], "activation": activation}
             for kernel, activation in zip(kernels, activations, strict=True)

@@ -7,8 +7,6 @@ import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from gril_jax.errors import RunError
-
 from .data import number
 from .rates import WHERE, Rate, name, own_start, rates, wilson
 
@@ -65,15 +63,12 @@ def _better(rate: Rate, random: Rate | None) -> bool:
 def headline(results: Mapping[str, Any]) -> list[Tile]:
     """Tiles of the numbers in `results.json`; missing numbers have none."""
     get = functools.partial(number, results, where=WHERE)
-    total = sum(s for _, s in stage_times(results))
     others = (
         (get("tau"), ".3f", "Kendall's tau of the alignment",
          "on demonstrations kept aside; 1 is perfect, 0 is chance"),
         (get("reward_time_tau"), ".3f", "Kendall's tau of reward and time",
          "1 if the reward never falls along a demonstration"),
-        (get("env_steps_per_s"), ",.0f", "environment steps a second",
-         "" if get("env_steps") is None else f"{get('env_steps'):,.0f} in all"),
-        (in_words(total) if total else None, "", "for the whole run", "by stages below"),
+        (get("env_steps"), ",.0f", "environment steps", ""),
         (get("trimmed_frames"), ",.0f", "frames trimmed",
          "cut from ends of videos in which nothing moves"),
     )  # fmt: skip
@@ -99,15 +94,6 @@ def _note(rate: Rate) -> str:
         return rate.tally
     low, high = (100 * bound for bound in rate.interval)
     return f"{rate.tally}; 95% Wilson interval {low:.1f}% to {high:.1f}%"
-
-
-def stage_times(results: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """The stages of the run, in order, with the seconds that each took."""
-    seconds = results.get("seconds") or {}
-    if not isinstance(seconds, Mapping):
-        raise RunError(f"{WHERE}: seconds must be an object of numbers")
-    times = [(str(name), number(seconds, name, f"{WHERE}, seconds")) for name in seconds]
-    return [(name, time) for name, time in times if time is not None]
 
 
 def in_words(seconds: int | float) -> str:

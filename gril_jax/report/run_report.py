@@ -1,8 +1,8 @@
 """Makes a run's report: pictures, videos, and one page that holds them all.
 
 Only the folder is read, and the demonstrations that its configuration names, if they are still
-there. What is missing leaves a sentence in its place; what is damaged is an error. The same
-folder gives the same page.
+there. What is not there yet leaves a sentence in its place; what is damaged or lost is an error.
+The same folder gives the same page, byte for byte, and no clock is on it.
 """
 
 import os
@@ -21,14 +21,17 @@ from gril_jax.report.figures.curves import (
 )
 from gril_jax.report.figures.filmstrip import Film, beside_reward, contact_sheet, with_boxes
 from gril_jax.report.figures.style import png
+from gril_jax.runs import times
 from gril_jax.runs.phases import require_single
 
 from .data import read_rollouts, read_versions
-from .headline import headline, in_words, stage_times, verdict
+from .headline import headline, verdict
 from .html import Part, Section, render
 from .inputs import Inputs, films_of, read_inputs
 from .rates import UNKNOWN, Rate, rates
 
+# Results that older runs have among others; no clock is on the page.
+_CLOCKS = (*times.CLOCKS, "compile_s", "checkpoint_stall_s")
 _TOP = 4  # numbers on the first screen
 _NO_POLICY = Part("No policy has been trained in this run.")
 
@@ -211,13 +214,12 @@ def _summary(run: Inputs) -> str:
 
 def _what_was_run(run: Inputs) -> dict[str, Any]:
     versions = read_versions(run.folder)
-    known = ("command", "device", "started", "python", "platform")
-    facts = {name: versions[name] for name in known if name in versions}
-    times = {f"time for {name}": in_words(seconds) for name, seconds in stage_times(run.results)}
+    known = ("command", "device", "python", "platform")
+    results = {name: value for name, value in run.results.items() if name not in _CLOCKS}
     return {
-        "facts": _in_text(facts | times),
+        "facts": _in_text({name: versions[name] for name in known if name in versions}),
         "tables": {
-            "All results": _in_text(run.results),
+            "All results": _in_text(results),
             "Package versions": _in_text(versions.get("packages", {})),
         },
         "listings": {"Configuration": to_yaml(run.config)},

@@ -21,8 +21,8 @@ from gril_jax.interop.read_policy import load_policy
 from gril_jax.rl import rewards
 from gril_jax.rl.policy import Policy
 from gril_jax.rl.ppo import PPO, Hyper, Static
-from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.versions import package_versions
 
 OBSERVATIONS = 256
 SMALL = RunConfig(
@@ -132,7 +132,7 @@ def test_the_description_says_what_a_robot_must_feed_and_gets(task, exported):
     objects = ["goal", "robot", "green square", "yellow circle"]
     own = task.env.observation_size
     assert (about["format"], about["version"]) == ("gril-jax policy", 2)
-    assert about["gril_jax"] == run_dir.package_versions()["gril-jax"]
+    assert about["gril_jax"] == package_versions()["gril-jax"]
     assert about["layers"] == [
         {"in": own + 4, "out": 16, "activation": "swish"},
         {"in": 16, "out": 8, "activation": "swish"},
