@@ -23,6 +23,7 @@ from gril_jax.rl.policy import Policy
 from gril_jax.rl.ppo import PPO, Hyper, Static
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.versions import package_versions
 
 OBSERVATIONS = 256
 TEXT = policy_file.__doc__
