@@ -163,7 +163,7 @@ def test_a_run_without_policy_is_refused_in_one_sentence(run, tmp_path):
     copy = tmp_path / "half"
     shutil.copytree(run, copy)
     shutil.rmtree(copy / "policy")
-    with pytest.raises(RunError, match="has no policy"):
+    with pytest.raises(RunError, match=r"manifest\.json is missing, but the run had written it"):
         evaluate.main(copy, episodes=2)
 
 
