@@ -21,6 +21,7 @@ from gril_jax.interop.read_policy import load_policy
 from gril_jax.rl import rewards
 from gril_jax.rl.policy import Policy
 from gril_jax.rl.ppo import PPO, Hyper, Static
+from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.versions import package_versions
 
