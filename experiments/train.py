@@ -23,12 +23,13 @@ from gril_jax import envs
 from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
 from gril_jax.report import rates, run_report
+from gril_jax.report.audit import asked
 from gril_jax.report.headline import in_words
 from gril_jax.rl import training
 from gril_jax.runs import loop, reading
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
 
-from . import evaluate, pretrain
+from . import audit, evaluate, pretrain
 from .pretrain import Echo, OpenRun, opened
 
 
@@ -41,6 +42,8 @@ def main(
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.make_env(config.env, training=False)
+    if config.run.audit:
+        audit.require_possible(config, env)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
     with opened(config, "train", resume, hard_negatives, echo) as run, ahead.compiling() as pool:
@@ -69,13 +72,14 @@ def main(
             played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
             run.dir.finish_phase("evaluation", played, [run.path / name for name in _PLAYED])
         lap("evaluation")
-        results = results | found | played
+        results = results | found | played | _audited(run)
+        lap("audit")
         run.dir.finish(results)
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
     speed = reading.read_metrics(run.path, clocks=True)[-1].get("env_steps_per_s") or 0.0
-    for line in rates.sentences(results):
+    for line in (*rates.sentences(results), asked.sentence(results)):
         echo(line)
     echo(
         f"tau {results['tau']:.3f}, {speed:,.0f} env steps/s, "
@@ -94,6 +98,26 @@ def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrat
         saved = checkpoint.save_part(run.path, "policy_reward", steps, params)
         run.dir.finish_phase("policy_reward", {}, [saved])
     return policy_setup.policy_reward(run.path, run.config, env)
+
+
+def _audited(run: OpenRun) -> dict[str, Any]:
+    """The audit of the learned reward, once in a run, where the configuration asks for one."""
+    ascents = run.config.run.audit
+    if not ascents:
+        return {}
+    found = run.dir.finished_phase("audit")
+    if found is None:
+        phase = run.progress.phase("auditing the reward", total=ascents, unit="ascents")
+        # It repeats to the byte, so what a process that was cut off left of it is written over.
+        results = audit.main(run.path, ascents=ascents, seed=run.config.run.seed, echo=_silent)
+        found = {"audit": asked.kept(results)}
+        run.dir.finish_phase("audit", found)
+        phase.update(ascents)
+    return found
+
+
+def _silent(line: str) -> None:
+    """Says nothing: what an audit prints, the run says at its end."""
 
 
 _PLAYED = ("rollout.mp4", "rollouts.npz")  # what `evaluate.play` writes

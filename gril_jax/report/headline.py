@@ -7,6 +7,7 @@ import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from .audit import asked
 from .data import number
 from .rates import WHERE, Rate, name, own_start, rates, wilson
 
@@ -29,7 +30,8 @@ class Verdict(NamedTuple):
 
 
 def verdict(results: Mapping[str, Any]) -> Verdict:
-    """A sentence on whether the run worked, judged by the success of its policy."""
+    """A sentence on whether the run worked, judged by the success of its policy and, where that is
+    high, by the audit of its reward."""
     if not results:
         return Verdict("open", "The run has not finished, so it has no results yet.")
     known = rates(results)
@@ -46,6 +48,9 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
     else:
         found = f"{rate.tally} end in success{against}"
     if rate.value == "solved" or (rate.share >= _SOLVED and not rate.single):
+        audited = asked.of_run(results)
+        if audited and asked.faults(audited):
+            return Verdict("fair", f"It worked: {found}. But its reward is not sound.")
         return Verdict("good", f"It worked: {found}.")
     if _better(rate, random):
         return Verdict("fair", f"It works in part: {found}.")
@@ -72,11 +77,17 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
         (get("trimmed_frames"), ",.0f", "frames trimmed",
          "cut from ends of videos in which nothing moves"),
     )  # fmt: skip
-    return success_tiles(results) + [
-        Tile(format(value, shape), label, note)
-        for value, shape, label, note in others
-        if value is not None
-    ]
+    success = success_tiles(results)
+    return (
+        success[:2]
+        + audit_tiles(results)
+        + success[2:]
+        + [
+            Tile(format(value, shape), label, note)
+            for value, shape, label, note in others
+            if value is not None
+        ]
+    )
 
 
 def success_tiles(results: Mapping[str, Any]) -> list[Tile]:
@@ -87,6 +98,18 @@ def success_tiles(results: Mapping[str, Any]) -> list[Tile]:
     tiles.pop("success_ever", None)
     alone = [Tile(own, "the task's own start", "with deterministic actions")] if own else []
     return [*tiles.values(), *alone, *last]
+
+
+def audit_tiles(results: Mapping[str, Any]) -> list[Tile]:
+    """A tile of the reward's audit; of a run that has none, where to get it."""
+    numbers, label = asked.of_run(results), "the reward, by its audit"
+    if numbers is not None:
+        value = "not sound" if asked.faults(numbers) else "sound"
+        return [Tile(value, label, asked.in_short(numbers))]
+    if number(results, "tau", WHERE) is None:
+        return []
+    note = "gril audit RUN searches for states that the reward overestimates"
+    return [Tile("not audited", label, note)]
 
 
 def _note(rate: Rate) -> str:

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gril_jax.config.files import to_yaml
 from gril_jax.demos.vision.video import read_fps, read_video
 from gril_jax.errors import DemoError, RunError
@@ -24,9 +26,10 @@ from gril_jax.report.figures.style import png
 from gril_jax.runs import times
 from gril_jax.runs.phases import require_single
 
+from . import happenings
 from .data import read_rollouts, read_versions
 from .headline import headline, verdict
-from .html import Part, Section, render
+from .html import Part, Section, Step, render
 from .inputs import Inputs, films_of, read_inputs
 from .rates import UNKNOWN, Rate, rates
 
@@ -62,7 +65,11 @@ def write_report(run_folder: str | os.PathLike) -> Path:
             tiles=tiles[:_TOP],
             film=film,
             beside=beside,
-            sections=[*later, Section("Demonstrations", demonstrations)],
+            sections=[
+                *later,
+                Section("Demonstrations", demonstrations),
+                Section("What next", steps=_next(run)),
+            ],
             more=tiles[_TOP:],
             **_what_was_run(run),
         )
@@ -128,14 +135,29 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
         name=run.shown,
         fps=film and run.demos.fps,
     )
+    ends = np.flatnonzero(run.profiles.transitions[index, :length])
     kept_aside = ", on which it was not trained" * (run.profiles.split[index] == "validation")
     frames = " A line ties each frame to its point." * (film is not None)
     return Part(
         f"The reward along {run.shown}{kept_aside}. It should climb while something is brought to "
-        f"its place and stay flat while the empty hand travels. Numbered dots end stages.{frames}",
+        f"its place and stay flat while the empty hand travels.{frames}{_dots(run, film, ends)}",
         run.save("reward_profile.png", png(figure)),
         "Learned reward against frames of one demonstration",
     )
+
+
+def _dots(run: Inputs, film: Film | None, ends: Sequence[int]) -> str:
+    """What the numbered dots of a profile are; where the film is known, what happens at each."""
+    if not len(ends):
+        return " No stage was found in it."
+    words = " Numbered dots are where the reward has taken a step: ends of stages, as it sees them"
+    if film is None:
+        return f"{words}."
+    seen = happenings.at_frames(film.tracks, ends, run.demos.classes)
+    at = [
+        f"{n} (frame {end}) {what}" for n, (end, what) in enumerate(zip(ends, seen, strict=True), 1)
+    ]
+    return f"{words}. {'; '.join(at)}."
 
 
 def _both_outcomes(run: Inputs) -> Part:
@@ -210,6 +232,26 @@ def _summary(run: Inputs) -> str:
         f"Task {chosen.env.name}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
         f"{learner}, seed {chosen.run.seed}"
     )
+
+
+def _next(run: Inputs) -> list[Step]:
+    """What to do with the run."""
+    audited = (run.folder / "audit" / "report.html").is_file()
+    looked = [Step("The audit of its reward, with maps of it", page="audit/report.html")]
+    steps = looked if audited else []
+    steps.append(Step("Search for states that the reward overestimates.", "gril audit RUN"))
+    steps.append(Step("Find the subtasks in the reward.", "gril subtasks RUN"))
+    if run.rows[run.config.run.algorithm]:
+        steps += [
+            Step("Play the policy from other starts.", "gril eval RUN --episodes 1000"),
+            Step("Take the policy to a robot.", "gril export-policy RUN --out policy.npz"),
+        ]
+    again = "gril sweep RUN/config.yaml --seeds 5 --out NEW"
+    return [
+        *steps,
+        Step("Take the reward to your own simulator.", "gril export-reward RUN --out reward.npz"),
+        Step("See how much depends on the seed.", again),
+    ]
 
 
 def _what_was_run(run: Inputs) -> dict[str, Any]:
