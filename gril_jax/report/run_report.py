@@ -135,7 +135,7 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
         name=run.shown,
         fps=film and run.demos.fps,
     )
-    ends = np.flatnonzero(run.profiles.transitions[index, :length])
+    ends = np.flatnonzero(run.profiles.transitions[index, :length]).tolist()
     kept_aside = ", on which it was not trained" * (run.profiles.split[index] == "validation")
     frames = " A line ties each frame to its point." * (film is not None)
     return Part(
@@ -154,9 +154,7 @@ def _dots(run: Inputs, film: Film | None, ends: Sequence[int]) -> str:
     if film is None:
         return f"{words}."
     seen = happenings.at_frames(film.tracks, ends, run.demos.classes)
-    at = [
-        f"{n} (frame {end}) {what}" for n, (end, what) in enumerate(zip(ends, seen, strict=True), 1)
-    ]
+    at = [f"{k + 1} (frame {end}): {seen[k]}" for k, end in enumerate(ends)]
     return f"{words}. {'; '.join(at)}."
 
 

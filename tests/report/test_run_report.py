@@ -78,7 +78,7 @@ def run(copied, monkeypatch):
 @pytest.mark.parametrize("name", sorted(PICTURES))
 def test_every_picture_is_a_png_that_is_not_blank(finished, name):
     image = cv2.imread(str(finished[0] / f"{name}.png"))
-    assert image.shape[1] == 1088
+    assert image.shape[1] == 736
     assert image.shape[0] > 300
     assert (image != 255).any(-1).mean() > 0.01
 

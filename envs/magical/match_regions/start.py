@@ -78,7 +78,8 @@ def varied(
     vary = jax.random.uniform(keys[0]) < share
     key_robot, key_some, key_which, key_where = jax.random.split(keys[1], 4)
     which = jax.random.randint(key_which, (), 0, targets, jnp.int32)
-    some = vary & (jax.random.uniform(key_some) < 2 / 3)
+    several = targets > 1 or not on_the_way  # a single one in it leaves nothing to learn
+    some = vary & (jax.random.uniform(key_some) < 2 / 3) & several
     unit = jax.random.uniform(key_where, (3,), minval=-1.0)
     goal = layout.goal
     inside = jnp.concatenate([goal[:2] + 0.35 * goal[2:] * unit[:2], jnp.pi * unit[2:]])
