@@ -96,7 +96,7 @@ def require_possible(config: RunConfig, env: envs.Env) -> None:
     _stages(env, config.env.name)
 
 
-def _stages(env: envs.Env, task: str) -> Any:
+def _stages(env: Any, task: str) -> Any:
     found = getattr(env, "stages", None)
     if found is None:
         raise ConfigError(

@@ -247,7 +247,8 @@ _SMALL = (
     *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
     *("--pretrain.steps", "190", "--pretrain.num-videos", "4", "--pretrain.num-frames", "8"),
     *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
-    *("--run.updates-per-chunk", "1", "--run.checkpoint-every", "0"),
+    *("--run.updates-per-chunk", "1", "--run.checkpoint-every", "0", "--run.audit", "0"),
+    *("--pretrain.copies", "0", "--pretrain.ascents", "0", "--encoder.rounds", "1"),
 )
 _PPO = (
     *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "3200"),
@@ -333,7 +334,8 @@ def _run_in(folder, *args, after="", delay_s=0.0):
 
 @pytest.mark.slow
 def test_a_run_that_was_killed_five_times_leaves_the_folder_of_one_that_nothing_disturbed(tmp_path):
-    command = ("quickstart", *_SMALL, *_PPO, "--run.eval-episodes", "4", "--out", "run")
+    command = ("quickstart", *_SMALL, *_PPO, "--run.eval-episodes", "4", "--run.audit", "4")
+    command += ("--out", "run")
     done = _run_in(tmp_path / "whole", *command)
     assert done.returncode == 0, done.stderr
     moments = (

@@ -139,7 +139,7 @@ def test_a_reward_file_is_audited_into_a_folder_beside_it(tmp_path, capsys, smal
     assert main.main(args) == 0
     out = capsys.readouterr().out
     assert "report: " in out
-    assert out.count("\n") == 5
+    assert out.count("\n") == 6
     folder = tmp_path / "mine-audit"
     assert {"audit.json", "report.html", "hack.png", "maps.png"} <= {
         p.name for p in folder.iterdir()
