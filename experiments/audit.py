@@ -25,6 +25,7 @@ from gril_jax.audit import measures
 from gril_jax.audit.measures import Audit, States, make_states
 from gril_jax.audit.scene_reward import Scene, scene_reward
 from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.config.tables import ENCODERS
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.interop.reward_file import load_reward
@@ -91,19 +92,14 @@ def main(
 
 
 def require_possible(config: RunConfig, env: envs.Env) -> None:
-    """Raises ConfigError if the reward of a run cannot be audited."""
-    setup.require_boxes(config, "an audit, which moves boxes")
-    _stages(env, config.env.name)
-
-
-def _stages(env: Any, task: str) -> Any:
-    found = getattr(env, "stages", None)
-    if found is None:
+    """Raises ConfigError if a run asks for an audit that its reward or its task does not allow."""
+    none = f"run.audit is {config.run.audit}, but must be 0, because"
+    if not ENCODERS[config.encoder.kind].boxes:
         raise ConfigError(
-            f"the task {task} has no stage definition, but an audit needs its attribute `stages` "
-            "(see gril_jax.envs.stages)"
+            f"{none} an audit moves boxes and encoder.kind is {config.encoder.kind!r}"
         )
-    return found
+    if getattr(env, "stages", None) is None:
+        raise ConfigError(f"{none} the task {config.env.name} has no stage definition")
 
 
 def _subject(source: Path, task: str | None, variant: str | None, starts: int, seed: int):
@@ -124,7 +120,11 @@ def _subject(source: Path, task: str | None, variant: str | None, starts: int, s
             raise ConfigError(f"{source} takes pictures, but an audit moves boxes")
         chosen = _env_of(learned, task or EnvConfig.name)
     env = setup.make_env(chosen, training=False, variant=variant)
-    _stages(env, chosen.name)
+    if getattr(env, "stages", None) is None:
+        raise ConfigError(
+            f"the task {chosen.name} has no stage definition, but an audit needs its attribute "
+            "`stages` (see gril_jax.envs.stages)"
+        )
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), starts)
     objects = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
     names = tuple(env.classes[i] for i in np.asarray(objects.label[0]))
