@@ -73,9 +73,9 @@ def test_help_lists_the_options(capsys):
 def test_a_run_that_asks_for_an_audit_that_is_not_possible_is_refused():
     asks = RunSettings(audit=5)
     pictures = RunConfig(encoder=EncoderOptions(kind="pixels"), run=asks)
-    with pytest.raises(ConfigError, match=r"run\.audit is 5, but must be 0, because an audit moves"):
+    with pytest.raises(ConfigError, match=r"audit is 5, but must be 0, because an audit moves"):
         audit.require_possible(pictures, MatchRegions())
-    with pytest.raises(ConfigError, match=r"run\.audit is 5, but must be 0, .* no stage definition"):
+    with pytest.raises(ConfigError, match=r"audit is 5, but must be 0, .* no stage definition"):
         audit.require_possible(RunConfig(run=asks), Probe())
     audit.require_possible(RunConfig(run=asks), MatchRegions())
 
