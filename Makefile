@@ -2,7 +2,7 @@
 # make test         install, then check
 # make lint         ruff
 # make docs         the site in site/, warnings as errors
-# make lock         resolve requirements.lock again (needs uv)
+# make lock         resolve requirements.lock again, and list its packages in sbom.cdx.json (needs uv)
 
 SHELL := /bin/bash
 # The first Python on the path that the project supports.
@@ -34,11 +34,13 @@ docs: .venv/installed
 
 lock:
 	uv pip compile -q --universal --python-version 3.11 --extra test --no-annotate --no-header \
-		--no-emit-index-url --upgrade pyproject.toml -o requirements.lock
+		--no-emit-index-url --generate-hashes --upgrade pyproject.toml -o requirements.lock
+	sed -e '/--hash/d' -e 's/ \\$$//' requirements.lock | uvx -q --from 'cyclonedx-bom>=7,<8' cyclonedx-py requirements \
+		--output-reproducible --of JSON --sv 1.6 --pyproject pyproject.toml -o sbom.cdx.json -
 
 .venv/installed: requirements.lock pyproject.toml
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 on the path: install one, or make PYTHON=..." >&2; exit 2; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install -q --disable-pip-version-check -r requirements.lock
+	$(BIN)/pip install -q --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .
 	touch $@

@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import json
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,8 @@ from gril_jax import envs
 from gril_jax.audit import measures
 from gril_jax.audit.measures import Audit, States, make_states
 from gril_jax.audit.scene_reward import Scene, scene_reward
-from gril_jax.config import EnvConfig
+from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.config.tables import ENCODERS
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.interop.reward_file import load_reward
@@ -55,7 +55,6 @@ def main(
     everything begins from, share the ascents. Raises RunError if there is no reward yet, and
     ConfigError if reward and task do not fit together.
     """
-    began = time.perf_counter()
     learned, env, names, scenes = _subject(source, task, variant, starts, seed)
     if out is None:
         out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
@@ -80,7 +79,6 @@ def main(
     settings = {
         "source": str(source), "ascents": found.found.reward.size, "starts": starts, "seed": seed,
         "variant": getattr(env, "variant", None),
-        "seconds": round(time.perf_counter() - began, 1),
     }  # fmt: skip
     results = findings.as_json() | {"settings": settings}
     with run_dir.writing(out):
@@ -91,6 +89,17 @@ def main(
         echo(line)
     echo(f"report: {page}")
     return results
+
+
+def require_possible(config: RunConfig, env: envs.Env) -> None:
+    """Raises ConfigError if a run asks for an audit that its reward or its task does not allow."""
+    none = f"run.audit is {config.run.audit}, but must be 0, because"
+    if not ENCODERS[config.encoder.kind].boxes:
+        raise ConfigError(
+            f"{none} an audit moves boxes and encoder.kind is {config.encoder.kind!r}"
+        )
+    if getattr(env, "stages", None) is None:
+        raise ConfigError(f"{none} the task {config.env.name} has no stage definition")
 
 
 def _subject(source: Path, task: str | None, variant: str | None, starts: int, seed: int):

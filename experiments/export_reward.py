@@ -11,6 +11,7 @@ from gril_jax.demos import schema
 from gril_jax.interop.reward_file import save_reward
 from gril_jax.report.data import read_finished
 from gril_jax.runs import run_dir
+from gril_jax.runs.covered import require_same_demos
 
 _ACTIVITY = ("tau", "window", "smoothing", "noise")
 
@@ -26,6 +27,7 @@ def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> Non
     extent = setup.seen_half_extent(env, config.encoder.pixels) if pictures else env.half_extent
     known = {"run": folder.resolve().name, "seed": config.run.seed}
     demos = Path(config.demos.path or folder / "demos") / schema.HEADER
+    require_same_demos(folder, demos)
     if demos.is_file():  # its entries hold the digests of the demonstrations
         known["demos_sha256"] = schema.digest(demos)
     if "tau" in (found := read_finished(folder) or {}):

@@ -62,7 +62,8 @@ def opened(
     known = {"device": setup.device_in_words(), "experiment": experiment}
     known["begun"] = hard_negatives.noted(loaded)
     with run_dir.create_or_resume(config, resume, **known) as run, Progress() as progress:
-        echo(f"writing to {run.path}")
+        for sentence in (f"writing to {run.path}", *run.said):
+            echo(sentence)
         yield OpenRun(config, run, progress, echo, loaded)
 
 
@@ -112,9 +113,9 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
         params = programs["reward"].result()(state, data, hyper)
         measured = programs["measure"].result()(state, data, hyper)
         rewards, ends = programs["profiles"].result()(params, films, hyper)
-    checkpoint.save_part(run.path, "reward", config.pretrain.steps, params)
+    saved = checkpoint.save_part(run.path, "reward", config.pretrain.steps, params)
     np.savez(
-        run.path / "profiles.npz",
+        profiles := run.path / "profiles.npz",
         names=np.array([name for name, _ in owners]),
         split=np.array([split for _, split in owners]),
         length=np.asarray(films.length, np.int32),
@@ -128,7 +129,7 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
         "reward_sha256": state_leaves.digest(params),
         "state_sha256": state_leaves.digest(state),
     }
-    run.dir.finish_phase("reward", results)
+    run.dir.finish_phase("reward", results, [saved, profiles])
     return results
 
 

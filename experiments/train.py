@@ -23,11 +23,13 @@ from gril_jax import envs
 from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
 from gril_jax.report import rates, run_report
+from gril_jax.report.audit import asked
+from gril_jax.report.headline import in_words
 from gril_jax.rl import training
-from gril_jax.runs import loop
+from gril_jax.runs import loop, reading
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
 
-from . import evaluate, pretrain
+from . import audit, evaluate, pretrain
 from .pretrain import Echo, OpenRun, opened
 
 
@@ -40,15 +42,18 @@ def main(
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.make_env(config.env, training=False)
+    if config.run.audit:
+        audit.require_possible(config, env)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
     with opened(config, "train", resume, hard_negatives, echo) as run, ahead.compiling() as pool:
-        seconds, begun = {}, time.monotonic()
+        begun = lapped = time.monotonic()
 
         def lap(name: str) -> None:
-            nonlocal begun
+            nonlocal lapped
             now = time.monotonic()
-            seconds[name], begun = now - begun, now
+            run.dir.times.append(stage=name, seconds=now - lapped)
+            lapped = now
 
         found = run.dir.finished_phase("policy")
         program = pool.submit(_compiled, config, algorithm, layout) if found is None else None
@@ -62,16 +67,24 @@ def main(
             found = _learn_policy(run, algorithm, program.result(), params)
         policy = policy_setup.restore_policy(run.path, config, algorithm)
         lap("policy")
-        played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
+        played = run.dir.finished_phase("evaluation")
+        if played is None:
+            played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
+            run.dir.finish_phase("evaluation", played, [run.path / name for name in _PLAYED])
         lap("evaluation")
-        results = results | found | played | {"seconds": seconds}
+        results = results | found | played | _audited(run)
+        lap("audit")
         run.dir.finish(results)
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
-    for line in rates.sentences(results):
+    speed = reading.read_metrics(run.path, clocks=True)[-1].get("env_steps_per_s") or 0.0
+    for line in (*rates.sentences(results), asked.sentence(results)):
         echo(line)
-    echo(f"tau {results['tau']:.3f}, {results['env_steps_per_s']:,.0f} env steps/s\nreport: {page}")
+    echo(
+        f"tau {results['tau']:.3f}, {speed:,.0f} env steps/s, "
+        f"{in_words(time.monotonic() - begun)} in all\nreport: {page}"
+    )
     return run.path
 
 
@@ -81,9 +94,33 @@ def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrat
         learned = policy_setup.learned_reward(run.path, run.config, env)
         num_classes = len(env.classes)
         params = policy_rewards.parameters(run.config, learned, demos.batch("train"), num_classes)
-        checkpoint.save_part(run.path, "policy_reward", run.config.pretrain.steps, params)
-        run.dir.finish_phase("policy_reward", {})
+        steps = run.config.pretrain.steps
+        saved = checkpoint.save_part(run.path, "policy_reward", steps, params)
+        run.dir.finish_phase("policy_reward", {}, [saved])
     return policy_setup.policy_reward(run.path, run.config, env)
+
+
+def _audited(run: OpenRun) -> dict[str, Any]:
+    """The audit of the learned reward, once in a run, where the configuration asks for one."""
+    ascents = run.config.run.audit
+    if not ascents:
+        return {}
+    found = run.dir.finished_phase("audit")
+    if found is None:
+        phase = run.progress.phase("auditing the reward", total=ascents, unit="ascents")
+        # It repeats to the byte, so what a process that was cut off left of it is written over.
+        results = audit.main(run.path, ascents=ascents, seed=run.config.run.seed, echo=_silent)
+        found = {"audit": asked.kept(results)}
+        run.dir.finish_phase("audit", found)
+        phase.update(ascents)
+    return found
+
+
+def _silent(line: str) -> None:
+    """Says nothing: what an audit prints, the run says at its end."""
+
+
+_PLAYED = ("rollout.mp4", "rollouts.npz")  # what `evaluate.play` writes
 
 
 class _Program(NamedTuple):
@@ -157,13 +194,11 @@ def _learn_policy(
     state = jax.tree.map(lambda x: x[0], trained.state)
     results = {
         "env_steps": updates * per_update,
-        "env_steps_per_s": updates * per_update / trained.seconds,
-        "compile_s": compile_s,
-        "checkpoint_stall_s": trained.stall_s,
         "state_sha256": state_leaves.digest(state),
     }
-    checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
-    run.dir.finish_phase("policy", results)
+    saved = checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
+    run.dir.times.append(phase=name, compile_s=compile_s, checkpoint_stall_s=trained.stall_s)
+    run.dir.finish_phase("policy", results, [saved])
     return results
 
 

@@ -8,7 +8,7 @@ import shlex
 
 import jax.numpy as jnp
 import pytest
-from support import saved_rewards
+from support import saved_policies, saved_rewards
 from support.paths import REPOSITORY
 
 from gril_jax.cli import main, verbs
@@ -48,7 +48,8 @@ def test_the_python_of_a_page_runs_from_top_to_bottom(path, tmp_path, monkeypatc
         "reward.npz", saved_rewards.made(config), config, classes=saved_rewards.CLASSES,
         robots=("robot",), objects=saved_rewards.OBJECTS[:3],
     )  # fmt: skip
-    names = {"center": jnp.zeros((3, 2)), "size": jnp.ones((3, 2))}
+    saved_policies.write("policy.npz")
+    names = {"center": jnp.zeros((3, 2)), "size": jnp.ones((3, 2)), "observation": jnp.zeros(3)}
     for block in _blocks(path, "python"):
         exec(compile(block, _name(path), "exec"), names)
 

@@ -6,11 +6,16 @@ import json
 import pathlib
 import re
 import shutil
+import socket
+import subprocess
+import sys
+import urllib.request
 
 import numpy as np
 import pytest
 from gril_jax.experiments import evaluate
 from gril_jax.experiments.pipeline import demonstrations, setup
+from support.no_network import no_network
 
 from gril_jax.cli import main
 from gril_jax.config import RunConfig
@@ -28,16 +33,20 @@ SMALL = (
     *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
     *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "160"),
     *("--ppo.hidden", "16", "--run.updates-per-chunk", "1", "--run.eval-episodes", "4"),
+    *("--pretrain.copies", "1", "--pretrain.ascents", "0", "--encoder.rounds", "1"),
+    *("--run.audit", "4"),
     *("--run.evaluations", "0"),  # in a program of their own they are tested by test_training
 )
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> pathlib.Path:
+    """Made without a network: nothing is downloaded or reported."""
     out = tmp_path_factory.mktemp("pipeline") / "run"
     said = io.StringIO()
-    with contextlib.redirect_stdout(said):
+    with contextlib.redirect_stdout(said), no_network() as attempts:
         assert main.main(["quickstart", "--out", str(out), *SMALL]) == 0
+    assert attempts == []
     (out.parent / "said.txt").write_text(said.getvalue())
     return out
 
@@ -49,6 +58,36 @@ def test_it_says_how_many_starts_each_success_rate_counts(run):
     for line in lines[first : first + 5]:
         assert re.search(r"% of 4 (Jitter|Layout) starts \(95% interval", line)
     assert re.fullmatch("the task's own start: (not )?solved", lines[first + 5])
+
+
+def test_an_attempt_to_reach_another_host_would_be_noticed():
+    with no_network() as attempts:
+        for reach in (
+            lambda: urllib.request.urlopen("http://example.org"),
+            lambda: socket.socket().connect(("127.0.0.1", 9)),
+            lambda: socket.getaddrinfo("example.org", 80),
+        ):
+            with pytest.raises(OSError, match="unreachable"):
+                reach()
+    assert len(attempts) == 3
+
+
+CUT_OFF = ["unshare", "--map-root-user", "--net"]
+
+
+@pytest.mark.slow  # the same in a process of its own, whose kernel gives it no network
+def test_a_policy_is_trained_and_exported_where_the_machine_has_no_network(tmp_path):
+    if shutil.which("unshare") is None or subprocess.run([*CUT_OFF, "true"]).returncode:
+        pytest.skip("a process without network needs unshare and the right to use it")
+    gril = [*CUT_OFF, sys.executable, "-m", "gril_jax.cli.main"]
+    out = tmp_path / "run"
+    for verb in (
+        ["quickstart", "--out", str(out), *SMALL],
+        ["export-policy", str(out), "--out", str(tmp_path / "policy.npz")],
+        ["export-reward", str(out), "--out", str(tmp_path / "reward.npz")],
+    ):
+        done = subprocess.run([*gril, *verb], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
 
 
 def test_a_run_leaves_everything_a_reader_looks_for(run):
@@ -126,7 +165,7 @@ def test_a_run_without_policy_is_refused_in_one_sentence(run, tmp_path):
     copy = tmp_path / "half"
     shutil.copytree(run, copy)
     shutil.rmtree(copy / "policy")
-    with pytest.raises(RunError, match="has no policy"):
+    with pytest.raises(RunError, match=r"manifest\.json is missing, but the run had written it"):
         evaluate.main(copy, episodes=2)
 
 

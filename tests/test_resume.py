@@ -10,6 +10,7 @@ import sys
 import types
 
 import pytest
+from support.run_folders import as_older, differing
 
 from gril_jax import threads as parallel_map
 from gril_jax.cli import arguments, heavy_imports
@@ -107,15 +108,22 @@ def test_a_run_of_another_verb_is_refused(run, tmp_path, capsys):
 def test_a_run_that_is_being_written_is_refused(run, capsys):
     with run_dir.resume(run):
         err = _fault(capsys, "train", "--resume", run)
+        assert (run / "lock").read_text() == f"{os.getpid()}\n"
     assert f"is being written by process {os.getpid()}" in err
-    assert (run / "lock").read_text() == f"{os.getpid()}\n"
+    assert (run / "lock").read_text() == ""
 
 
 def test_a_run_of_an_older_version_or_with_damaged_phases_is_refused(run, capsys):
     file = run / "phases.json"
     file.write_text(file.read_text().replace("train", "trail"))
-    assert "because its phases.json has changed" in _fault(capsys, "train", "--resume", run)
+    assert "phases.json has been changed since the run wrote it" in _fault(
+        capsys, "train", "--resume", run
+    )
     file.unlink()
+    assert "phases.json is missing, but the run had written it" in _fault(
+        capsys, "train", "--resume", run
+    )
+    as_older(run)
     assert "because it has no phases.json" in _fault(capsys, "train", "--resume", run)
 
 
@@ -226,7 +234,11 @@ def counted(run, **metrics):
         timers[0].start()
 run_dir.RunDir.log = counted
 played = {name: 0.0 for name in ("success", "eval_episodes", "success_sampled", "success_random")}
-train.evaluate.play = lambda *_: played
+def play(config, env, policy, reward_params, folder, progress):
+    for name in train._PLAYED:
+        (folder / name).touch()
+    return played
+train.evaluate.play = play
 train.run_report.write_report = lambda path: path
 sys.exit(main(sys.argv[3:]))
 """
@@ -235,7 +247,8 @@ _SMALL = (
     *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
     *("--pretrain.steps", "190", "--pretrain.num-videos", "4", "--pretrain.num-frames", "8"),
     *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
-    *("--run.updates-per-chunk", "1", "--run.checkpoint-every", "0"),
+    *("--run.updates-per-chunk", "1", "--run.checkpoint-every", "0", "--run.audit", "0"),
+    *("--pretrain.copies", "0", "--pretrain.ascents", "0", "--encoder.rounds", "1"),
 )
 _PPO = (
     *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "3200"),
@@ -256,12 +269,8 @@ def _gril(*args, row=0, delay_s=0.0):
 
 
 def _outcome(path):
-    rows = [
-        {k: v for k, v in row.items() if k not in ("seconds", "env_steps_per_s")}
-        for row in run_dir.read_metrics(path)
-    ]
     results = run_dir.read_results(path)
-    return results["state_sha256"], results["reward_sha256"], rows
+    return results["state_sha256"], results["reward_sha256"], run_dir.read_metrics(path)
 
 
 @pytest.mark.slow
@@ -291,3 +300,55 @@ def test_kill_9_at_random_moments_changes_no_bit_of_the_outcome(
         assert done.returncode == 0, done.stderr
         assert _outcome(path) == wanted
         print(f"run {trial} is equal bit for bit", flush=True)
+
+
+# Runs a command line of gril, and kills itself some time after a phase has finished, a file has
+# appeared, or there are so many rows.
+_KILLED = """
+import os, pathlib, signal, sys, threading, time
+from gril_jax.cli.main import main
+after, delay_s, sys.argv = sys.argv[1], float(sys.argv[2]), ["gril", *sys.argv[3:]]
+def due():
+    phases = pathlib.Path("run/phases.json")
+    written = phases.read_text() if phases.exists() else ""
+    rows = pathlib.Path("run/metrics.jsonl")
+    if after.isdigit():
+        return rows.exists() and rows.read_bytes().count(b"\\n") >= int(after)
+    return f'"{after}": {{' in written.partition('"finished"')[2] or pathlib.Path(after).exists()
+def kill():
+    while not due():
+        time.sleep(0.005)
+    time.sleep(delay_s)
+    os.kill(os.getpid(), signal.SIGKILL)
+if after:
+    threading.Thread(target=kill, daemon=True).start()
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def _run_in(folder, *args, after="", delay_s=0.0):
+    folder.mkdir(exist_ok=True)
+    command = [sys.executable, "-c", _KILLED, after, str(delay_s), *args]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder)
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_five_times_leaves_the_folder_of_one_that_nothing_disturbed(tmp_path):
+    command = ("quickstart", *_SMALL, *_PPO, "--run.eval-episodes", "4", "--run.audit", "4")
+    command += ("--out", "run")
+    done = _run_in(tmp_path / "whole", *command)
+    assert done.returncode == 0, done.stderr
+    moments = (
+        ("run/config.yaml", 1.0), ("5", 0.01), ("reward", 0.0), (str(_REWARD + 10), 0.02),
+        ("policy", 0.5),
+    )  # fmt: skip
+    for after, delay_s in moments:
+        done = _run_in(tmp_path / "killed", *command, after=after, delay_s=delay_s)
+        assert done.returncode == -signal.SIGKILL, (after, done.stderr)
+        command = ("train", "--resume", "run")
+    done = _run_in(tmp_path / "killed", *command)
+    assert done.returncode == 0, done.stderr
+    assert differing(tmp_path / "whole" / "run", tmp_path / "killed" / "run") == []
+    pages = [(tmp_path / name / "run" / "report.html").read_bytes() for name in ("whole", "killed")]
+    assert _run_in(tmp_path / "whole", "report", "run").returncode == 0
+    assert (tmp_path / "whole" / "run" / "report.html").read_bytes() == pages[0] == pages[1]

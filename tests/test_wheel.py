@@ -94,7 +94,7 @@ def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
     package, envs, steps = done.stdout.splitlines()[-1].split()
     assert Path(package).parent == site / "gril_jax"
     assert Path(envs).parent == site / "gril_jax" / "envs"
-    assert steps == "600000"
+    assert steps == "900000"
 
 
 @pytest.mark.parametrize("name", ["envs", "configs", "experiments"])

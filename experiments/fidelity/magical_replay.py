@@ -4,9 +4,10 @@
     python -m gril_jax.experiments.fidelity.magical_replay FOLDER --states replayed_states.npz
 
 Each demonstration's actions are played open loop from the Demo start; all ended with score 1 when
-recorded. Contacts are chaotic: MAGICAL itself, started a millionth of a unit beside, ends with
-other scores. So the replay is repeated from `--moved` starts in which the robot stands about 1e-5
-units away, and the figures that tell how well the physics agree are those of the first steps.
+recorded. Contacts amplify whatever differs: MAGICAL itself, started a millionth of a unit beside,
+ends with other scores. So the replay is repeated from `--moved` starts in which the robot stands
+about 1e-5 units away, and `strayed` sets the distance of ours from the recordings beside that of
+ours from itself. Where the first is the larger, our contacts are to blame and not the start.
 
 STATES holds for each demonstration, under the last part of its file's name (`000`), the poses
 (T + 1, 6, 3) of robot, star, square, blue pentagon, yellow circle and yellow pentagon. Errors are
@@ -110,6 +111,13 @@ def _errors(places: np.ndarray, recorded: np.ndarray) -> dict:
     }
 
 
+def _strayed(places: np.ndarray, reference: np.ndarray) -> dict[str, float]:
+    """Mean distance of all blocks (..., T, 6, 2) from where they are in the reference, by step."""
+    apart = np.linalg.norm(places - reference, axis=-1)[..., 1:]
+    steps = [n for n in _AHEAD if n <= apart.shape[-2]]
+    return {f"after_{n}": round(float(apart[..., n - 1, :].mean()), 5) for n in steps}
+
+
 def measure(
     actions: dict[str, Int[np.ndarray, "T"]],
     recorded: Float[np.ndarray, "D T1 6 3"] | None = None,
@@ -132,9 +140,12 @@ def measure(
     }
     if moved:
         mean = round(float(scores[1:].mean()), 4)
-        result["moved_starts"] = {"score_1": won[1:].tolist(), "mean_score": mean}
+        strayed = _strayed(places[1:], places[0])
+        ended = {"score_1": won[1:].tolist(), "mean_score": mean}
+        result["moved_starts"] = ended | {"strayed": strayed}
     if recorded is not None:
-        result["errors"] = _errors(places[0], recorded)
+        strayed = {"strayed": _strayed(places[0], recorded[:, 1:, :, :2])}
+        result["errors"] = _errors(places[0], recorded) | strayed
     return result
 
 

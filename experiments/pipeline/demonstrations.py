@@ -39,10 +39,11 @@ def gather_once(
     """
     demos = gather(config, env, run.path / "demos", progress)
     source = Path(config.demos.path or run.path / "demos")
-    digest = schema.digest(source / schema.HEADER)
+    header = source / schema.HEADER
+    digest = schema.digest(header)
     begun = run.finished_phase("demos")
     if begun is None:
-        run.finish_phase("demos", {"sha256": digest})
+        run.finish_phase("demos", {"sha256": digest}, [] if config.demos.path else [header])
     elif begun["sha256"] != digest:
         raise RunError(
             f"the demonstration set {source} has been changed since the run in {run.path} began, "

@@ -1,4 +1,4 @@
-"""Found ends of stages: scored against the true ones, and demonstrations cut at them."""
+"""Found ends of stages: doubted, scored against the true ones, and demonstrations cut at them."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +16,35 @@ from gril_jax.runs.progress import Progress
 from gril_jax.subtasks.matching import match_within
 
 _LEAST = 2  # frames of a demonstration
+# Share of held-out demonstrations that must show as many ends as are agreed on. With the reward of
+# `match_regions`, which has the task's two stages, 15 of 16 do, and with that of
+# `match_regions_fast`, which has a third, 11 of 16.
+_AS_MANY = 0.8
+
+
+def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) -> str | None:
+    """A sentence if held-out demonstrations disagree on the number of stages, else None.
+
+    No label is used: a reward that is fit for stages shows them in each film by itself, also in
+    one that it was not trained on.
+
+    Args:
+      alone: ends that each demonstration shows by itself, frames, filled up with -1.
+      held_out: which of them were kept aside; if none was, all count.
+      agreed: number of ends on which all demonstrations together agree.
+    """
+    counts = (alone >= 0).sum(axis=1)
+    counts = counts[np.array(held_out)] if any(held_out) else counts
+    others = counts[counts != agreed]
+    if np.mean(counts == agreed) >= _AS_MANY:
+        return None
+    least, most = others.min(), others.max()
+    shown = f"{least}" if least == most else f"{least} to {most}"
+    return (
+        f"doubtful: only {len(counts) - len(others)} of {len(counts)} held-out demonstrations show "
+        f"{agreed} ends by themselves and the others {shown}, so this reward may not be fit for "
+        "stages: learn it with displaced copies (--pretrain.copies 4)"
+    )
 
 
 def scores(

@@ -5,6 +5,8 @@
 
 Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
 where the set has stage times (`DemoEntry.stages`), those of held-out demonstrations are scored.
+Where held-out demonstrations by themselves disagree on how many stages there are, a sentence says
+that the reward may not be fit for stages.
 """
 
 import json
@@ -28,12 +30,13 @@ from gril_jax.errors import DemoError, RunError
 from gril_jax.report.figures.curves import reward_profile
 from gril_jax.report.figures.style import COLOURS, GREY, png, styled
 from gril_jax.runs import run_dir
+from gril_jax.runs.covered import require_same_demos
 from gril_jax.runs.metric_rows import plain
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 
-from .ends import scores, segments, write_sets
+from .ends import doubt, scores, segments, write_sets
 from .options import Options
 
 _FIGURES = 3  # held-out demonstrations that are drawn
@@ -62,7 +65,9 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
         _require_stages(folder, traces, rule, agreed.shape[1])
         tolerance = round(demos.demo_set.fps)  # one second, in frames
         measured = _scores(traces, {"agreed": agreed, "each alone": alone}, tolerance)
-        about = {"rule": rule, "tolerance": tolerance} | _json(traces, found, agreed, measured)
+        doubtful = doubt(alone, traces.held_out, agreed.shape[1])
+        about = {"rule": rule, "tolerance": tolerance, "doubt": doubtful}
+        about |= _json(traces, found, agreed, measured)
         with run_dir.writing(out):
             out.mkdir(parents=True)
             write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
@@ -80,6 +85,8 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
             write_sets(out, demos.demo_set, traces.entries, agreed, progress)
     for line in _sentences(agreed.shape[1], found, measured, out):
         echo(line)
+    if doubtful:
+        echo(doubtful)
 
 
 def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrations) -> Traces:
@@ -122,6 +129,7 @@ def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstration
     source = Path(config.demos.path or folder / "demos")
     if not (source / schema.HEADER).is_file():
         raise DemoError(f"{source} is gone, but the reward is to be followed along its films")
+    require_same_demos(folder, source / schema.HEADER)
     env = setup.make_env(config.env, training=False)
     return demonstrations.gather(config, env, folder / "demos", progress)
 

@@ -19,6 +19,7 @@ from gril_jax.config.files import load, to_yaml
 from gril_jax.config.grid import Cell
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
+from gril_jax.runs.covered import require_part, require_unchanged
 
 from ..tables.counted import of_lines, success_columns
 from ..tables.curves import LAST, Curve, at_the_end, learning_curves
@@ -74,6 +75,8 @@ class Sweep:
 
 def read_cells(folder: Path) -> Sweep:
     """The cells of a sweep and its number of seeds; RunError if the folder is none."""
+    require_unchanged(folder, "sweep.json")
+    require_part(folder, "cells")
     try:
         about = json.loads((folder / "sweep.json").read_text(encoding="utf-8"))
         cells = [
@@ -85,13 +88,16 @@ def read_cells(folder: Path) -> Sweep:
         raise RunError(f"{folder} is not a sweep: its sweep.json is missing or damaged") from None
 
 
-def _write_cells(folder: Path, name: str, sweep: Sweep) -> None:
+def _write_cells(folder: Path, name: str, sweep: Sweep) -> list[Path]:
+    about = {"seeds": sweep.seeds, "cells": [cell.labels for cell in sweep.cells]}
+    files = {folder / "sweep.json": json.dumps(about, indent=1) + "\n"}
+    for i, cell in enumerate(sweep.cells):
+        files[folder / "cells" / f"{i:03}.yaml"] = to_yaml(cell.config)
     with run_dir.writing(folder):
         (folder / "cells").mkdir()
-        for i, cell in enumerate(sweep.cells):
-            (folder / "cells" / f"{i:03}.yaml").write_text(to_yaml(cell.config), encoding="utf-8")
-        about = {"seeds": sweep.seeds, "cells": [cell.labels for cell in sweep.cells]}
-        (folder / "sweep.json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+        for file, text in files.items():
+            file.write_text(text, encoding="utf-8")
+    return [*files]
 
 
 def _first_of_twins(sweep: Sweep) -> list[int]:

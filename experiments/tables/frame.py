@@ -19,7 +19,8 @@ from gril_jax.experiments.pipeline.demonstrations import Demonstrations
 
 from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
-from gril_jax.runs import hosts, run_dir
+from gril_jax.demos import schema
+from gril_jax.runs import covered, hosts, run_dir
 from gril_jax.runs.progress import Progress
 
 from . import measures as table_measures
@@ -70,13 +71,15 @@ def make(
             Progress(stream=shown) as progress,
         ):
             if resume is None:
-                table.save(run.path, table.name, settings)
+                run.cover("begun", table.save(run.path, table.name, settings))
+            for sentence in run.said:
+                echo(sentence)
             said = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
             echo(f"writing to {run.path}: {said}")
             found = _train(table, config, settings, rows, plan, run, progress, echo)
             text = ""
             if hosts.is_first():
-                text = results.write(table, run.path, found)
+                text = _write(table, run, found)
                 counts |= table.summary(found)
             run.finish(counts)
     echo(text)
@@ -96,11 +99,12 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
 
     def written() -> None:
         if hosts.is_first():
-            results.write(table, run.path, results.read(table, run.path, settings), last=False)
+            _write(table, run, results.read(table, run.path, settings), last=False)
 
     def train(program, compiled) -> None:
         done = learn_policies(program, compiled, learned, run, progress, echo)
-        run.finish_phase(program.name, done)
+        saved = (run.path / "policies" / program.name).glob("*/manifest.json")
+        run.finish_phase(program.name, done, sorted(saved))
         written()
 
     with ahead.compiling() as pool:
@@ -121,6 +125,14 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
     return found._replace(lines=[*found.lines, *(table.reference(demos) if demos else [])])
 
 
+def _write(table: Table, run: run_dir.RunDir, found: Found, *, last: bool = True) -> str:
+    """The table, written; runs are joined by its CSV, or by the phases alone."""
+    text = results.write(table, run.path, found, last=last)
+    if table.joins_csv:
+        run.cover("table", [run.path / f"{table.name}.csv"])
+    return text
+
+
 def _gatherer(run: run_dir.RunDir, progress: Progress) -> Callable[[RunConfig], Demonstrations]:
     """Demonstrations for a configuration, each set made once; the run notes the first one."""
     made: dict[Hashable, Demonstrations] = {}
@@ -133,7 +145,10 @@ def _gatherer(run: run_dir.RunDir, progress: Progress) -> Callable[[RunConfig], 
                 made[key] = demonstrations.gather_once(config, env, run, progress)
             else:
                 folder = run.path / f"demos-{len(made)}"
+                covered.require_part(run.path, folder.name)
                 made[key] = demonstrations.gather(config, env, folder, progress)
+                if not config.demos.path:
+                    run.cover(folder.name, [folder / schema.HEADER])
         return made[key]
 
     return gather

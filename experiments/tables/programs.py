@@ -249,7 +249,6 @@ def learn_policies(
     return {
         "rows": [(row.cell, row.seed) for row in rows],
         "taus": [found and found.tau for found in learned],
-        "seconds": done.seconds,
         "starts": {variant: found._asdict() for variant, found in starts(program).items()},
     }
 

@@ -13,8 +13,9 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.report.data import read_versions
 from gril_jax.report.figures.style import png
-from gril_jax.runs import run_dir
-from gril_jax.runs.phases import read_phases
+from gril_jax.runs import run_dir, times
+from gril_jax.runs.covered import require_unchanged
+from gril_jax.runs.phases import COVERED, read_phases
 
 from .counted import COUNTS, Counted
 from .curves import Curve, at_the_end, curves
@@ -66,9 +67,10 @@ class Table(NamedTuple):
     measured: Mapping[str, Sequence[str]] = {}  # measure to its numbers in the lines
     measures: Callable[[RunConfig, Any, Demonstrations], list[Measure]] = lambda *_: []
     reference: Callable[[Demonstrations], list[Line]] = lambda demos: []  # lines of no row
-    save: Callable[[Path, str, Any], None] = write_settings
+    save: Callable[[Path, str, Any], list[Path]] = write_settings  # returns the files
     names: Callable[[Any], Sequence[str]] = lambda settings: [*settings.rows]
     complete: Callable[[Found, Any], Found] = lambda found, settings: found  # as read from a run
+    newer: Sequence[str] = ()  # columns that older CSVs lack
     joins_csv: bool = False  # tables of joined runs are made of their CSV alone
     order: Sequence[str] = ()  # of rows of joined runs; as they are given where empty
     summary: Callable[[Found], Mapping[str, Any]] = lambda found: {}  # in results.json
@@ -80,7 +82,7 @@ def read(table: Table, folder: Path, settings: Any) -> Found:
     config, phases = run_dir.read_config(folder), read_phases(folder).finished
     names = [*table.names(settings)]
     trained = any(name.startswith("policy-") for name in phases)
-    found = curves(phases, run_dir.read_metrics(folder) if trained else [])
+    found = curves(phases, run_dir.read_metrics(folder, clocks=True) if trained else [])
     lines: dict[tuple[int, int], dict[str, Any]] = {}
     for curve in found:
         tau = {} if curve.tau is None else {"tau": curve.tau}
@@ -89,7 +91,9 @@ def read(table: Table, folder: Path, settings: Any) -> Found:
         done = phases.get(f"{kind}-{cell}", {})
         for seed, values in enumerate(_by_seed(done, table.measured[kind])):
             lines.setdefault((cell, seed), {}).update(values)
-    about = read_versions(folder) | {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
+    begun = {"started": times.started(folder)} if (folder / times.FILE).exists() else {}
+    about = {name: value for name, value in read_versions(folder).items() if name not in COVERED}
+    about |= begun | {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
     first, numbers = config.run.seed, sorted(lines.items())
     each = [{"row": names[cell], "seed": first + k} | of for (cell, k), of in numbers]
     known = {name: phases.get(f"profiles-{cell}") for cell, name in enumerate(names)}
@@ -109,8 +113,11 @@ def _by_seed(done: Mapping[str, Any], wanted: Sequence[str]) -> list[dict[str, f
 def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
     """The results that a run's CSV holds, with six digits each."""
     file = folder / f"{table.name}.csv"
+    require_unchanged(folder, file.name)
     try:
-        lines = read_csv(file.read_text(encoding="utf-8"), table.columns([]), COUNTS)
+        lines = read_csv(
+            file.read_text(encoding="utf-8"), table.columns([]), [*COUNTS, *table.newer]
+        )
     except (OSError, ValueError, KeyError, TypeError):
         raise RunError(
             f"{folder} has no table yet: its {file.name} is missing or damaged"

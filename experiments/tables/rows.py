@@ -14,6 +14,7 @@ from gril_jax.config import RunConfig
 from gril_jax.config.command_line import nearest
 from gril_jax.config.grid import with_seed
 from gril_jax.errors import ConfigError, RunError
+from gril_jax.runs.covered import require_unchanged
 from gril_jax.runs.phases import changed_fields
 from gril_jax.safe_files import write_whole, writing
 
@@ -118,15 +119,17 @@ def differing(first: RunConfig, second: RunConfig, rows: Rows) -> list[str]:
     return [said for said in found if said.split(" ")[0] not in {"run.out", *everywhere}]
 
 
-def write_settings(folder: Path, name: str, settings: Settings) -> None:
-    """Beside the run's configuration as `NAME.json`, for `read_settings`."""
+def write_settings(folder: Path, name: str, settings: Settings) -> list[Path]:
+    """Beside the run's configuration as `NAME.json`, for `read_settings`; returns its path."""
+    file = folder / f"{name}.json"
     with writing(folder):
-        text = json.dumps(dataclasses.asdict(settings), indent=1)
-        write_whole(folder / f"{name}.json", text + "\n")
+        write_whole(file, json.dumps(dataclasses.asdict(settings), indent=1) + "\n")
+    return [file]
 
 
 def read_settings(folder: Path, name: str, kind: type[Settings]) -> Any:
     """The settings, of this kind, that `write_settings` wrote; RunError if they are damaged."""
+    require_unchanged(folder, f"{name}.json")
     try:
         found = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         rows = {

@@ -91,8 +91,8 @@ def search(
             (_, best), _ = jax.lax.scan(climb, (there, best), lengths)
             return best, None
 
-        never = (scene.center, jnp.float32(-jnp.inf))
-        aside = _ASIDE * task.half_extent * (jnp.arange(_LEGS) > 0)
+        never = (scene.center, jnp.full_like(value(scene.center), -jnp.inf))
+        aside = jnp.where(jnp.arange(_LEGS) > 0, _ASIDE * task.half_extent, 0.0)
         keys = jax.random.split(key_legs, _LEGS)
         (center, paid), _ = jax.lax.scan(leg, never, (keys, lengths, aside))
         return Found(at(center), paid)

@@ -25,6 +25,9 @@ from .states import FACTORS, SUCCESS, Battery, battery, successes
 from .sweeps import alone, pushed
 
 _SIDE = 25
+# States in which whatever is done has been put where its stage clearly holds; a detour's last
+# frames may be at the very edge, like the successes drawn from all that count.
+_CLEAR = ("progress", "success")
 _TOGETHER = 256  # states side by side
 
 
@@ -56,7 +59,7 @@ class Measures(NamedTuple):
     factor_accuracy: Float[Array, "F"]  # the same by factor; NaN where there is no pair
     worst_violation: Float[Array, ""]  # how much more the lesser state of a pair got; a share
     worst_pair: Int[Array, "3"]  # start, the lesser state, the better state
-    hack_gap: Float[Array, ""]  # worst success less best state without progress; units of reward
+    hack_gap: Float[Array, ""]  # worst clear success less best state without progress; reward units
     hack_gap_scattered: Float[Array, ""]  # the same with other objects moved in the successes
     hack_gap_anywhere: Float[Array, ""]  # the same with successes from all that count
     outbid_share: Float[Array, ""]  # share of those that the best state without progress outbids
@@ -149,9 +152,10 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
     kind = made.factor[0]  # every start has the same factors
     reset = paid[:, 0]
     success = made.score >= SUCCESS
-    strict = success & (kind != FACTORS.index("scattered")) & (kind != FACTORS.index("random"))
+    clear = jnp.isin(kind, jnp.array([FACTORS.index(name) for name in _CLEAR]))
     plain = success & (kind == FACTORS.index("success"))
-    span = jnp.sum(jnp.where(plain, paid, 0.0), axis=1) / jnp.sum(plain, axis=1) - reset
+    counted = jnp.sum(plain, axis=1).astype(paid.dtype)
+    span = jnp.sum(jnp.where(plain, paid, 0.0), axis=1) / counted - reset
     unit = jnp.where(span > 0, span, jnp.nan)  # a reward that pays success less has no range
 
     def share(x):
@@ -165,7 +169,7 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
         jnp.max(rewards.pushed, where=states.pushed_free, initial=-jnp.inf),
         jnp.max(found.reward),
     ]).max()  # fmt: skip
-    worst = jnp.min(paid, where=strict, initial=jnp.inf)
+    worst = jnp.min(paid, where=success & clear, initial=jnp.inf)
     at_start = (made.scenes.center == made.scenes.center[:, :1]).all(axis=(2, 3))
     touched = (kind == FACTORS.index("touched")) & at_start
     in_any_way = lambda values, where, axis=None: jnp.max(  # noqa: E731

@@ -8,7 +8,7 @@ from pathlib import Path
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.errors import ConfigError, DemoError, RunError
-from gril_jax.runs import run_dir, sinks
+from gril_jax.runs import covered, run_dir, sinks
 from gril_jax.runs.phases import changed_fields
 from gril_jax.safe_files import writing
 
@@ -79,6 +79,8 @@ def hard_negatives(names: str, config: RunConfig) -> list[Path]:
 def run_config_of(folder: Path, part: str | None = None) -> RunConfig:
     """The configuration of a run; a RunError if it has not got to a part, "reward" or "policy"."""
     config = run_dir.read_config(folder)
+    if part is not None:
+        covered.require_part(folder, part)
     if part is not None and not any(folder.glob(f"{part}/[0-9]*/manifest.json")):
         raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
     return config

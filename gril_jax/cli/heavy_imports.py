@@ -42,7 +42,11 @@ def heavy_imports(
 
     With `devices` JAX takes its devices meanwhile, or a ConfigError says why it cannot; not for
     what leaves them to other processes, or has to connect to other hosts first.
+
+    Raises:
+      ConfigError: a task or device cannot be had, or JAX is told to compute in float64.
     """
+    _require_float32()
     if config is not None:
         _set_for(config)
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
@@ -62,6 +66,16 @@ def heavy_imports(
         _taken_devices() if devices else contextlib.nullcontext(),
     ):
         yield
+
+
+def _require_float32() -> None:
+    """Refuses JAX's float64: checkpoints, files of rewards and policies, and results are float32,
+    and a run would find that out only when it writes them."""
+    value = os.environ.get("JAX_ENABLE_X64", "0")
+    if value.lower() not in ("0", "false", "f", "no", "n", "off"):
+        raise ConfigError(
+            f"JAX_ENABLE_X64 is {value!r}, but gril computes in float32: unset it, or set it to 0"
+        )
 
 
 @contextlib.contextmanager

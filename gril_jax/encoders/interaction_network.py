@@ -182,6 +182,6 @@ class _Relations(nn.Module):
         sent = nn.Dense(self.width, use_bias=False, kernel_init=half, name="1_sender")(x)
         hidden = sum_messages(sent, received, audible)
         bias = self.param("bias_2", nn.initializers.zeros, (self.width,))
-        pairs = (jnp.sum(audible) - audible).astype(x.dtype)
+        pairs = jnp.sum(audible).astype(x.dtype) - audible.astype(x.dtype)
         second = nn.Dense(self.width, use_bias=False, name="2")(hidden)
         return hidden + second + pairs[:, None] * bias

@@ -1,35 +1,29 @@
 """Exports a run's policy as plain arrays, for programs without JAX or this package.
 
 `gril export-policy RUN --out policy.npz` writes the policy that `gril eval` plays, with its
-deterministic (mean) action. To act on one observation (O,) or many (..., O), NumPy is enough:
+deterministic (mean) action. `gril_jax/interop/read_policy.py` plays it with NumPy alone, here or
+copied to a robot, and refuses a file that is damaged or edited:
+
+    from gril_jax.interop.read_policy import load_policy
+
+    act = load_policy("policy.npz")
+    action = act(observation)
+
+A file brings that module along, as `reader` of its description:
 
     import json
     import numpy as np
 
     with np.load("policy.npz") as file:
-        policy = dict(file)
-    about = json.loads(str(policy["description"]))
-    activations = {
-        "swish": lambda x: x * (1 + np.tanh(x / 2)) / 2,
-        "relu": lambda x: np.maximum(x, 0),
-        "tanh": np.tanh,
-        "none": lambda x: x,
-    }
-
-    def act(observation):
-        limit = policy["observation_limit"]
-        x = np.float32(observation) - policy["observation_mean"]
-        x = np.clip(x, -limit, limit)
-        for i, layer in enumerate(about["layers"]):
-            x = x @ policy[f"kernel_{i}"] + policy[f"bias_{i}"]
-            x = activations[layer["activation"]](x)
-        start, stop = about["output"]["mean"]
-        return np.tanh(x[..., start:stop])
+        about = json.loads(str(file["description"]))
+    with open("read_policy.py", "w", encoding="utf-8") as file:
+        file.write(about["reader"])
 
 Arrays, all float32, for O inputs and layers i of H_i outputs:
   observation_mean (O,), observation_limit (O,)   see below
   kernel_i (H_(i-1), H_i), bias_i (H_i,)
   description ()   a JSON text; `describe` lists its fields
+and a digest of the whole file, its last 64 bytes (`gril_jax.interop.sealed_file`).
 
 Of the observation's normalisation, clip((x - mean) / std, -10, 10), the division is folded into
 `kernel_0`; mean and limit = 10 std stay apart, since of an input that hardly varies x / std and
@@ -37,6 +31,7 @@ mean / std are both large, and in float32 their difference loses digits.
 """
 
 import dataclasses
+import inspect
 import itertools
 import json
 from collections.abc import Callable, Sequence
@@ -51,11 +46,14 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import RunError, ShapeError
 from gril_jax.rl import training
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
-from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.versions import package_versions
 from gril_jax.safe_files import new_file, writing
 
-FORMAT, VERSION = "gril-jax policy", 1
+from . import read_policy
+from .sealed_file import packed
+
+FORMAT, VERSION = "gril-jax policy", 2
 
 _ACTIVATION = "swish"  # brax's default, which PPO and SAC keep; the last layer has none
 
@@ -78,7 +76,8 @@ def main(
     echo: Callable[[str], None] = print,
 ) -> None:
     """Writes the newest policy of a run to a new file; its algorithm is built from its config. A
-    RunError if the run has no policy or a broken one, or the file exists or cannot be written."""
+    RunError if the run has no policy or a broken one, or the file exists or cannot be written; a
+    ShapeError if the task misnames its numbers."""
     found = checkpoint.newest(folder, "policy")
     fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
     arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
@@ -111,10 +110,12 @@ def describe(
     arrays: dict[str, Float[np.ndarray, "..."]],
     objects: Sequence[str],
 ) -> dict[str, Any]:
-    """The meaning of the arrays, as JSON has it. Index ranges are [start, stop).
+    """The meaning of the arrays, as JSON has it; errors are those of `observation_layout`. Index
+    ranges are [start, stop).
 
     The objects are those whose activity bits the policy sees, in order. Its fields:
-      format, version, gril_jax: what wrote the file.
+      format, version, gril_jax: what wrote the file; version 1 had neither digest nor reader.
+      reader: the text of `gril_jax/interop/read_policy.py`, which plays the file.
       layers: `in`, `out` and `activation` (swish, relu, tanh or none) of each.
       output: the ranges of the last layer that hold the action's mean and its spread before
         `squash`, which is applied to the mean. The deterministic action does not need the spread.
@@ -139,7 +140,7 @@ def describe(
     return {
         "format": FORMAT,
         "version": VERSION,
-        "gril_jax": run_dir.package_versions()["gril-jax"],
+        "gril_jax": package_versions()["gril-jax"],
         "layers": [
             {"in": kernel.shape[0], "out": kernel.shape[1], "activation": activation}
             for kernel, activation in zip(kernels, activations, strict=True)
@@ -150,6 +151,7 @@ def describe(
         "action": action_layout(env),
         "control_hz": float(env.control_hz),
         "env": dataclasses.asdict(config.env),
+        "reader": inspect.getsource(read_policy),
     }
 
 
@@ -165,7 +167,8 @@ def observation_layout(env: SizedTask, objects: Sequence[str] = ()) -> list[dict
 
 
 def action_layout(env: SizedTask) -> list[dict[str, Any]]:
-    """Name, start, stop, low and high of each part of the action, as `observation_layout`."""
+    """Name, start, stop, low and high of each part of the action, as `observation_layout`, whose
+    errors are the same."""
     found = _layout(env, "action", env.action_size)
     return [entry | {"low": -1.0, "high": 1.0} for entry in found]
 
@@ -174,11 +177,11 @@ def write(
     out: Path, arrays: dict[str, Float[np.ndarray, "..."]], description: dict[str, Any]
 ) -> None:
     """Writes a new npz file, complete or not at all; equal contents give equal bytes."""
-    text = np.array(json.dumps(description, allow_nan=False))
+    contents = packed(arrays, json.dumps(description, allow_nan=False))
     with writing(out.parent):
         try:
             with new_file(out) as file:
-                np.savez(file, **arrays, description=text)
+                file.write(contents)
         except FileExistsError:
             raise RunError(f"{out} exists already, but --out must be a new file") from None
 

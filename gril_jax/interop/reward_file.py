@@ -7,7 +7,7 @@
 Arrays, named by their path in `RewardParams`, such as `goal`, `scale`, `alpha` and
 `encoder.messages.Dense_0.kernel`; and `description`, a JSON text:
 
-    format, version         "gril-jax reward", 1
+    format, version         "gril-jax reward", 2; files of version 1 have no digest
     encoder                 kind (paper, interaction, mlp, pixel) and the fields of its config
     activity                the fields of an `ActivityRule` (Eq. 4)
     classes, robots         names that a label is an index into; those that are the robot
@@ -17,15 +17,14 @@ Arrays, named by their path in `RewardParams`, such as `goal`, `scale`, `alpha` 
     provenance              version of this package, digest and number of the demonstrations, and
                             what else the writer says, such as Kendall's tau
 
-Loading needs JAX, flax and jraph, and neither MuJoCo nor brax. A file is written whole or not at
-all; equal contents give equal bytes.
+The file ends with a digest of all that is before it (`gril_jax.interop.sealed_file`). Loading needs
+JAX, flax and jraph, and neither MuJoCo nor brax. A file is written whole or not at all; equal
+contents give equal bytes.
 """
 
 import dataclasses
 import hashlib
 import os
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -43,11 +42,9 @@ from gril_jax.safe_files import new_file
 from gril_jax.types import DemoBatch
 
 from . import reward_format
+from .read_policy import unpack
 from .reward_format import RewardFileError
-
-# What NumPy and zipfile raise for damaged files.
-_DAMAGED = (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, RuntimeError,
-            SyntaxError, MemoryError, OverflowError, zipfile.BadZipFile, zlib.error)  # fmt: skip
+from .sealed_file import packed
 
 
 def save_reward(
@@ -95,7 +92,7 @@ def save_reward(
     arrays = {name: np.asarray(leaf) for name, leaf in reward_format.named(params)}
     wanted = dict(reward_format.named(reward_format.blank(config)))
     reward_format.check_arrays(arrays, wanted, "params")
-    _write(Path(path), {**arrays, "description": np.array(text)}, overwrite)
+    _write(Path(path), packed(arrays, text), overwrite)
 
 
 def load_reward(path: str | os.PathLike) -> LearnedReward:
@@ -106,8 +103,8 @@ def load_reward(path: str | os.PathLike) -> LearnedReward:
       ConfigError: the file asks for a choice that this version does not have.
       ShapeError: an array has another shape than the encoder's.
     """
-    arrays = _read(Path(path))
-    about = reward_format.parse(arrays.pop("description", None), str(path))
+    about, arrays = _read(Path(path))
+    reward_format.check_version(about, str(path))
     learned = reward_format.understand(about, str(path))
     wanted = dict(reward_format.named(learned.params))
     reward_format.check_arrays(arrays, wanted, str(path))
@@ -125,10 +122,10 @@ def _digest(demos):
     return {"demos_sha256": total.hexdigest(), "num_demos": int(demos.length.shape[0])}
 
 
-def _write(path, arrays, overwrite):
+def _write(path, contents, overwrite):
     try:
         with new_file(path, overwrite=overwrite) as file:
-            np.savez(file, **arrays)  # a name would get a suffix, if it has none
+            file.write(contents)
     except FileExistsError:
         raise RewardFileError(
             f"{path} exists already; give another name, or overwrite=True to replace it."
@@ -141,21 +138,12 @@ def _write(path, arrays, overwrite):
 
 
 def _read(path):
-    """Reads every array of the file and checks it against the file's checksum."""
+    """The description and the arrays of a file that has passed its own digest."""
     try:
-        with open(path, "rb") as file:
-            if file.read(4) != b"PK\x03\x04":
-                raise RewardFileError(
-                    f"{path} is no reward file; it must be one that save_reward wrote."
-                )
-            file.seek(0)
-            with np.load(file, allow_pickle=False) as content:
-                return {name: content[name] for name in content.files}
+        return unpack(path)
     except FileNotFoundError:
         raise RewardFileError(f"{path} does not exist; it must be a file of save_reward.") from None
     except IsADirectoryError:
         raise RewardFileError(f"{path} is a folder; it must be a file of save_reward.") from None
-    except _DAMAGED as error:
-        raise RewardFileError(
-            f"{path} is cut short or damaged ({type(error).__name__}); fetch or save it again."
-        ) from None
+    except (OSError, ValueError) as error:
+        raise RewardFileError(f"{error}.") from None

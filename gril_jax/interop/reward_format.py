@@ -23,7 +23,8 @@ from gril_jax.graphs import activity_rule
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 
-FORMAT, VERSION = "gril-jax reward", 1
+FORMAT, VERSION = "gril-jax reward", 2
+_READ = (1, 2)  # version 1 had no digest
 
 
 class RewardFileError(GrilError):
@@ -94,23 +95,16 @@ def describe(
     return _json(about)
 
 
-def parse(text: Any, where: str) -> dict[str, Any]:
-    """The fields of a description; a `RewardFileError` if its format or version is another."""
-    try:
-        about = json.loads(str(text[()]))
-        kind, version = about["format"], about["version"]
-    except (ValueError, TypeError, KeyError, IndexError, RecursionError):
-        raise RewardFileError(
-            f"{where} has no description; it must be a file that save_reward wrote."
-        ) from None
+def check_version(about: dict[str, Any], where: str) -> None:
+    """Raises a RewardFileError unless the description is one of this format, of a version known."""
+    kind, version = about.get("format"), about["version"]
     if kind != FORMAT:
         raise RewardFileError(f"{where} has format {kind!r:.60}; it must be {FORMAT!r}.")
-    if type(version) is not int or version != VERSION:
+    if type(version) is not int or version not in _READ:
         raise RewardFileError(
-            f"{where} has version {version!r:.60}, but this version of gril-jax reads {VERSION}; "
-            "save it again, or install the version that wrote it."
+            f"{where} has version {version!r:.60}, but this version of gril-jax reads up to "
+            f"{VERSION}; save it again, or install the version that wrote it."
         )
-    return about
 
 
 def understand(about: Mapping[str, Any], where: str) -> LearnedReward:

@@ -106,11 +106,11 @@ def two_way_cycle_consistency(
         back = jnp.take_along_axis(nearest[:, u], nearest[u], axis=1)
         frames = jnp.arange(back.shape[-1])
         home = (jnp.abs(back - frames) <= tolerance) & (frames < length[u])
-        share = jnp.sum(home, axis=-1) / jnp.maximum(length[u], 1)
+        share = jnp.sum(home, axis=-1).astype(float) / jnp.maximum(length[u], 1).astype(float)
         return share, (length > 0) & (length[u] > 0) & (jnp.arange(len(length)) != u)
 
     share, counted = jax.lax.map(from_query, jnp.arange(len(length)))
-    return jnp.sum(jnp.where(counted, share, 0.0)) / jnp.maximum(jnp.sum(counted), 1)
+    return jnp.sum(jnp.where(counted, share, 0.0)) / jnp.maximum(jnp.sum(counted), 1).astype(float)
 
 
 def nearest_frames(

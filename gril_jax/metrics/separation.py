@@ -49,8 +49,9 @@ def ratio(total: Float[Array, "B"], success: Bool[Array, "B"]) -> Float[Array, "
     0.25
     """
     cost = jnp.abs(total)
-    positive = jnp.sum(jnp.where(success, cost, 0.0)) / jnp.sum(success)
-    return positive / (jnp.sum(jnp.where(success, 0.0, cost)) / jnp.sum(~success))
+    succeeded, failed = (jnp.sum(x).astype(cost.dtype) for x in (success, ~success))
+    positive = jnp.sum(jnp.where(success, cost, 0.0)) / succeeded
+    return positive / (jnp.sum(jnp.where(success, 0.0, cost)) / failed)
 
 
 def success_auc(score: Float[Array, "B"], success: Bool[Array, "B"]) -> Float[Array, ""]:
@@ -62,9 +63,10 @@ def success_auc(score: Float[Array, "B"], success: Bool[Array, "B"]) -> Float[Ar
     >>> float(success_auc(jnp.array([0.0, -0.5, -0.2]), jnp.array([True, False, True])))
     1.0
     """
-    above = (score[:, None] > score) + 0.5 * (score[:, None] == score)
+    ties = jnp.where(score[:, None] == score, 0.5, 0.0)
+    above = jnp.where(score[:, None] > score, 1.0, ties)
     pairs = success[:, None] & ~success
-    return jnp.sum(jnp.where(pairs, above, 0.0)) / jnp.sum(pairs)
+    return jnp.sum(jnp.where(pairs, above, 0.0)) / jnp.sum(pairs).astype(above.dtype)
 
 
 def stage_order(
@@ -89,4 +91,4 @@ def stage_order(
     counted = jnp.arange(num_frames) < (num_frames if length is None else length)
     pairs = (stage[:, None] < stage) & counted[:, None] & counted
     agree = jnp.where(pairs, jnp.sign(reward[None] - reward[:, None]), 0.0)
-    return jnp.sum(agree) / jnp.maximum(jnp.sum(pairs), 1)
+    return jnp.sum(agree) / jnp.maximum(jnp.sum(pairs), 1).astype(agree.dtype)

@@ -90,11 +90,12 @@ def final_places(
 
     places = FinalPlaces(reference, low, high, moves & found, ~moves, jnp.ones(()), within)
     inside = jax.vmap(intrusion, (None, 0, 0, 0))(places, center, size, demos.label) > 0
-    often = (inside[..., None] & of_class).sum(axis=(0, 1)) > _STRAY * of_class.sum(axis=(0, 1))
+    entered = (inside[..., None] & of_class).sum(axis=(0, 1)).astype(low.dtype)
+    often = entered > _STRAY * of_class.sum(axis=(0, 1)).astype(low.dtype)
     begin = demos.center[:, 0], demos.size[:, 0], demos.label
     begin = jax.vmap(astray, (None, 0, 0, 0))(places, *begin)
     due = counted & places.placed[demos.label]
-    journey = jnp.sum(jnp.where(due, begin, 0.0)) / jnp.maximum(jnp.sum(due), 1)
+    journey = jnp.sum(jnp.where(due, begin, 0.0)) / jnp.maximum(jnp.sum(due), 1).astype(low.dtype)
     return places._replace(intruder=~moves & ~often, journey=jnp.maximum(journey, 1e-3))
 
 
@@ -164,7 +165,7 @@ def misplacement(
     cost = (1.0 - touch) * cost + jnp.where(active, 0.0, touch)
     depth = intrusion(places, center, size, label)
     cost = jnp.where(due, cost, idle_cost * jnp.minimum(depth / half, 1.0))
-    return jnp.sum(jnp.where(counted, cost, 0.0)) / jnp.maximum(jnp.sum(due), 1)
+    return jnp.sum(jnp.where(counted, cost, 0.0)) / jnp.maximum(jnp.sum(due), 1).astype(cost.dtype)
 
 
 def _out(places, center, size, label):
@@ -179,12 +180,12 @@ def _out(places, center, size, label):
 def _class_mean(x, of_class):
     """Mean of (B, N, 2) over the objects of each class: (B, C, 2)."""
     total = jnp.einsum("bnc,bnk->bck", of_class.astype(x.dtype), x)
-    return total / jnp.maximum(of_class.sum(axis=1), 1)[..., None]
+    return total / jnp.maximum(of_class.sum(axis=1), 1).astype(x.dtype)[..., None]
 
 
 def _references(offset, both, box, has, moves):
     """Reference class of each class by offsets (B, C, reference, 2), and whether there is one."""
-    seen = jnp.maximum(both.sum(axis=0), 1)
+    seen = jnp.maximum(both.sum(axis=0), 1).astype(offset.dtype)
     middle = jnp.sum(jnp.where(both[..., None], offset, 0.0), axis=0) / seen[..., None]
     spread = jnp.where(both[..., None], (offset - middle) ** 2, 0.0).sum(axis=(0, 3)) / seen
     possible = both.any(axis=0) & ~moves & ~jnp.eye(len(moves), dtype=bool)

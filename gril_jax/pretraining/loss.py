@@ -90,7 +90,9 @@ def terms(
     consistency, agreement = aligned(key, found, times, valid, hyper, config)
     counted = valid[:, :, None] & _decodable(demos, config)[:, None, :]
     total = jnp.sum(jnp.where(counted, rebuilt, 0.0))
-    return Terms(consistency, agreement, total / jnp.maximum(jnp.sum(counted), 1))
+    return Terms(
+        consistency, agreement, total / jnp.maximum(jnp.sum(counted), 1).astype(total.dtype)
+    )
 
 
 def _rebuild(params, decoded, nodes, config) -> Float[Array, "N"]:

@@ -211,7 +211,8 @@ def activity_bits(demos: DemoBatch, hyper: Hyper, config: Static) -> Bool[Array,
 
 def agreement_weight(state: TrainState, hyper: Hyper) -> Float[Array, ""]:
     """Of the time agreement, for the first updates only: see `gril_jax.losses.time_agreement`."""
-    fading = jnp.clip(1.0 - state.num_updates / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
+    done = state.num_updates.astype(float)
+    fading = jnp.clip(1.0 - done / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
     return jnp.where(hyper.warmup > 0, fading, 0.0)
 
 
@@ -220,7 +221,7 @@ def updated(
 ) -> tuple[Any, optax.OptState]:
     """Parameters and moments after an update, whose step size falls linearly."""
     direction, moments = optimizer.update(gradient, state.optimizer, state.params)
-    progress = jnp.minimum(state.num_updates / hyper.decay_updates, 1.0)
+    progress = jnp.minimum(state.num_updates.astype(float) / hyper.decay_updates, 1.0)
     rate = hyper.learning_rate * (1.0 - (1.0 - hyper.learning_rate_left) * progress)
     direction = jax.tree.map(lambda d: -rate * d, direction)
     return optax.apply_updates(state.params, direction), moments

@@ -4,7 +4,8 @@
     rollouts.npz   the reward in each evaluation episode (E, T), and which one was filmed
 
 B is demonstrations, E episodes, T frames or steps. `gril_jax.runs.run_dir` has the other files. A
-file that is damaged, or whose parts do not fit together, is a `RunError`.
+file that is damaged, is not as the run wrote it, or whose parts do not fit together is a
+`RunError`.
 """
 
 import math
@@ -19,7 +20,9 @@ from jaxtyping import Bool, Float, Int
 
 from gril_jax.config.tables import ALGORITHMS
 from gril_jax.errors import RunError
-from gril_jax.runs.run_dir import read_metrics, read_results
+from gril_jax.runs.covered import require_unchanged
+from gril_jax.runs.phases import recorded
+from gril_jax.runs.reading import read_metrics, read_results
 from gril_jax.safe_files import read_object
 
 SPLITS = ("train", "validation", "failure")
@@ -54,6 +57,7 @@ class Rollouts(NamedTuple):
 
 def read_profiles(folder: Path) -> Profiles | None:
     """Reads profiles.npz; None if there is none."""
+    require_unchanged(folder, "profiles.npz")
     path = folder / "profiles.npz"
     fields = {"names": "U", "split": "U", "reward": "f", "length": "iu", "transitions": "b"}
     arrays = _arrays(path, fields)
@@ -76,6 +80,7 @@ def read_profiles(folder: Path) -> Profiles | None:
 
 def read_rollouts(folder: Path) -> Rollouts | None:
     """Reads rollouts.npz; None if there is none."""
+    require_unchanged(folder, "rollouts.npz")
     path = folder / "rollouts.npz"
     arrays = _arrays(path, {"reward": "f", "success": "bf", "shown": "iu"})
     if arrays is None:
@@ -115,10 +120,11 @@ def _require_shape(path: Path, field: str, array: np.ndarray, shape: tuple) -> N
 def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
     """Rows of metrics.jsonl by phase, "pretrain" and the algorithm; empty if there is no file."""
     rows: dict[str, list[dict[str, Any]]] = {phase: [] for phase in _STEP}
-    if not (folder / "metrics.jsonl").exists():
+    metrics = folder / "metrics.jsonl"
+    if not metrics.exists() and recorded(folder) is None:
         return rows
     for line, row in enumerate(read_metrics(folder), 1):
-        where = f"{folder / 'metrics.jsonl'}: line {line}"
+        where = f"{metrics}: line {line}"
         phase = row.get("phase")
         if not isinstance(phase, str) or phase not in _STEP:
             continue
@@ -131,11 +137,13 @@ def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
 
 def read_finished(folder: Path) -> dict[str, Any] | None:
     """Reads results.json; None if the run has not finished."""
+    require_unchanged(folder, "results.json")
     return read_results(folder) if (folder / "results.json").exists() else None
 
 
 def read_versions(folder: Path) -> dict[str, Any]:
     """Reads versions.json; empty if there is none."""
+    require_unchanged(folder, "versions.json")
     path = folder / "versions.json"
     versions = read_object(path) if path.exists() else {}
     if not isinstance(versions.get("packages", {}), dict):

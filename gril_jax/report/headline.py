@@ -7,8 +7,7 @@ import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from gril_jax.errors import RunError
-
+from .audit import asked
 from .data import number
 from .rates import WHERE, Rate, name, own_start, rates, wilson
 
@@ -31,7 +30,8 @@ class Verdict(NamedTuple):
 
 
 def verdict(results: Mapping[str, Any]) -> Verdict:
-    """A sentence on whether the run worked, judged by the success of its policy."""
+    """A sentence on whether the run worked, judged by the success of its policy and, where that is
+    high, by the audit of its reward."""
     if not results:
         return Verdict("open", "The run has not finished, so it has no results yet.")
     known = rates(results)
@@ -48,6 +48,9 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
     else:
         found = f"{rate.tally} end in success{against}"
     if rate.value == "solved" or (rate.share >= _SOLVED and not rate.single):
+        audited = asked.of_run(results)
+        if audited and asked.faults(audited):
+            return Verdict("fair", f"It worked: {found}. But its reward is not sound.")
         return Verdict("good", f"It worked: {found}.")
     if _better(rate, random):
         return Verdict("fair", f"It works in part: {found}.")
@@ -65,23 +68,26 @@ def _better(rate: Rate, random: Rate | None) -> bool:
 def headline(results: Mapping[str, Any]) -> list[Tile]:
     """Tiles of the numbers in `results.json`; missing numbers have none."""
     get = functools.partial(number, results, where=WHERE)
-    total = sum(s for _, s in stage_times(results))
     others = (
         (get("tau"), ".3f", "Kendall's tau of the alignment",
          "on demonstrations kept aside; 1 is perfect, 0 is chance"),
         (get("reward_time_tau"), ".3f", "Kendall's tau of reward and time",
          "1 if the reward never falls along a demonstration"),
-        (get("env_steps_per_s"), ",.0f", "environment steps a second",
-         "" if get("env_steps") is None else f"{get('env_steps'):,.0f} in all"),
-        (in_words(total) if total else None, "", "for the whole run", "by stages below"),
+        (get("env_steps"), ",.0f", "environment steps", ""),
         (get("trimmed_frames"), ",.0f", "frames trimmed",
          "cut from ends of videos in which nothing moves"),
     )  # fmt: skip
-    return success_tiles(results) + [
-        Tile(format(value, shape), label, note)
-        for value, shape, label, note in others
-        if value is not None
-    ]
+    success = success_tiles(results)
+    return (
+        success[:2]
+        + audit_tiles(results)
+        + success[2:]
+        + [
+            Tile(format(value, shape), label, note)
+            for value, shape, label, note in others
+            if value is not None
+        ]
+    )
 
 
 def success_tiles(results: Mapping[str, Any]) -> list[Tile]:
@@ -94,20 +100,23 @@ def success_tiles(results: Mapping[str, Any]) -> list[Tile]:
     return [*tiles.values(), *alone, *last]
 
 
+def audit_tiles(results: Mapping[str, Any]) -> list[Tile]:
+    """A tile of the reward's audit; of a run that has none, where to get it."""
+    numbers, label = asked.of_run(results), "the reward, by its audit"
+    if numbers is not None:
+        value = "not sound" if asked.faults(numbers) else "sound"
+        return [Tile(value, label, asked.in_short(numbers))]
+    if number(results, "tau", WHERE) is None:
+        return []
+    note = "gril audit RUN searches for states that the reward overestimates"
+    return [Tile("not audited", label, note)]
+
+
 def _note(rate: Rate) -> str:
     if rate.interval is None:
         return rate.tally
     low, high = (100 * bound for bound in rate.interval)
     return f"{rate.tally}; 95% Wilson interval {low:.1f}% to {high:.1f}%"
-
-
-def stage_times(results: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """The stages of the run, in order, with the seconds that each took."""
-    seconds = results.get("seconds") or {}
-    if not isinstance(seconds, Mapping):
-        raise RunError(f"{WHERE}: seconds must be an object of numbers")
-    times = [(str(name), number(seconds, name, f"{WHERE}, seconds")) for name in seconds]
-    return [(name, time) for name, time in times if time is not None]
 
 
 def in_words(seconds: int | float) -> str:

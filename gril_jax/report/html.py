@@ -42,11 +42,20 @@ class Table(NamedTuple):
     rows: Mapping[str, Sequence[Cell]]  # as many cells as headings, by the row's name
 
 
+class Step(NamedTuple):
+    """Something to do next: a sentence, the command that does it, or a page that has it."""
+
+    words: str
+    command: str = ""
+    page: str = ""  # relative to this one
+
+
 class Section(NamedTuple):
     """A heading and its content."""
 
     title: str
-    parts: Sequence[Part | Table]
+    parts: Sequence[Part | Table] = ()
+    steps: Sequence[Step] = ()
 
 
 def save(file: Path, contents: bytes) -> bytes:
@@ -116,7 +125,19 @@ def _tiles(tiles: Sequence[Tile]) -> str:
 def _section(section: Section) -> str:
     parts = "\n".join(map(_part, section.parts))
     head = f"<section><h2>{escape(section.title)}</h2>"
-    return f'{head}\n<div class="parts">\n{parts}\n</div></section>'
+    inner = f'\n<div class="parts">\n{parts}\n</div>' if parts else ""
+    return f"{head}{inner}{_steps(section.steps)}</section>"
+
+
+def _steps(steps: Sequence[Step]) -> str:
+    if not steps:
+        return ""
+    items = []
+    for step in steps:
+        words, page = escape(step.words), escape(step.page)
+        link = f'<a href="{page}">{words}</a>' if page else words
+        items.append(f"<li>{link}" + f"<code>{escape(step.command)}</code>" * bool(step.command))
+    return '\n<ul class="steps">\n' + "\n".join(f"{item}</li>" for item in items) + "\n</ul>"
 
 
 def _part(part: Part | Table) -> str:

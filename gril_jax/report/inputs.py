@@ -15,13 +15,15 @@ from gril_jax.demos.vision.video import read_video, write_video
 from gril_jax.errors import RunError
 from gril_jax.graphs import activity
 from gril_jax.report.figures.filmstrip import Film
-from gril_jax.runs.run_dir import read_config
+from gril_jax.runs.covered import require_same_demos, require_unchanged
+from gril_jax.runs.reading import read_config
 from gril_jax.safe_files import writing
 from gril_jax.threads import parallel_map
 
 from .data import Profiles, read_finished, read_profiles, read_rows
 from .html import save
 
+_LATER = ("versions.json", "rollout.mp4", "rollouts.npz")  # what is read while the page is drawn
 _FILMS = 3  # demonstrations on the contact sheet
 _bits = jax.jit(activity.trajectory, static_argnames=("window", "smoothing", "noise"))
 
@@ -51,8 +53,10 @@ class Inputs(NamedTuple):
 def read_inputs(folder: Path) -> Inputs:
     """Reads a run's folder, and its demonstrations if they still exist."""
     config = read_config(folder)
+    require_unchanged(folder, *_LATER)  # before anything is drawn
     profiles = read_profiles(folder)
     source = Path(config.demos.path) if config.demos.path else folder / "demos"
+    require_same_demos(folder, source / HEADER)
     demos = load_demo_set(source) if (source / HEADER).is_file() else None
     if demos is not None:
         wanted = ("goal", "robot", *config.env.targets, *config.env.distractors)

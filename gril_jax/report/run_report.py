@@ -1,14 +1,16 @@
 """Makes a run's report: pictures, videos, and one page that holds them all.
 
 Only the folder is read, and the demonstrations that its configuration names, if they are still
-there. What is missing leaves a sentence in its place; what is damaged is an error. The same
-folder gives the same page.
+there. What is not there yet leaves a sentence in its place; what is damaged or lost is an error.
+The same folder gives the same page, byte for byte, and no clock is on it.
 """
 
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from gril_jax.config.files import to_yaml
 from gril_jax.demos.vision.video import read_fps, read_video
@@ -21,14 +23,18 @@ from gril_jax.report.figures.curves import (
 )
 from gril_jax.report.figures.filmstrip import Film, beside_reward, contact_sheet, with_boxes
 from gril_jax.report.figures.style import png
+from gril_jax.runs import times
 from gril_jax.runs.phases import require_single
 
+from . import happenings
 from .data import read_rollouts, read_versions
-from .headline import headline, in_words, stage_times, verdict
-from .html import Part, Section, render
+from .headline import headline, verdict
+from .html import Part, Section, Step, render
 from .inputs import Inputs, films_of, read_inputs
 from .rates import UNKNOWN, Rate, rates
 
+# Results that older runs have among others; no clock is on the page.
+_CLOCKS = (*times.CLOCKS, "compile_s", "checkpoint_stall_s")
 _TOP = 4  # numbers on the first screen
 _NO_POLICY = Part("No policy has been trained in this run.")
 
@@ -59,7 +65,11 @@ def write_report(run_folder: str | os.PathLike) -> Path:
             tiles=tiles[:_TOP],
             film=film,
             beside=beside,
-            sections=[*later, Section("Demonstrations", demonstrations)],
+            sections=[
+                *later,
+                Section("Demonstrations", demonstrations),
+                Section("What next", steps=_next(run)),
+            ],
             more=tiles[_TOP:],
             **_what_was_run(run),
         )
@@ -125,14 +135,27 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
         name=run.shown,
         fps=film and run.demos.fps,
     )
+    ends = np.flatnonzero(run.profiles.transitions[index, :length]).tolist()
     kept_aside = ", on which it was not trained" * (run.profiles.split[index] == "validation")
     frames = " A line ties each frame to its point." * (film is not None)
     return Part(
         f"The reward along {run.shown}{kept_aside}. It should climb while something is brought to "
-        f"its place and stay flat while the empty hand travels. Numbered dots end stages.{frames}",
+        f"its place and stay flat while the empty hand travels.{frames}{_dots(run, film, ends)}",
         run.save("reward_profile.png", png(figure)),
         "Learned reward against frames of one demonstration",
     )
+
+
+def _dots(run: Inputs, film: Film | None, ends: Sequence[int]) -> str:
+    """What the numbered dots of a profile are; where the film is known, what happens at each."""
+    if not len(ends):
+        return " No stage was found in it."
+    words = " Numbered dots are where the reward has taken a step: ends of stages, as it sees them"
+    if film is None:
+        return f"{words}."
+    seen = happenings.at_frames(film.tracks, ends, run.demos.classes)
+    at = [f"{k + 1} (frame {end}): {seen[k]}" for k, end in enumerate(ends)]
+    return f"{words}. {'; '.join(at)}."
 
 
 def _both_outcomes(run: Inputs) -> Part:
@@ -209,15 +232,34 @@ def _summary(run: Inputs) -> str:
     )
 
 
+def _next(run: Inputs) -> list[Step]:
+    """What to do with the run."""
+    audited = (run.folder / "audit" / "report.html").is_file()
+    looked = [Step("The audit of its reward, with maps of it", page="audit/report.html")]
+    steps = looked if audited else []
+    steps.append(Step("Search for states that the reward overestimates.", "gril audit RUN"))
+    steps.append(Step("Find the subtasks in the reward.", "gril subtasks RUN"))
+    if run.rows[run.config.run.algorithm]:
+        steps += [
+            Step("Play the policy from other starts.", "gril eval RUN --episodes 1000"),
+            Step("Take the policy to a robot.", "gril export-policy RUN --out policy.npz"),
+        ]
+    again = "gril sweep RUN/config.yaml --seeds 5 --out NEW"
+    return [
+        *steps,
+        Step("Take the reward to your own simulator.", "gril export-reward RUN --out reward.npz"),
+        Step("See how much depends on the seed.", again),
+    ]
+
+
 def _what_was_run(run: Inputs) -> dict[str, Any]:
     versions = read_versions(run.folder)
-    known = ("command", "device", "started", "python", "platform")
-    facts = {name: versions[name] for name in known if name in versions}
-    times = {f"time for {name}": in_words(seconds) for name, seconds in stage_times(run.results)}
+    known = ("command", "device", "python", "platform")
+    results = {name: value for name, value in run.results.items() if name not in _CLOCKS}
     return {
-        "facts": _in_text(facts | times),
+        "facts": _in_text({name: versions[name] for name in known if name in versions}),
         "tables": {
-            "All results": _in_text(run.results),
+            "All results": _in_text(results),
             "Package versions": _in_text(versions.get("packages", {})),
         },
         "listings": {"Configuration": to_yaml(run.config)},

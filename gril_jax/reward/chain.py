@@ -95,7 +95,7 @@ def step(
     """
     _check(params, latent, mode, bonus, fallback)
     last = jnp.maximum(params.count, 1) - 1
-    share = 1.0 / (last + 1)
+    share = 1.0 / (last + 1).astype(latent.dtype)
     stage = jnp.minimum(progress.index, last)
     distance = jax.vmap(worst_distance)(latent - params.goals, params.scale)
 
@@ -103,7 +103,7 @@ def step(
     # that is entered close to its goal must not make a step back from there cost a fortune.
     here, entry = distance[stage], progress.entry
     covered = jnp.where(here < entry, 1.0 - here / jnp.where(entry > 0, entry, 1.0), entry - here)
-    top = (stage + 1) * share - 1.0
+    top = (stage + 1).astype(share.dtype) * share - 1.0
     value = progress.level + (top - progress.level) * covered
 
     index, towards = _next_stage(params, progress, distance, stage, last, fallback)
@@ -116,7 +116,7 @@ def step(
     )
     if mode == "stepped":
         bonus = share if bonus is None else bonus
-        value = -share * distance[towards] - bonus * (last - towards)
+        value = -share * distance[towards] - bonus * (last - towards).astype(share.dtype)
     return progress, value
 
 
@@ -210,7 +210,7 @@ def _next_stage(params, progress, distance, stage, last, fallback):
     """Subtasks finished after this frame, and the stage of the next one."""
     here = distance[stage]
     reached = (progress.index == stage) & (here <= params.radius[stage])
-    index = progress.index + reached
+    index = progress.index + reached.astype(progress.index.dtype)
     towards = jnp.where(reached, jnp.minimum(stage + 1, last), stage)
     if fallback is None:
         return index, towards

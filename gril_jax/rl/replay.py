@@ -48,7 +48,7 @@ def insert(replay: Replay, rows: Any, *, wanted: Bool[Array, ""] | bool = True) 
 
     def put(ring, new):
         old = jax.lax.dynamic_slice_in_dim(ring, replay.position, count, 0)
-        new = jnp.where(wanted, new, old)
+        new = jnp.where(wanted, new.astype(old.dtype), old)
         return jax.lax.dynamic_update_slice_in_dim(ring, new, replay.position, 0)
 
     added = jnp.where(wanted, count, 0)

@@ -88,9 +88,9 @@ def run_chunks(
       name: the phase; metrics have it as "phase", and checkpoints go to a folder of this name.
       chunks: how many there are in all.
       row: from the chunks done, the seconds they took and a chunk's metrics on the host to a line
-        of metrics.jsonl.
-      every_s, keep: seconds between two checkpoints, and how many of the newest ones stay; the
-        last state is always saved.
+        of metrics.jsonl; its clocks go to times.jsonl.
+      every_s, keep: seconds between two checkpoints, and how many of the newest ones stay while
+        the phase goes on; the last state is always saved, and then it alone stays.
 
     Raises:
       Interrupted: SIGINT or SIGTERM came; the state is saved.
@@ -98,7 +98,7 @@ def run_chunks(
     """
     state, done, before_s = begun
     folder = run.checkpoints / name
-    writer = CheckpointWriter(folder, keep=keep, before=run.rows.sync)
+    writer = CheckpointWriter(folder, keep=keep, before=run.sync)
     begun_s = saved_s = time.monotonic()
     seconds = before_s
     with writer, noticed() as notice:
@@ -116,7 +116,7 @@ def run_chunks(
             if due or number or done == chunks:
                 whole = hosts.gathered(state)
                 if hosts.is_first():
-                    writer.save(done, whole)
+                    writer.save(done, whole, run.rows.mark())
                 saved_s = now
             if number:
                 writer.wait()
@@ -127,6 +127,8 @@ def run_chunks(
                     f"{how if hosts.is_first() else 'the first process says how to go on'}",
                     number,
                 )
+    if hosts.is_first():
+        checkpoint.keep_newest(folder, 1)  # how many there were is up to the clock
     return Trained(state, seconds, writer.longest_stall_s)
 
 

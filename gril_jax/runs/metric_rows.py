@@ -1,18 +1,24 @@
 """metrics.jsonl: one JSON object for each line, appended and flushed.
 
-A full disk or a folder that cannot be written to is a `RunError`; earlier lines stay readable.
+A mark, {"lines": 12, "bytes": 3400, "sha256": "..."}, says what the file was at some moment. Each
+checkpoint has one, and phases.json that of the phase that finished last: up to there the file is
+covered. A full disk or a folder that cannot be written to is a `RunError`; earlier lines stay
+readable.
 """
 
 import contextlib
+import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from gril_jax.errors import RunError
 from gril_jax.safe_files import writing
+
+Mark = Mapping[str, Any]
 
 
 class MetricRows:
@@ -20,16 +26,29 @@ class MetricRows:
 
     def __init__(self, file: Path):
         self.file = file
+        self.said = ""  # a sentence on what was removed
         with writing(file.parent):
             if file.exists():
-                os.truncate(file, file.read_bytes().rfind(b"\n") + 1)
-            self._stream = open(file, "a", encoding="utf-8")
+                data = file.read_bytes()
+                end = data.rfind(b"\n") + 1
+                if end < len(data):
+                    self.said = f"the last line of {file} was cut short, and is left out"
+                os.truncate(file, end)
+            self._stream = open(file, "ab")
+        self._count_again()
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Adds a line."""
+        line = (json.dumps(row) + "\n").encode()
         with writing(self.file.parent):
-            self._stream.write(json.dumps(row) + "\n")
+            self._stream.write(line)
             self._stream.flush()
+        self._sha.update(line)
+        self._lines, self._bytes = self._lines + 1, self._bytes + len(line)
+
+    def mark(self) -> dict[str, Any]:
+        """The lines so far."""
+        return {"lines": self._lines, "bytes": self._bytes, "sha256": self._sha.hexdigest()}
 
     def sync(self) -> None:
         """Returns once the lines so far are on disk."""
@@ -49,10 +68,31 @@ class MetricRows:
                 f"saved after {count}, so lines have been lost"
             )
         end = len(rows) if len(mine) == count else mine[count]
-        lines = self.file.read_bytes().split(b"\n")[:end]
-        with writing(self.file.parent):
-            os.truncate(self.file, sum(len(line) + 1 for line in lines))
+        self._cut(end)
         return rows[:end]
+
+    def cut_after(self, mark: Mark | None, finished: Iterable[str]) -> None:
+        """Truncates the file after a mark, where the first row follows of a phase that is not among
+        the finished ones: its work is done again."""
+        rows, begin = read_rows(self.file), mark["lines"] if mark else 0
+        redone = (row.get("phase", None) not in {None, *finished} for row in rows[begin:])
+        end = next((begin + i for i, again in enumerate(redone) if again), len(rows))
+        self._cut(end)
+        if end < len(rows):
+            self.said += (
+                f"{'; ' * bool(self.said)}{len(rows) - end} lines of {self.file} after the last "
+                "checkpoint are left out: their work is done again"
+            )
+
+    def _cut(self, lines: int) -> None:
+        kept = self.file.read_bytes().split(b"\n")[:lines]
+        with writing(self.file.parent):
+            os.truncate(self.file, sum(len(line) + 1 for line in kept))
+        self._count_again()
+
+    def _count_again(self) -> None:
+        data = self.file.read_bytes()
+        self._sha, self._bytes, self._lines = hashlib.sha256(data), len(data), data.count(b"\n")
 
     def close(self) -> None:
         """Closes the file; closing twice is harmless."""
@@ -60,17 +100,39 @@ class MetricRows:
             self._stream.close()
 
 
-def read_rows(file: Path) -> list[dict[str, Any]]:
-    """Reads all rows, oldest first, but an incomplete last line; a RunError for a damaged one."""
+def read_rows(
+    file: Path, marks: Iterable[Mark] = (), *, whole: bool = False
+) -> list[dict[str, Any]]:
+    """Reads all rows, oldest first, but an incomplete last line.
+
+    A RunError for a damaged one, for lines that are not those of a mark, and, if the `whole` file
+    must be covered, for lines after all marks.
+    """
+    data, marks = file.read_bytes(), [*marks]
+    rows = _parsed(file, data)
+    for mark in marks:
+        lines, size = mark["lines"], mark["bytes"]
+        if len(data) < size:
+            raise RunError(f"{file} holds {len(rows)} whole lines, but the run had written {lines}")
+        if hashlib.sha256(data[:size]).hexdigest() != mark["sha256"]:
+            raise RunError(f"{file}: lines 1 to {lines} are not those that the run wrote")
+    covered = max((mark["bytes"] for mark in marks), default=0)
+    if whole and len(data) > covered:
+        raise RunError(f"{file} goes on after the last line that the run wrote")
+    return rows
+
+
+def _parsed(file: Path, data: bytes) -> list[dict[str, Any]]:
     try:
-        lines = file.read_text(encoding="utf-8").split("\n")[:-1]
+        lines = data.decode().split("\n")[:-1]
     except UnicodeDecodeError as error:
-        raise RunError(f"{file} cannot be read ({error})") from None
+        number = data.count(b"\n", 0, error.start) + 1
+        raise RunError(f"{file}: line {number} is not text") from None
     rows = []
     for number, line in enumerate(lines, 1):
         try:
             rows.append(json.loads(line))
-        except ValueError:
+        except (ValueError, RecursionError):
             raise RunError(f"{file}: line {number} is not JSON") from None
         if not isinstance(rows[-1], dict):
             raise RunError(f"{file}: line {number} must be an object")

@@ -1,6 +1,7 @@
-"""phases.json: a run's original configuration, and its finished phases with their results.
+"""phases.json: a run's original configuration, its finished phases, and digests of its files.
 
-{"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}}, "sha256": "..."}
+{"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}},
+ "files": {"demos": {"demos/demos.json": "..."}}, "metrics": {"lines": 9, ...}, "sha256": "..."}
 """
 
 import dataclasses
@@ -21,6 +22,7 @@ from gril_jax.safe_files import read_object, write_whole, writing
 from .metric_rows import plain
 
 _FILE = "phases.json"
+COVERED = {"digests": _FILE}  # says in versions.json that a run must have this file
 _INSTEAD = {"table1": "its page is report.html, its table table1.md"} | {
     name: f"it has no page, but the table {name}.md and the figure {name}.png"
     for name in ("table2", "soundness", "ablate", "sweep")
@@ -34,6 +36,8 @@ class Phases:
     experiment: str | None  # the experiment that can go on with the run, None if it cannot
     config: str  # YAML, as the run began
     finished: dict[str, dict[str, Any]] = field(default_factory=dict)  # phase to its results
+    files: dict[str, dict[str, str]] | None = None  # phase to digests; None in older runs
+    metrics: dict[str, Any] | None = None  # how far metrics.jsonl is covered, as its `mark` says
 
 
 def write_phases(folder: Path, phases: Phases) -> None:
@@ -45,32 +49,47 @@ def write_phases(folder: Path, phases: Phases) -> None:
 
 def read_phases(folder: Path) -> Phases:
     """The phases that `write_phases` wrote; a `RunError` if the file is missing or has changed."""
-    file = folder / _FILE
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        if content.pop("sha256") == json_digest(content):
-            return Phases(**content)
-    except FileNotFoundError:
+    found = recorded(folder)
+    if found is None:
         raise RunError(
             f"{folder} cannot be resumed, because it has no {_FILE}: it is of an older version"
-        ) from None
-    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        )
+    return found
+
+
+def recorded(folder: Path) -> Phases | None:
+    """The phases of a run; None for one so old that it has none, a `RunError` if they are damaged
+    or lost."""
+    file = folder / _FILE
+    try:
+        text = file.read_text(encoding="utf-8")
+        content = json.loads(text)
+        del content["sha256"]
+        if text == with_digest(content) + "\n":
+            return Phases(**content)
+    except FileNotFoundError:
+        if _is_covered(folder):
+            raise RunError(f"{file} is missing, but the run had written it") from None
+        return None
+    except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
         pass
-    raise RunError(f"{folder} cannot be resumed, because its {_FILE} has changed")
+    raise RunError(f"{file} has been changed since the run wrote it")
+
+
+def _is_covered(folder: Path) -> bool:
+    """True if a run must have the file, as its versions.json says."""
+    try:
+        return COVERED.items() <= read_object(folder / "versions.json").items()
+    except (RunError, FileNotFoundError):
+        return False
 
 
 def made_by(folder: Path) -> str | None:
     """The experiment that made a run's folder, such as `train`; None if it is not recorded."""
-    file = folder / _FILE
-    try:
-        experiment = read_object(file)["experiment"]
-    except FileNotFoundError:
-        return None
-    except KeyError:
-        raise RunError(f"{file} does not say which experiment made the run") from None
-    if experiment is not None and not isinstance(experiment, str):
-        raise RunError(f"{file}: experiment must be a name, not {experiment!r:.40}")
-    return experiment
+    found = recorded(folder)
+    if found is not None and not isinstance(found.experiment, str | None):
+        raise RunError(f"{folder / _FILE}: experiment must be a name, not {found.experiment!r:.40}")
+    return found and found.experiment
 
 
 def require_single(folder: Path) -> None:

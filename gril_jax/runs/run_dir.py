@@ -1,9 +1,10 @@
-"""One run's folder: its configuration, versions, metrics and results, and the lock on it.
+"""One run's folder, open for writing: created, resumed, and closed.
 
     config.yaml      the resolved configuration; `gril train FOLDER/config.yaml` runs it again
-    phases.json      see `gril_jax.runs.phases`
+    phases.json      see `gril_jax.runs.phases`, and `gril_jax.runs.covered` for its digests
     versions.json    package versions, Python, platform, device, command
     metrics.jsonl    see `gril_jax.runs.metric_rows`
+    times.jsonl      see `gril_jax.runs.times`: the one file in which two equal runs differ
     results.json     written when the run has finished
     checkpoints/     one folder a phase, see `gril_jax.runs.checkpoints.checkpoint`
     lock             see `take_lock` of `gril_jax.safe_files`
@@ -13,44 +14,52 @@ is a `RunError`.
 """
 
 import dataclasses
+import hashlib
 import itertools
 import json
-import platform
-import shlex
-import sys
 import time
-from collections.abc import Mapping, Sequence
-from importlib import metadata
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
 from gril_jax.config import RunConfig
-from gril_jax.config.files import load, to_yaml
-from gril_jax.errors import ConfigError, RunError
-from gril_jax.safe_files import read_object, take_lock, write_whole, writing
+from gril_jax.config.files import to_yaml
+from gril_jax.errors import RunError
+from gril_jax.safe_files import sync, take_lock, write_whole, writing
 
+from . import times
+from .covered import digests
 from .metric_rows import MetricRows, plain, read_rows
-from .phases import Phases, changed_fields, read_phases, write_phases
+from .phases import Phases, read_phases, write_phases
+from .reading import marks_of, newest_mark, read_config
+from .reading import read_metrics as read_metrics
+from .reading import read_results as read_results
 from .sinks import open_sink
+from .times import CLOCKS, Times
+from .versions import versions
 
-# What the numbers of a run can depend on; `gril doctor` shows the same list.
-PACKAGES = (
-    "gril-jax", "jax", "jaxlib", "flax", "optax", "jraph", "mujoco", "mujoco-mjx", "brax",
-    "orbax-checkpoint", "numpy", "scipy", "opencv-python-headless", "av",
-)  # fmt: skip
+_RESULTS = "results.json"
 
 
 class RunDir:
     """A run's folder, open for writing; made by `create` or `resume`, closed by `with`."""
 
-    def __init__(self, path: Path, lock: TextIO, phases: Phases, config: RunConfig):
+    def __init__(
+        self, path: Path, lock: TextIO, phases: Phases, config: RunConfig, *, begins: bool
+    ):
         self.path, self.checkpoints = path, path / "checkpoints"
         self.experiment = phases.experiment  # the one that can resume the run
+        self.said: list[str] = []  # a sentence for each file that was repaired
         self._lock, self._phases = lock, phases
         self._sinks: list[Any] = []
         self.rows = MetricRows(path / "metrics.jsonl")
+        self.times = Times(path / times.FILE, expected=not begins and phases.files is not None)
         try:
-            rows = read_rows(self.rows.file)
+            rows = self._checked_rows()
+            self.times.expect(rows)
+            self.said += [said for said in (self.rows.said, self.times.said) if said]
+            self.times.append(started=time.strftime("%Y-%m-%dT%H:%M:%S%z"))
+            rows = self._with_clocks(rows)
             self._count = len(rows)
             for name in config.run.sinks:
                 self._sinks.append(open_sink(name, path, dataclasses.asdict(config)))
@@ -59,17 +68,40 @@ class RunDir:
             self.close()
             raise
 
+    def _checked_rows(self) -> list[dict[str, Any]]:
+        """The rows of work that is not done again, which must be those that the run wrote."""
+        marks = marks_of(self.path, self._phases)
+        self.said += marks.damaged
+        rows = read_rows(self.rows.file, marks.found)
+        if marks.complete:
+            self.rows.cut_after(newest_mark(marks), self._phases.finished)
+            rows = read_rows(self.rows.file)
+        return rows
+
+    def _with_clocks(self, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+        return times.with_clocks(rows, self.times.rows, self.times.file)
+
     def log(self, **metrics: Any) -> None:
-        """Appends one line of metrics; arrays become lists, non-finite numbers become null."""
+        """Appends one line of metrics; arrays become lists, non-finite numbers become null.
+
+        Its clocks, `gril_jax.runs.times.CLOCKS`, go to times.jsonl.
+        """
         row = plain(metrics)
+        clocks = {name: row.pop(name) for name in CLOCKS if name in row}
+        self.times.append(line=self._count + 1, **clocks)
         self.rows.append(row)
         for sink in self._sinks:
-            sink.log(self._count, row)
+            sink.log(self._count, row | clocks)
         self._count += 1
+
+    def sync(self) -> None:
+        """Returns once the lines so far are on disk."""
+        self.times.sync()
+        self.rows.sync()
 
     def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
         """Keeps and returns the first `count` rows of a phase, and other rows before them."""
-        rows = self.rows.keep(phase, count)
+        rows = self._with_clocks(self.rows.keep(phase, count))
         if len(rows) != self._count:
             for sink in self._sinks:
                 sink.begin(rows)
@@ -80,23 +112,50 @@ class RunDir:
         """The results of a phase, or None while it has not finished."""
         return self._phases.finished.get(name)
 
-    def finish_phase(self, name: str, results: Mapping[str, Any]) -> None:
-        """Records that a phase has finished, so that a resumed run does not repeat it."""
+    def finish_phase(
+        self, name: str, results: Mapping[str, Any], files: Iterable[Path] = ()
+    ) -> None:
+        """Records that a phase has finished, so that a resumed run does not repeat it, with digests
+        of what it has written into the run's folder."""
         finished = self._phases.finished | {name: dict(results)}
         self._phases = dataclasses.replace(self._phases, finished=finished)
+        self.cover(name, files)
+
+    def cover(self, phase: str, files: Iterable[Path] = ()) -> None:
+        """Notes digests of a phase's files, and of the metrics so far, on disk."""
+        with writing(self.path):
+            files = [*files]
+            self.sync()
+            for file in files:
+                sync(file)
+            self._note(phase, digests(self.path, files))
+
+    def _note(self, phase: str, found: Mapping[str, str]) -> None:
+        files = dict(self._phases.files or {})
+        if found:
+            files[phase] = files.get(phase, {}) | dict(found)
+        metrics = self.rows.mark()
+        self._phases = dataclasses.replace(self._phases, files=files, metrics=metrics)
         write_phases(self.path, self._phases)
 
     def finish(self, results: Mapping[str, Any]) -> None:
         """Writes results.json, which marks the run as finished."""
+        text = json.dumps(plain(results), indent=2) + "\n"
         with writing(self.path):
-            write_whole(self.path / "results.json", json.dumps(plain(results), indent=2) + "\n")
+            self.sync()
+            # First the digest: a file without one could be damaged unnoticed.
+            self._note("finished", {_RESULTS: hashlib.sha256(text.encode()).hexdigest()})
+            write_whole(self.path / _RESULTS, text)
 
     def close(self) -> None:
         """Releases the lock; closing twice is harmless."""
         while self._sinks:
             self._sinks.pop().close()
         self.rows.close()
-        self._lock.close()
+        self.times.close()
+        if not self._lock.closed:
+            self._lock.truncate(0)  # whoever has had it does not matter any more
+            self._lock.close()
 
     def __enter__(self) -> "RunDir":
         return self
@@ -130,14 +189,7 @@ def create(
       begun: phases that have finished before the run began, with what they came to.
     """
     require_new(path)
-    versions = {
-        "packages": package_versions(),
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "device": device,
-        "command": shlex.join(sys.argv if command is None else command),
-        "started": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-    }
+    made_with = json.dumps(versions(device, command), indent=2) + "\n"
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -145,30 +197,33 @@ def create(
         except FileExistsError:
             require_new(path)
         lock = take_lock(path)
-        write_whole(path / "versions.json", json.dumps(versions, indent=2) + "\n")
+        write_whole(path / "versions.json", made_with)
         finished = {name: dict(results) for name, results in (begun or {}).items()}
-        phases = Phases(experiment, to_yaml(config), finished)
+        files = {"begun": digests(path, [path / "versions.json"])}
+        phases = Phases(experiment, to_yaml(config), finished, files)
         write_phases(path, phases)
         write_whole(path / "config.yaml", phases.config)  # last: it makes the folder a run
-    return RunDir(path, lock, phases, config)
+    return RunDir(path, lock, phases, config, begins=True)
 
 
 def resume(path: Path) -> RunDir:
     """Opens an existing run's folder for writing; its configuration must not have been changed."""
-    config, phases = _read_unchanged(path)
+    config, phases = read_config(path), read_phases(path)
     with writing(path):
         lock = take_lock(path)
-    return RunDir(path, lock, phases, config)
+        for left in path.glob(".*.part"):  # by a process that was killed while it wrote
+            left.unlink(missing_ok=True)
+    return RunDir(path, lock, phases, config, begins=False)
 
 
 def require_resumable(path: Path, experiment: str) -> RunConfig:
     """The configuration of a run that an experiment can resume; a `RunError` if it is no run, has
     finished, is of another experiment, was changed, or is being written."""
-    config, phases = _read_unchanged(path)
+    config, phases = read_config(path), read_phases(path)
     if phases.experiment != experiment:
         made = f"by gril {phases.experiment}" if phases.experiment else "otherwise"
         raise RunError(f"{path} was made {made}, so gril {experiment} cannot go on with it")
-    if (path / "results.json").exists():
+    if (path / _RESULTS).exists():
         raise RunError(
             f"the run in {path} has finished, so there is nothing left to go on with: gril report "
             "draws its page again"
@@ -176,15 +231,6 @@ def require_resumable(path: Path, experiment: str) -> RunConfig:
     with writing(path):
         take_lock(path, note=False).close()
     return config
-
-
-def _read_unchanged(path: Path) -> tuple[RunConfig, Phases]:
-    config, phases = read_config(path), read_phases(path)
-    if changed := changed_fields(phases.config, config):
-        raise RunError(
-            f"{path / 'config.yaml'} has been changed since the run began: {', '.join(changed)}"
-        )
-    return config, phases
 
 
 def create_or_resume(
@@ -213,51 +259,3 @@ def require_new(path: Path) -> None:
     above = next(p for p in path.absolute().parents if p.exists())
     if not above.is_dir():
         raise RunError(f"{path} cannot be created, because {above} is a file, not a folder")
-
-
-def read_config(path: Path) -> RunConfig:
-    """Reads a run's configuration."""
-    try:
-        return load(str(_file(path, "config.yaml")))
-    except ConfigError as error:
-        raise RunError(str(error)) from None
-
-
-def _file(path: Path, name: str) -> Path:
-    """A file of a run, which need not be there yet; a RunError if the folder is of no run."""
-    if not path.is_dir():
-        fault = "is a file" if path.exists() else "does not exist"
-        raise RunError(f"{path} {fault}, but must be the folder of a run")
-    if not (path / "config.yaml").is_file():
-        raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
-    return path / name
-
-
-def read_metrics(path: Path) -> list[dict[str, Any]]:
-    """Reads a run's metrics so far, oldest first; an incomplete last line is left out."""
-    file = _file(path, "metrics.jsonl")
-    try:
-        return read_rows(file)
-    except FileNotFoundError:
-        raise RunError(f"the run in {path} has no metrics yet: it lacks {file.name}") from None
-    except OSError as error:
-        raise RunError(f"{file} cannot be read ({error})") from None
-
-
-def read_results(path: Path) -> dict[str, Any]:
-    """The results of a finished run; a `RunError` for any other."""
-    try:
-        return read_object(_file(path, "results.json"))
-    except FileNotFoundError:
-        raise RunError(f"the run in {path} has not finished: it lacks results.json") from None
-
-
-def package_versions() -> dict[str, str]:
-    """The installed version of each package in `PACKAGES`, or "missing"."""
-    found = {}
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "missing"
-    return found

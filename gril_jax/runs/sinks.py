@@ -18,6 +18,8 @@ from typing import Any
 
 from gril_jax.errors import ConfigError, RunError
 
+from . import times
+
 PACKAGES = {"tensorboard": "tensorboardX", "wandb": "wandb"}
 
 _STEPS = ("env_steps", "step")  # the names that a row's step may have
@@ -76,7 +78,9 @@ class _Wandb:
 
     def __init__(self, folder: Path, config: Mapping[str, Any]):
         package = importlib.import_module(PACKAGES["wandb"])
-        started = (folder / "versions.json").read_bytes()  # names this run and no other
+        started = (folder / "versions.json").read_bytes()
+        if b'"started"' not in started:  # with this it names this run and no other
+            started += (folder / times.FILE).read_bytes().partition(b"\n")[0]
         own = folder / "wandb"
         own.mkdir(exist_ok=True)
         try:

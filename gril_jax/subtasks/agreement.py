@@ -100,7 +100,7 @@ def _mean_there(trace, shared: SharedBoundaries) -> Float[Array, "M"]:
     """The mean of traces at each boundary, over those that show it."""
     there = jnp.take_along_axis(trace, jnp.maximum(shared.frames, 0), axis=1)
     total = jnp.sum(jnp.where(shared.found, there, 0.0), axis=0)
-    mean = total / jnp.maximum(jnp.sum(shared.found, axis=0), 1)
+    mean = total / jnp.maximum(jnp.sum(shared.found, axis=0), 1).astype(total.dtype)
     return jnp.where(shared.kept, mean, 0.0)
 
 

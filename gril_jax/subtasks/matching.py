@@ -195,13 +195,14 @@ def shared_boundaries(
     frames = jnp.take_along_axis(found, columns, axis=1)
     there = jnp.take_along_axis(at_found, columns[:, :, None], axis=1)
     typical = jnp.sum(jnp.where(was_found[:, :, None], there, 0.0), axis=0)
-    typical = typical / jnp.maximum(jnp.sum(was_found, axis=0), 1)[:, None]
+    times = jnp.maximum(jnp.sum(was_found, axis=0), 1).astype(typical.dtype)
+    typical = typical / times[:, None]
 
     def place(features, frames, was_found, length):
         cost = jnp.sum(jnp.square(features - typical[:, None]), axis=-1)
         # What was found stays, unless a boundary before or after it would have no frame left.
         elsewhere = was_found[:, None] & (jnp.arange(num_frames) != frames[:, None])
-        return place_in_order(jnp.minimum(cost, 1e2) + 1e4 * elsewhere, kept, length)
+        return place_in_order(jnp.minimum(cost, 1e2) + jnp.where(elsewhere, 1e4, 0.0), kept, length)
 
     placed = jax.vmap(place)(features, frames, was_found, length)
     first = jnp.argsort(~kept, stable=True)

@@ -76,7 +76,7 @@ def _loop(rewards, states, found):
     useless.append(np.asarray(rewards.pushed)[np.asarray(states.pushed_free)])
     best = max(max(x.max() for x in useless), float(found.reward.max()))
     done = made.score > 0.999
-    kept = done & ~np.isin(names, ["scattered", "random"])
+    kept = done & np.isin(names, ["progress", "success"])
     still = (made.scenes.center == made.scenes.center[:, :1]).all(axis=(2, 3))
     touched = still & (names == "touched")
     anywhere = np.asarray(rewards.successes)[np.asarray(states.succeeds)]

@@ -44,7 +44,7 @@ def _gril(*args, cwd):
         (["demos", "--help"], "import-magical"),
         (["train", "--help"], "--ppo.num-envs"),
         (["train", "match_regions", "-h"], "12000000"),
-        (["quickstart", "--help"], "(default: 600000)"),
+        (["quickstart", "--help"], "(default: 900000)"),
         (["demos", "make", "--help"], "--demos.num"),
         (["demos", "import-videos", "--help"], "--half-extent"),
         (["eval", "--help"], "--episodes"),
@@ -114,6 +114,27 @@ def test_a_reader_that_has_had_enough_causes_no_traceback(tmp_path):
 
 
 # --- heavy imports
+
+
+@pytest.mark.parametrize("value", ["1", "True", "on", "maybe", ""])
+@pytest.mark.parametrize(
+    "args", [["pretrain", "quickstart"], ["train", "quickstart"], ["demos", "make", "quickstart"]]
+)
+def test_float64_is_refused_before_anything_is_made(monkeypatch, tmp_path, capsys, args, value):
+    monkeypatch.setenv("JAX_ENABLE_X64", value)
+    assert main.main([*args, "--out", str(tmp_path / "new")]) == 2
+    out, err = capsys.readouterr()
+    said = f"JAX_ENABLE_X64 is {value!r}, but gril computes in float32: unset it, or set it to 0"
+    assert (out, err) == ("", f"gril: {said}.\n")
+    assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize("value", ["0", "false", "off"])
+def test_float32_that_is_asked_for_is_no_fault(monkeypatch, tmp_path, value):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("JAX_ENABLE_X64", value)
+    with heavy_imports.heavy_imports():
+        pass
 
 
 def test_what_an_import_prints_does_not_reach_stdout(monkeypatch, tmp_path, capsys):

@@ -9,12 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.envs.magical.match_regions.task import MatchRegions
 from gril_jax.experiments import audit
 from gril_jax.experiments.pipeline import setup
+from support.probes import Probe
 from support.run_folders import save_run
 
 from gril_jax.cli import main
-from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
+from gril_jax.config import EncoderOptions, EnvConfig, RunConfig, RunSettings
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError, RunError, ShapeError
 from gril_jax.interop.reward_file import load_reward, save_reward
@@ -66,6 +68,16 @@ def test_a_mistake_on_the_command_line_has_exit_code_2(tmp_path, capsys):
 def test_help_lists_the_options(capsys):
     assert main.main(["audit", "--help"]) == 0
     assert "--ascents" in capsys.readouterr().out
+
+
+def test_a_run_that_asks_for_an_audit_that_is_not_possible_is_refused():
+    asks = RunSettings(audit=5)
+    pictures = RunConfig(encoder=EncoderOptions(kind="pixels"), run=asks)
+    with pytest.raises(ConfigError, match=r"audit is 5, but must be 0, because an audit moves"):
+        audit.require_possible(pictures, MatchRegions())
+    with pytest.raises(ConfigError, match=r"audit is 5, but must be 0, .* no stage definition"):
+        audit.require_possible(RunConfig(run=asks), Probe())
+    audit.require_possible(RunConfig(run=asks), MatchRegions())
 
 
 # --- refused once the reward is read
@@ -139,7 +151,7 @@ def test_a_reward_file_is_audited_into_a_folder_beside_it(tmp_path, capsys, smal
     assert main.main(args) == 0
     out = capsys.readouterr().out
     assert "report: " in out
-    assert out.count("\n") == 5
+    assert out.count("\n") == 6
     folder = tmp_path / "mine-audit"
     assert {"audit.json", "report.html", "hack.png", "maps.png"} <= {
         p.name for p in folder.iterdir()

@@ -1,11 +1,10 @@
 """An exported policy acts like the run's own, with NumPy alone, and says what its arrays mean."""
 
-import ast
 import dataclasses
 import functools
 import json
+import os
 import pathlib
-import textwrap
 
 import jax
 import jax.numpy as jnp
@@ -18,16 +17,15 @@ from gril_jax.cli import main
 from gril_jax.config import EnvConfig, PoolConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import RunError, ShapeError
 from gril_jax.interop import policy_file
+from gril_jax.interop.read_policy import load_policy
 from gril_jax.rl import rewards
 from gril_jax.rl.policy import Policy
 from gril_jax.rl.ppo import PPO, Hyper, Static
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.versions import package_versions
 
 OBSERVATIONS = 256
-TEXT = policy_file.__doc__
-# The docstring's one indented part that is code.
-SNIPPET = textwrap.dedent(TEXT[TEXT.index("    import json") : TEXT.index("Arrays, all float32")])
 SMALL = RunConfig(
     env=EnvConfig(targets=("green square",), distractors=("yellow circle",), episode_length=10),
     pool=PoolConfig(tau=0.01, window=7),
@@ -68,14 +66,6 @@ def _save_run(path, algorithm, config, *, state=None):
         state = _seasoned(_fresh(algorithm))
     checkpoint.save(path / "policy", 640, algorithm.policy(state))
     return state
-
-
-def _snippet(folder, monkeypatch):
-    """Runs the docstring's code beside the file `policy.npz`; what it has defined."""
-    monkeypatch.chdir(folder)
-    defined = {}
-    exec(compile(SNIPPET, "docstring", "exec"), defined)
-    return defined
 
 
 def _lanes(algorithm, policy, seed=1):
@@ -130,23 +120,10 @@ def exported(task, tmp_path_factory):
     return folder, state, out
 
 
-def test_the_docstring_s_code_acts_like_the_policy_on_random_observations(
-    task, exported, monkeypatch
-):
-    folder, state, _ = exported
-    defined = _snippet(folder, monkeypatch)
+def test_the_reader_acts_like_the_policy_on_random_observations(task, exported):
+    _, state, out = exported
     policy = Policy(state.normalizer, state.params.policy)
-    assert _compare(task, policy, defined["act"]) < 1e-5
-
-
-def test_the_docstring_s_code_needs_json_and_numpy_alone():
-    imported = {
-        alias.name
-        for node in ast.walk(ast.parse(SNIPPET))
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for alias in node.names
-    }
-    assert imported == {"json", "numpy"}
+    assert _compare(task, policy, load_policy(out)) < 1e-5
 
 
 def test_the_description_says_what_a_robot_must_feed_and_gets(task, exported):
@@ -155,8 +132,8 @@ def test_the_description_says_what_a_robot_must_feed_and_gets(task, exported):
         about = json.loads(str(file["description"]))
     objects = ["goal", "robot", "green square", "yellow circle"]
     own = task.env.observation_size
-    assert (about["format"], about["version"]) == ("gril-jax policy", 1)
-    assert about["gril_jax"] == run_dir.package_versions()["gril-jax"]
+    assert (about["format"], about["version"]) == ("gril-jax policy", 2)
+    assert about["gril_jax"] == package_versions()["gril-jax"]
     assert about["layers"] == [
         {"in": own + 4, "out": 16, "activation": "swish"},
         {"in": 16, "out": 8, "activation": "swish"},
@@ -215,7 +192,7 @@ def test_an_export_reads_the_run_only_leaves_no_other_file_and_repeats_to_the_by
     ("bits", "hidden"),
     [(True, ()), (False, (8, 6, 4)), pytest.param(True, (8,), marks=pytest.mark.slow)],
 )
-def test_every_depth_with_and_without_activity_bits_acts_alike(bits, hidden, tmp_path, monkeypatch):
+def test_every_depth_with_and_without_activity_bits_acts_alike(bits, hidden, tmp_path):
     algorithm = _probe(bits=bits, hidden=hidden)
     state = _seasoned(_fresh(algorithm))
     policy = Policy(state.normalizer, state.params.policy)
@@ -224,7 +201,7 @@ def test_every_depth_with_and_without_activity_bits_acts_alike(bits, hidden, tmp
     about = policy_file.describe(RunConfig(), algorithm.env, arrays, objects)
     assert (about["activity"] is None) == (not bits)
     policy_file.write(tmp_path / "policy.npz", arrays, about)
-    assert _compare(algorithm, policy, _snippet(tmp_path, monkeypatch)["act"]) < 1e-5
+    assert _compare(algorithm, policy, load_policy(tmp_path / "policy.npz")) < 1e-5
 
 
 def test_folding_is_the_normalisation_in_float64():
@@ -342,11 +319,10 @@ def test_a_file_that_came_in_between_is_not_overwritten(tmp_path):
 
 
 def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
-    def full(file, **arrays):
-        file.write(b"half")
+    def full(descriptor):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(policy_file.np, "savez", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(RunError, match="there is no space left to write to"):
         policy_file.write(tmp_path / "policy.npz", {}, {})
     assert [*tmp_path.iterdir()] == []

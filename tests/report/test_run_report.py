@@ -78,7 +78,7 @@ def run(copied, monkeypatch):
 @pytest.mark.parametrize("name", sorted(PICTURES))
 def test_every_picture_is_a_png_that_is_not_blank(finished, name):
     image = cv2.imread(str(finished[0] / f"{name}.png"))
-    assert image.shape[1] == 1088
+    assert image.shape[1] == 736
     assert image.shape[0] > 300
     assert (image != 255).any(-1).mean() > 0.01
 
@@ -121,9 +121,7 @@ def _bytes(address):
         "5 of 20 Layout starts",
         "0.912",
         "0.834",
-        "4,321",
-        "64,000 in all",
-        "1 min 13 s",
+        "64,000",
         "17",
         "gril train x",
         "1 x cpu",
@@ -303,7 +301,6 @@ def test_a_damaged_file_is_one_sentence_that_names_it(run, name):
         ("results.json", "[1]", "must be an object"),
         ("results.json", '{"tau": "high"}', "tau must be a number"),
         ("results.json", '{"success": 7}', "success is 7, but must be from 0 to 1"),
-        ("results.json", '{"seconds": [1]}', "seconds must be an object"),
         ("versions.json", '{"packages": 3}', "packages another"),
         ("metrics.jsonl", "3\n", "line 1 must be an object"),
         ("metrics.jsonl", '{"phase": "ppo"}\n', "'env_steps' is missing"),

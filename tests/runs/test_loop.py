@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.paths import TESTS
+from support.run_folders import differing
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
@@ -51,7 +52,7 @@ def _train(path, chunks=12, advance=_advance, row=_row, every_s=0, **more):
     """The whole of a phase, in a new folder or in one that was left; (trained, sentences)."""
     told = []
     opened = run_dir.resume(path) if path.exists() else run_dir.create(
-        path, RunConfig(), device="cpu", experiment="train"
+        path, RunConfig(), device="cpu", command=["walk"], experiment="train"
     )  # fmt: skip
     with opened as run:
         begun = loop.restore(run, "walk", _fresh(), tell=told.append)
@@ -60,7 +61,7 @@ def _train(path, chunks=12, advance=_advance, row=_row, every_s=0, **more):
 
 
 def _rows(path):
-    return [{k: v for k, v in r.items() if k != "seconds"} for r in run_dir.read_metrics(path)]
+    return run_dir.read_metrics(path)
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +108,7 @@ def test_rows_after_the_checkpoint_are_cut_and_seconds_go_on(whole, tmp_path):
     trained, _ = _train(path)
     assert digest(trained.state) == whole[1]
     assert _rows(path) == _rows(whole[0])
-    seconds = [row["seconds"] for row in run_dir.read_metrics(path)]
+    seconds = [row["seconds"] for row in run_dir.read_metrics(path, clocks=True)]
     assert seconds == sorted(seconds)
     assert trained.seconds == seconds[-1]
 
@@ -124,6 +125,7 @@ def test_a_phase_that_is_done_is_not_repeated(whole, tmp_path):
     shutil.copytree(whole[0], path)
     with run_dir.resume(path) as run:
         run.log(phase="what came after", seconds=1e6)
+        run.finish_phase("what came after", {})
     trained, _ = _train(path, advance=pytest.fail)
     assert digest(trained.state) == whole[1]
     assert trained.seconds < 1e6
@@ -143,6 +145,22 @@ def test_a_damaged_checkpoint_is_told_and_set_aside_and_the_one_before_taken(who
     assert newest.with_name(f"{newest.name}.damaged").is_dir()
     assert digest(trained.state) == whole[1]
     assert _rows(path) == _rows(whole[0])
+
+
+def test_a_damaged_manifest_is_told_and_the_rows_of_the_checkpoint_before_it_stay(whole, tmp_path):
+    path = tmp_path / "run"
+    for chunks in (4, 8):
+        with pytest.raises(ZeroDivisionError):
+            _train(path, row=_fails_after(chunks))
+    *_, before, newest = sorted((path / "checkpoints" / "walk").glob("*"))
+    (newest / "manifest.json").write_text("{}")
+    with pytest.raises(RunError, match=f"{newest} is damaged"):
+        run_dir.read_metrics(path)
+    trained, (sentence,) = _train(path)
+    assert f"{newest} is damaged: its manifest cannot be read: it is set aside" in sentence
+    assert digest(trained.state) == whole[1]
+    assert _rows(path) == _rows(whole[0])
+    assert before.name < newest.name
 
 
 def test_with_all_checkpoints_damaged_a_phase_begins_again_and_says_so(whole, tmp_path):
@@ -179,7 +197,7 @@ def test_rows_that_are_lost_are_an_error(whole, tmp_path):
     path = tmp_path / "run"
     shutil.copytree(whole[0], path)
     (path / "metrics.jsonl").write_text("")
-    with pytest.raises(RunError, match="holds 0 rows of phase 'walk'"):
+    with pytest.raises(RunError, match="holds 0 whole lines, but the run had written 12"):
         _train(path)
 
 
@@ -248,7 +266,7 @@ def test_kill_9_at_random_moments_changes_no_bit(tmp_path):
     assert done.returncode == 0, done.stderr
     whole, _ = _train(tmp_path / "whole", chunks=MANY, every_s=1e9)
     assert done.stdout.split() == [digest(whole.state)]
-    assert _rows(path) == _rows(tmp_path / "whole")
+    assert differing(path, tmp_path / "whole") == []
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Runs with an ordinary report, and runs with a page or table of their own."""
 
 import pytest
+from support.run_folders import as_older
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
@@ -28,7 +29,7 @@ def test_a_run_of_one_reward_and_one_policy_has_the_ordinary_page(run, experimen
 
 def test_a_run_that_does_not_say_what_made_it_has_it_too(run):
     path = run("train")
-    (path / "phases.json").unlink()
+    as_older(path)
     assert made_by(path) is None
     require_single(path)
 

@@ -12,6 +12,7 @@ import pytest
 from gril_jax.config import PPOConfig, RunConfig
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
+from gril_jax.runs.versions import PACKAGES
 
 CONFIG = RunConfig(ppo=PPOConfig(num_envs=32))
 
@@ -44,7 +45,7 @@ def test_a_new_run_holds_its_configuration_and_versions(path):
     assert versions["device"] == "a test"
     assert versions["python"].startswith(f"{sys.version_info.major}.")
     assert versions["packages"]["jax"] == __import__("jax").__version__
-    assert set(versions["packages"]) == set(run_dir.PACKAGES)
+    assert set(versions["packages"]) == set(PACKAGES)
 
 
 def test_a_run_never_takes_an_existing_folder(path):
@@ -183,6 +184,7 @@ def test_a_run_without_metrics_is_told(path):
 _HOLD = """
 import pathlib, sys
 from gril_jax.runs import run_dir
+from gril_jax.runs.versions import PACKAGES
 run = run_dir.resume(pathlib.Path(sys.argv[1]))
 print("held", flush=True)
 sys.stdin.read()
@@ -226,6 +228,7 @@ def test_closing_twice_is_harmless(path):
 _FILL = """
 import pathlib, resource, sys
 from gril_jax.runs import run_dir
+from gril_jax.runs.versions import PACKAGES
 from gril_jax.errors import RunError
 path = pathlib.Path(sys.argv[1])
 run = run_dir.resume(path)

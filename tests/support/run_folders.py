@@ -1,6 +1,7 @@
 """A small finished run in a folder, with real demonstrations, for the tests of its report."""
 
 import dataclasses
+import json
 
 import numpy as np
 
@@ -96,8 +97,19 @@ def save_rollouts(folder, frames=FRAMES, **changes):
     np.savez(folder / "rollouts.npz", **{**arrays, **changes})
 
 
-def save_run(path, *, config=None, demos_path=None, results=RESULTS, pretrain=5, ppo=5, **names):
-    """A whole run's folder; `pretrain` and `ppo` are numbers of metric rows."""
+def save_run(
+    path,
+    *,
+    config=None,
+    demos_path=None,
+    results=RESULTS,
+    pretrain=5,
+    ppo=5,
+    covered=False,
+    **names,
+):
+    """A whole run's folder; `pretrain` and `ppo` are numbers of metric rows. Unless it is `covered`
+    by digests, what is in it may be changed."""
     config = config or RunConfig()
     if demos_path is not None:
         config = dataclasses.replace(config, demos=DemosConfig(path=str(demos_path)))
@@ -114,4 +126,28 @@ def save_run(path, *, config=None, demos_path=None, results=RESULTS, pretrain=5,
     save_profiles(path, **names)
     if ppo:
         save_rollouts(path)
+    return path if covered else as_older(path)
+
+
+def differing(one, other):
+    """Files of two runs that differ or that only one of them has, but for the clocks."""
+    names = {p.relative_to(run).as_posix() for run in (one, other) for p in run.rglob("*")}
+    return sorted(
+        name
+        for name in names
+        if name != "times.jsonl" and _contents(one / name) != _contents(other / name)
+    )
+
+
+def _contents(file):
+    return file.read_bytes() if file.is_file() else file.is_dir()
+
+
+def as_older(path):
+    """Makes a run like those of the versions that noted no digests; returns its folder."""
+    (path / "phases.json").unlink(missing_ok=True)
+    (path / "times.jsonl").unlink(missing_ok=True)
+    file = path / "versions.json"
+    versions = {name: x for name, x in json.loads(file.read_text()).items() if name != "digests"}
+    file.write_text(json.dumps(versions))
     return path

@@ -66,8 +66,9 @@ def varied(
 ) -> tuple[layouts.Layout, Bool[Array, ""], Bool[Array, "B"]]:
     """A start that in a `share` of the episodes has the robot anywhere and targets further on.
 
-    Two times in three one target is in the region; of the other targets each is somewhere on its
-    way there with probability `on_the_way`, so that what is left to do is short now and then; and
+    Two times in three one target is in the region, unless it is the only one and may be on its way;
+    of the other targets each is somewhere on its way there with probability `on_the_way`, so that
+    what is left to do is short now and then; and
     with probability `facing` the robot is not anywhere but before a target that is not in it.
     The first `targets` blocks are the targets. Returns also whether the start was varied, and the
     blocks that were.
@@ -78,7 +79,8 @@ def varied(
     vary = jax.random.uniform(keys[0]) < share
     key_robot, key_some, key_which, key_where = jax.random.split(keys[1], 4)
     which = jax.random.randint(key_which, (), 0, targets, jnp.int32)
-    some = vary & (jax.random.uniform(key_some) < 2 / 3)
+    several = targets > 1 or not on_the_way  # a single one in it leaves nothing to learn
+    some = vary & (jax.random.uniform(key_some) < 2 / 3) & several
     unit = jax.random.uniform(key_where, (3,), minval=-1.0)
     goal = layout.goal
     inside = jnp.concatenate([goal[:2] + 0.35 * goal[2:] * unit[:2], jnp.pi * unit[2:]])

@@ -103,7 +103,7 @@ def _mean_over_pairs(pair, latents, times, valid, unit, at_once):
             return [jnp.sum(jnp.where(other, x, 0.0)) for x in found]
 
         sums = _one_by_one(query, (latents, times), valid)
-    return tuple(x / jnp.maximum(total, 1) for x in sums)
+    return tuple(x / jnp.maximum(total, 1).astype(x.dtype) for x in sums)
 
 
 def _one_by_one(query, floats, valid):
@@ -149,5 +149,5 @@ def _one_by_one(query, floats, valid):
 def _pairs_per_frame(valid):
     """Number of pairs in which each frame is a query: one per other video with a valid frame."""
     filled = jnp.any(valid, axis=1)
-    others = jnp.sum(filled) - filled
+    others = jnp.sum(filled) - filled.astype(jnp.int32)
     return jnp.where(valid, others[:, None], 0)

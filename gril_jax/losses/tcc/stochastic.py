@@ -134,7 +134,8 @@ def stochastic_consistency(
     present = jnp.ones(times.shape, bool) if valid is None else valid
     videos, frames = draw_cycles(key, present, num_cycles=num_cycles, cycle_length=cycle_length)
     errors = sampled_cycle_consistency(latents, times, videos, frames, valid, **options)
-    return jnp.sum(errors) / jnp.maximum(jnp.sum(_closed(videos, frames, present)), 1)
+    closed = jnp.maximum(jnp.sum(_closed(videos, frames, present)), 1)
+    return jnp.sum(errors) / closed.astype(errors.dtype)
 
 
 def _closed(videos, frames, valid) -> Bool[Array, "K"]:

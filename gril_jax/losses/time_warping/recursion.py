@@ -139,7 +139,7 @@ def _backward(up_weights, left_weights, end, num_pairs):
             to_left, upward, diagonal, now = carry
             up_weight, left_weight, below = x
             here = to_left + jnp.concatenate([upward[num_pairs:], below])
-            here = here + (end == now)
+            here = here + (end == now).astype(here.dtype)
             up, to_left = up_weight * here, left_weight * here
             upward, diagonal = up + diagonal, jnp.maximum(here - up - to_left, 0.0)
             return (to_left, upward, diagonal, now - 1), (here, upward[:num_pairs])

@@ -9,7 +9,7 @@ features. Leading axes are a batch, which is one vector of lanes in the compiled
 Derivatives. Forward and reverse mode work, and so do second derivatives. The first is exact and
 stores two numbers per cell; reverse mode over the gradient itself is also exact, but records its
 loops, so prefer forward over reverse (`jax.jvp` of `jax.grad`) for Hessian-vector products.
-The derivative by gamma is (value - <alignment, cost>) / gamma, minus the alignments' entropy.
+The derivative by gamma, minus the entropy of the alignments, takes one more forward pass.
 
 >>> cost = jnp.array([[0.0, 1.0], [1.0, 0.0]])
 >>> soft_dtw(cost, gamma=0.1).round(4) + 0.0

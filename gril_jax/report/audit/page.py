@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,29 +15,8 @@ from gril_jax.report.figures.style import png
 from gril_jax.report.headline import Tile, Verdict
 from gril_jax.report.html import Part, render, save
 
+from .asked import ASKED, OUTBID, faults, outbid
 from .maps import Situation, View, reward_maps, state_pictures
-
-
-class Asked(NamedTuple):
-    """The bound of one measure."""
-
-    words: str  # what it is
-    bound: str  # what it must be, in words
-    holds: Callable[[float], bool]  # whether a value is so; NaN never is
-
-
-ASKED = {  # what a sound reward reaches
-    "order_accuracy": Asked(
-        "pairs of states in their true order", "at least 0.97", lambda x: x >= 0.97
-    ),
-    "hack_gap": Asked("worst success less best state without progress", "above 0", lambda x: x > 0),
-    "touch_share": Asked(
-        "share of the range for touching everything", "at most 0.05", lambda x: x <= 0.05
-    ),
-    "push_share": Asked(
-        "share of the range for targets at a wrong place", "at most 0.7", lambda x: x <= 0.7
-    ),
-}
 
 
 class Findings(NamedTuple):
@@ -110,21 +89,17 @@ class Findings(NamedTuple):
             f"{'' if asked.holds(numbers[name]) else fault}"
             for name, asked in ASKED.items()
         ] + [
-            f"{'outbid_share':15} {numbers['outbid_share']:7.3f}  (no bound) share of all "
-            "successes that the best state without progress outbids"
+            f"{OUTBID:15} {numbers[OUTBID]:7.3f}  (no bound) share of all successes that are paid "
+            "no more than the best state without progress"
         ]
 
     def verdict(self) -> Verdict:
         """Whether it is sound, and how many of all successes it pays too little."""
         numbers = self.numbers()
-        faults = [asked.words for name, asked in ASKED.items() if not asked.holds(numbers[name])]
-        edge = (
-            f"Of all successes, those at the edge of what the task counts included, "
-            f"{numbers['outbid_share']:.0%} are paid less than some state without progress."
-        )
-        if faults:
-            many = f"{len(faults)} of {len(ASKED)} measures are not as asked"
-            return Verdict("bad", f"Not sound: {many} ({'; '.join(faults)}). {edge}")
+        bad, edge = faults(numbers), outbid(numbers)
+        if bad:
+            many = f"{len(bad)} of {len(ASKED)} measures are not as asked"
+            return Verdict("bad", f"Not sound: {many}. {edge}")
         return Verdict("good", f"Sound: all {len(ASKED)} measures are as asked. {edge}")
 
     def view(self, title: str, scene: Scene) -> View:

@@ -21,7 +21,7 @@ from .style import COLOURS, GREY, HALF, INK, WIDTH, shortened, styled
 
 _BLUE, _RED, _GREEN = COLOURS[:3]
 _EXAMINED = {"linestyle": "none", "marker": "s", "color": INK, "markersize": 5}
-_BY_MEANS, _BY_SAMPLES = "evaluation, deterministic actions", "evaluation, sampled actions"
+_BY_MEANS, _BY_SAMPLES = "evaluated, deterministic", "evaluated, sampled"
 _MOST = 7  # pictures on a strip: more would be too small to see a block in
 _LARGEST = 1.7  # inches: a picture on a strip of few
 _BELOW, _CURVE, _TIES, _ABOVE = 0.55, 2.9, 0.3, 0.5  # inches: parts of a profile's height
@@ -149,29 +149,28 @@ def learning_curve(
     and "eval/success_sampled". A value of None is left out, and so is the success of a row in which
     no episode ended.
     """
-    figure = Figure(figsize=(HALF, 3.1), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure = Figure(figsize=(HALF, 4.2), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     most = max((row["env_steps"] for row in rows), default=0)
     units = ((1e6, "million "), (1e3, "thousand "), (1.0, ""))
     unit, word = next((u, w) for u, w in units if most >= 2 * u or u == 1.0)
     for axes, field, factor, look in (
-        (left, "success", 100, {"color": _BLUE, "markersize": 3.5, "label": "trained policy"}),
-        (right, "reward", 1, {"color": _GREEN, "markersize": 3.5, "label": "trained policy"}),
-        (left, "eval/success", 100, _EXAMINED | {"marker": "D", "label": _BY_MEANS}),
-        (left, "eval/success_sampled", 100, _EXAMINED | {"markerfacecolor": "white",
+        (above, "success", 100, {"color": _BLUE, "markersize": 3.5, "label": "trained policy"}),
+        (below, "reward", 1, {"color": _GREEN, "markersize": 3.5, "label": "trained policy"}),
+        (above, "eval/success", 100, _EXAMINED | {"marker": "D", "label": _BY_MEANS}),
+        (above, "eval/success_sampled", 100, _EXAMINED | {"markerfacecolor": "white",
                                                          "label": _BY_SAMPLES}),
     ):  # fmt: skip
         steps, values = _points(rows, field)
         few = "o" if len(steps) <= 40 else None
         if len(steps):
             axes.plot(steps / unit, factor * values, **{"marker": few} | look)
-        axes.set_xlabel(f"{word}environment steps")
     if random_success is not None:
         look = {"color": GREY, "linestyle": "--", "label": "random policy"}
-        left.axhline(100 * random_success, zorder=1, **look)
-    left.set(title="Success rate", ylabel="episodes that succeed (%)", ylim=(-3, 103))
-    right.set(title="Mean reward", ylabel="mean reward a step")
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        above.axhline(100 * random_success, zorder=1, **look)
+    above.set(title="Success", ylabel="episodes, %", ylim=(-3, 103))
+    below.set(title="Reward", ylabel="mean of a step", xlabel=f"{word}environment steps")
+    figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 

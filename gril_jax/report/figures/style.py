@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7")
 GREY, INK = "#6E6E6E", "#222222"
 WIDTH = 9.0  # inches: a figure by itself
-HALF = 6.8  # inches: a figure beside another on a page, on which 10 points are still readable
+HALF = 4.6  # inches: a figure beside another on a page; on a phone 10 points are still readable
 _DPI = 160
 
 _STYLE = {

@@ -1,7 +1,10 @@
 """Checkpoints: the arrays of a state, written by Orbax, beside a manifest of digests.
 
     FOLDER/000000001000/arrays/         Orbax, one folder a leaf
-    FOLDER/000000001000/manifest.json   step; shape, dtype and SHA-256 of each leaf and file
+    FOLDER/000000001000/manifest.json   step; shape, dtype and SHA-256 of each leaf and file; the
+                                        mark of metrics.jsonl
+
+The same state gives the same files, byte for byte.
 
 A checkpoint is written under another name and renamed when all of it is on the disk. Files are
 verified before Orbax reads them, leaves after. Typed keys are stored as their data. Leaves come
@@ -11,7 +14,6 @@ back bit for bit, on the default device, and strongly typed.
 import contextlib
 import errno
 import hashlib
-import json
 import logging
 import os
 import re
@@ -27,16 +29,16 @@ import orbax.checkpoint as ocp
 from absl import logging as absl_logging
 
 from gril_jax.errors import RunError
-from gril_jax.runs.phases import json_digest, with_digest
+from gril_jax.runs import covered
+from gril_jax.runs.metric_rows import Mark
+from gril_jax.runs.phases import with_digest
 from gril_jax.safe_files import sync, writing
 
+from .manifest import FILE, FORMAT, DamagedError, latest, manifest, steps
 from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
 
-_FORMAT = 1
-
-
-class DamagedError(RunError):
-    """A file of a checkpoint is missing or has changed since it was written."""
+# What Orbax notes beside the arrays: moments and paths, which it does without.
+_NOTES = ("_CHECKPOINT_METADATA", "commit_success.txt")
 
 
 def save(folder: Path, step: int, state: Any) -> Path:
@@ -44,13 +46,21 @@ def save(folder: Path, step: int, state: Any) -> Path:
     return write(folder, step, host_copy(state))
 
 
-def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None = None) -> Path:
+def write(
+    folder: Path,
+    step: int,
+    leaves: Sequence[Leaf],
+    *,
+    keep: int | None = None,
+    metrics: Mark | None = None,
+) -> Path:
     """Writes a checkpoint from a copy on the host; one writer per folder at a time.
 
-    Of those in the folder the `keep` newest stay, or all; a step that exists is a RunError.
+    Of those in the folder the `keep` newest stay, or all; a step that exists is a RunError. The
+    manifest has the mark of the metrics at that moment.
     """
     final, part = folder / f"{step:012d}", folder / f".{step:012d}.part"
-    if (final / "manifest.json").exists():
+    if (final / FILE).exists():
         raise RunError(f"checkpoint {final} exists already, but a step is saved once")
     entries = [
         {
@@ -72,8 +82,9 @@ def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None =
         try:
             _write_arrays(part / "arrays", arrays)
             files = _files(part)
-            content = {"format": _FORMAT, "step": step, "leaves": entries, "files": files}
-            (part / "manifest.json").write_text(with_digest(content), encoding="utf-8")
+            content = {"format": FORMAT, "step": step, "leaves": entries, "files": files}
+            content |= {"metrics": dict(metrics)} if metrics else {}
+            (part / FILE).write_text(with_digest(content), encoding="utf-8")
             for path in (*part.rglob("*"), part):
                 sync(path)
             os.rename(part, final)
@@ -81,10 +92,18 @@ def write(folder: Path, step: int, leaves: Sequence[Leaf], *, keep: int | None =
         except BaseException:
             shutil.rmtree(part, ignore_errors=True)
             raise
-        for old in steps(folder)[:-keep] if keep else ():
-            os.rename(folder / f"{old:012d}", folder / f".{old:012d}.part")  # never a half
-            shutil.rmtree(folder / f".{old:012d}.part")
+    if keep:
+        keep_newest(folder, keep)
     return final
+
+
+def keep_newest(folder: Path, count: int) -> None:
+    """Removes all but the newest complete checkpoints, and what a process left that was killed."""
+    with writing(folder):
+        for old in steps(folder)[:-count]:
+            os.rename(folder / f"{old:012d}", folder / f".{old:012d}.part")  # never a half
+        for left in folder.glob(".*.part"):
+            shutil.rmtree(left)
 
 
 def restore(path: Path, like: Any) -> Any:
@@ -107,28 +126,19 @@ def restore(path: Path, like: Any) -> Any:
     return jax.tree.unflatten(jax.tree.structure(like), leaves)
 
 
-def steps(folder: Path) -> list[int]:
-    """The steps of the complete checkpoints in a folder, oldest first."""
-    if not folder.is_dir():
-        return []
-    found = (p for p in folder.iterdir() if re.fullmatch(r"\d{12}", p.name))
-    return sorted(int(p.name) for p in found if (p / "manifest.json").is_file())
+def save_part(run: Path, part: str, step: int, state: Any) -> Path:
+    """Saves a part of a run, such as "reward", in place of what a process that was cut off left.
 
-
-def latest(folder: Path) -> Path | None:
-    """The newest complete checkpoint in a folder, or None if there is none."""
-    found = steps(folder)
-    return folder / f"{found[-1]:012d}" if found else None
-
-
-def save_part(run: Path, part: str, step: int, state: Any) -> None:
-    """Saves a part of a run, such as "reward", in place of what a process that was cut off left."""
+    Returns the manifest, which covers all of it.
+    """
     shutil.rmtree(run / part, ignore_errors=True)
-    save(run / part, step, state)
+    return save(run / part, step, state) / FILE
 
 
 def newest(run: Path, part: str) -> Path:
-    """The newest checkpoint of a part of a run, such as "reward"; a `RunError` without one."""
+    """The newest checkpoint of a part of a run, such as "reward"; a `RunError` without one, or
+    if it is not as the run wrote it."""
+    covered.require_part(run, part)
     found = latest(run / part)
     if found is None:
         raise RunError(f"{run} has no {part}, so its run has not got that far yet")
@@ -142,26 +152,6 @@ def discard(path: Path) -> Path:
         shutil.rmtree(aside, ignore_errors=True)
         os.rename(path, aside)
     return aside
-
-
-def manifest(path: Path) -> dict[str, Any]:
-    """A checkpoint's step and leaves, without reading the arrays; a RunError if there is none or
-    another version wrote it, a DamagedError if it has changed."""
-    file = path / "manifest.json"
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        digest = content.pop("sha256")
-    except FileNotFoundError:
-        raise RunError(f"{path} is not a complete checkpoint: it has no manifest.json") from None
-    except (OSError, ValueError, KeyError, AttributeError, TypeError):
-        raise DamagedError(f"checkpoint {path} is damaged: its manifest cannot be read") from None
-    if digest != json_digest(content):
-        raise DamagedError(f"checkpoint {path} is damaged: its manifest has changed")
-    if content["format"] != _FORMAT:
-        raise RunError(
-            f"checkpoint {path} has format {content['format']}, but this version reads {_FORMAT}"
-        )
-    return content
 
 
 def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> None:
@@ -217,6 +207,8 @@ def _write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     try:
         with _orbax() as checkpointer:
             checkpointer.save(path.absolute(), args=ocp.args.PyTreeSave(arrays))
+        for name in _NOTES:
+            (path / name).unlink(missing_ok=True)
     except ValueError as error:  # how TensorStore reports what the file system refuses
         full = re.search("No space|too large|quota", str(error))
         raise OSError(errno.ENOSPC if full else errno.EIO, str(error).split(": ")[-1]) from None

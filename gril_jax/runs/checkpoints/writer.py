@@ -10,6 +10,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from gril_jax.runs.metric_rows import Mark
+
 from . import checkpoint
 from .state_leaves import host_copy
 
@@ -34,8 +36,11 @@ class CheckpointWriter:
             self.wait()
         return self._last is not None
 
-    def save(self, step: int, state: Any) -> None:
-        """Copies the state, then writes it in the thread; waits for the one before if necessary."""
+    def save(self, step: int, state: Any, metrics: Mark | None = None) -> None:
+        """Copies the state, then writes it in the thread, with the mark of the metrics so far.
+
+        Waits for the one before if necessary.
+        """
         self.wait()
         begun = time.monotonic()
         leaves = host_copy(state)
@@ -43,7 +48,7 @@ class CheckpointWriter:
 
         def write() -> None:
             self._before()
-            checkpoint.write(self._folder, step, leaves, keep=self._keep)
+            checkpoint.write(self._folder, step, leaves, keep=self._keep, metrics=metrics)
 
         self._last = self._threads.submit(write)
 

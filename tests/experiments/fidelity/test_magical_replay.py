@@ -36,12 +36,18 @@ def test_errors_are_distances_over_the_first_steps():
     assert found["first_10"]["blocks"]["p95"] == round(float(np.percentile(moved, 95)), 5)
 
 
+def test_blocks_stray_by_their_mean_distance_at_a_step():
+    reference = np.zeros((3, 12, 6, 2))
+    places = np.stack([reference, reference])
+    places[0, :, 9, 1] = [0.3, 0.4]  # one of five blocks, in one of two replays
+    places[:, :, 9, 0] = 7.0  # the robot
+    places[:, :, 8] = 7.0  # another step
+    assert replay._strayed(places, reference) == {"after_10": 0.05}
+
+
 @pytest.mark.slow  # of recordings that a clean clone lacks
 def test_first_steps_follow_the_original(human):
-    """Free driving to 0.003, and blocks in the first 20 steps to 0.02 at the median.
-
-    The original, started a millionth of a unit beside, strays by as much.
-    """
+    """Free driving to 0.003, and blocks in the first 20 steps to 0.02 at the median."""
     actions = {name: a[:20] for name, a in replay._load(tuple(human[:6])).items()}
     with np.load(FOLDER / "replayed_states.npz") as file:
         recorded = np.stack([file[name][:21] for name in actions])
@@ -70,7 +76,7 @@ def test_the_command_prints_figures_as_json(tmp_path, capsys, monkeypatch):
     assert printed["options"] == {"substeps": None, "iterations": 10}
     assert printed["scores"] == {"007": 1.0}
     assert (printed["score_1"], printed["mean_score"]) == (1, 1.0)
-    assert printed["moved_starts"] == {"score_1": [0], "mean_score": 0.5}
+    assert printed["moved_starts"] == {"score_1": [0], "mean_score": 0.5, "strayed": {}}
 
 
 def test_demonstrations_of_other_lengths_are_refused(tmp_path):

@@ -236,6 +236,16 @@ SMALL = (
     *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
     *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "160"),
     *("--ppo.hidden", "16", "--run.eval-episodes", "4", "--run.evaluations", "0"),
+    *(
+        "--pretrain.copies",
+        "0",
+        "--pretrain.ascents",
+        "0",
+        "--encoder.rounds",
+        "1",
+        "--run.audit",
+        "0",
+    ),
 )
 
 

@@ -29,7 +29,8 @@ def markdown(lines):
 
 def test_a_row_has_mean_and_range_over_its_encoders():
     lines = _lines(2)
-    first, demo, layout = [x for x in markdown(lines).splitlines() if x.startswith("| row 1 |")][:3]
+    rows = [x for x in markdown(lines).splitlines() if x.startswith("| row 1 |")]
+    first, demo, demo_outbid, layout = rows[:4]
     assert first.startswith("| row 1 | 6 |")
     assert first.strip("| ").split(" | ")[3:5] == [
         mean_interval()(column(lines[6:], name), 6) for name in ("success", "success_sampled")
@@ -37,6 +38,7 @@ def test_a_row_has_mean_and_range_over_its_encoders():
     for line, names in (
         (first[: first.index(" | 0.", 20)], ("tau",)),
         (demo, ("order_demo", "touch_demo", "push_demo", "hack_gap_demo")),
+        (demo_outbid, ("outbid_demo",)),
         (layout, ("order_layout", "touch_layout", "push_layout", "hack_gap_layout")),
     ):
         for cell, name in zip(line.strip("| ").split(" | ")[-len(names) :], names, strict=True):

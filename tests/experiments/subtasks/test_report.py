@@ -41,6 +41,25 @@ def test_scores_of_nothing_found_are_zero_and_the_error_is_unknown():
     assert np.isnan(one["median_error"])
 
 
+def _alone(*counts):
+    return np.array([[*range(n), *[-1] * (6 - n)] for n in counts])
+
+
+def test_films_that_disagree_on_the_number_of_stages_cast_doubt():
+    said = stage_ends.doubt(_alone(3, 3, 2, 3, 4), [True] * 5, 3)
+    assert said.startswith(
+        "doubtful: only 3 of 5 held-out demonstrations show 3 ends by themselves"
+    )
+    assert "and the others 2 to 4, so" in said
+    assert stage_ends.doubt(_alone(3, 3, 2, 3, 3), [True] * 5, 3) is None
+
+
+def test_films_that_were_trained_on_cast_no_doubt_unless_there_are_no_others():
+    alone = _alone(3, 1, 1, 1)
+    assert stage_ends.doubt(alone, [True, False, False, False], 3) is None
+    assert "only 1 of 4" in stage_ends.doubt(alone, [False] * 4, 3)
+
+
 def _saved(folder, lengths=(30, 40)):
     made = []
     for number, count in enumerate(lengths):
@@ -147,3 +166,5 @@ def test_a_report_has_scores_segments_and_figures(tmp_path, monkeypatch):
     assert report["tolerance"] == 10
     assert (tmp_path / "out" / "d2.png").stat().st_size > 1000
     assert said[0] == "2 stages, which end at rewards of -0.50, 0.00"
+    assert report["doubt"] is None
+    assert not any("doubtful" in line for line in said)

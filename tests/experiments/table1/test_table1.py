@@ -147,7 +147,7 @@ TINY = [
     "--demos.num-validation", "2", "--demos.num-failures", "1", "--pretrain.num-videos", "3",
     "--pretrain.num-frames", "6", "--env.varied-starts", "0", "--ppo.num-envs", "8",
     "--ppo.num-minibatches", "2", "--ppo.num-timesteps", "960", "--ppo.hidden", "8",
-    "--run.evaluations", "4",
+    "--run.evaluations", "4", "--encoder.rounds", "1",
 ]  # fmt: skip
 
 

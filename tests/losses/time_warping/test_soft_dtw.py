@@ -124,6 +124,36 @@ def test_the_derivative_by_gamma_equals_finite_differences():
     assert jax.grad(_one, argnums=1)(cost, 0.3) == pytest.approx((up - down) / 2e-5, rel=1e-4)
 
 
+@pytest.mark.parametrize("scale", [1.0, 30.0])
+def test_the_derivative_by_a_small_gamma_keeps_five_digits_in_float32(scale):
+    """(value - <alignment, cost>) / gamma would have lost per cents."""
+    cost = scale * jnp.asarray(np.random.default_rng(0).uniform(size=(40, 40)), jnp.float32)
+    gammas = scale * jnp.array([0.1, 0.01, 0.003], jnp.float32)
+    found = jax.vmap(jax.grad(_one, argnums=1), in_axes=(None, 0))(cost, gammas)
+    for gamma, slope in zip(np.float64(gammas), found, strict=True):
+        step = 1e-4 * gamma
+        up, down, up2, down2 = (oracle(cost, gamma + n * step)[0] for n in (1, -1, 2, -2))
+        differences = (8 * (up - down) - (up2 - down2)) / (12 * step)  # of fourth order
+        assert float(slope) == pytest.approx(differences, rel=1e-5)
+
+
+def test_the_derivative_by_gamma_and_by_cost_at_once_and_again():
+    cost, gamma = random_cost(4, 5), jnp.float32(0.3)
+    both = jax.grad(_one, argnums=(0, 1))(cost, gamma)
+    assert_close(both[0], jax.grad(_one)(cost, gamma), 1e-6)
+    by_gamma = jax.grad(_one, argnums=1)
+    assert_close(both[1], by_gamma(cost, gamma), 1e-6)
+    mixed = jax.grad(by_gamma)(cost, gamma)
+    assert_close(mixed, jax.jacfwd(jax.grad(_one), argnums=1)(cost, gamma), 1e-5)
+    assert_close(
+        jax.grad(by_gamma, argnums=1)(cost, gamma),
+        jax.jacfwd(by_gamma, argnums=1)(cost, gamma),
+        1e-5,
+    )
+    forbidden = cost.at[1].set(jnp.inf).at[1, 0].set(0.0)
+    assert np.isfinite(by_gamma(forbidden, 1e-6))
+
+
 def test_second_derivatives_are_right_in_every_mode():
     cost = random_cost(3, 4)
     forward = jax.jit(jax.jacfwd(jax.grad(_one)))(cost, 0.5)

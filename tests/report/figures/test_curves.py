@@ -46,8 +46,8 @@ def rows(count=6):
 
 
 def test_a_profile_is_half_as_wide_as_the_page_and_not_blank():
-    assert picture(reward_profile(REWARD, ENDS)).shape[1] == 1088
-    assert picture(reward_profile(REWARD, ENDS, frames=FRAMES)).shape[1] == 1088
+    assert picture(reward_profile(REWARD, ENDS)).shape[1] == 736
+    assert picture(reward_profile(REWARD, ENDS, frames=FRAMES)).shape[1] == 736
 
 
 def test_a_profile_draws_the_reward_and_numbers_its_stage_ends():
@@ -145,7 +145,7 @@ def test_rows_of_a_resumed_run_replace_earlier_ones_and_empty_ones_are_left_out(
 )
 def test_steps_are_counted_in_a_unit_that_fits(most, label):
     figure = learning_curve([{"env_steps": most, "success": 0.5}])
-    assert figure.axes[0].get_xlabel().startswith(label)
+    assert figure.axes[1].get_xlabel().startswith(label)
 
 
 def test_no_rows_give_empty_axes():

@@ -17,7 +17,7 @@ def gate(monkeypatch):
     """Holds the thread up until it is opened; the steps that were written follow."""
     event, written = threading.Event(), []
 
-    def write(folder, step, leaves, keep):
+    def write(folder, step, leaves, keep, metrics):
         assert event.wait(30)
         written.append((step, float(leaves[0].array)))
 

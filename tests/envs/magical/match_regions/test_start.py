@@ -139,6 +139,13 @@ def test_moved_targets_count_as_moved_and_are_in_the_region_or_on_their_way(vari
         assert (score[moved.any(axis=1)] == 0.5).all()
 
 
+def test_a_single_target_that_may_be_on_its_way_is_not_put_where_it_belongs():
+    one = {"targets": ("green square",), "distractors": ("yellow circle",)}
+    _, state = lanes.starts(**one, varied_starts=1.0, on_the_way=0.5)
+    assert np.asarray(state.data.moved)[:, 0].mean() == pytest.approx(0.5, abs=0.1)
+    assert np.asarray(state.metrics["score"]).mean() < 0.25
+
+
 def test_varied_starts_put_the_robot_anywhere_but_on_no_block(varied):
     _, env, state = varied
     assert not state.data.unplaced.any()

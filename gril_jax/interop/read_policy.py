@@ -1,0 +1,108 @@
+"""Plays a policy file of `gril export-policy`; this one file and NumPy are all that a robot needs.
+
+    act = load_policy("policy.npz")
+    action = act(observation)  # one observation (O,) or many (..., O)
+
+A file that is damaged, cut short or edited is a ValueError of one sentence. Nothing is unpickled or
+inflated, and no array is larger than the file itself. The file's last 64 bytes, the comment
+of its zip, are the SHA-256 of all bytes before them; files of version 1 have none.
+"""
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+_ACTIVATIONS = {
+    "swish": lambda x: x * (1 + np.tanh(x / 2)) / 2,
+    "relu": lambda x: np.maximum(x, 0),
+    "tanh": np.tanh,
+    "none": lambda x: x,
+}
+
+
+def load_policy(path: str | os.PathLike) -> Callable[[Any], np.ndarray]:
+    """The deterministic policy of a file: act(observation (..., O)) is the action (..., A)."""
+    about, arrays = unpack(path)
+    try:
+        _check_policy(about, arrays)
+    except Exception as error:
+        why = str(error)[:99] or type(error).__name__
+        raise ValueError(f"{path} is no policy file ({why}): export it again") from None
+    mean, limit = arrays["observation_mean"], arrays["observation_limit"]
+    start, stop = about["output"]["mean"]
+
+    def act(observation: Any) -> np.ndarray:
+        x = np.asarray(observation, np.float32)
+        if x.shape[-1:] != mean.shape:
+            raise ValueError(f"observation has shape {x.shape}; its last axis must be {len(mean)}")
+        x = np.clip(x - mean, -limit, limit)
+        for i, layer in enumerate(about["layers"]):
+            x = x @ arrays[f"kernel_{i}"] + arrays[f"bias_{i}"]
+            x = _ACTIVATIONS[layer["activation"]](x)
+        return np.tanh(x[..., start:stop])
+
+    return act
+
+
+def unpack(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The description and the float32 arrays of an exported file; a ValueError if it is damaged."""
+    with open(path, "rb") as file:
+        raw = file.read()
+    try:
+        whole = hashlib.sha256(raw[:-64]).hexdigest().encode() == raw[-64:]
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            members = archive.infolist()
+            _require(sum(member.file_size for member in members) <= len(raw), "it would inflate")
+            _require(not any(member.compress_type for member in members), "it is compressed")
+            arrays = {m.filename.removesuffix(".npy"): _array(archive.read(m)) for m in members}
+        _require(len(arrays) == len(members), "two arrays have one name")
+        _require("description" in arrays, "it has no description")
+        about = json.loads(str(arrays.pop("description")))
+        _require(isinstance(about, dict) and "version" in about, "its description has no version")
+        _require(whole or about["version"] == 1, "its digest is another")
+        for name, array in arrays.items():
+            _require(array.dtype == np.float32, f"{name} is not float32")
+            _require(np.isfinite(array).all(), f"{name} is not finite")
+    except Exception as error:
+        why = str(error)[:99] or type(error).__name__
+        raise ValueError(f"{path} is cut short or damaged ({why}): export it again") from None
+    return about, arrays
+
+
+def _array(raw):
+    """The numbers or the text of an .npy file, as a view of its bytes."""
+    stream = io.BytesIO(raw)
+    _require(np.lib.format.read_magic(stream) == (1, 0), "an array is of another format")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+    _require(dtype.str == "<f4" or (dtype.kind, shape) == ("U", ()), f"an array holds {dtype.str}")
+    _require(not fortran, "an array's axes are in another order")
+    return np.frombuffer(raw, dtype, offset=stream.tell()).reshape(shape)
+
+
+def _check_policy(about, arrays):
+    """Each layer takes what the one before it gives, and nothing is missing or left over."""
+    version = (about["format"], about["version"])
+    _require(version in [("gril-jax policy", 1), ("gril-jax policy", 2)], f"it is {version}")
+    wanted, size = {}, about["layers"][0]["in"]
+    wanted["observation_mean"] = wanted["observation_limit"] = (size,)
+    for i, layer in enumerate(about["layers"]):
+        _require(layer["in"] == size, f"layer {i} does not fit the one before")
+        _require(layer["activation"] in _ACTIVATIONS, f"layer {i} has no known activation")
+        size = layer["out"]
+        wanted[f"kernel_{i}"], wanted[f"bias_{i}"] = (layer["in"], size), (size,)
+    found = {name: array.shape for name, array in arrays.items()}
+    _require(found == wanted, f"its arrays have the shapes {found}")
+    start, stop = about["output"]["mean"]
+    _require(type(start) is type(stop) is int and 0 <= start < stop <= size, "no such output")
+    _require(about["output"]["squash"] == "tanh", "its output is squashed by no known function")
+
+
+def _require(holds, otherwise):
+    if not holds:
+        raise ValueError(otherwise)

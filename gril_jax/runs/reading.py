@@ -1,0 +1,118 @@
+"""Reads a run's folder: its configuration, its metrics and its results, each as the run wrote it.
+
+JAX is not imported here.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from gril_jax.config import RunConfig
+from gril_jax.config.files import load
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.safe_files import read_object
+
+from . import covered, times
+from .checkpoints import manifest
+from .metric_rows import Mark, read_rows
+from .phases import Phases, changed_fields, recorded
+
+
+class Marks(NamedTuple):
+    """How far metrics.jsonl is covered, by phases.json and the newest checkpoint of each phase."""
+
+    found: Sequence[Mark]
+    complete: bool  # False if a checkpoint is of a version that had no marks
+    damaged: Sequence[str]  # a sentence for each checkpoint whose mark cannot be read
+
+
+def marks_of(path: Path, phases: Phases | None) -> Marks:
+    """The marks of a run; of one that has finished the file of its phases has the last one."""
+    found = [] if phases is None or phases.metrics is None else [phases.metrics]
+    complete, damaged = True, list[str]()
+    if has_finished(phases):
+        return Marks(found, complete, damaged)
+    for folder in sorted((path / "checkpoints").glob("*")):
+        for step in reversed(manifest.steps(folder)):
+            try:
+                mark = manifest.manifest(folder / f"{step:012d}").get("metrics")
+            except manifest.DamagedError as error:  # the one before it is taken
+                damaged.append(str(error))
+                continue
+            except RunError:  # removed at this moment, by the process that writes them
+                continue
+            found += [mark] if mark else []
+            complete = complete and mark is not None
+            break
+    return Marks(found, complete, damaged)
+
+
+def has_finished(phases: Phases | None) -> bool:
+    """True if a run has come to its results, as far as its phases say it."""
+    return phases is not None and "finished" in (phases.files or {})
+
+
+def newest_mark(marks: Marks) -> Mark | None:
+    """The mark that covers most; None if there is none."""
+    return max(marks.found, key=lambda mark: mark["bytes"], default=None)
+
+
+def read_config(path: Path) -> RunConfig:
+    """Reads a run's configuration, which must be the one that the run began with."""
+    file = _file(path, "config.yaml")
+    try:
+        config, text = load(str(file)), file.read_text(encoding="utf-8")
+    except ConfigError as error:
+        raise RunError(str(error)) from None
+    if not text.strip():
+        raise RunError(f"{file} is empty, but must hold the configuration of the run")
+    phases = recorded(path)
+    if phases is None:
+        return config
+    fields = changed_fields(phases.config, config)
+    if fields or (phases.files is not None and text != phases.config):
+        what = ", ".join(fields) or "its text is another than in phases.json"
+        raise RunError(f"{file} has been changed since the run began: {what}")
+    return config
+
+
+def _file(path: Path, name: str) -> Path:
+    """A file of a run, which need not be there yet; a RunError if the folder is of no run."""
+    if not path.is_dir():
+        fault = "is a file" if path.exists() else "does not exist"
+        raise RunError(f"{path} {fault}, but must be the folder of a run")
+    if not (path / "config.yaml").is_file():
+        raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
+    return path / name
+
+
+def read_metrics(path: Path, *, clocks: bool = False) -> list[dict[str, Any]]:
+    """Reads a run's metrics so far, oldest first; with their `clocks` from times.jsonl, if wanted.
+
+    An incomplete last line is left out.
+    """
+    file = _file(path, "metrics.jsonl")
+    phases = recorded(path)
+    marks = marks_of(path, phases)  # before the file, which may be growing
+    if marks.damaged:
+        raise RunError(marks.damaged[0])
+    try:
+        rows = read_rows(file, marks.found, whole=has_finished(phases))
+    except FileNotFoundError:
+        raise RunError(f"the run in {path} has no metrics yet: it lacks {file.name}") from None
+    except OSError as error:
+        raise RunError(f"{file} cannot be read ({error})") from None
+    if not clocks:
+        return rows
+    expected = phases is not None and phases.files is not None
+    return times.with_clocks(rows, times.read_times(path, expected=expected), path / times.FILE)
+
+
+def read_results(path: Path) -> dict[str, Any]:
+    """The results of a finished run; a `RunError` for any other."""
+    file = _file(path, "results.json")
+    covered.require_unchanged(path, file.name)
+    try:
+        return read_object(file)
+    except FileNotFoundError:
+        raise RunError(f"the run in {path} has not finished: it lacks results.json") from None
