@@ -81,8 +81,10 @@ def refused(home, argv, words, capsys):
     code, said = command(argv, capsys)
     assert code in (1, 2), (code, said)
     last = said.strip().splitlines()[-1]
-    assert last.startswith("gril: ") and last.endswith("."), said
-    assert said.count("gril: ") == 1 and "Traceback" not in said
+    assert last.startswith("gril: "), said
+    assert last.endswith("."), said
+    assert said.count("gril: ") == 1, said
+    assert "Traceback" not in said
     assert len(last) < 1200, last
     assert words in said, said
     assert contents(home) == before

@@ -23,9 +23,9 @@ from jaxtyping import UInt8
 from gril_jax.demos.vision.detect import Tracks
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError
-from gril_jax.plain_npz import NotPlainError, read_plain
 from gril_jax.types import DemoBatch, VideoBatch
 
+from .plain_npz import NotPlainError, read_plain
 from .schema import DTYPES, HEADER, DemoEntry, check_header, check_tracks, digest
 from .writer import Demo as Demo
 from .writer import save_demo_set as save_demo_set

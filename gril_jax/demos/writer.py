@@ -49,8 +49,8 @@ def save_demo_set(
     other arguments are as in `DemoSet`.
 
     Raises:
-      DemoError: the folder holds something else, also beside an older set, a demonstration is malformed, there is none,
-        or the disk is full.
+      DemoError: the folder holds something else, also beside an older set, a demonstration is
+        malformed, there is none, or the disk is full.
     """
     folder, part = pathlib.Path(folder), None
     if folder.exists() and not folder.is_dir():
