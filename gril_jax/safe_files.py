@@ -33,6 +33,7 @@ def writing(folder: Path) -> Iterator[None]:
 def write_whole(file: Path, contents: str | bytes, *, durable: bool = True) -> None:
     """The file appears complete or not at all, and on return, if durable, is on the disk."""
     part = file.with_name(f".{file.name}.part")
+    part.unlink(missing_ok=True)  # a link of this name would lead to another file
     part.write_bytes(contents.encode() if isinstance(contents, str) else contents)
     if durable:
         sync(part)
@@ -41,8 +42,15 @@ def write_whole(file: Path, contents: str | bytes, *, durable: bool = True) -> N
         sync(file.parent)
 
 
+def require_regular(file: Path) -> None:
+    """Raises a RunError for a pipe or a device, which may never end; what is missing passes."""
+    if file.exists() and not file.is_file() and not file.is_dir():
+        raise RunError(f"{file} is no regular file")
+
+
 def read_object(file: Path) -> dict[str, Any]:
     """A JSON object; a RunError for any other contents, a FileNotFoundError without the file."""
+    require_regular(file)
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -4,6 +4,7 @@ The command line is read, and every path on it looked at, before anything heavy 
 codes: 0 done, 1 failed at work, 2 a wrong command line, 130 interrupted by Ctrl-C, 143 by SIGTERM.
 """
 
+import errno
 import os
 import sys
 import textwrap
@@ -46,6 +47,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"gril: {str(error).rstrip('.')}.", file=sys.stderr)
         # What only the task or the devices can refuse is known later, but is a wrong command too.
         return 2 if isinstance(error, ConfigError) else code
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"gril: {error.filename!s:.60}... is too long for a file's name.", file=sys.stderr)
+        return code
     except KeyboardInterrupt:
         print("gril: interrupted.", file=sys.stderr)
         return 130

@@ -95,6 +95,12 @@ def _tree(config: Any) -> dict[str, Any]:
 class _Loader(yaml.SafeLoader):
     """A YAML loader that rejects duplicate keys; PyYAML's safe loader silently keeps the last."""
 
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Refuses merged maps, a few lines of which can unpack to more than fits into memory."""
+        if any(key.tag == "tag:yaml.org,2002:merge" for key, _ in node.value):
+            raise ConfigError("'<<' merges maps, but each section must be written out")
+        super().flatten_mapping(node)
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         seen: dict[str, int] = {}
         names = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
@@ -114,7 +120,9 @@ def _read(file: Traversable) -> dict[str, Any]:
         tree = _Loader(file.read_text(encoding="utf-8")).get_single_data()
     except OSError as error:
         raise ConfigError(f"the file cannot be read ({error.strerror})") from None
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+    # PyYAML's own constructors raise much over a value that is not of its tag, as `!!int ''`.
+    except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError,
+            ValueError) as error:  # fmt: skip
         mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
         where = f"line {mark.line + 1}: " if mark else ""
         raise ConfigError(f"{where}the file is not YAML ({problem or 'not text'})") from None
@@ -148,6 +156,19 @@ def _check(tree: Mapping[Any, Any]) -> None:
                 raise ConfigError(f"{path} is {value!r}, but must be a list such as [a, b]")
             if is_list and any(isinstance(x, dict | list) for x in value):
                 raise ConfigError(f"{path} must be a list of single values")
+            for text in map(_text, value if is_list else [value]):
+                if text is None:
+                    raise ConfigError(f"{path} is a number of too many digits")
+                if is_list and text.startswith("--"):  # it would be read as an option
+                    raise ConfigError(f"{path} holds {text!r:.60}, but no value begins with '--'")
+
+
+def _text(value: Any) -> str | None:
+    """The value as the command line has it; None for a number of more digits than Python writes."""
+    try:
+        return str(value)
+    except ValueError:
+        return None
 
 
 def _flags(tree: Mapping[str, Any], prefix: str) -> Iterator[str]:

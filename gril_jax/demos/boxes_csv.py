@@ -13,6 +13,7 @@ A file that is missing, malformed, or does not fit its video is a `DemoError`.
 """
 
 import csv
+import errno
 import math
 import os
 from collections.abc import Sequence
@@ -25,6 +26,8 @@ from gril_jax.demos.vision.detect import Tracks, carried
 from gril_jax.errors import DemoError
 
 COLUMNS = ("frame", "class", "x_min", "y_min", "x_max", "y_max")
+
+_LARGEST = 1e30  # pixels; beyond it, float32 would overflow
 
 _Boxes = dict[tuple[int, str], tuple[float, float, float, float]]
 
@@ -62,6 +65,9 @@ class BoxesFileDetector:
         return Tracks(center.astype(np.float32), size.astype(np.float32), label, seen)
 
     def _read(self, num_frames: int) -> _Boxes:
+        if not os.path.isfile(self.path):  # a pipe or a device would never end
+            fault = "no regular file" if os.path.exists(self.path) else os.strerror(errno.ENOENT)
+            raise DemoError(f"{self.path}: the boxes file cannot be read ({fault}).")
         try:
             with open(self.path, newline="", encoding="utf-8-sig") as file:
                 return self._parse(csv.reader(file), num_frames)
@@ -77,7 +83,7 @@ class BoxesFileDetector:
         if sorted(header) != sorted(COLUMNS):
             raise DemoError(
                 f"{self.path}, line 1: the columns must be {','.join(COLUMNS)}, "
-                f"not {','.join(header) or 'an empty line'}."
+                f"not {','.join(header)[:200] or 'an empty line'}."
             )
         boxes: _Boxes = {}
         for row in filter(None, rows):
@@ -107,7 +113,7 @@ class BoxesFileDetector:
         class_name = cells["class"].strip()
         if class_name not in self.classes:
             raise DemoError(
-                f"{where}: class {class_name!r} is not one of {', '.join(self.classes)}."
+                f"{where}: class {class_name!r:.60} is not one of {', '.join(self.classes)}."
             )
         box = []
         for column in COLUMNS[2:]:
@@ -115,7 +121,7 @@ class BoxesFileDetector:
                 box.append(float(cells[column]))
             except ValueError:
                 box.append(math.nan)
-            if not math.isfinite(box[-1]):
+            if not abs(box[-1]) < _LARGEST:
                 raise DemoError(f"{where}: {column} must be a number, not {cells[column]!r}.")
         if box[0] >= box[2] or box[1] >= box[3]:
             raise DemoError(

@@ -11,8 +11,6 @@ all, and is checked against its digests whenever it is loaded.
 import json
 import os
 import pathlib
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,12 +25,12 @@ from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError
 from gril_jax.types import DemoBatch, VideoBatch
 
+from .plain_npz import NotPlainError, read_plain
 from .schema import DTYPES, HEADER, DemoEntry, check_header, check_tracks, digest
 from .writer import Demo as Demo
 from .writer import save_demo_set as save_demo_set
 
 ROBOTS = ("robot", "left finger", "right finger", "hand")  # classes that are parts of a robot
-_NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
 _MARGIN = 5  # frames kept after the first in which all blocks have arrived
 _MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
 
@@ -98,12 +96,12 @@ def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> 
             )
     path = folder / entry.tracks
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            if missing := set(DTYPES) - set(arrays.files):
-                raise DemoError(f"{path}: the array {sorted(missing)[0]!r} is missing.")
-            tracks = Tracks(**{field: arrays[field] for field in Tracks._fields})
-    except _NO_ARRAYS as error:
-        raise DemoError(f"{path}: not an npz file of plain arrays.") from error
+        arrays = read_plain(path, Tracks._fields)
+    except NotPlainError as error:
+        raise DemoError(f"{path}: {error}.") from error
+    if missing := set(DTYPES) - set(arrays):
+        raise DemoError(f"{path}: the array {sorted(missing)[0]!r} is missing.")
+    tracks = Tracks(**arrays)
     check_tracks(tracks, entry.frames, len(entry.objects), classes, str(path))
     if [classes[label] for label in tracks.label] != entry.objects:
         raise DemoError(f"{path}: label does not agree with the objects that {HEADER} lists.")

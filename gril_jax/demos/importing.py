@@ -109,7 +109,13 @@ def import_videos(
     paths = sorted(p for p in folder.glob("*") if p.suffix.lower() in _VIDEOS)
     if not paths:
         raise DemoError(f"{folder}: the folder holds no video ({', '.join(_VIDEOS)}).")
+    if os.path.realpath(folder) == os.path.realpath(out_dir):
+        raise DemoError(f"{folder}: this folder is read, so the demo set must go to another one.")
     stems = [path.stem for path in paths]
+    for path in paths:
+        if any("\ud800" <= letter <= "\udfff" for letter in path.name):
+            shown = str(path).encode(errors="backslashreplace").decode()
+            raise DemoError(f"{shown}: the file's name is not text in UTF-8; rename it.")
     for path in paths:
         if stems.count(path.stem) > 1:
             raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")

@@ -93,6 +93,8 @@ def read_actions(path: str | os.PathLike) -> Int[np.ndarray, "T"]:
 
 def _content(path: str | os.PathLike) -> object:
     """The contents of the pickle, built of stand-ins."""
+    if os.path.exists(path) and not os.path.isfile(path):  # a pipe or a device may never end
+        raise DemoError(f"{path}: the file cannot be read (no regular file).")
     try:
         with gzip.open(path) as file:
             data = file.read(_MAX_BYTES + 1)

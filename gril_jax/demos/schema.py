@@ -12,6 +12,7 @@ from gril_jax.errors import DemoError
 
 HEADER = "demos.json"
 SCHEMA_VERSION = 1
+_LONGEST = 255  # bytes of a file's name, on every usual file system
 OUTCOMES = ("success", "failure", "unknown")
 DTYPES = {"center": np.float32, "size": np.float32, "label": np.int32, "seen": np.bool_}
 _FIELDS = {
@@ -53,8 +54,8 @@ def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
         )
     _check_fields(header, _FIELDS, f"{where}")
     for field in ("half_extent", "fps"):
-        if not 0 < header[field] < float("inf"):
-            raise DemoError(f"{where}: {field} must be above 0, not {header[field]}.")
+        if not 0 < header[field] < 1e30:  # beyond it, a whole number may be no float
+            raise DemoError(f"{where}: {field} must be above 0, not {header[field]!s:.60}.")
     if not all(isinstance(name, str) for name in header["classes"]):
         raise DemoError(f"{where}: classes must be a list of names.")
     if not header["demos"]:
@@ -79,8 +80,19 @@ def _check_fields(holder: object, fields: dict[str, object], where: str) -> None
         kind = list if kind == list[str] else kind
         value = holder[field]
         number = kind is float and isinstance(value, int)
+        _check_text(value, f"{where}: {field}")
         if isinstance(value, bool) or not (number or isinstance(value, kind)):
             raise DemoError(f"{where}: {field} must be {kind.__name__}, not {value!r:.60}.")
+
+
+def _check_text(value: object, where: str) -> None:
+    """Raises `DemoError` for names that no file and no page could hold: JSON may have half a
+    letter."""
+    for text in value if isinstance(value, list) else [value]:
+        try:
+            _ = isinstance(text, str) and text.encode()
+        except UnicodeEncodeError:
+            raise DemoError(f"{where} must be text, not {text!r:.60}.") from None
 
 
 def _entry(fields: object, classes: list[str], where: str) -> DemoEntry:
@@ -88,8 +100,9 @@ def _entry(fields: object, classes: list[str], where: str) -> DemoEntry:
     _check_stages(stages := fields.get("stages"), where)
     entry = DemoEntry(**{field: fields[field] for field in _ENTRY}, stages=stages)
     for file in (entry.video, entry.tracks):
-        if pathlib.PurePath(file).name != file or "\\" in file:
-            raise DemoError(f"{where}: {file!r} must be a plain file name within the folder.")
+        plain = pathlib.PurePath(file).name == file != ".." and not {"\\", "\0"} & {*file}
+        if not plain or len(file.encode()) > _LONGEST:
+            raise DemoError(f"{where}: {file!r:.60} must be a plain file name within the folder.")
     if entry.outcome not in OUTCOMES:
         raise DemoError(f"{where}: outcome must be one of {', '.join(OUTCOMES)}.")
     if entry.trimmed < 0:

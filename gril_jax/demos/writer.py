@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import pathlib
+import re
 import shutil
 import tempfile
 from collections.abc import Iterable, Sequence
@@ -17,6 +18,8 @@ from gril_jax.demos.vision.video import write_video
 from gril_jax.errors import DemoError
 
 from .schema import HEADER, OUTCOMES, SCHEMA_VERSION, check_header, check_tracks, digest
+
+_OURS = re.compile(r"demos\.json|\d{3,}\.(mp4|npz)")  # names of a set's files
 
 
 class Demo(NamedTuple):
@@ -46,8 +49,8 @@ def save_demo_set(
     other arguments are as in `DemoSet`.
 
     Raises:
-      DemoError: the folder holds something else, a demonstration is malformed, there is none,
-        or the disk is full.
+      DemoError: the folder holds something else, also beside an older set, a demonstration is
+        malformed, there is none, or the disk is full.
     """
     folder, part = pathlib.Path(folder), None
     if folder.exists() and not folder.is_dir():
@@ -57,11 +60,19 @@ def save_demo_set(
             f"{folder}: the folder is not empty and no demo set ({HEADER} is missing), "
             "so it was left alone; name a new or empty folder."
         )
+    if folder.is_dir() and (
+        more := [p.name for p in folder.iterdir() if not _OURS.fullmatch(p.name)]
+    ):
+        raise DemoError(
+            f"{folder}: beside a demo set the folder holds {min(more)!r}, which would be lost, so "
+            "it was left alone; name a new or empty folder."
+        )
+    where, folder = folder, folder.resolve()  # what a link leads to is replaced, the link stays
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
-        entries = [_write(part, str(folder), i, demo, classes, fps) for i, demo in enumerate(demos)]
+        entries = [_write(part, str(where), i, demo, classes, fps) for i, demo in enumerate(demos)]
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
         header = {

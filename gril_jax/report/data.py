@@ -9,8 +9,6 @@ file that is damaged, is not as the run wrote it, or whose parts do not fit toge
 """
 
 import math
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gril_jax.config.tables import ALGORITHMS
+from gril_jax.demos.plain_npz import NotPlainError, read_plain
 from gril_jax.errors import RunError
 from gril_jax.runs.covered import require_unchanged
 from gril_jax.runs.phases import recorded
@@ -26,7 +25,6 @@ from gril_jax.runs.reading import read_metrics, read_results
 from gril_jax.safe_files import read_object
 
 SPLITS = ("train", "validation", "failure")
-_NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
 # Which field counts, by phase.
 _STEP = {"pretrain": "step"} | dict.fromkeys(ALGORITHMS, "env_steps")
 _LARGEST = 1e30  # a number beyond it is damage, and would overflow when drawn
@@ -100,15 +98,19 @@ def _arrays(path: Path, kinds: Mapping[str, str]) -> dict[str, np.ndarray] | Non
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {field: file[field] for field in kinds if field in file.files}
-    except (*_NO_ARRAYS, AttributeError, NotImplementedError) as error:
-        raise RunError(f"{path} is not an npz file of plain arrays") from error
+        arrays = read_plain(path, kinds)
+    except NotPlainError as error:
+        raise RunError(f"{path}: {error}") from error
     for field, kind in kinds.items():
         if field not in arrays:
             raise RunError(f"{path}: the array {field!r} is missing")
         if arrays[field].dtype.kind not in kind:
             raise RunError(f"{path}: {field} must not be of type {arrays[field].dtype}")
+        if kind == "U":
+            try:  # an array may hold what is no letter, or half of one
+                "".join(arrays[field].ravel().tolist()).encode()
+            except (ValueError, SystemError):  # the latter from NumPy
+                raise RunError(f"{path}: {field} must be text") from None
     return arrays
 
 

@@ -20,7 +20,7 @@ from gril_jax.runs.reading import read_config
 from gril_jax.safe_files import writing
 from gril_jax.threads import parallel_map
 
-from .data import Profiles, read_finished, read_profiles, read_rows
+from .data import Profiles, read_finished, read_profiles, read_rows, read_versions
 from .html import save
 
 _LATER = ("versions.json", "rollout.mp4", "rollouts.npz")  # what is read while the page is drawn
@@ -54,6 +54,7 @@ def read_inputs(folder: Path) -> Inputs:
     """Reads a run's folder, and its demonstrations if they still exist."""
     config = read_config(folder)
     require_unchanged(folder, *_LATER)  # before anything is drawn
+    read_versions(folder)
     profiles = read_profiles(folder)
     source = Path(config.demos.path) if config.demos.path else folder / "demos"
     require_same_demos(folder, source / HEADER)

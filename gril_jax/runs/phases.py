@@ -17,7 +17,7 @@ import yaml
 from gril_jax.config import RunConfig
 from gril_jax.config.files import to_yaml
 from gril_jax.errors import RunError
-from gril_jax.safe_files import read_object, write_whole, writing
+from gril_jax.safe_files import read_object, require_regular, write_whole, writing
 
 from .metric_rows import plain
 
@@ -61,6 +61,7 @@ def recorded(folder: Path) -> Phases | None:
     """The phases of a run; None for one so old that it has none, a `RunError` if they are damaged
     or lost."""
     file = folder / _FILE
+    require_regular(file)
     try:
         text = file.read_text(encoding="utf-8")
         content = json.loads(text)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.errors import ConfigError, RunError
-from gril_jax.safe_files import read_object
+from gril_jax.safe_files import read_object, require_regular
 
 from . import covered, times
 from .checkpoints import manifest
@@ -92,6 +92,7 @@ def read_metrics(path: Path, *, clocks: bool = False) -> list[dict[str, Any]]:
     An incomplete last line is left out.
     """
     file = _file(path, "metrics.jsonl")
+    require_regular(file)
     phases = recorded(path)
     marks = marks_of(path, phases)  # before the file, which may be growing
     if marks.damaged:

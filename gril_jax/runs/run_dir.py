@@ -228,6 +228,9 @@ def require_resumable(path: Path, experiment: str) -> RunConfig:
             f"the run in {path} has finished, so there is nothing left to go on with: gril report "
             "draws its page again"
         )
+    for file in path.iterdir():
+        if file.is_symlink():
+            raise RunError(f"{file} is a link, but a run goes on in files and folders of its own")
     with writing(path):
         take_lock(path, note=False).close()
     return config

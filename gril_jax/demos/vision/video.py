@@ -18,6 +18,8 @@ from jaxtyping import UInt8
 
 from gril_jax.errors import DemoError
 
+# What plays other files or addresses, such as a playlist, is no video here.
+_READ = {"format_whitelist": "mov,mp4,matroska,webm,avi,gif,mpegts,mpeg,ogg,flv,asf,h264,hevc,wav"}
 _OPTIONS = {
     "crf": "12",  # constant quality: 0 is lossless, 23 is what films use
     "x264-params": "mbtree=0",  # with it, equal small frames now and then give other bytes
@@ -76,13 +78,23 @@ def _encode(part: pathlib.Path, path: pathlib.Path, frames: Iterable, fps: float
 
 
 def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
-    """All frames of a video file, in any format that FFmpeg reads, in display order; a DemoError
-    if the file is missing, empty, damaged, cut short or not a video."""
+    """All frames of a video file, in any usual format, in display order and turned as they are
+    shown; a DemoError if the file is missing, empty, damaged, cut short, no video, or too large for
+    the memory."""
     path = pathlib.Path(path)
     with _opened(path) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
-        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
+        frames = []
+        for frame in container.decode(stream):
+            if 2 * (len(frames) + 1) * frame.width * frame.height * 3 > _memory():  # stacked below
+                raise DemoError(
+                    f"{path}: its frames need more than half of this machine's memory; "
+                    "make the film smaller or shorter."
+                )
+            # A telephone that is held upright notes only that its picture is to be turned.
+            turned = np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))
+            frames.append(turned)
         promised = stream.frames
     if not frames:
         raise DemoError(f"{path}: the video holds no frames.")
@@ -105,6 +117,11 @@ def read_fps(path: str | os.PathLike) -> float:
     return float(rate)
 
 
+def _memory() -> int:
+    """Bytes of memory that the machine has."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
 @contextlib.contextmanager
 def _opened(path: pathlib.Path) -> Iterator[av.container.InputContainer]:
     if not path.is_file():
@@ -112,7 +129,8 @@ def _opened(path: pathlib.Path) -> Iterator[av.container.InputContainer]:
     if path.stat().st_size == 0:
         raise DemoError(f"{path}: the video file is empty (0 bytes).")
     try:
-        with av.open(str(path)) as container:
+        # A stream, not a name: FFmpeg takes some names for addresses.
+        with open(path, "rb") as file, av.open(file, options=_READ) as container:
             if not container.streams.video:
                 raise DemoError(f"{path}: the file holds no video stream.")
             yield container
