@@ -12,7 +12,7 @@ from support.probes import Probe
 
 from gril_jax.config import RunConfig, RunSettings
 from gril_jax.rl import ppo, rewards, sac, training
-from gril_jax.rl.evaluate import evaluate
+from gril_jax.rl.evaluate import begin, evaluate
 
 NUM, UPDATES = 8, 3
 SMALL = {"num_envs": NUM, "unroll_length": 3, "hidden": (8,), "window": 4}  # of episodes of 8
@@ -141,7 +141,8 @@ def test_mean_actions_score_as_in_an_evaluation_of_the_policy(algorithm, result)
     """Whole episodes, though the unroll does not divide them; samples score otherwise."""
     state, _, scores = result
     policy = algorithm.policy(state)
-    alone = evaluate(algorithm, policy, None, jax.random.key(5), tau=0.005, episodes=2)
+    begun = begin(algorithm.episodes, jax.random.key(5), episodes=2)
+    alone = evaluate(algorithm, policy, None, begun, jax.random.key(6), tau=0.005)
     assert scores.score.shape == (2, 2)
     np.testing.assert_allclose(scores.score[:, 0], alone.score.mean(), rtol=1e-4)
     np.testing.assert_allclose(scores.reward[:, 0], alone.reward.sum(1).mean(), rtol=1e-4)

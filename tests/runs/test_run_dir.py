@@ -271,3 +271,16 @@ def test_other_refusals_of_the_file_system_are_one_sentence_too(tmp_path):
         run_dir.writing(tmp_path),
     ):
         raise PermissionError(13, "Permission denied")
+
+
+def test_a_run_with_a_link_in_it_does_not_go_on(path, tmp_path):
+    """It would write where the link leads."""
+    run_dir.create(path, CONFIG, device="a test", experiment="train").close()
+    elsewhere = tmp_path / "mine.txt"
+    elsewhere.write_text("mine")
+    assert run_dir.require_resumable(path, "train") == CONFIG
+    (path / "metrics.jsonl").unlink(missing_ok=True)
+    (path / "metrics.jsonl").symlink_to(elsewhere)
+    with pytest.raises(RunError, match=r"metrics.jsonl is a link, but a run goes on in files"):
+        run_dir.require_resumable(path, "train")
+    assert elsewhere.read_text() == "mine"
