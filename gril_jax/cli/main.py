@@ -47,11 +47,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"gril: {str(error).rstrip('.')}.", file=sys.stderr)
         # What only the task or the devices can refuse is known later, but is a wrong command too.
         return 2 if isinstance(error, ConfigError) else code
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
-            raise
-        print(f"gril: {error.filename!s:.60}... is too long for a file's name.", file=sys.stderr)
-        return code
     except KeyboardInterrupt:
         print("gril: interrupted.", file=sys.stderr)
         return 130
@@ -60,6 +55,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of a pipe has had enough, as in `gril --help | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"gril: {error.filename!s:.60}... is too long for a file's name.", file=sys.stderr)
+        return code
 
 
 def help_page() -> str:
