@@ -70,7 +70,7 @@ class _Case:
         return self._state
 
     def figures(self, speed: float) -> dict[str, Any]:
-        """What the benchmark reports of it, given its control steps a second."""
+        """The benchmark's entry for it, given its control steps a second."""
         return {
             "options": self.options,
             "num_envs": self.num_envs,

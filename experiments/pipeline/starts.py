@@ -54,12 +54,12 @@ def evaluated_from(config: EnvConfig) -> registry.Starts:
 
 @functools.cache
 def distinct(config: EnvConfig, variant: str | None, count: int) -> int:
-    """How many of so many starts of a variant are distinct, by drawing as many."""
+    """The number of distinct starts among so many of a variant, by drawing as many."""
     return count_starts(setup.make_env(config, training=False, variant=variant), count)
 
 
 def count_starts(env: Env, draws: int) -> int:
-    """How many of so many starts of a task are distinct."""
+    """The number of distinct starts among so many of a task."""
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), draws))
     return int(which(states).max()) + 1
 
@@ -71,7 +71,7 @@ def with_first(begun: EpisodeState, other: EpisodeState) -> EpisodeState:
 
 
 def which(states: Any) -> Int[np.ndarray, "E"]:
-    """Which of the distinct starts each state is, of leaves (E, ...) after a reset.
+    """The index of each state's start among the distinct ones; states after a reset, (E, ...).
 
     Equal are those in which all numbers are, but for roundings; keys are not looked at.
     """

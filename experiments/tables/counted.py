@@ -1,4 +1,4 @@
-"""What the success of a table's policies counts: starts of each evaluation, and policies.
+"""The counts behind the success of a table's policies: starts of each evaluation, and policies.
 
 A policy is one observation. Its success is a share of the distinct starts of an evaluation, and a
 table's intervals are over policies.
@@ -29,18 +29,18 @@ class Counted(NamedTuple):
 
 
 def read(done: Mapping[str, Any]) -> dict[str, Counted]:
-    """What a finished program of policies says of its starts, by variant; empty if nothing."""
+    """The starts that a finished program of policies has noted, by variant; empty if none."""
     return {variant: Counted(**found) for variant, found in done.get("starts", {}).items()}
 
 
 def in_words(starts: Mapping[str, Counted], variant: str, *, sampled: bool = False) -> str:
-    """What an evaluation from a variant counts, as far as that is recorded."""
+    """The starts that an evaluation from a variant counts, as far as they are recorded."""
     found = starts.get(variant)
     return UNKNOWN if found is None else found.in_words(variant, sampled=sampled)
 
 
 def solved(values: Float[np.ndarray, "K"], count: int) -> str:
-    """How many policies solve a single start with deterministic actions: `solved by 4 of 5`."""
+    """The number of policies that solve a single start, mean actions: `solved by 4 of 5`."""
     del count
     return f"solved by {int((values >= SURE).sum())} of {len(values)} policies"
 

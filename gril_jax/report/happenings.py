@@ -1,5 +1,4 @@
-"""What happens at a frame of a demonstration, in words: which objects start to move or come to
-rest there."""
+"""Phrases for frames of a demonstration: the objects that start to move or come to rest there."""
 
 from collections.abc import Sequence
 

@@ -147,7 +147,7 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
 
 
 def _dots(run: Inputs, film: Film | None, ends: Sequence[int]) -> str:
-    """What the numbered dots of a profile are; where the film is known, what happens at each."""
+    """Sentences on the numbered dots of a profile; where the film is known, on each dot."""
     if not len(ends):
         return " No stage was found in it."
     words = " Numbered dots are where the reward has taken a step: ends of stages, as it sees them"
@@ -233,7 +233,7 @@ def _summary(run: Inputs) -> str:
 
 
 def _next(run: Inputs) -> list[Step]:
-    """What to do with the run."""
+    """Next steps with the run."""
     audited = (run.folder / "audit" / "report.html").is_file()
     looked = [Step("The audit of its reward, with maps of it", page="audit/report.html")]
     steps = looked if audited else []

@@ -1,4 +1,4 @@
-"""What a sound reward reaches in its audit, and an audit's outcome in a few words."""
+"""The bounds that a sound reward keeps in its audit, and an audit's outcome in a few words."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -48,7 +48,7 @@ def outbid(numbers: Mapping[str, float]) -> str:
 
 
 def kept(results: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run keeps of its audit, from what `audit.json` holds."""
+    """The part of `audit.json` that a run keeps in its results."""
     return {name: results[name] for name in (*ASKED, OUTBID)} | {"settings": results["settings"]}
 
 

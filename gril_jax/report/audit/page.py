@@ -94,7 +94,7 @@ class Findings(NamedTuple):
         ]
 
     def verdict(self) -> Verdict:
-        """Whether it is sound, and how many of all successes it pays too little."""
+        """A sentence: sound or not, and the share of all successes that it pays too little."""
         numbers = self.numbers()
         bad, edge = faults(numbers), outbid(numbers)
         if bad:
