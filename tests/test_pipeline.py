@@ -58,6 +58,7 @@ def test_it_says_how_many_starts_each_success_rate_counts(run):
     for line in lines[first : first + 5]:
         assert re.search(r"% of 4 (Jitter|Layout) starts \(95% interval", line)
     assert re.fullmatch("the task's own start: (not )?solved", lines[first + 5])
+    assert re.match(r"audit: the reward is (not )?sound \(order 0\.\d+", lines[first + 6])
 
 
 def test_an_attempt_to_reach_another_host_would_be_noticed():

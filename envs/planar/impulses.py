@@ -17,7 +17,7 @@ from .contacts import Contacts
 from .plane import Vec
 
 SLOP = 0.01  # overlap that is not pushed apart
-_LEFT = 0.9**60  # share of an overlap that is left after a second
+LEFT = 0.9**60  # share of an overlap that is left after a second
 
 
 class Bodies(NamedTuple):
@@ -78,7 +78,7 @@ def prepare(
     # As in Chipmunk, bodies that will meet within the substep do not feel each other yet.
     touch = contacts.gap <= 0
     mass = Vec(*(jnp.where(touch, 1.0 / i, 0.0) for i in inverse))
-    bias = (1.0 - _LEFT**dt) / dt * jnp.maximum(-contacts.gap - SLOP, 0.0)
+    bias = (1.0 - LEFT**dt) / dt * jnp.maximum(-contacts.gap - SLOP, 0.0)
     return Rows(n, leverage, recoil, mass, bias, friction, first, second)
 
 

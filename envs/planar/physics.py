@@ -68,7 +68,7 @@ class Physics:
         self.substeps, self.iterations = substeps, iterations
         self.dt = 1.0 / (control_hz * substeps)
         self.block_mass = block_mass
-        self._ahead = 0.5 - 0.05 * substeps if substeps < 10 else 0.0
+        self.ahead = 0.5 - 0.05 * substeps if substeps < 10 else 0.0
         parts = robot.parts
         most = max(len(p.corners) for p in parts)
         index = [np.minimum(np.arange(most), len(p.corners) - 1) for p in parts]
@@ -130,7 +130,7 @@ class Physics:
         return self._pack(jax.lax.fori_loop(0, _SETTLING, sweep, (motion, self._none()))[1])
 
     def _substep(self, before, velocity, shift, impulses, shapes, strengths, command):
-        pose = before + self.dt * ((1 - self._ahead) * velocity + shift)
+        pose = before + self.dt * ((1 - self.ahead) * velocity + shift)
         layers, aim = self._problem(before, pose, velocity[0, 2], shapes, command)
         contacts = [
             Impulse(*(jnp.where(layer.rows.mass.x > 0, f, 0.0) for f in j[:2]), 0.0 * j.shift)
@@ -142,7 +142,7 @@ class Physics:
         motion, impulses = jax.lax.fori_loop(0, self.iterations, sweep, (motion, impulses))
         velocity = _stacked(*((m.push, m.spin) for m in motion))
         shift = _stacked(*((m.shift, m.twist) for m in motion))
-        return pose + self.dt * self._ahead * velocity, velocity, shift, impulses
+        return pose + self.dt * self.ahead * velocity, velocity, shift, impulses
 
     def _motions(self, velocity: Float[Array, "E 3"]) -> tuple[Motion, Motion]:
         """Motions of the robot's parts and of the blocks."""

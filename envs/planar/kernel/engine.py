@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import jax
 import jax.numpy as jnp
 import warp as wp
-from gril_jax.envs.planar.impulses import _LEFT
+from gril_jax.envs.planar.impulses import LEFT
 from gril_jax.envs.planar.joints import Command, Strengths
 from gril_jax.envs.planar.physics import BLOCK_MASS, Physics
 from gril_jax.envs.planar.shapes import BlockShape
@@ -53,7 +53,7 @@ class KernelPhysics:
         of, dt = self.physics, self.dt
         lane = [pose, velocity, memory, *_fields(shapes, BLOCK_MASS / of.block_mass)]
         lane += [jnp.stack([jnp.asarray(x, jnp.float32) for x in f]) for f in (strengths, command)]
-        scalars = 1 / of.block_mass, of.arena, dt, of._ahead, (1.0 - _LEFT**dt) / dt
+        scalars = 1 / of.block_mass, of.arena, dt, of.ahead, (1.0 - LEFT**dt) / dt
         dims = {
             "new_pose": (1, len(pose)),
             "new_velocity": (1, len(pose)),
