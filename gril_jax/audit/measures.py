@@ -152,7 +152,6 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
     kind = made.factor[0]  # every start has the same factors
     reset = paid[:, 0]
     success = made.score >= SUCCESS
-    clear = jnp.isin(kind, jnp.array([FACTORS.index(name) for name in _CLEAR]))
     plain = success & (kind == FACTORS.index("success"))
     counted = jnp.sum(plain, axis=1).astype(paid.dtype)
     span = jnp.sum(jnp.where(plain, paid, 0.0), axis=1) / counted - reset
@@ -169,7 +168,7 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
         jnp.max(rewards.pushed, where=states.pushed_free, initial=-jnp.inf),
         jnp.max(found.reward),
     ]).max()  # fmt: skip
-    worst = jnp.min(paid, where=success & clear, initial=jnp.inf)
+    worst = jnp.min(paid, where=clear_successes(made), initial=jnp.inf)
     at_start = (made.scenes.center == made.scenes.center[:, :1]).all(axis=(2, 3))
     touched = (kind == FACTORS.index("touched")) & at_start
     in_any_way = lambda values, where, axis=None: jnp.max(  # noqa: E731
@@ -193,6 +192,12 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
         alone_share=in_any_way(rewards.alone, states.alone_free, (0, 1, 3, 4)),
         finite=jnp.stack([jnp.isfinite(x).all() for x in (*rewards, found.reward)]).all(),
     )
+
+
+def clear_successes(made: Battery) -> Bool[Array, "B S"]:
+    """True for successes of which all has been put where its stage clearly holds."""
+    clear = jnp.isin(made.factor, jnp.array([FACTORS.index(name) for name in _CLEAR]))
+    return clear & (made.score >= SUCCESS)
 
 
 def _order(made: Battery, paid: Float[Array, "B S"], unit: Float[Array, "B"]) -> dict[str, Array]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gril_jax.audit.measures import Audit, States
+from gril_jax.audit.measures import Audit, States, clear_successes
 from gril_jax.audit.scene_reward import Scene, StagedTask
 from gril_jax.audit.states import FACTORS
 from gril_jax.report.figures.style import png
@@ -146,15 +146,9 @@ def _tiles(found: Findings) -> list[Tile]:
     for name, asked in ASKED.items():
         note = f"{'' if asked.holds(numbers[name]) else 'not '}sound; {asked.bound} is asked"
         tiles.append(Tile(f"{numbers[name]:.3f}", asked.words, note))
-    outbid = "of all successes are paid less than some state without progress"
-    return [
-        *tiles,
-        Tile(
-            f"{numbers['outbid_share']:.1%}",
-            outbid,
-            "those at the edge of what the task counts included",
-        ),
-    ]
+    words = "of all successes are paid no more than the best state without progress"
+    note = "those at the edge of what the task counts included"
+    return [*tiles, Tile(f"{numbers[OUTBID]:.1%}", words, note)]
 
 
 def _unearned(folder: Path, found: Findings) -> Part:
@@ -171,7 +165,7 @@ def _unearned(folder: Path, found: Findings) -> Part:
     return Part(
         f"The most overestimated state without progress, found by {how}, gets {reward:.3f}: "
         f"{numbers['hack_share']:.0%} of the range. The worst of "
-        f"{int((made.score >= 0.999).sum())} successes, other objects untouched, gets "
+        f"{int(clear_successes(made).sum())} clear successes, other objects untouched, gets "
         f"{numbers['worst_success']:.3f}. Thick boxes have their activity bit set.",
         save(folder / "hack.png", png(pictures)),
         "Three states as boxes: a reset, the most overestimated one without progress, a success",
