@@ -5,16 +5,19 @@ Physics:
   "magical"   the original MAGICAL's: arena 1.0, block mass 0.5, drive force 3, so blocks coast;
               `physics` says what else differs
 
-Engines: "impulse", our own solver (`planar.physics`), which follows the original closely and serves
-every option; "kernel", the same in one NVIDIA Warp kernel (`planar.kernel`); or "mjx", MuJoCo's
-(`planar.mjx_engine`), which serves the gripper, fixed shapes and "xmagical" physics. What an action
-means: see `match_regions.task`.
+Engines: "impulse", our own solver in JAX (`planar.physics`), which follows the original closely,
+serves every option and has gradients; "kernel", the same in one NVIDIA Warp kernel
+(`planar.kernel`), many times as fast and without gradients; or "mjx", MuJoCo's
+(`planar.mjx_engine`), which serves the gripper, fixed shapes and "xmagical" physics. "auto" is the
+kernel where it runs. What an action means: see `match_regions.task`.
 """
 
 import functools
 import importlib
+import importlib.util
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.checks import check_counts, check_known
@@ -56,6 +59,19 @@ PRESETS = {
 }
 
 
+def resolved(engine: str) -> str:
+    """The engine's name, where "auto" is the fastest one that serves all of JAX's devices.
+
+    Raises:
+      ValueError: there is no such engine.
+    """
+    check_known("engine", engine, ["auto", *_SOLVING])
+    if engine != "auto":
+        return engine
+    served = all(d.platform == "cpu" or d.device_kind.startswith("NVIDIA") for d in jax.devices())
+    return "kernel" if served and importlib.util.find_spec("warp") else "impulse"
+
+
 def engine(
     name: str,
     robot: str,
@@ -66,14 +82,13 @@ def engine(
     substeps: int | None,
     iterations: int | None,
 ) -> Engine:
-    """The engine of that name for a task's options; `blocks` index `planar.shapes.SHAPES`.
+    """The engine of a `resolved` name for a task's options; `blocks` index `planar.shapes.SHAPES`.
 
     Raises:
       ValueError: a name is unknown, a count is below 1, or the engine does not serve the task.
     """
     check_known("robot", robot, robots.ROBOTS)
     check_known("physics", physics, [*PRESETS])
-    check_known("engine", name, [*_SOLVING])
     preset, own = PRESETS[physics], _SOLVING[name]
     counts = {
         "substeps": own[0] if substeps is None else substeps,
@@ -107,7 +122,7 @@ def _in_a_kernel(physics: Physics) -> Engine:
         kernel = importlib.import_module("gril_jax.envs.planar.kernel.engine")
     except ModuleNotFoundError as error:
         raise ValueError(
-            f"engine is 'kernel', which needs a package: pip install 'gril-jax[warp]' ({error})"
+            f"engine is 'kernel', which needs a package: pip install warp-lang ({error})"
         ) from error
     return kernel.KernelPhysics(physics, pins=isinstance(physics, MagicalPhysics))
 

@@ -45,7 +45,7 @@ class _Options:
     """Only this robot."""
     physics: Literal["xmagical", "magical"] = "xmagical"
     """Physics that replays them."""
-    engine: Literal["impulse", "kernel", "mjx"] = "impulse"
+    engine: Literal["auto", "kernel", "impulse", "mjx"] = "auto"
     """Solver that replays them."""
     substeps: int | None = None
     """Physics steps for each control step; None is the engine's default."""

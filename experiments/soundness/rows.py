@@ -21,6 +21,7 @@ _PAPER: dict[str, Any] = {
     "loss.contrast": 30.0,  # these act on copies alone
     "loss.near": 0.8,
     "loss.touch": 0.0,
+    "loss.anywhere_inside": False,
     "loss.tail": 1.0,
 }
 _TURNED = {"pretrain.turn_scenes": True}

@@ -22,6 +22,7 @@ _PAPER: dict[str, Any] = PAPERS_OWN | {
     "loss.contrast": 30.0,  # these act on copies alone
     "loss.near": 0.8,
     "loss.touch": 0.0,
+    "loss.anywhere_inside": False,
     "pretrain.steps": 2500,
     "pretrain.learning_rate_left": 1.0,
 }
@@ -36,9 +37,16 @@ _AUDITED = _PAPER | {
     "pretrain.copies": 4,
     "pretrain.ascents": 2,
 }
-# As much for a touch and for the way as the audit allows, and 0 where nothing has been done: what
-# leads a policy that has to find the blocks by itself.
-_DENSER = _AUDITED | {"loss.near": 0.5, "loss.touch": 0.05, "run.reward_offset": 1.0}
+# Something for a touch and for the way, as much for any success, and 0 where nothing has been done:
+# what leads a policy that has to find the blocks by itself.
+_DENSER = _AUDITED | {
+    "loss.near": 0.7,
+    "loss.touch": 0.05,
+    "loss.anywhere_inside": True,
+    "pretrain.steps": 16000,
+    "pretrain.ascents": 4,
+    "run.reward_offset": 1.0,
+}
 # The potential's part of a whole episode is as much as ten control steps with full score.
 _SHAPED = {"env.reward": "sparse", "run.reward": "shaped", "run.reward_weights": (10.0, 1.0)}
 

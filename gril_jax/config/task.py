@@ -50,9 +50,10 @@ class EnvConfig:
     """In those, the probability that the robot stands before such a target, facing it."""
     physics: Literal["xmagical", "magical"] = "xmagical"
     """Physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
-    engine: Literal["impulse", "kernel", "mjx"] = "impulse"
-    """Physics solver: our impulses; the same in one kernel, many times as fast, where NVIDIA Warp
-    is installed; or MuJoCo MJX (only the gripper, "xmagical", fixed shapes)."""
+    engine: Literal["auto", "kernel", "impulse", "mjx"] = "auto"
+    """Physics solver: our impulses in one NVIDIA Warp kernel; the same in JAX, which has gradients
+    and is many times slower; or MuJoCo MJX (only the gripper, "xmagical", fixed shapes). auto is
+    the kernel on CPUs and NVIDIA GPUs, and impulse elsewhere."""
     turn: Literal["original", "smooth"] = "original"
     """Turning of the robot by an action: the original saturating law, or a proportional one."""
     observation: Literal["rich", "sorted", "xmagical"] = "rich"

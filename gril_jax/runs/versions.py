@@ -12,7 +12,7 @@ from .phases import COVERED
 # What the numbers of a run can depend on; `gril doctor` shows the same list.
 PACKAGES = (
     "gril-jax", "jax", "jaxlib", "flax", "optax", "jraph", "mujoco", "mujoco-mjx", "brax",
-    "orbax-checkpoint", "numpy", "scipy", "opencv-python-headless", "av",
+    "orbax-checkpoint", "warp-lang", "numpy", "scipy", "opencv-python-headless", "av",
 )  # fmt: skip
 
 

@@ -44,7 +44,8 @@ class MatchRegions:
     Args:
       robot: "gripper", or a stick: "short", "medium" or "long".
       physics: the preset, "xmagical" or "magical".
-      engine: "impulse", "kernel" (the same in NVIDIA Warp) or "mjx".
+      engine: "kernel", "impulse" (the same in JAX, with gradients), "mjx", or "auto": the kernel
+        where it runs, else impulse.
       targets, distractors: block names, "<colour> <shape>", such as "green star".
       variant: what is drawn at reset: nothing ("demo"), a little of everything ("jitter",
         +-0.0275 and +-9 degrees), places ("layout"), colours ("color"), shapes ("shape"), forces
@@ -70,7 +71,7 @@ class MatchRegions:
         *,
         robot: str = "gripper",
         physics: str = "xmagical",
-        engine: str = "impulse",
+        engine: str = "auto",
         targets: tuple[str, ...] = TARGETS,
         distractors: tuple[str, ...] = DISTRACTORS,
         variant: str = "demo",
@@ -95,8 +96,9 @@ class MatchRegions:
         split = [name.split() for name in self.blocks]
         self._colour = np.array([COLOURS.index(c) for c, _ in split], np.int32)
         self._shape = np.array([SHAPES.index(s) for _, s in split], np.int32)
+        self.engine = simulator.resolved(engine)
         self._engine = simulator.engine(
-            engine, robot, physics, variant, tuple(self._shape.tolist()), substeps=substeps,
+            self.engine, robot, physics, variant, tuple(self._shape.tolist()), substeps=substeps,
             iterations=iterations,
         )  # fmt: skip
         self._rest = np.asarray(self._engine.rest())

@@ -7,7 +7,7 @@ for rounding.
 import contextlib
 import functools
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import jax
 import jax.numpy as jnp
@@ -59,10 +59,12 @@ class KernelPhysics:
             "new_velocity": (1, len(pose)),
             "new_memory": (1, self._memory),
         }
-        found = self._call(
-            *(x[None] for x in lane), *scalars, of.substeps, of.iterations, output_dims=dims
-        )
-        return tuple(x[0] for x in found)
+
+        def call(*lane):
+            one = (x[None] for x in lane)
+            return self._call(*one, *scalars, of.substeps, of.iterations, output_dims=dims)
+
+        return tuple(x[0] for x in _without_gradients(call, *lane))
 
     def settle(self, *args) -> Float[Array, "I"]:
         """The memory of a scene that a command has just brought here, as `Physics.settle`."""
@@ -71,6 +73,17 @@ class KernelPhysics:
     def clearance(self, pose: Float[Array, "E 3"], shapes: BlockShape) -> Float[Array, ""]:
         """Gap between the robot and the nearest block or wall, as `Physics.clearance`."""
         return self.physics.clearance(pose, shapes)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=0)
+def _without_gradients(call: Callable, *arrays: Array) -> tuple[Array, ...]:
+    """What the call returns."""
+    return tuple(call(*arrays))
+
+
+@_without_gradients.defjvp
+def _refuse(*_):
+    raise ValueError("engine 'kernel' has no gradients: make the task with engine 'impulse'")
 
 
 @contextlib.contextmanager

@@ -285,6 +285,6 @@ def test_what_the_engine_does_not_serve_is_refused_in_one_sentence(options, word
 
 def test_an_unknown_engine_is_one_sentence_with_the_known_ones():
     with pytest.raises(
-        ValueError, match="engine is 'mujoco', but must be one of impulse, kernel, mjx"
+        ValueError, match="engine is 'mujoco', but must be one of auto, impulse, kernel, mjx"
     ):
         envs.make("match_regions", engine="mujoco")

@@ -156,7 +156,7 @@ def test_it_begins_and_measures_as_the_xla_engine():
 def test_without_the_package_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "gril_jax.envs.planar.kernel.engine", None)
     simulator._in_a_kernel.cache_clear()
-    with pytest.raises(ValueError, match=r"engine is 'kernel', .* pip install 'gril-jax\[warp\]'"):
+    with pytest.raises(ValueError, match=r"engine is 'kernel', .* pip install warp-lang"):
         envs.make("match_regions", engine="kernel")
 
 
@@ -172,3 +172,18 @@ def test_threads_share_out_lanes_without_a_trace(monkeypatch):
         found.append(_leaves(step(state, action)))
     for one, three in zip(*found, strict=True):
         np.testing.assert_array_equal(one, three)
+
+
+@with_warp
+def test_gradients_are_refused_in_one_sentence():
+    env = _env()
+    state, action = jax.jit(env.reset)(jax.random.key(0)), jnp.zeros(env.action_size)
+    with pytest.raises(ValueError, match="engine 'kernel' has no gradients: make"):
+        jax.grad(lambda a: env.step(state, a).data.pose.sum())(action)
+
+
+@with_warp
+def test_auto_is_the_kernel_where_it_runs_and_says_so(monkeypatch):
+    assert envs.make("match_regions").engine == "kernel"
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert envs.make("match_regions").engine == "impulse"
