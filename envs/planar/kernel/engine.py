@@ -75,7 +75,7 @@ class KernelPhysics:
         return self.physics.clearance(pose, shapes)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=0)
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _without_gradients(call: Callable, *arrays: Array) -> tuple[Array, ...]:
     """What the call returns."""
     return tuple(call(*arrays))
