@@ -43,13 +43,14 @@ _GPU = Sizes(8192, updates=5, hidden=(256, 256), seed_num_envs=512, seed_updates
 
 
 def main(
-    *, num_envs: int | None, variant: str, parts: Sequence[str], repeats: int
+    *, num_envs: int | None, engine: str, variant: str, parts: Sequence[str], repeats: int
 ) -> dict[str, Any]:
     """The figures of some parts: "training", "starts", "seeds" and "devices"."""
     sizes = Sizes() if jax.default_backend() == "cpu" else _GPU
     sizes = sizes._replace(num_envs=num_envs or sizes.num_envs)
     task = {"variant": variant, "varied_starts": 0.5}
-    env = setup.build("match_regions", task)
+    env = setup.build("match_regions", task | {"engine": engine})
+    task["engine"] = env.engine
     own = functools.partial(_ppo, env, rewards.environmental, sizes)
     measured = {
         "training": lambda: costs(env, sizes, repeats),

@@ -47,6 +47,8 @@ class _Nothing:
 class _Train:
     num_envs: int | None = field(default=None, metadata=optional(count()))
     """Environments; None is 256 on a CPU and 8,192 elsewhere."""
+    engine: Literal["auto", "kernel", "impulse"] = "auto"
+    """Physics solver."""
     variant: Variant = "demo"
     """Quantities randomised at the start of an episode."""
     parts: tuple[Literal[*_PARTS], ...] = _PARTS

@@ -263,7 +263,7 @@ def test_the_task_offers_both_engines_and_keeps_its_state():
     )
     assert task._engine.substeps == 5
     assert envs.make("match_regions", engine="mjx", substeps=4)._engine.substeps == 4
-    assert envs.make("match_regions")._engine.substeps == 10
+    assert envs.make("match_regions", engine="impulse")._engine.substeps == 10
 
 
 @pytest.mark.parametrize(

@@ -362,6 +362,6 @@ def test_a_scene_settled_under_its_action_goes_on_as_before():
 
 def test_memory_is_as_long_as_it_says_and_zero_at_rest():
     for robot in ROBOTS:
-        engine = planar_scenes.task(robot)._engine
+        engine = envs.make("match_regions", robot=robot, engine="impulse")._engine
         assert engine.rest().shape == (engine._pack(engine._none()).size,)
         assert not engine.rest().any()
