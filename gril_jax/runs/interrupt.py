@@ -1,5 +1,6 @@
 """Handles SIGTERM and Ctrl-C as requests to stop at a safe point."""
 
+import _thread
 import contextlib
 import signal
 import sys
@@ -60,20 +61,23 @@ def heard() -> Iterator[None]:
     It only prints what is raised in a `__del__`, or in a callback of a weak reference or of the
     garbage collector, of which JAX has one that runs often while programs are traced.
     """
-    before, again = sys.unraisablehook, []
+    before, over = sys.unraisablehook, threading.Event()
+    main = threading.main_thread().ident
+
+    def again() -> None:
+        if not over.wait(_SOON):
+            signal.pthread_kill(main, signal.SIGINT)
 
     def hook(lost) -> None:
         if not issubclass(lost.exc_type, KeyboardInterrupt):
             before(lost)
             return
-        main = threading.main_thread().ident
-        again.append(threading.Timer(_SOON, signal.pthread_kill, (main, signal.SIGINT)))
-        again[-1].start()
+        # Not a `Thread`, whose `start` waits, on a busy machine until the signal comes: in here.
+        _thread.start_new_thread(again, ())
 
     sys.unraisablehook = hook
     try:
         yield
     finally:
-        for timer in again:
-            timer.cancel()
+        over.set()
         sys.unraisablehook = before

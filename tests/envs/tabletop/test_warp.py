@@ -121,7 +121,8 @@ def test_a_sweep_runs_as_many_seeds_at_once_as_there_is_room_for():
     env = EnvConfig(
         name="shoes_in_box", reward="staged", impl="warp", worlds=160, varied_starts=0.0
     )
-    config = RunConfig(env=env, ppo=PPOConfig(num_envs=64), run=RunSettings(reward="environmental"))
+    run = RunSettings(reward="environmental", eval_episodes=64)
+    config = RunConfig(env=env, ppo=PPOConfig(num_envs=64), run=run)
     rows = [Row(0, seed, with_seed(config, seed)) for seed in range(3)]
     found = sweep_programs.programs(rows, 7, jax.devices())
     assert [len(program.rows) for program in found] == [2, 1]
