@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.experiments.pipeline import demonstrations, policy_rewards, policy_setup, setup
+from gril_jax.experiments.pipeline.given import given
 from gril_jax.experiments.pipeline.starts import evaluated_from
 from jaxtyping import Array, Bool, Int
 
@@ -72,7 +73,7 @@ def main(
             played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
             run.dir.finish_phase("evaluation", played, [run.path / name for name in _PLAYED])
         lap("evaluation")
-        results = results | found | played | _audited(run)
+        results = results | found | played | _audited(run) | {"given": str(given(config))}
         lap("audit")
         run.dir.finish(results)
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
@@ -81,6 +82,7 @@ def main(
     speed = reading.read_metrics(run.path, clocks=True)[-1].get("env_steps_per_s") or 0.0
     for line in (*rates.sentences(results), asked.sentence(results)):
         echo(line)
+    echo(f"given: {results['given']}")
     echo(
         f"tau {results['tau']:.3f}, {speed:,.0f} env steps/s, "
         f"{in_words(time.monotonic() - begun)} in all\nreport: {page}"

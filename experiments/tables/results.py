@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gril_jax.experiments.pipeline.demonstrations import Demonstrations
+from gril_jax.experiments.pipeline.given import of_all
 from matplotlib.figure import Figure
 
 from gril_jax.config import RunConfig
@@ -94,6 +95,8 @@ def read(table: Table, folder: Path, settings: Any) -> Found:
     begun = {"started": times.started(folder)} if (folder / times.FILE).exists() else {}
     about = {name: value for name, value in read_versions(folder).items() if name not in COVERED}
     about |= begun | {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
+    if trained:
+        about["given"] = of_all(table.configs(config, settings))
     first, numbers = config.run.seed, sorted(lines.items())
     each = [{"row": names[cell], "seed": first + k} | of for (cell, k), of in numbers]
     known = {name: phases.get(f"profiles-{cell}") for cell, name in enumerate(names)}
@@ -130,7 +133,7 @@ def write(table: Table, folder: Path, found: Found, *, last: bool = True) -> str
 
     Those of a table with a page take seconds: it has them at the end alone.
     """
-    text = table.text(found)
+    text = "\n\n".join(filter(None, (table.text(found), found.about.get("given"))))
     files = {
         f"{table.name}.md": f"{text}\n".encode(),
         f"{table.name}.csv": csv(found.lines, table.columns(found.lines)).encode(),

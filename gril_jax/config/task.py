@@ -56,9 +56,10 @@ class EnvConfig:
     the kernel on CPUs and NVIDIA GPUs, and impulse elsewhere."""
     turn: Literal["original", "smooth"] = "original"
     """Turning of the robot by an action: the original saturating law, or a proportional one."""
-    observation: Literal["rich", "sorted", "xmagical"] = "rich"
-    """The policy's observation: all that matters; the same with the targets in the order in which
-    they are due; or x-magical's state vector in its exact order."""
+    observation: Literal["plain", "rich", "sorted", "xmagical"] = "rich"
+    """The policy's observation: poses and velocities; also which blocks are in the region; the same
+    with the targets in the order in which they are due; or x-magical's state vector in its exact
+    order."""
     reward: str | None = None
     """The task's own reward, which only `run.reward environmental` learns from: match_regions has
     S4, V5, S3, sparse, a task on a table staged, stages, sparse; None is the first of them."""

@@ -226,9 +226,10 @@ def _rollout(run: Inputs) -> Part:
 def _summary(run: Inputs) -> str:
     chosen = run.config
     learner = f", {chosen.run.algorithm.upper()}" * bool(run.rows[run.config.run.algorithm])
+    given = run.results.get("given")  # not in runs of older versions
     return (
         f"Task {chosen.env.name}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
-        f"{learner}, seed {chosen.run.seed}"
+        f"{learner}, seed {chosen.run.seed}" + f". The learner is given {given}." * bool(given)
     )
 
 

@@ -18,6 +18,11 @@ SPEC = TaskSpec(
         {"targets": ("green square",), "distractors": ("yellow circle",)},
     ),
     bench_envs=32_768,
+    varied="the robot anywhere; targets in the region, on their way there or before the robot",
+    hints={
+        "rich": "which blocks are in the region",
+        "sorted": "which blocks are in the region and which target is due",
+    },
     many_starts={"demo": "jitter"},
     elsewhere={"demo": "layout", "jitter": "layout"},
 )  # fmt: skip

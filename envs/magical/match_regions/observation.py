@@ -1,7 +1,8 @@
-"""Observations of MatchRegions: three vectors to choose from, each with a name for each number.
+"""Observations of MatchRegions: four vectors to choose from, each with a name for each number.
 
-"rich" holds what the task's dynamics and reward depend on, in the robot's frame where that helps.
-"sorted" holds the same, but targets come in the order in which they are due: those outside the
+"plain" holds poses and velocities of robot and blocks and the region's place, in the robot's frame
+where that helps; "rich" also which blocks are in the region, by the task's own test.
+"sorted" holds that, too, but targets come in the order in which they are due: those outside the
 region first, the nearest to the robot before the others. What is learned of bringing one target
 then serves for the next.
 "xmagical" is x-magical's state vector in its exact order, so that a policy can be carried over.
@@ -18,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 
 from .score import DIAGONAL
 
-OBSERVATIONS = ("rich", "sorted", "xmagical")
+OBSERVATIONS = ("plain", "rich", "sorted", "xmagical")
 
 _FAR = 100.0  # more than any squared distance in an arena
 
@@ -32,8 +33,9 @@ class Observed(NamedTuple):
     inside: Bool[Array, "B"]
 
 
-def _rich(scene: Observed, parts: int, due: int = 0) -> Float[Array, "O"]:
-    """The observation; the first `due` targets are sorted by when they are due (0: none)."""
+def _own_frame(scene: Observed, parts: int, *, tested: bool, due: int) -> Float[Array, "O"]:
+    """The observation, with the `tested` region or without; the first `due` targets are sorted by
+    when they are due (0: none)."""
     x_y, yaw, velocity = scene.pose[0, :2], scene.pose[0, 2], scene.velocity[0]
     heading, speed = jnp.stack([jnp.cos(yaw), jnp.sin(yaw)]), turned(-yaw, velocity[:2])[::-1]
     robot = [x_y, heading, speed, velocity[2:] / TURN_RATE]
@@ -43,10 +45,10 @@ def _rich(scene: Observed, parts: int, due: int = 0) -> Float[Array, "O"]:
     blocks, speed = scene.pose[parts:], scene.velocity[parts:]
     local = turned(-yaw, blocks[:, :2] - x_y)
     turns = jnp.stack([jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1)
-    each = jnp.concatenate([
-        local, blocks[:, :2], blocks[:, :2] - scene.goal[:2], speed[:, :2], turns,
-        scene.inside.astype(jnp.float32)[:, None],
-    ], axis=1)  # fmt: skip
+    each = [local, blocks[:, :2], blocks[:, :2] - scene.goal[:2], speed[:, :2], turns]
+    if tested:
+        each.append(scene.inside.astype(jnp.float32)[:, None])
+    each = jnp.concatenate(each, axis=1)
     if not due:
         return jnp.concatenate([*robot, each.reshape(-1)])
     # Row k of the permutation marks the target that is due k-th.
@@ -73,7 +75,8 @@ def observe(kind: str, scene: Observed, *, parts: int, targets: int) -> Float[Ar
     """The observation of the given kind, one of `OBSERVATIONS`."""
     if kind == "xmagical":
         return _xmagical(scene, parts, targets)
-    return _rich(scene, parts, targets if kind == "sorted" else 0)
+    due = targets if kind == "sorted" else 0
+    return _own_frame(scene, parts, tested=kind != "plain", due=due)
 
 
 def names(kind: str, blocks: tuple[str, ...], *, fingers: bool, targets: int) -> tuple[str, ...]:
@@ -87,7 +90,8 @@ def names(kind: str, blocks: tuple[str, ...], *, fingers: bool, targets: int) ->
         }  # fmt: skip
         block = {
             "centre in the robot's frame": 2, "centre": 2, "offset to the region": 2,
-            "velocity": 2, "angle, cosine and sine": 2, "turn rate / 10": 1, "inside the region": 1,
+            "velocity": 2, "angle, cosine and sine": 2, "turn rate / 10": 1,
+            "inside the region": int(kind != "plain"),
         }  # fmt: skip
         rows, order = blocks, []
         if kind == "sorted":

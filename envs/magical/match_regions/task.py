@@ -55,7 +55,7 @@ class MatchRegions:
       on_the_way: in those, how likely a target that is not in the region is on its way there.
       facing: in those, how likely the robot stands before such a target and faces it.
       turn: "original" or "smooth"; see above.
-      observation: "rich", "sorted" or "xmagical"; see `observation`.
+      observation: "plain", "rich", "sorted" or "xmagical"; see `observation`.
       reward: the task's own reward: "S4", "V5", "S3" or "sparse".
       substeps: physics steps a control step; the original's is 10. None is the engine's own
         choice: 10, or 5 with "mjx".

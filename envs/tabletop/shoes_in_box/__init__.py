@@ -10,6 +10,8 @@ SPEC = TaskSpec(
     demonstrate="gril_jax.envs.tabletop.shoes_in_box.task:demonstrate",
     rewards=tabletop.REWARDS,
     bench_settings=tabletop.BENCH_SETTINGS,
+    varied=tabletop.VARIED,
+    hints=tabletop.HINTS,
     steps_in_mjx=True,
     xla_flags=tabletop.XLA_FLAGS,
 )

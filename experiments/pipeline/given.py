@@ -1,0 +1,57 @@
+"""The ledger of help: what a policy's learner is given beside its reward, as a level and in words.
+
+Level A: the task's own starts alone, poses of robot and objects, episodes that end by time. Level
+C: also what only somebody who knows the goal can give, such as starts near it, moments of an
+expert's episodes, or a test of the goal in the observation. A reward is learned from videos or the
+task's own, and is named beside the level.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from gril_jax import envs
+from gril_jax.config import RunConfig
+
+
+class Given(NamedTuple):
+    """All that a learner is given."""
+
+    level: str  # "A" or "C"
+    starts: str
+    observation: str
+    reward: str
+
+    def __str__(self) -> str:
+        return (
+            f"level {self.level}: training episodes begin at {self.starts}; the policy sees "
+            f"{self.observation}; the reward is {self.reward}; episodes end by time"
+        )
+
+
+def given(config: RunConfig) -> Given:
+    """What the learner of this configuration is given."""
+    task, chosen = envs.spec(config.env.name), config.env
+    options = envs.options(chosen.name)
+    own = f"the task's {chosen.variant.capitalize()} starts" if "variant" in options else ""
+    starts = own or "the task's own starts"
+    varied = chosen.varied_starts if task.varied else 0.0
+    if varied:
+        starts = f"{starts}, {100 * varied:.0f} % of them varied ({task.varied})"
+    hints = [task.hints[kind] for kind in ("", chosen.observation) if kind in task.hints]
+    seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
+    return Given("C" if varied or hints else "A", starts, seen, _reward(config, task))
+
+
+def _reward(config: RunConfig, task: envs.TaskSpec) -> str:
+    own = f"the task's own ({config.env.reward or task.rewards[0]})" if task.rewards else "its own"
+    return {
+        "learned": "learned from videos",
+        "environmental": own,
+        "shaped": f"{own}, with one learned from videos as a potential",
+    }.get(config.run.reward, config.run.reward)
+
+
+def of_all(configs: Iterable[RunConfig]) -> str:
+    """The levels of several learners in one sentence, each with all that it says but the reward."""
+    each = dict.fromkeys(given(config)._replace(reward="the row's") for config in configs)
+    return f"Given at {'; or at '.join(map(str, each))}." if each else ""

@@ -1,0 +1,47 @@
+"""The ledger of help: levels and words for configurations."""
+
+import pytest
+from gril_jax.experiments.pipeline.given import given, of_all
+
+from gril_jax.config import EnvConfig, RunConfig, RunSettings
+from gril_jax.config.files import load
+
+
+def _config(**env):
+    return RunConfig(env=EnvConfig(**{"varied_starts": 0.0, "observation": "plain"} | env))
+
+
+@pytest.mark.parametrize(
+    ("env", "level", "words"),
+    [
+        ({}, "A", "begin at the task's Demo starts; the policy sees poses and velocities;"),
+        ({"variant": "layout"}, "A", "begin at the task's Layout starts;"),
+        ({"observation": "xmagical"}, "A", "sees poses and velocities;"),
+        ({"observation": "rich"}, "C", "velocities, and which blocks are in the region;"),
+        ({"observation": "sorted"}, "C", "in the region and which target is due;"),
+        ({"varied_starts": 0.25}, "C", "Demo starts, 25 % of them varied (the robot anywhere;"),
+        ({"name": "shoes_in_box"}, "C", "which of the task's stages have been reached;"),
+        ({"name": "shoes_in_box", "varied_starts": 0.7}, "C", "70 % of them varied (moments of a"),
+    ],
+)
+def test_help_that_only_authors_can_give_makes_it_level_c(env, level, words):
+    found = given(_config(**env))
+    assert found.level == level
+    assert words in str(found)
+
+
+def test_the_reward_is_named_beside_the_level():
+    assert given(_config()).reward == "learned from videos"
+    own = RunConfig(env=EnvConfig(reward="sparse"), run=RunSettings(reward="environmental"))
+    assert given(own).reward == "the task's own (sparse)"
+
+
+def test_rows_that_are_given_the_same_are_told_once():
+    same = [_config(), _config(), _config(observation="rich")]
+    assert of_all(same).count("level") == 2
+    assert of_all([]) == ""
+
+
+def test_the_quickstart_is_at_level_a_and_match_regions_at_c():
+    assert given(load("quickstart")).level == "A"
+    assert given(load("match_regions")).level == "C"
