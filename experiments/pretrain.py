@@ -76,7 +76,7 @@ def main(
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:
-        env = setup.make_env(config.env, training=False)
+        env = setup.task_of(config.env)
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         results = learn(run, demos)
         run.dir.finish(results)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, learners, policy_setup, setup
+from gril_jax.experiments.pipeline import demonstrations, learners, policy_setup, setup, vocabulary
 from jaxtyping import Float, Int, UInt8
 from matplotlib.figure import Figure
 
@@ -91,8 +91,7 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
 
 def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrations) -> Traces:
     """The run's reward along its successful demonstrations."""
-    env = setup.make_env(config.env, training=False)
-    params = policy_setup.learned_reward(folder, config, env)
+    params = policy_setup.learned_reward(folder, config, vocabulary.of_run(config, folder))
     entries = {entry.name: entry for entry in demos.demo_set.entries}
     names = [*demos.names["train"], *demos.names["validation"]]
     learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
@@ -130,8 +129,7 @@ def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstration
     if not (source / schema.HEADER).is_file():
         raise DemoError(f"{source} is gone, but the reward is to be followed along its films")
     require_same_demos(folder, source / schema.HEADER)
-    env = setup.make_env(config.env, training=False)
-    return demonstrations.gather(config, env, folder / "demos", progress)
+    return demonstrations.gather(config, setup.task_of(config.env), folder / "demos", progress)
 
 
 def _require_stages(folder: Path, traces: Traces, rule: Mapping[str, Any], count: int) -> None:
