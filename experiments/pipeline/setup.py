@@ -30,8 +30,8 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
     """The task; varied starts are for training only. ConfigError if it lacks what is asked for."""
     if config.name == NO_TASK:
         raise ConfigError(
-            f"env.name is {NO_TASK!r}, but must be a task: a reward can be learned from films alone, "
-            "a policy needs a simulator of the same scene"
+            f"env.name is {NO_TASK!r}, but must be a task: a reward can be learned from films "
+            "alone, a policy needs a simulator of the same scene"
         )
     return build(config.name, task_options(config, training=training, variant=variant))
 

@@ -63,8 +63,8 @@ def displaced(
 ) -> Copy:
     """One copy of a frame; each object is displaced with a probability that is sampled per copy.
 
-    The frame is of the video `demo`; it stays within |x|, |y| <= `extent`, world units, of which the
-    encoder takes `length_unit` for 1. The key is consumed.
+    The frame is of the video `demo`; it stays within |x|, |y| <= `extent`, world units, and
+    `length_unit` is that of the encoder. The key is consumed.
     """
     keys = jax.random.split(key, 8)
     num = center.shape[0]

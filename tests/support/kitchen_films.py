@@ -1,7 +1,7 @@
-"""Films of a kitchen table for tests: a hand brings a cup to a coaster, then a spoon into the cup.
+"""Films of a kitchen table: a hand brings a cup to a coaster, then a spoon into the cup.
 
-`story` plays one film out as true boxes, `painted` draws it (textured ground, changing light, camera
-noise), and `tracked` makes of the true boxes what a tracker would report.
+`story` plays one film out as true boxes, `painted` draws it (textured ground, changing light,
+camera noise), and `tracked` makes of the true boxes what a tracker would report.
 """
 
 import csv
@@ -119,7 +119,7 @@ def _draw(picture, name, box):
 
 
 def tracked(told, tracker=Tracker(), seed=0):
-    """Rows (frame, class, x_min, y_min, x_max, y_max, confidence, track) as a tracker reports them."""
+    """Rows of `COLUMNS` as a tracker reports them."""
     rng = np.random.default_rng(seed)
     boxes = told.boxes.copy()
     hand = boxes[:, 3]
