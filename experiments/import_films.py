@@ -6,6 +6,7 @@ gril demos import-videos FOLDER --boxes auto --robot hand --out mine
 pictures of each with the boxes as the set has them.
 """
 
+import errno
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,14 @@ from gril_jax.config import EnvConfig
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.demos.own_films import Found, Import, import_films
 from gril_jax.demos.vision.video import read_video
+from gril_jax.errors import ConfigError, DemoError
 from gril_jax.report.figures.filmstrip import Film, contact_sheet
 from gril_jax.report.figures.style import png
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole, writing
 
-_SHOWN = 24  # films on the contact sheet, at most
+_OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EACCES)
+_SHOWN = 12  # films on the contact sheet, at most
 _MANY = 0.3  # share of the boxes that may be missing before it is worth a sentence
 
 
@@ -46,7 +49,12 @@ def main(
             phase.total = total
             phase.update(done)
 
-        found = import_films(source, out, robots=robots, progress=tell, **options)
+        try:
+            found = import_films(source, out, robots=robots, progress=tell, **options)
+        except DemoError as error:
+            if getattr(error.__cause__, "errno", None) in _OF_THE_DISK:
+                raise
+            raise ConfigError(str(error)) from None  # what is given is wrong, not the work
     lines = in_words(found, robots)
     demo_set = load_demo_set(out)
     with writing(out):
@@ -109,5 +117,7 @@ def sheet(demo_set: DemoSet):
     films = []
     for entry, tracks in list(pairs)[:_SHOWN]:
         shown = np.flatnonzero(tracks.seen.any(axis=0))
-        films.append(Film(entry.name, read_video(demo_set.folder / entry.video), tracks.of(shown)))
+        frames, own = read_video(demo_set.folder / entry.video), tracks.of(shown)
+        thick = np.ones(own.seen.shape, bool)
+        films.append(Film(entry.name, frames, own, thick))
     return contact_sheet(films, demo_set.classes, demo_set.half_extent)

@@ -75,8 +75,10 @@ def main(
     echo: Echo = print,
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
+    env = setup.task_of(config.env)
+    if resume is None:
+        demonstrations.require_usable(config, env)
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:
-        env = setup.task_of(config.env)
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         results = learn(run, demos)
         run.dir.finish(results)

@@ -10,7 +10,7 @@ from gril_jax.envs import Env
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet, demo_batch, load_demo_set, select_objects
-from gril_jax.errors import DemoError, RunError
+from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
@@ -69,6 +69,20 @@ def gather(config: RunConfig, env: Env | None, folder: Path, progress: Progress)
             shutil.rmtree(left, ignore_errors=True)
         make_demos.make(config, folder, progress)
     source = Path(config.demos.path or folder)
+    return chosen(config, env, source)
+
+
+def require_usable(config: RunConfig, env: Env | None) -> None:
+    """Raises ConfigError, before a run begins, if its demonstration set cannot be used."""
+    if config.demos.path is not None:
+        try:
+            chosen(config, env, Path(config.demos.path))
+        except DemoError as error:
+            raise ConfigError(str(error)) from None
+
+
+def chosen(config: RunConfig, env: Env | None, source: Path) -> Demonstrations:
+    """The demonstrations of the set in a folder, reduced and split as `gather` has it."""
     demo_set = load_demo_set(source)
     if env is not None:
         _require_fitting(demo_set, env, config.env.name)

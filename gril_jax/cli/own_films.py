@@ -4,6 +4,7 @@ A set without a task has its own classes, unit and frame rate. The run's configu
 from the set what depends on them, unless the command line says otherwise.
 """
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from gril_jax.errors import DemoError, RunError
 from gril_jax.safe_files import read_object
 
 CONFIG = "own_videos"
+_TOGETHER = 4  # films of a batch, at most
 
 
 def configured(name: str | None, args: list[str]) -> tuple[str | None, list[str]]:
@@ -53,4 +55,7 @@ def _of_set(header: dict[str, Any]) -> list[str]:
         "--pool.noise": header.get("noise"),
         "--pool.smoothing": header.get("smoothing"),
     }
+    demos = [one for one in header.get("demos", ()) if isinstance(one, dict)]
+    good = [one for one in demos if one.get("outcome") != "failure"]
+    fields["--pretrain.num-videos"] = max(2, min(_TOGETHER, len(good) - math.ceil(len(good) / 4)))
     return [f"{option}={value}" for option, value in fields.items() if value is not None]
