@@ -16,6 +16,8 @@ from gril_jax.experiments.pipeline import setup
 
 from gril_jax.config import EnvConfig
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
+from gril_jax.demos.following.detector import detecting
+from gril_jax.demos.following.drawn import follower
 from gril_jax.demos.own_films import Found, Import, import_films
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import ConfigError, DemoError
@@ -35,10 +37,16 @@ def main(
     *,
     task: str | None = None,
     robots: Sequence[str] = (),
+    track: Path | None = None,
+    detector: str | None = None,
     echo: Callable[[str], None] = print,
     **options: Any,
 ) -> Import:
-    """Makes the set; `options` are those of `import_films`. Returns what was found."""
+    """Makes the set; `options` are those of `import_films`. Returns what was found.
+
+    Boxes are those beside the films, or with `track` those drawn on their first frames, or with
+    `detector` what that function says.
+    """
     if task is not None:
         env = setup.make_env(EnvConfig(name=task), training=False)
         options |= {"task": task, "classes": env.classes}
@@ -50,6 +58,8 @@ def main(
             phase.update(done)
 
         try:
+            if track is not None or detector is not None:
+                options["boxes"] = follower(track) if track is not None else detecting(detector)
             found = import_films(source, out, robots=robots, progress=tell, **options)
         except DemoError as error:
             if getattr(error.__cause__, "errno", None) in _OF_THE_DISK:

@@ -1,7 +1,10 @@
 """Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
 
     gril subtasks RUN                   about a minute
+    gril subtasks RUN --films True      and each segment as a film of its own
     gril subtasks RUN --sets True       and a set for each subtask, for `gril pretrain --demos`
+
+`segments.csv` has a line a segment: its film, frames and seconds.
 
 Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
 where the set has stage times (`DemoEntry.stages`), those of held-out demonstrations are scored.
@@ -36,6 +39,7 @@ from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 
+from . import cuts
 from .ends import doubt, scores, segments, write_sets
 from .options import Options
 
@@ -71,6 +75,7 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
         with run_dir.writing(out):
             out.mkdir(parents=True)
             write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
+            write_whole(out / "segments.csv", cuts.as_csv(about["demonstrations"], demos.demo_set))
         drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
         phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
         for count, i in enumerate(drawn, 1):
@@ -81,6 +86,8 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
             with run_dir.writing(out):
                 (out / f"{entry.name.replace('/', '_')}.png").write_bytes(picture)
             phase.update(count)
+        if options.films:
+            cuts.write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
         if options.sets:
             write_sets(out, demos.demo_set, traces.entries, agreed, progress)
     for line in _sentences(agreed.shape[1], found, measured, out):

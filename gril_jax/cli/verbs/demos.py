@@ -1,6 +1,7 @@
 """Verbs that make demonstration sets."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
@@ -69,6 +70,11 @@ class _ImportVideos(_Import):
     True reads NAME.csv of a task's classes; False detects the blocks of match_regions by colour."""
     robot: tuple[str, ...] = ()
     """With auto: classes that are the robot, or the hand; what they do is no progress."""
+    track: str | None = None
+    """A JSON file of boxes drawn on the first frame of each film, to be followed where no boxes are
+    beside the films."""
+    detector: str | None = None
+    """A detector of yours, module:function, from frames to boxes, where no boxes are."""
     fps: float | None = field(default=None, metadata=optional(between(0.1, 1000)))
     """With auto: frames per second of the set; None is the slowest film's, at most 10."""
     jitter: float | None = field(default=None, metadata=optional(between(0, 1000)))
@@ -81,18 +87,23 @@ class _ImportVideos(_Import):
     """Outcome of all the videos."""
 
 
-_OWN = ("robot", "fps", "jitter", "smoothing")
+_OWN = ("robot", "track", "detector", "fps", "jitter", "smoothing")
 
 
 def _videos(args: list[str]) -> Work:
     prog = "gril demos import-videos"
     given = parse(_ImportVideos, args, prog=prog, description=f"Make {_VIDEOS.summary}.")
-    if given.boxes == "auto":
+    if given.boxes == "auto" or given.track or given.detector:
+        if given.track and given.detector:
+            raise ConfigError("--track and --detector are both given, but boxes come from one")
+        if given.track and not Path(given.track).is_file():
+            raise ConfigError(f"--track is {given.track}, but must be a JSON file of boxes")
         if given.task is not None:
             EnvConfig(name=given.task)  # a ConfigError if there is none
         source, out = existing_folder(given.source), demo_set_to_write(given.out)
         options = {name: getattr(given, name) for name in ("half_extent", "task", "outcome")}
-        options |= {name: getattr(given, name) for name in _OWN[1:]} | {"robots": given.robot}
+        options |= {name: getattr(given, name) for name in ("detector", *_OWN[3:])}
+        options |= {"robots": given.robot, "track": Path(given.track) if given.track else None}
         return experiment("import_films", source, out, **options)
     for name in _OWN:
         if getattr(given, name) != getattr(_ImportVideos, name):

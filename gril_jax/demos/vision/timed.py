@@ -4,10 +4,9 @@ A telephone's film has no constant frame rate, may be turned, and is large: only
 are kept are ever held, and those are made smaller.
 """
 
-import itertools
 import os
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Sequence
 
 import av
 import cv2
@@ -74,30 +73,45 @@ def nearest(times: Sequence[float], at: Float[np.ndarray, "K"]) -> Int[np.ndarra
 
 
 def pictures(film: Film, fps: float) -> UInt8[np.ndarray, "K H W 3"]:
-    """A film's pictures at equal steps of time, turned as they are shown, at most 640 wide and with
-    even sides; a DemoError if the film ends before its header says so."""
+    """A film's pictures at equal steps of time, at most 640 wide and with even sides; errors are
+    those of `frames_of`."""
     wanted = nearest(film.times, steps(film.times, fps))
-    width = min(film.width, _WIDEST) // 2 * 2
-    height = max(2, round(film.height * width / film.width / 2) * 2)
-    if width < 2:
-        raise DemoError(f"{film.path}: is {film.width} pixels wide, but 2 are the least.")
-    kept, last, count = {}, set(wanted.tolist()), 0
-    with opened(film.path) as container:
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
-        for count, frame in zip(itertools.count(1), container.decode(stream), strict=False):
-            if count - 1 in last:
-                kept[count - 1] = _shown(frame, width, height)
-    if count < len(film.times):
-        raise DemoError(
-            f"{film.path}: only {count} of {len(film.times)} frames could be read; the file is cut "
-            "short or damaged."
-        )
+    last = {*wanted.tolist()}
+    kept = {n: frame for n, frame in enumerate(frames_of(film, _WIDEST, only=last)) if n in last}
     return np.stack([kept[index] for index in wanted.tolist()])
 
 
-def _shown(frame: av.VideoFrame, width: int, height: int) -> UInt8[np.ndarray, "H W 3"]:
-    picture = np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))
-    if picture.shape[:2] == (height, width):
-        return np.ascontiguousarray(picture)
-    return cv2.resize(np.ascontiguousarray(picture), (width, height), interpolation=cv2.INTER_AREA)
+def frames_of(
+    film: Film, widest: int | None = None, *, only: Container[int] | None = None
+) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
+    """Every frame of a film, turned as it is shown; with `widest` no wider and with even sides.
+
+    Those that are not among `only` are one pixel. A DemoError if the film ends before its header
+    says so.
+    """
+    if widest is not None and film.width < 2:
+        raise DemoError(f"{film.path}: is {film.width} pixel wide, but 2 are the least.")
+    size = None
+    if widest is not None:
+        width = min(film.width, widest) // 2 * 2
+        size = width, max(2, round(film.height * width / film.width / 2) * 2)
+    nothing, count = np.zeros((1, 1, 3), np.uint8), 0
+    with opened(film.path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        for frame in container.decode(stream):
+            yield nothing if only is not None and count not in only else _shown(frame, size)
+            count += 1
+    if count != len(film.times):
+        raise DemoError(
+            f"{film.path}: {count} of {len(film.times)} frames could be read; the file is cut "
+            "short or damaged."
+        )
+
+
+def _shown(frame: av.VideoFrame, size: tuple[int, int] | None) -> UInt8[np.ndarray, "H W 3"]:
+    turned = np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))
+    picture = np.ascontiguousarray(turned)
+    if size is None or picture.shape[1::-1] == size:
+        return picture
+    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
