@@ -21,6 +21,7 @@ from gril_jax.demos.following.drawn import follower
 from gril_jax.demos.own_films import Found, Import, import_films
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import ConfigError, DemoError
+from gril_jax.interop import lerobot
 from gril_jax.report.figures.filmstrip import Film, contact_sheet
 from gril_jax.report.figures.style import png
 from gril_jax.runs.progress import Progress
@@ -37,6 +38,7 @@ def main(
     *,
     task: str | None = None,
     robots: Sequence[str] = (),
+    camera: str | None = None,
     track: Path | None = None,
     detector: str | None = None,
     echo: Callable[[str], None] = print,
@@ -45,7 +47,7 @@ def main(
     """Makes the set; `options` are those of `import_films`. Returns what was found.
 
     Boxes are those beside the films, or with `track` those drawn on their first frames, or with
-    `detector` what that function says.
+    `detector` what that function says. The films of a LeRobot dataset are those of a camera.
     """
     if task is not None:
         env = setup.make_env(EnvConfig(name=task), training=False)
@@ -58,6 +60,12 @@ def main(
             phase.update(done)
 
         try:
+            if lerobot.is_dataset(source):
+                dataset = lerobot.opened(source)
+                options["films"] = lerobot.films(dataset, lerobot.camera_of(dataset, camera))
+                options["boxes"] = lerobot.boxes_in(dataset)
+            elif camera is not None:
+                raise ConfigError(f"--camera is {camera}, but {source} is no LeRobot dataset")
             if track is not None or detector is not None:
                 options["boxes"] = follower(track) if track is not None else detecting(detector)
             found = import_films(source, out, robots=robots, progress=tell, **options)

@@ -30,6 +30,7 @@ from gril_jax.demos import schema
 from gril_jax.demos.schema import DemoEntry
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError, RunError
+from gril_jax.interop import lerobot, lerobot_subtasks
 from gril_jax.report.figures.curves import reward_profile
 from gril_jax.report.figures.style import COLOURS, GREY, png, styled
 from gril_jax.runs import run_dir
@@ -88,6 +89,12 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
             phase.update(count)
         if options.films:
             cuts.write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
+        if options.lerobot is not None:
+            dataset = lerobot.opened(Path(options.lerobot))
+            seconds = {n: [e / demos.demo_set.fps for e in one["ends"]]
+                       for n, one in about["demonstrations"].items()}  # fmt: skip
+            names = [f"stage {number}" for number in range(1, agreed.shape[1] + 1)]
+            lerobot_subtasks.annotate(dataset, out / "lerobot", seconds, names)
         if options.sets:
             write_sets(out, demos.demo_set, traces.entries, agreed, progress)
     for line in _sentences(agreed.shape[1], found, measured, out):

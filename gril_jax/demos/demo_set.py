@@ -101,7 +101,7 @@ def load_demo_set(folder: str | os.PathLike) -> DemoSet:
         source=header["source"],
         entries=entries,
         tracks=tuple(_load_tracks(folder, entry, header["classes"]) for entry in entries),
-        robots=tuple(header.get("robots", ROBOTS)),
+        robots=tuple(header.get("robots", [n for n in ROBOTS if n in header["classes"]])),
         unit=header.get("unit"),
         noise=header.get("noise"),
         smoothing=header.get("smoothing", 1),

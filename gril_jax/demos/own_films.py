@@ -82,6 +82,7 @@ def import_films(
     smoothing: int | None = None,
     outcome: str | Mapping[str, str] = "unknown",
     boxes: Callable[[Film], list[Box]] = boxes_of,
+    films: Sequence[Film] | None = None,
     progress: Callable[[int, int, Found], None] | None = None,
 ) -> Import:
     """Converts a folder of films to a demo set; an older one of that name is replaced.
@@ -98,13 +99,15 @@ def import_films(
         where boxes jitter.
       outcome: "success", "failure" or "unknown": of all the films, or of each by its stem.
       boxes: a film's boxes; by default those of the file beside it.
+      films: those to import; None takes all videos of the folder.
 
     Raises:
       DemoError: no films, a damaged one, or boxes that are missing, malformed or do not fit.
     """
     folder = pathlib.Path(source_dir)
-    films = list(parallel_map(look, videos_in(folder, out_dir)))
-    plan = _planned(folder, films, list(map(boxes, films)), classes, fps)
+    if films is None:
+        films = list(parallel_map(look, videos_in(folder, out_dir)))
+    plan = _planned(folder, [*films], list(map(boxes, films)), classes, fps)
     for name in robots:
         if name not in plan.classes:
             raise DemoError(
@@ -202,11 +205,11 @@ def _demo(plan, number, frames, followed, robots, extent, noise) -> tuple[Demo, 
     names = np.repeat([*plan.counts], [*plan.counts.values()])
     objects = {name: int(shown[names == name].sum()) for name in plan.counts}
     about = Found(
-        film.path.stem, kept, cut, objects, float(1 - mend.seen[:, shown].mean()), mend.off,
+        film.name, kept, cut, objects, float(1 - mend.seen[:, shown].mean()), mend.off,
         renewed, extra, plan.outside[number], float(film.times[int(first.max())]), mend.jitter,
         mend.smoothing,
     )  # fmt: skip
-    return Demo(film.path.stem, frames[:kept], short, cut), about
+    return Demo(film.name, frames[:kept], short, cut), about
 
 
 def _tracks(plan: _Plan, film: Film, mend: Mended, extent: float) -> Tracks:

@@ -70,6 +70,8 @@ class _ImportVideos(_Import):
     True reads NAME.csv of a task's classes; False detects the blocks of match_regions by colour."""
     robot: tuple[str, ...] = ()
     """With auto: classes that are the robot, or the hand; what they do is no progress."""
+    camera: str | None = None
+    """The camera of a LeRobot dataset, if it has several."""
     track: str | None = None
     """A JSON file of boxes drawn on the first frame of each film, to be followed where no boxes are
     beside the films."""
@@ -87,7 +89,7 @@ class _ImportVideos(_Import):
     """Outcome of all the videos."""
 
 
-_OWN = ("robot", "track", "detector", "fps", "jitter", "smoothing")
+_OWN = ("robot", "camera", "track", "detector", "fps", "jitter", "smoothing")
 
 
 def _videos(args: list[str]) -> Work:
@@ -96,13 +98,11 @@ def _videos(args: list[str]) -> Work:
     if given.boxes == "auto" or given.track or given.detector:
         if given.track and given.detector:
             raise ConfigError("--track and --detector are both given, but boxes come from one")
-        if given.track and not Path(given.track).is_file():
-            raise ConfigError(f"--track is {given.track}, but must be a JSON file of boxes")
         if given.task is not None:
             EnvConfig(name=given.task)  # a ConfigError if there is none
         source, out = existing_folder(given.source), demo_set_to_write(given.out)
         options = {name: getattr(given, name) for name in ("half_extent", "task", "outcome")}
-        options |= {name: getattr(given, name) for name in ("detector", *_OWN[3:])}
+        options |= {name: getattr(given, name) for name in ("camera", "detector", *_OWN[4:])}
         options |= {"robots": given.robot, "track": Path(given.track) if given.track else None}
         return experiment("import_films", source, out, **options)
     for name in _OWN:

@@ -21,9 +21,16 @@ class Film(NamedTuple):
     """What boxes must fit: a film without its pictures."""
 
     path: Path
-    times: Sequence[float]  # seconds, one a frame
+    times: Sequence[float]  # seconds, one a frame, from 0
     width: int  # pixels, as it is shown
     height: int
+    begin: float | None = None  # seconds into the file, if it is a part of one
+    title: str | None = None  # the name, if it is not that of the file
+
+    @property
+    def name(self) -> str:
+        """The name of the film."""
+        return self.path.stem if self.title is None else self.title
 
     @property
     def fps(self) -> float:
@@ -105,7 +112,7 @@ def box(
     """A checked box; `edges` are x_min, y_min, x_max, y_max."""
     if frame >= len(film.times):
         raise DemoError(
-            f"{where}: frame {frame} is beyond {film.path.name}, whose {len(film.times)} frames "
+            f"{where}: frame {frame} is beyond {film.name}, whose {len(film.times)} frames "
             f"count from 0 to {len(film.times) - 1}."
         )
     places = ("x_min", "y_min", "x_max", "y_max")
@@ -126,7 +133,7 @@ def box(
 def checked(boxes: list[Box], path: Path, film: Film) -> list[Box]:
     """The boxes in order of time; a DemoError if there is none, or a track is twice in a frame."""
     if not boxes:
-        raise DemoError(f"{path}: the boxes file of {film.path.name} holds no box.")
+        raise DemoError(f"{path}: the boxes file of {film.name} holds no box.")
     seen: dict[tuple[int, str, str], Box] = {}
     for one in boxes:
         key = (one.frame, one.name, one.track or "")

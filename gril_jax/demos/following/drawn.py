@@ -4,9 +4,9 @@
 
 A box is x_min, y_min, x_max, y_max in pixels. Each later frame is searched for what was in the box
 on the first, by normalised cross-correlation: light may change, and nothing drifts. What turns,
-comes much nearer to the camera, or fills little of its box is lost, and so is what a hand hides until it is seen again; there
-it has no box. OpenCV's own trackers that need no weights were tried: MIL, the one that its headless
-builds still have, was 28 pixels off for what lay still under a passing hand.
+comes much nearer to the camera, or fills little of its box is lost, and so is what a hand hides
+until it is seen again; there it has no box. Of OpenCV's own trackers its headless builds still have
+MIL alone without weights: it was 28 pixels off for what lay still under a passing hand.
 """
 
 from pathlib import Path

@@ -20,6 +20,7 @@ from .video import opened
 
 _WIDEST = 640  # pixels of a kept picture: boxes are not read from it
 _LONGEST = 3600.0  # seconds
+_NEAR = 1e-3  # seconds, to which time stamps are told apart
 
 
 def look(path: str | os.PathLike) -> Film:
@@ -50,6 +51,15 @@ def look(path: str | os.PathLike) -> Film:
     if times[-1] - times[0] > _LONGEST:
         raise DemoError(f"{path}: lasts {times[-1] - times[0]:.0f} s, but an hour is the most.")
     return Film(path, (times - times[0]).tolist(), width, height)
+
+
+def part(film: Film, begin: float, end: float, title: str) -> Film:
+    """The frames of a film from one moment to before another, as a film of its own; a DemoError if
+    they are fewer than 2."""
+    times = [t for t in film.times if begin - _NEAR <= t < end - _NEAR]
+    if len(times) < 2:
+        raise DemoError(f"{film.path}: {title} has {len(times)} frames, but 2 are the least.")
+    return film._replace(times=[t - times[0] for t in times], begin=times[0], title=title)
 
 
 def steps(times: Sequence[float], fps: float) -> Float[np.ndarray, "K"]:
@@ -99,7 +109,13 @@ def frames_of(
     with opened(film.path) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
+        if film.begin is not None:  # to the key frame before it
+            container.seek(int(film.begin / stream.time_base), stream=stream)
         for frame in container.decode(stream):
+            if film.begin is not None and (frame.time or 0.0) < film.begin - _NEAR:
+                continue
+            if count == len(film.times) and film.begin is not None:
+                break
             yield nothing if only is not None and count not in only else _shown(frame, size)
             count += 1
     if count != len(film.times):
