@@ -2,8 +2,10 @@
 
     frame,id,left,top,width,height,confidence,class,visibility
 
-Frames count from 1; a confidence of 0 marks what does not count. A class is a name, or a number of
-the names file beside it, whose first line is class 1, or 0 if a box is of class 0.
+Frames count from 1, and pixels from 0, as trackers write them (in MOTChallenge's own ground truth
+all boxes lie one pixel to the lower right, as its tools know). A confidence of 0 marks what does
+not count. A class is a name, or a number of the names file beside it, whose first line is class 1,
+or 0 if a box is of class 0.
 """
 
 import re
