@@ -166,3 +166,25 @@ def test_both_stages_are_found_in_films_of_a_rough_tracker(tmp_path):
         assert len(ends) == 2
         errors += np.abs(ends - true).tolist()
     assert np.median(errors) <= 0.2
+
+
+def test_objects_that_a_film_lacks_and_several_of_a_class_are_nodes(home, tmp_path, capsys):
+    films = shutil.copytree(home / "films", tmp_path / "films")
+    for number in (0, 1):
+        boxes = films / f"kitchen_0{number}.csv"
+        rows = boxes.read_text().splitlines()
+        if number == 0:
+            rows = [row for row in rows if ",spoon," not in row]
+        else:
+            rows += [f"{t},cup,50,2,56,8,0.9,77" for t in range(40)]
+        boxes.write_text("\n".join(rows))
+    out = ("--out", tmp_path / "mine")
+    assert gril("demos", "import-videos", films, "--boxes", "auto", "--robot", "hand", *out) == 0
+    said = capsys.readouterr().out
+    assert "2 x cup" in said
+    assert "doubtful: kitchen_00 never shows spoon" in said
+    batch = demo_batch(load_demo_set(tmp_path / "mine"))
+    assert np.asarray(batch.label[0]).tolist() == [0, 1, 1, 2, 3]
+    present = np.asarray(batch.present)
+    assert present.sum(axis=1).tolist() == [3, 5, 4, 4, 4]
+    assert present[1].all()

@@ -29,7 +29,7 @@ from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.demos.schema import DemoEntry
 from gril_jax.demos.vision.video import read_video
-from gril_jax.errors import DemoError, RunError
+from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.interop import lerobot, lerobot_subtasks
 from gril_jax.report.figures.curves import reward_profile
 from gril_jax.report.figures.style import COLOURS, GREY, png, styled
@@ -59,9 +59,11 @@ class Traces(NamedTuple):
 def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], None] = print) -> None:
     """Writes figures, scores and cut demonstrations into a new folder.
 
-    Raises RunError if there is no reward, or if there are no stages to tell apart.
+    Raises RunError if there is no reward, or if there are no stages to tell apart, ConfigError if
+    what is to be annotated is no LeRobot dataset.
     """
     config = run_dir.read_config(folder)
+    dataset = None if options.lerobot is None else _dataset(Path(options.lerobot))
     with Progress() as progress:
         demos = _demos(config, folder, progress)
         traces = traces_of(config, folder, demos)
@@ -89,8 +91,7 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
             phase.update(count)
         if options.films:
             cuts.write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
-        if options.lerobot is not None:
-            dataset = lerobot.opened(Path(options.lerobot))
+        if dataset is not None:
             seconds = {n: [e / demos.demo_set.fps for e in one["ends"]]
                        for n, one in about["demonstrations"].items()}  # fmt: skip
             names = [f"stage {number}" for number in range(1, agreed.shape[1] + 1)]
@@ -144,6 +145,13 @@ def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstration
         raise DemoError(f"{source} is gone, but the reward is to be followed along its films")
     require_same_demos(folder, source / schema.HEADER)
     return demonstrations.gather(config, setup.task_of(config.env), folder / "demos", progress)
+
+
+def _dataset(folder: Path) -> lerobot.Dataset:
+    if not lerobot.is_dataset(folder):
+        raise ConfigError(f"--lerobot is {folder}, but must be the folder of a LeRobot dataset")
+    lerobot.parquet()  # before anything is computed
+    return lerobot.opened(folder)
 
 
 def _require_stages(folder: Path, traces: Traces, rule: Mapping[str, Any], count: int) -> None:

@@ -10,7 +10,7 @@ from gril_jax.config import RunConfig, TaskName, Variant
 from gril_jax.config.command_line import RunFolder, parse
 from gril_jax.config.files import load
 from gril_jax.config.rules import between, count
-from gril_jax.errors import DemoError, RunError
+from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 
 from ..arguments import Work, echo, require_new_file, run_config_of
@@ -62,8 +62,6 @@ def _subtasks(args: list[str]) -> Work:
     run_config_of(folder, "reward")
     out = Path(options.out) if options.out else folder / "subtasks"
     run_dir.require_new(out)
-    if options.lerobot is not None and not (Path(options.lerobot) / "meta/info.json").is_file():
-        raise DemoError(f"--lerobot is {options.lerobot}, but must be a LeRobot dataset")
     return experiment("subtasks.report", folder, out, options, devices=True)
 
 
