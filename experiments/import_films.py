@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gril_jax.experiments.pipeline import setup
+from gril_jax.experiments.pipeline import setup, vocabulary
 
 from gril_jax.config import EnvConfig
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
@@ -52,6 +52,7 @@ def main(
     if task is not None:
         env = setup.make_env(EnvConfig(name=task), training=False)
         options |= {"task": task, "classes": env.classes}
+        robots = robots or vocabulary.of_task(env, task).robots
     with Progress() as progress:
         phase = progress.phase("reading", total=0, unit="films", compiles=False)
 
@@ -91,11 +92,11 @@ def in_words(found: Import, robots: Sequence[str]) -> list[str]:
     classes = dict.fromkeys(name for film in films for name in film.objects)
     most = {name: max(film.objects[name] for film in films) for name in classes}
     shown = ", ".join(f"{n} x {name}" if n > 1 else name for name, n in most.items())
-    moving = f"of which {', '.join(robots)} moves them" if robots else "and no robot among them"
+    acting = f"of these the robot or person is {', '.join(robots)}" if robots else "none acts"
     missing = np.mean([film.missing for film in films])
     jitter = max(film.jitter for film in films)
     lines = [
-        f"{len(films)} films, {found.fps:g} frames a second; objects: {shown}, {moving}",
+        f"{len(films)} films, {found.fps:g} frames a second; objects: {shown}; {acting}",
         f"lengths are in {found.unit}; a frame shows {found.half_extent:g} to each side of its "
         "middle",
         f"{missing:.0%} of the boxes are missing and were filled in; "
@@ -104,6 +105,11 @@ def in_words(found: Import, robots: Sequence[str]) -> list[str]:
         f"boxes jitter by {jitter:.1f} pixels: this is in the set as noise {found.noise:.4f} "
         f"({found.unit}), so that resting objects do not count as moved (--jitter sets it)",
     ]
+    if several := [name for name, n in most.items() if n > 1]:
+        lines.append(
+            f"there are several of {', '.join(several)}: in each film {several[0]} 1 is the first "
+            "that moves, and those that stay where they are follow from left to right"
+        )
     if not robots:
         lines.append("no class is the robot's or the person's: name it with --robot if one is")
     lines += [f"doubtful: {doubt}" for film in films for doubt in _doubts(film)]

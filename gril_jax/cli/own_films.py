@@ -16,6 +16,7 @@ from gril_jax.safe_files import read_object
 
 CONFIG = "own_videos"
 _TOGETHER = 4  # films of a batch, at most
+_WINDOW = 4.0  # seconds that a displacement is measured over
 
 
 def configured(name: str | None, args: list[str]) -> tuple[str | None, list[str]]:
@@ -55,6 +56,8 @@ def _of_set(header: dict[str, Any]) -> list[str]:
         "--pool.noise": header.get("noise"),
         "--pool.smoothing": header.get("smoothing"),
     }
+    if isinstance(rate := header.get("fps"), int | float) and 0 < rate < 1e6:
+        fields["--pool.window"] = max(1, round(_WINDOW * rate))
     demos = [one for one in header.get("demos", ()) if isinstance(one, dict)]
     good = [one for one in demos if one.get("outcome") != "failure"]
     fields["--pretrain.num-videos"] = max(2, min(_TOGETHER, len(good) - math.ceil(len(good) / 4)))

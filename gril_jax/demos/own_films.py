@@ -17,7 +17,7 @@ from gril_jax.threads import parallel_map
 from .boxes.recognise import boxes_of
 from .boxes.record import Box, Film
 from .demo_set import Demo, save_demo_set, trim_static_tail
-from .following.identities import linked, objects_at_once
+from .following.identities import in_order, linked, objects_at_once
 from .following.mending import Mended, mended
 from .importing import WORLD, videos_in
 from .schema import NO_TASK
@@ -65,7 +65,8 @@ class _Plan(NamedTuple):
     boxes: list[list[Box]]
     outside: list[int]
     classes: tuple[str, ...]
-    counts: dict[str, int]  # objects of each class
+    counts: dict[str, int]  # objects of each class of the boxes
+    nodes: tuple[str, ...]  # class of each object in the set, in the order of the counts
     fps: float
 
 
@@ -108,16 +109,20 @@ def import_films(
     if films is None:
         films = list(parallel_map(look, videos_in(folder, out_dir)))
     plan = _planned(folder, [*films], list(map(boxes, films)), classes, fps)
+    known = plan.counts if classes is None else plan.classes
     for name in robots:
-        if name not in plan.classes:
+        if name not in known:
             raise DemoError(
                 f"{folder}: no box is of the robot's class {name!r:.60}; the classes are "
-                f"{', '.join(plan.classes)}."
+                f"{', '.join(known)}."
             )
     if {*robots} >= {*plan.counts}:
         raise DemoError(
             f"{folder}: all classes are the robot's, but its own motion is no progress."
         )
+    if classes is None:
+        kinds = np.repeat([*plan.counts], [*plan.counts.values()])
+        robots = [node for node, kind in zip(plan.nodes, kinds, strict=True) if kind in robots]
     extent = _HALF if half_extent is None else half_extent
     found: list[Found] = []
     every = [_followed(plan, number, jitter, smoothing) for number in range(len(films))]
@@ -155,7 +160,16 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
     most = [objects_at_once(each) for each in boxes]
     counts = {name: max(each.get(name, 0) for each in most) for name in names}
     rate = min(*(film.fps for film in films), _FASTEST) if fps is None else fps
-    return _Plan(films, [*boxes], [*outside], tuple(classes or names), counts, round(rate, 6))
+    nodes = tuple(
+        name if number == 1 or classes is not None else f"{name} {k + 1}"
+        for name, number in counts.items()
+        for k in range(number)
+    )
+    words = tuple(nodes if classes is None else classes)
+    if len({*words}) < len(words):
+        twice = next(word for word in words if words.count(word) > 1)
+        raise DemoError(f"{folder}: {twice!r} is a class, and also one of several of a class.")
+    return _Plan(films, [*boxes], [*outside], words, counts, nodes, round(rate, 6))
 
 
 def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
@@ -188,7 +202,18 @@ def _followed(plan: _Plan, number: int, jitter, smoothing) -> tuple[Mended, int,
         renewed, extra = renewed + one.renewed, extra + one.extra
     edges = np.concatenate(parts, axis=1)
     sighted = ~np.isnan(edges[..., 0])
-    return mended(edges, film.fps, jitter=jitter, smoothing=smoothing), renewed, extra, sighted
+    mend = mended(edges, film.fps, jitter=jitter, smoothing=smoothing)
+    order = np.concatenate(
+        [at + in_order(mend.edges[:, at : at + n]) for at, n in _places(plan.counts)]
+    )
+    mend = mend._replace(edges=mend.edges[:, order], seen=mend.seen[:, order])
+    return mend, renewed, extra, sighted[:, order]
+
+
+def _places(counts: Mapping[str, int]) -> list[tuple[int, int]]:
+    """The first object of each class, and their number."""
+    ends = np.cumsum([*counts.values()]).tolist()
+    return [(end - number, number) for end, number in zip(ends, counts.values(), strict=True)]
 
 
 def _demo(plan, number, frames, followed, robots, extent, noise) -> tuple[Demo, Found]:
@@ -227,7 +252,7 @@ def _tracks(plan: _Plan, film: Film, mend: Mended, extent: float) -> Tracks:
     scale = film.width / (2 * extent)
     low, high = edges[..., :2], edges[..., 2:]
     center = ((low + high) / 2 - [film.width / 2, film.height / 2]) / scale * [1.0, -1.0]
-    label = np.repeat([plan.classes.index(n) for n in plan.counts], [*plan.counts.values()])
+    label = np.array([plan.classes.index(node) for node in plan.nodes])
     return Tracks(
         center.astype(np.float32), ((high - low) / scale).astype(np.float32),
         label.astype(np.int32), seen,

@@ -246,12 +246,13 @@ def _next(run: Inputs) -> list[Step]:
             Step("Play the policy from other starts.", "gril eval RUN --episodes 1000"),
             Step("Take the policy to a robot.", "gril export-policy RUN --out policy.npz"),
         ]
-    again = "gril sweep RUN/config.yaml --seeds 5 --out NEW"
-    return [
-        *steps,
-        Step("Take the reward to your own simulator.", "gril export-reward RUN --out reward.npz"),
-        Step("See how much depends on the seed.", again),
-    ]
+    steps.append(
+        Step("Take the reward to your own simulator.", "gril export-reward RUN --out reward.npz")
+    )
+    if run.config.env.name != NO_TASK:
+        again = "gril sweep RUN/config.yaml --seeds 5 --out NEW"
+        steps.append(Step("See how much depends on the seed.", again))
+    return steps
 
 
 def _what_was_run(run: Inputs) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def painted(told, seed=0):
     rng = np.random.default_rng(seed)
     height, width = told.height, told.width
     coarse = rng.normal(0, 1, (height // 16, width // 16, 3))
-    ground = 132 + 26 * cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
+    ground = 132 + 12 * cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
     ground += 7 * np.sin(np.arange(width) / 9)[None, :, None]
     noise = rng.normal(0, 5, (8, height, width, 1)).astype(np.float32)
     for number, boxes in enumerate(told.boxes):

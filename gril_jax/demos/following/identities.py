@@ -9,13 +9,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 
 from gril_jax.demos.boxes.record import Box
 
 _OFTEN = 0.2  # share of the frames that show a class: as many objects as they show are there
 _FAR = 2.0  # diagonals of the box: a box further from every known object is another one
+_MOVES = 0.5  # diagonals
 _SAME = 1.0  # diagonals that an equal identity outweighs
 
 
@@ -75,6 +76,20 @@ def linked(boxes: Sequence[Box], frames: int, count: int) -> Linked:
             identity[known] = now[row].track
             known += 1
     return Linked(edges, renewed, extra)
+
+
+def in_order(edges: Float[np.ndarray, "T K 4"]) -> Int[np.ndarray, "K"]:
+    """The objects of one class, the same way round in every film: by when they first move, and
+    those that do not from left to right; at the end those that are never seen.
+
+    `edges` are mended. An object moves once it is half of its box's diagonal from where it began.
+    """
+    center = (edges[..., :2] + edges[..., 2:]) / 2
+    diagonal = np.linalg.norm(edges[0, :, 2:] - edges[0, :, :2], axis=-1)
+    moved = np.linalg.norm(center - center[0], axis=-1) > _MOVES * diagonal
+    first = np.where(moved.any(axis=0), moved.argmax(axis=0), len(edges))
+    never = np.isnan(center[0, :, 0])
+    return np.lexsort((np.nan_to_num(center[0, :, 0]), first, never))
 
 
 def _by_frame(boxes: Sequence[Box]):

@@ -179,7 +179,7 @@ WRONG = {
     "CSV with infinity": ("a.csv", f"{HEAD}\n0,cup,1,1,inf,9\n", "line 2: x_max must be a number"),
     "CSV with words": ("a.csv", f"{HEAD}\n0,cup,left,1,9,9\n", "line 2: x_min must be a number"),
     "CSV turned over": ("a.csv", f"{HEAD}\n0,cup,9,1,1,9\n", "line 2: a box needs x_min < x_max"),
-    "CSV beyond the film": ("a.csv", f"{HEAD}\n5,cup,1,1,9,9\n", "line 2: frame 5 is beyond a, whose"),
+    "CSV beyond the film": ("a.csv", f"{HEAD}\n5,cup,1,1,9,9\n", "line 2: frame 5 is beyond a,"),
     "CSV before the film": ("a.csv", f"{HEAD}\n-1,cup,1,1,9,9\n", "line 2: frame must be a whole"),
     "CSV without a class": ("a.csv", f"{HEAD}\n0, ,1,1,9,9\n", "a class must be a name"),
     "CSV, class of 99 letters": ("a.csv", f"{HEAD}\n0,{'x' * 99},1,1,9,9\n", "a class must"),

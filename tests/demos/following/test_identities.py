@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gril_jax.demos.boxes.record import Box
-from gril_jax.demos.following.identities import linked, objects_at_once
+from gril_jax.demos.following.identities import in_order, linked, objects_at_once
 from gril_jax.demos.following.mending import closed, jitter_of, mended, stray
 from gril_jax.demos.following.sort import overlap, tracked
 
@@ -126,3 +126,13 @@ def test_generalised_overlap_of_boxes_apart_is_below_0():
     pairs = {(0, 0): 1.0, (1, 0): 1 / 3, (2, 0): 0.0, (6, 0): -0.5}
     moved = np.array([one + [dx, dy, dx, dy] for dx, dy in pairs])
     np.testing.assert_allclose(overlap(one[None], moved), [*pairs.values()], atol=1e-12)
+
+
+def test_objects_of_a_class_are_in_one_order_in_every_film():
+    edges = np.tile(np.array([0.0, 0.0, 20.0, 20.0]), (FRAMES, 5, 1))
+    for which, x in enumerate((300.0, 100.0, 200.0, 50.0)):
+        edges[:, which, [0, 2]] += x
+    edges[30:, 0] += 40.0  # moves second
+    edges[10:, 2] += 40.0  # moves first
+    edges[:, 4] = np.nan  # never seen
+    assert in_order(edges).tolist() == [2, 0, 3, 1, 4]
