@@ -10,6 +10,7 @@ A sound reward has an order accuracy of at least 0.97 and a positive hack gap, a
 import dataclasses
 import functools
 import json
+import math
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import setup
+from gril_jax.experiments.pipeline import setup, vocabulary
 
 from gril_jax import envs
 from gril_jax.audit import measures
@@ -26,6 +27,7 @@ from gril_jax.audit.measures import Audit, States, make_states
 from gril_jax.audit.scene_reward import Scene, scene_reward
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.tables import ENCODERS
+from gril_jax.config.task import NO_TASK
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.interop.reward_file import load_reward
@@ -33,7 +35,7 @@ from gril_jax.report.audit.page import Findings, write_report
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
 
-from . import export_reward
+from . import export_reward, film_audit
 
 
 def main(
@@ -55,9 +57,13 @@ def main(
     everything begins from, share the ascents. Raises RunError if there is no reward yet, and
     ConfigError if reward and task do not fit together.
     """
-    learned, env, names, scenes = _subject(source, task, variant, starts, seed)
     if out is None:
         out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
+    if source.is_dir() and (config := run_dir.read_config(source)).env.name == NO_TASK:
+        if task is not None:
+            raise ConfigError(f"{source} was trained on films alone, but --task is {task}")
+        return film_audit.main(source, config, out, scenes=ascents, seed=seed, echo=echo)
+    learned, env, names, scenes = _subject(source, task, variant, starts, seed)
     stages = env.stages
     reward = scene_reward(learned.config, softness=learned.softness)
     first = jax.tree.map(lambda x: x[0], scenes)
@@ -125,6 +131,7 @@ def _subject(source: Path, task: str | None, variant: str | None, starts: int, s
             f"the task {chosen.name} has no stage definition, but an audit needs its attribute "
             "`stages` (see gril_jax.envs.stages)"
         )
+    _require_one_unit(learned, chosen.name, env, source)
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), starts)
     objects = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
     names = tuple(env.classes[i] for i in np.asarray(objects.label[0]))
@@ -132,6 +139,17 @@ def _subject(source: Path, task: str | None, variant: str | None, starts: int, s
     resting = jnp.zeros(label.shape, bool)
     scenes = Scene(objects.center, objects.size, label, objects.is_robot, resting)
     return learned, env, names, scenes
+
+
+def _require_one_unit(learned: LearnedReward, task: str, env: envs.Env, source: Path) -> None:
+    """Raises ConfigError if a reward's lengths are of another unit than the task's."""
+    unit, extent = (learned.about.get(name) for name in ("unit", "half_extent"))
+    known = unit in (None, vocabulary.unit_of_task(task)) or extent is None
+    if not known and not math.isclose(extent, env.half_extent, rel_tol=0.01):
+        raise ConfigError(
+            f"{source} was learned in {unit}, of which a frame shows {extent:g} to each side, but "
+            f"{task} shows {env.half_extent:g} of its own: their lengths do not fit"
+        )
 
 
 def _env_of(learned: LearnedReward, task: str) -> EnvConfig:

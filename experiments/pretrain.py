@@ -14,7 +14,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, hard_negatives, learners, setup
+from gril_jax.experiments.pipeline import (
+    demonstrations,
+    hard_negatives,
+    learners,
+    setup,
+    vocabulary,
+)
 from gril_jax.experiments.pipeline.hard_negatives import EarlierPolicy, Echo
 from jaxtyping import Array, Bool, Float, Int
 
@@ -75,9 +81,17 @@ def main(
     echo: Echo = print,
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
+    env = setup.task_of(config.env)
+    if resume is None:
+        demonstrations.require_usable(config, env)
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:
-        env = setup.make_env(config.env, training=False)
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
+        if env is None:
+            words = vocabulary.of_set(demos.demo_set, config.env.name)
+            echo(
+                f"classes {', '.join(words.classes)}; lengths in {words.unit}, of which a frame "
+                f"shows {words.half_extent:g} to each side; {words.fps:g} frames a second"
+            )
         results = learn(run, demos)
         run.dir.finish(results)
     page = run_report.write_report(run.path)

@@ -45,6 +45,8 @@ def main(
     env = setup.make_env(config.env, training=False)
     if config.run.audit:
         audit.require_possible(config, env)
+    if resume is None:
+        demonstrations.require_usable(config, env)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
     with opened(config, "train", resume, hard_negatives, echo) as run, ahead.compiling() as pool:

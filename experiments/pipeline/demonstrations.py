@@ -10,12 +10,12 @@ from gril_jax.envs import Env
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet, demo_batch, load_demo_set, select_objects
-from gril_jax.errors import DemoError, RunError
+from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
 
-from . import make_demos
+from . import make_demos, vocabulary
 
 
 class Demonstrations(NamedTuple):
@@ -31,9 +31,9 @@ class Demonstrations(NamedTuple):
 
 
 def gather_once(
-    config: RunConfig, env: Env, run: run_dir.RunDir, progress: Progress
+    config: RunConfig, env: Env | None, run: run_dir.RunDir, progress: Progress
 ) -> Demonstrations:
-    """Runs `gather` into the run's folder, as its first phase.
+    """Runs `gather` into the run's folder, as its first phase, and notes what the boxes are.
 
     Raises RunError if the set is not the one that the run began with.
     """
@@ -43,7 +43,9 @@ def gather_once(
     digest = schema.digest(header)
     begun = run.finished_phase("demos")
     if begun is None:
-        run.finish_phase("demos", {"sha256": digest}, [] if config.demos.path else [header])
+        words = vocabulary.of_set(demos.demo_set, config.env.name)
+        noted = {"sha256": digest, **vocabulary.as_results(words)}
+        run.finish_phase("demos", noted, [] if config.demos.path else [header])
     elif begun["sha256"] != digest:
         raise RunError(
             f"the demonstration set {source} has been changed since the run in {run.path} began, "
@@ -52,27 +54,40 @@ def gather_once(
     return demos
 
 
-def gather(config: RunConfig, env: Env, folder: Path, progress: Progress) -> Demonstrations:
+def gather(config: RunConfig, env: Env | None, folder: Path, progress: Progress) -> Demonstrations:
     """Loads `config.demos.path`, or the set in `folder`, which is made first if missing.
 
     Objects that the task does not have are left out, so that a task with fewer blocks can learn
-    from videos with more. Failures never train the encoder. Raises DemoError if the set cannot be
-    used for this task.
+    from videos with more; without a task all are kept. Failures never train the encoder. Raises
+    DemoError if the set cannot be used for this task.
     """
+    if env is None and config.demos.path is None:
+        raise DemoError("env.name is none, but no films are given: name a set with --demos")
     # A set appears whole: one that is there is the one that these settings make.
     if config.demos.path is None and not (folder / schema.HEADER).is_file():
         for left in folder.parent.glob(f".{folder.name}.*"):  # by a process that was killed
             shutil.rmtree(left, ignore_errors=True)
         make_demos.make(config, folder, progress)
     source = Path(config.demos.path or folder)
+    return chosen(config, env, source)
+
+
+def require_usable(config: RunConfig, env: Env | None) -> None:
+    """Raises ConfigError, before a run begins, if its demonstration set cannot be used."""
+    if config.demos.path is not None:
+        try:
+            chosen(config, env, Path(config.demos.path))
+        except DemoError as error:
+            raise ConfigError(str(error)) from None
+
+
+def chosen(config: RunConfig, env: Env | None, source: Path) -> Demonstrations:
+    """The demonstrations of the set in a folder, reduced and split as `gather` has it."""
     demo_set = load_demo_set(source)
-    if tuple(demo_set.classes) != tuple(env.classes):
-        raise DemoError(
-            f"{source}: its class names are not those of {config.env.name}; import the videos "
-            "again for this task"
-        )
-    wanted = ("goal", "robot", *env.blocks) if hasattr(env, "blocks") else env.classes
-    demo_set = select_objects(demo_set, tuple(wanted))
+    if env is not None:
+        _require_fitting(demo_set, env, config.env.name)
+        wanted = ("goal", "robot", *env.blocks) if hasattr(env, "blocks") else env.classes
+        demo_set = select_objects(demo_set, tuple(wanted))
     good = [e.name for e in demo_set.entries if e.outcome != "failure"]
     if len(good) < 3:
         raise DemoError(f"{source}: holds {len(good)} demonstrations, but at least 3 are needed")
@@ -90,3 +105,20 @@ def gather(config: RunConfig, env: Env, folder: Path, progress: Progress) -> Dem
         "failure": [e.name for e in demo_set.entries if e.outcome == "failure"],
     }
     return Demonstrations(demo_set, names, sum(e.trimmed for e in demo_set.entries))
+
+
+def _require_fitting(demo_set: DemoSet, env: Env, task: str) -> None:
+    """Raises DemoError if the set has other classes than the task, or lengths of another unit."""
+    source = demo_set.folder
+    if tuple(demo_set.classes) != tuple(env.classes):
+        raise DemoError(
+            f"{source}: its class names are not those of {task}; import the videos "
+            "again for this task"
+        )
+    known = demo_set.unit in (None, vocabulary.unit_of_task(task))  # None: of an older version
+    if not known and not math.isclose(demo_set.half_extent, env.half_extent, rel_tol=0.01):
+        raise DemoError(
+            f"{source}: a frame shows {demo_set.half_extent:g} {demo_set.unit} to each side of its "
+            f"middle, but those of {task} show {env.half_extent:g}; import the videos again with "
+            f"--half-extent {env.half_extent:g}"
+        )

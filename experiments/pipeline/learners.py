@@ -109,7 +109,7 @@ def _of_members(static: Static):
 
 def _of_frames(config, demos) -> Learner:
     static = setup.pixel_pretrain_config(config)
-    env, pixels = setup.make_env(config.env, training=False), config.encoder.pixels
+    env, pixels = setup.task_of(config.env), config.encoder.pixels
     # No more than the pictures that a policy is paid for; else all that the videos show.
     half_extent = setup.seen_half_extent(env, pixels) if hasattr(env, "render") else None
 

@@ -17,6 +17,7 @@ from gril_jax.rl.policy import Policy
 from gril_jax.runs.checkpoints import checkpoint
 
 from . import policy_rewards, setup
+from .vocabulary import Vocabulary
 
 
 def make_algorithm(config: RunConfig, env: envs.Env, name: str | None = None) -> training.Algorithm:
@@ -62,10 +63,10 @@ def restore_policy(folder: Path, config: RunConfig, algorithm: training.Algorith
     return checkpoint.restore(found, fresh_policy(config, algorithm, jax.random.key(0)))
 
 
-def learned_reward(folder: Path, config: RunConfig, env: envs.Env) -> RewardParams:
-    """The reward that a run has learned."""
+def learned_reward(folder: Path, config: RunConfig, words: envs.Env | Vocabulary) -> RewardParams:
+    """The reward that a run has learned; `words` has its classes."""
     found = checkpoint.newest(folder, "reward")
-    return checkpoint.restore(found, setup.blank_reward(config, len(env.classes)))
+    return checkpoint.restore(found, setup.blank_reward(config, len(words.classes)))
 
 
 def policy_reward(folder: Path, config: RunConfig, env: envs.Env) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 from gril_jax import envs
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.tables import ENCODERS, alternatives, find
+from gril_jax.config.task import NO_TASK
 from gril_jax.encoders import encoder, ensemble
 from gril_jax.errors import ConfigError
 from gril_jax.pretraining import pixel_pretrain, pretrain
@@ -27,7 +28,17 @@ _FEW_UPDATES = 5000  # it pays after 4,300 with displaced copies, 7,800 without 
 
 def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -> envs.Env:
     """The task; varied starts are for training only. ConfigError if it lacks what is asked for."""
+    if config.name == NO_TASK:
+        raise ConfigError(
+            f"env.name is {NO_TASK!r}, but must be a task: a reward can be learned from films "
+            "alone, a policy needs a simulator of the same scene"
+        )
     return build(config.name, task_options(config, training=training, variant=variant))
+
+
+def task_of(config: EnvConfig) -> envs.Env | None:
+    """The task as demonstrations show it; None where there are films alone."""
+    return None if config.name == NO_TASK else make_env(config, training=False)
 
 
 def task_options(

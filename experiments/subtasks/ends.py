@@ -127,9 +127,9 @@ def write_sets(
 
     for number in range(ends.shape[1]):
         save_demo_set(
-            out / f"subtask-{number + 1}", demos(number), task=demo_set.task,
-            classes=demo_set.classes, half_extent=demo_set.half_extent, fps=demo_set.fps,
-            source=f"subtask {number + 1} of {ends.shape[1]} of: {demo_set.source}",
+            out / f"subtask-{number + 1}", demos(number),
+            **(demo_set.about
+               | {"source": f"subtask {number + 1} of {ends.shape[1]} of: {demo_set.source}"}),
         )  # fmt: skip
 
 

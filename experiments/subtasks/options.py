@@ -26,5 +26,10 @@ class Options:
         default=0.5, metadata=rule(lambda x: 0 < x <= 1, "above 0 and at most 1")
     )
     """Least share of the demonstrations that must each show a stage's end."""
+    films: bool = False
+    """Write each segment as a film of its own, `films/NAME-1.mp4` and so on."""
+    lerobot: str | None = None
+    """A LeRobot dataset from which the films were imported; a copy of it with the segments as
+    subtask annotations goes to `lerobot` in the results."""
     sets: bool = False
     """Write each subtask's demonstrations as a separate set, films included."""

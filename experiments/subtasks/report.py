@@ -1,7 +1,10 @@
 """Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
 
     gril subtasks RUN                   about a minute
+    gril subtasks RUN --films True      and each segment as a film of its own
     gril subtasks RUN --sets True       and a set for each subtask, for `gril pretrain --demos`
+
+`segments.csv` has a line a segment: its film, frames and seconds.
 
 Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
 where the set has stage times (`DemoEntry.stages`), those of held-out demonstrations are scored.
@@ -17,7 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, learners, policy_setup, setup
+from gril_jax.experiments.pipeline import demonstrations, learners, policy_setup, setup, vocabulary
 from jaxtyping import Float, Int, UInt8
 from matplotlib.figure import Figure
 
@@ -26,7 +29,8 @@ from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.demos.schema import DemoEntry
 from gril_jax.demos.vision.video import read_video
-from gril_jax.errors import DemoError, RunError
+from gril_jax.errors import ConfigError, DemoError, RunError
+from gril_jax.interop import lerobot, lerobot_subtasks
 from gril_jax.report.figures.curves import reward_profile
 from gril_jax.report.figures.style import COLOURS, GREY, png, styled
 from gril_jax.runs import run_dir
@@ -36,6 +40,7 @@ from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 
+from . import cuts
 from .ends import doubt, scores, segments, write_sets
 from .options import Options
 
@@ -54,9 +59,11 @@ class Traces(NamedTuple):
 def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], None] = print) -> None:
     """Writes figures, scores and cut demonstrations into a new folder.
 
-    Raises RunError if there is no reward, or if there are no stages to tell apart.
+    Raises RunError if there is no reward, or if there are no stages to tell apart, ConfigError if
+    what is to be annotated is no LeRobot dataset.
     """
     config = run_dir.read_config(folder)
+    dataset = None if options.lerobot is None else _dataset(Path(options.lerobot))
     with Progress() as progress:
         demos = _demos(config, folder, progress)
         traces = traces_of(config, folder, demos)
@@ -71,6 +78,7 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
         with run_dir.writing(out):
             out.mkdir(parents=True)
             write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
+            write_whole(out / "segments.csv", cuts.as_csv(about["demonstrations"], demos.demo_set))
         drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
         phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
         for count, i in enumerate(drawn, 1):
@@ -81,6 +89,13 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
             with run_dir.writing(out):
                 (out / f"{entry.name.replace('/', '_')}.png").write_bytes(picture)
             phase.update(count)
+        if options.films:
+            cuts.write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
+        if dataset is not None:
+            seconds = {n: [e / demos.demo_set.fps for e in one["ends"]]
+                       for n, one in about["demonstrations"].items()}  # fmt: skip
+            names = [f"stage {number}" for number in range(1, agreed.shape[1] + 1)]
+            lerobot_subtasks.annotate(dataset, out / "lerobot", seconds, names)
         if options.sets:
             write_sets(out, demos.demo_set, traces.entries, agreed, progress)
     for line in _sentences(agreed.shape[1], found, measured, out):
@@ -91,8 +106,7 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
 
 def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrations) -> Traces:
     """The run's reward along its successful demonstrations."""
-    env = setup.make_env(config.env, training=False)
-    params = policy_setup.learned_reward(folder, config, env)
+    params = policy_setup.learned_reward(folder, config, vocabulary.of_run(config, folder))
     entries = {entry.name: entry for entry in demos.demo_set.entries}
     names = [*demos.names["train"], *demos.names["validation"]]
     learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
@@ -130,8 +144,14 @@ def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstration
     if not (source / schema.HEADER).is_file():
         raise DemoError(f"{source} is gone, but the reward is to be followed along its films")
     require_same_demos(folder, source / schema.HEADER)
-    env = setup.make_env(config.env, training=False)
-    return demonstrations.gather(config, env, folder / "demos", progress)
+    return demonstrations.gather(config, setup.task_of(config.env), folder / "demos", progress)
+
+
+def _dataset(folder: Path) -> lerobot.Dataset:
+    if not lerobot.is_dataset(folder):
+        raise ConfigError(f"--lerobot is {folder}, but must be the folder of a LeRobot dataset")
+    lerobot.parquet()  # before anything is computed
+    return lerobot.opened(folder)
 
 
 def _require_stages(folder: Path, traces: Traces, rule: Mapping[str, Any], count: int) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
+from gril_jax.config.task import NO_TASK
 from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.runs import covered, run_dir, sinks
 from gril_jax.runs.phases import changed_fields
@@ -27,9 +28,19 @@ _SHORTCUTS = {
 }
 
 
-def run_config(name: str | None, args: list[str], prog: str, about: str) -> RunConfig:
-    """The configuration of a run, with its values and paths checked."""
+def run_config(
+    name: str | None, args: list[str], prog: str, about: str, *, films_alone: bool = False
+) -> RunConfig:
+    """The configuration of a run, with its values and paths checked; with `films_alone` it may be
+    one without a task."""
     config = load(name, in_full(args), prog=prog, description=explained(about))
+    if config.env.name == NO_TASK and not films_alone:
+        raise ConfigError(
+            f"env.name is {NO_TASK}, but {prog} needs a task to play: a reward from films alone is "
+            "learned by gril pretrain"
+        )
+    if config.env.name == NO_TASK and config.demos.path is None:
+        raise ConfigError("env.name is none, so --demos must name a demonstration set of films")
     check_surroundings(config)
     if config.run.out is not None:
         run_dir.require_new(Path(config.run.out))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from gril_jax import threads
 from gril_jax.config import MakeDemosConfig, RunConfig
+from gril_jax.config.task import NO_TASK
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
@@ -19,15 +20,16 @@ _THREADS = 4  # of XLA on a CPU, that two of them may block
 
 def _set_for(config: MakeDemosConfig) -> None:
     """Sets the options that a task needs."""
-    task, flags = registry.spec(config.env.name), os.environ.get("XLA_FLAGS", "").split()
+    flags = os.environ.get("XLA_FLAGS", "").split()
+    task = None if config.env.name == NO_TASK else registry.spec(config.env.name)
     if isinstance(config, RunConfig) and config.run.deterministic:
         flags.append("--xla_gpu_deterministic_ops=true")
-    for version, needed in task.xla_flags.items():
+    for version, needed in (task.xla_flags if task else {}).items():
         if metadata.version("jaxlib").startswith(version):
             flags += needed
     if flags:
         os.environ["XLA_FLAGS"] = " ".join(flags)
-    if (task.steps_in_mjx or config.env.engine == "mjx") and threads.cores() < _THREADS:
+    if ((task and task.steps_in_mjx) or config.env.engine == "mjx") and threads.cores() < _THREADS:
         # jaxlib's Cholesky of a batch (0.10.2) blocks a thread of XLA's pool until others have
         # done the work. MJX has two at once, which on two cores wait for each other for ever.
         os.environ.setdefault("PJRT_NPROC", str(_THREADS))

@@ -41,6 +41,8 @@ class EncoderOptions:
     """True if the robot's node counts in the pooled latent."""
     robot_messages: bool = False
     """True if the robot's node sends and receives messages."""
+    length_unit: float = field(default=1.0, metadata=above(0))
+    """World units per unit of the networks' inputs, about half the scene's width."""
     members: int = field(default=1, metadata=between(1, 100))
     """Networks, each trained separately; the reward is that of the most pessimistic one."""
 

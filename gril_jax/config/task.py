@@ -12,6 +12,7 @@ BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 
 TaskName = str  # `EnvConfig` checks it against the registry
+NO_TASK = "none"  # of a run that learns a reward from films alone
 Variant = Literal["demo", "jitter", "layout", "color", "shape", "dynamics", "all"]
 Places = Literal["demo", "jitter", "layout"]
 
@@ -29,7 +30,8 @@ class EnvConfig:
 
     name: TaskName = "match_regions"
     """The task, or the import path of another's entry (`gril_jax.envs.TaskSpec`). It takes those of
-    the options here that its constructor has; impl apart, others do nothing."""
+    the options here that its constructor has; impl apart, others do nothing. none is for a reward
+    from somebody's own films, whose classes, units and frame rate the demonstration set has."""
     robot: Literal["gripper", "short", "medium", "long"] = "gripper"
     """The robot: a gripper with two fingers, or a stick of this length."""
     targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
@@ -76,6 +78,8 @@ class EnvConfig:
     """Control steps in an episode (8 a second)."""
 
     def __post_init__(self) -> None:
+        if self.name == NO_TASK:
+            return
         try:
             registry.check(self.name, self.reward)
         except ValueError as error:

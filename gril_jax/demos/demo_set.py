@@ -1,6 +1,7 @@
 """Demonstrations on disk: a folder with a readable header, one video and one tracks file each.
 
-    demos.json   task, class names, half_extent, fps, source, an entry for each demonstration
+    demos.json   task, class names, half_extent, fps, source, an entry for each demonstration; newer
+                 sets also have robots, unit, noise and smoothing (`DemoSet`)
     000.mp4      its frames, as far as something still happens
     000.npz      its boxes: center (T, N, 2), size (T, N, 2), label (N,), seen (T, N)
 
@@ -30,7 +31,8 @@ from .schema import DTYPES, HEADER, DemoEntry, check_header, check_tracks, diges
 from .writer import Demo as Demo
 from .writer import save_demo_set as save_demo_set
 
-ROBOTS = ("robot", "left finger", "right finger", "hand")  # classes that are parts of a robot
+# Classes that are parts of a robot, of a set that does not say which are.
+ROBOTS = ("robot", "left finger", "right finger", "hand")
 _MARGIN = 5  # frames kept after the first in which all blocks have arrived
 _MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
 
@@ -40,25 +42,42 @@ class DemoSet:
     """A loaded folder: header, entries and tracks; videos stay on disk."""
 
     folder: pathlib.Path
-    task: str
+    task: str  # its name; empty where there is none
     classes: tuple[str, ...]  # a label is an index into them
     half_extent: float  # world units: half the width of the world that a frame shows
     fps: float
     source: str  # where the videos came from, in words
     entries: tuple[DemoEntry, ...]
     tracks: tuple[Tracks, ...]  # one an entry
+    robots: tuple[str, ...] = ROBOTS  # classes that are parts of a robot, or of a person
+    unit: str | None = None  # of lengths, in words; None where an older set does not say
+    noise: float | None = None  # jitter of a detected centre along one axis, in that unit
+    smoothing: int = 1  # frames of the running median that such jitter calls for
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What `save_demo_set` needs beside the demonstrations."""
+        names = "task classes half_extent fps source robots unit noise smoothing"
+        return {name: getattr(self, name) for name in names.split()}
 
 
-def trim_static_tail(tracks: Tracks, classes: Sequence[str]) -> int:
+def trim_static_tail(
+    tracks: Tracks,
+    classes: Sequence[str],
+    *,
+    robots: Sequence[str] = ROBOTS,
+    moving: float = _MOVING,
+) -> int:
     """The number of frames to keep: all in which a block is still on its way, and a few more.
 
     Many equal frames at the end would carry different times, which temporal cycle-consistency
     can only fit by chance. Robot and goal do not count. At least 6 frames are kept if there are.
+    A block has arrived once it stays within `moving` of its last place, in the set's unit.
     """
     kinds = [classes[label] for label in tracks.label]
-    blocks = [i for i, kind in enumerate(kinds) if kind not in ("goal", *ROBOTS)]
+    blocks = [i for i, kind in enumerate(kinds) if kind not in ("goal", *robots)]
     away = np.linalg.norm(tracks.center[:, blocks] - tracks.center[-1:, blocks], axis=-1)
-    travelling = np.flatnonzero((away > _MOVING).any(axis=1))
+    travelling = np.flatnonzero((away > moving).any(axis=1))
     arrived = int(travelling[-1]) + 1 if len(travelling) else 0
     return min(len(tracks.center), arrived + 1 + _MARGIN)
 
@@ -82,6 +101,10 @@ def load_demo_set(folder: str | os.PathLike) -> DemoSet:
         source=header["source"],
         entries=entries,
         tracks=tuple(_load_tracks(folder, entry, header["classes"]) for entry in entries),
+        robots=tuple(header.get("robots", [n for n in ROBOTS if n in header["classes"]])),
+        unit=header.get("unit"),
+        noise=header.get("noise"),
+        smoothing=header.get("smoothing", 1),
     )
 
 
@@ -125,7 +148,7 @@ def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
         track = track.of(keep)
         frames = entry.frames
         if len(keep) < len(entry.objects):
-            frames = trim_static_tail(track, demo_set.classes)
+            frames = trim_static_tail(track, demo_set.classes, robots=demo_set.robots)
             track = track.during(slice(frames))
         tracks.append(track)
         trimmed, names = entry.trimmed + entry.frames - frames, [entry.objects[i] for i in keep]
@@ -137,7 +160,7 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
     """Demonstrations as arrays, padded to the longest with their last frames; all without `names`.
 
     Objects are ordered by label, those of one label by their x in the first frame; a DemoError if
-    they differ between demonstrations.
+    they differ between demonstrations. One that a demonstration never shows is padding there.
     """
     names = [entry.name for entry in demo_set.entries] if names is None else list(names)
     if not names:
@@ -152,13 +175,13 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
                 f"but {names[0]!r} has {objects[0]} and {name!r} has {objects[1]}."
             )
     label = np.stack([track.label for track in tracks])
-    robot = [i for i, name in enumerate(demo_set.classes) if name in ROBOTS]
+    robot = [i for i, name in enumerate(demo_set.classes) if name in demo_set.robots]
     batch = DemoBatch(
         center=padded([track.center for track in tracks]),
         size=padded([track.size for track in tracks]),
         label=label,
         is_robot=np.isin(label, robot),
-        present=np.ones(label.shape, bool),
+        present=np.stack([track.seen.any(axis=0) for track in tracks]),
         length=np.array([len(track.center) for track in tracks], np.int32),
     )
     return jax.device_put(batch)  # which compiles nothing, as `jnp.asarray` does for each shape

@@ -31,6 +31,8 @@ class Imported(NamedTuple):
     seen: float  # share of (frame, object) pairs that were detected and not carried on
 
 
+WORLD = "world units"  # that whoever imports films has named by their half extent
+
 _Seen = tuple[str, np.ndarray, Tracks, str]  # a video's name, frames, tracks and outcome
 
 AfterEach = Callable[[int, int, Imported], None]
@@ -51,6 +53,7 @@ def import_magical(
     paths = list_magical(source_dir)
     detector = ColourDetector(PALETTE_CLASSES, HALF_EXTENT)
     task = read_magical(paths[0]).env_name
+    name = re.sub("(?<!^)(?=[A-Z])", "_", task.split("-")[0]).lower()  # match_regions
 
     def seen(path: pathlib.Path) -> _Seen:
         demo = read_magical(path)
@@ -68,11 +71,12 @@ def import_magical(
         map(seen, paths),
         len(paths),
         progress,
-        task=re.sub("(?<!^)(?=[A-Z])", "_", task.split("-")[0]).lower(),  # match_regions
+        task=name,
         classes=PALETTE_CLASSES,
         half_extent=HALF_EXTENT,
         fps=FPS,
         source=f"MAGICAL human demonstrations, {task}, allocentric view",
+        unit=f"world units of {name}",
     )
 
 
@@ -87,6 +91,7 @@ def import_videos(
     objects: Sequence[str] | None = None,
     outcome: str | Mapping[str, str] = "unknown",
     source: str | None = None,
+    unit: str = WORLD,
     progress: AfterEach | None = None,
 ) -> list[Imported]:
     """Converts a folder of videos of one frame rate to a demo set, sorted by name.
@@ -99,6 +104,7 @@ def import_videos(
       objects: the objects that every video holds; None takes what is found.
       outcome: "success", "failure" or "unknown": of all the videos, or of each by its stem.
       source: where the videos came from, in words; None names the folder.
+      unit: of lengths, in words.
 
     Raises:
       DemoError: no videos, a damaged one, different frame rates, or objects not found.
@@ -106,19 +112,7 @@ def import_videos(
     if not half_extent > 0:
         raise DemoError(f"half_extent: must be above 0 world units, not {half_extent}.")
     folder = pathlib.Path(source_dir)
-    paths = sorted(p for p in folder.glob("*") if p.suffix.lower() in _VIDEOS)
-    if not paths:
-        raise DemoError(f"{folder}: the folder holds no video ({', '.join(_VIDEOS)}).")
-    if os.path.realpath(folder) == os.path.realpath(out_dir):
-        raise DemoError(f"{folder}: this folder is read, so the demo set must go to another one.")
-    stems = [path.stem for path in paths]
-    for path in paths:
-        if any("\ud800" <= letter <= "\udfff" for letter in path.name):
-            shown = str(path).encode(errors="backslashreplace").decode()
-            raise DemoError(f"{shown}: the file's name is not text in UTF-8; rename it.")
-    for path in paths:
-        if stems.count(path.stem) > 1:
-            raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")
+    paths = videos_in(folder, out_dir)
     fps = read_fps(paths[0])
     colours: Detector = ColourDetector(classes, half_extent, objects=None if boxes else objects)
 
@@ -144,7 +138,30 @@ def import_videos(
         half_extent=half_extent,
         fps=fps,
         source=f"{len(paths)} videos of {folder.name}" if source is None else source,
+        unit=unit,
     )
+
+
+def videos_in(
+    folder: pathlib.Path, out_dir: str | os.PathLike, *, files: Iterable[pathlib.Path] | None = None
+) -> list[pathlib.Path]:
+    """The videos of a folder, sorted by name; a DemoError if there is none, if two have one name,
+    or if the demo set would go into the folder itself."""
+    files = folder.glob("*") if files is None else files
+    paths = sorted(p for p in files if p.suffix.lower() in _VIDEOS)
+    if not paths:
+        raise DemoError(f"{folder}: the folder holds no video ({', '.join(_VIDEOS)}).")
+    if os.path.realpath(folder) == os.path.realpath(out_dir):
+        raise DemoError(f"{folder}: this folder is read, so the demo set must go to another one.")
+    stems = [path.stem for path in paths]
+    for path in paths:
+        if any("\ud800" <= letter <= "\udfff" for letter in path.name):
+            shown = str(path).encode(errors="backslashreplace").decode()
+            raise DemoError(f"{shown}: the file's name is not text in UTF-8; rename it.")
+    for path in paths:
+        if stems.count(path.stem) > 1:
+            raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")
+    return paths
 
 
 def _save(

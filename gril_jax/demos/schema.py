@@ -18,6 +18,9 @@ DTYPES = {"center": np.float32, "size": np.float32, "label": np.int32, "seen": n
 _FIELDS = {
     "task": str, "classes": list, "half_extent": float, "fps": float, "source": str, "demos": list,
 }  # fmt: skip
+# Fields that came later; a set without them is read.
+_LATER = {"robots": list, "unit": str, "noise": float, "smoothing": int}
+NO_TASK = ""  # of a set of somebody's own films
 
 
 @dataclass(frozen=True)
@@ -53,11 +56,21 @@ def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
             "version of gril-jax reads; update gril-jax."
         )
     _check_fields(header, _FIELDS, f"{where}")
+    _check_fields(
+        header, {name: kind for name, kind in _LATER.items() if name in header}, f"{where}"
+    )
     for field in ("half_extent", "fps"):
         if not 0 < header[field] < 1e30:  # beyond it, a whole number may be no float
             raise DemoError(f"{where}: {field} must be above 0, not {header[field]!s:.60}.")
     if not all(isinstance(name, str) for name in header["classes"]):
         raise DemoError(f"{where}: classes must be a list of names.")
+    for name in header.get("robots", ()):
+        if name not in header["classes"]:
+            raise DemoError(f"{where}: robots names {name!r:.60}, which is not one of the classes.")
+    if not 0 <= header.get("noise", 0.0) < 1e30:
+        raise DemoError(f"{where}: noise must be at least 0, not {header['noise']!s:.60}.")
+    if not 1 <= header.get("smoothing", 1) < 100 or header.get("smoothing", 1) % 2 == 0:
+        raise DemoError(f"{where}: smoothing must be odd and from 1 to 99.")
     if not header["demos"]:
         raise DemoError(f"{where}: demos is empty; a demo set needs at least 1 demonstration.")
     entries = [

@@ -19,7 +19,7 @@ from gril_jax.errors import DemoError
 
 from .schema import HEADER, OUTCOMES, SCHEMA_VERSION, check_header, check_tracks, digest
 
-_OURS = re.compile(r"demos\.json|\d{3,}\.(mp4|npz)")  # names of a set's files
+_OURS = re.compile(r"demos\.json|\d{3,}\.(mp4|npz)|import\.(txt|png)")  # names of a set's files
 
 
 class Demo(NamedTuple):
@@ -42,11 +42,13 @@ def save_demo_set(
     half_extent: float,
     fps: float,
     source: str,
+    robots: Sequence[str] | None = None,
+    **known: Any,
 ) -> None:
     """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
     Demonstrations are consumed one at a time, so that a generator need hold only one video; the
-    other arguments are as in `DemoSet`.
+    other arguments are as in `DemoSet`, of which `known` may have `unit`, `noise` and `smoothing`.
 
     Raises:
       DemoError: the folder holds something else, also beside an older set, a demonstration is
@@ -82,6 +84,8 @@ def save_demo_set(
             "half_extent": half_extent,
             "fps": fps,
             "source": source,
+            **({} if robots is None else {"robots": list(robots)}),
+            **{name: value for name, value in known.items() if value is not None},
             "demos": entries,
         }
         (part / HEADER).write_text(json.dumps(header, indent=2) + "\n")

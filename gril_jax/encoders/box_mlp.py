@@ -41,7 +41,7 @@ class MLPConfig:
     """Frames in a node's features; above 1 the graph must hold that many, stacked."""
     pool_robot: bool = True
     """True if the robot counts; if not, its inputs are zero."""
-    length_unit: float = 1.0
+    length_unit: float = EncoderOptions.length_unit
     """World units per unit of the network's inputs; about half the scene's width."""
 
     def __post_init__(self):
@@ -60,7 +60,8 @@ class MLPConfig:
     @classmethod
     def of(cls, options: EncoderOptions, num_classes: int) -> "MLPConfig":
         """From the section `encoder` of a run's configuration."""
-        return cls(num_classes, width=options.width, pool_robot=options.pool_robot)
+        names = ("width", "pool_robot", "length_unit")
+        return cls(num_classes, **{name: getattr(options, name) for name in names})
 
 
 def init(key: PRNGKeyArray, config: MLPConfig) -> Params:

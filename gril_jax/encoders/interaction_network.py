@@ -59,7 +59,7 @@ class InteractionConfig:
     """True if the robot counts in the mean."""
     robot_messages: bool = True
     """True if the robot takes part in the others' relations and distances."""
-    length_unit: float = 1.0
+    length_unit: float = EncoderOptions.length_unit
     """World units per unit of the network's inputs; about half the scene's width."""
 
     def __post_init__(self):
@@ -86,6 +86,7 @@ class InteractionConfig:
             distances=options.distances,
             pool_robot=options.pool_robot,
             robot_messages=options.robot_messages,
+            length_unit=options.length_unit,
         )
 
 

@@ -55,7 +55,7 @@ class EncoderConfig:
     """True if the robot counts in the pooling (the paper's "with robot" ablation)."""
     robot_messages: bool = EncoderOptions.robot_messages
     """True if the robot sends messages to the objects."""
-    length_unit: float = 1.0
+    length_unit: float = EncoderOptions.length_unit
     """World units per unit of the network's inputs; about half the scene's width."""
     members: int = EncoderOptions.members
     """Networks in an ensemble (`gril_jax.encoders.ensemble`); the functions here are for one."""
@@ -68,7 +68,9 @@ class EncoderConfig:
     @classmethod
     def of(cls, options: EncoderOptions, num_classes: int) -> "EncoderConfig":
         """From the section `encoder` of a run's configuration."""
-        names = "width rounds latent relations pool_robot robot_messages members".split()
+        names = (
+            "width rounds latent relations pool_robot robot_messages length_unit members".split()
+        )
         return cls(num_classes, **{name: getattr(options, name) for name in names})
 
 

@@ -24,6 +24,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax.audit.scene_reward import Scene
+from gril_jax.config.encoder import EncoderOptions
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import Params
 from gril_jax.graphs.scene import safe_norm, scene_graph
@@ -36,10 +37,10 @@ from .options import Hyper, Static
 # How likely a displaced object goes where: anywhere, back to its start, to the last place of
 # another object, a little way off, around the object that its class refers to.
 _PLACES = (0.3, 0.1, 0.15, 0.15, 0.3)
-_NEARBY = 0.4  # world units, standard deviation
+_NEARBY = 0.4  # of the encoder's length units, standard deviation
 _AROUND = 0.8  # in sizes of the reference's box, each way
 _TOUCHED = 0.2  # probability that a bit is set of an object that has not been displaced
-_ASCENT, _LAST = 0.1, 0.025  # world units: the first and the last step of an ascent
+_ASCENT, _LAST = 0.1, 0.025  # length units: the first and the last step of an ascent
 
 
 class Copy(NamedTuple):
@@ -58,11 +59,12 @@ def displaced(
     demo: DemoBatch,
     places: FinalPlaces,
     extent: Float[Array, ""] | float,
+    length_unit: float = EncoderOptions.length_unit,
 ) -> Copy:
     """One copy of a frame; each object is displaced with a probability that is sampled per copy.
 
-    The frame is of the video `demo`; it stays within |x|, |y| <= `extent`, world units. The key is
-    consumed.
+    The frame is of the video `demo`; it stays within |x|, |y| <= `extent`, world units, and
+    `length_unit` is that of the encoder. The key is consumed.
     """
     keys = jax.random.split(key, 8)
     num = center.shape[0]
@@ -73,7 +75,7 @@ def displaced(
     anywhere = jax.random.uniform(keys[2], (num, 2), minval=-extent, maxval=extent)
     others = jnp.where(movable & ~jnp.eye(num, dtype=bool), 0.0, -1e9)
     swapped = last[jax.random.categorical(keys[3], others)]
-    nearby = center + _NEARBY * jax.random.normal(keys[4], (num, 2))
+    nearby = center + _NEARBY * length_unit * jax.random.normal(keys[4], (num, 2))
     is_reference = demo.label[None, :] == places.reference[demo.label][:, None]
     at = jnp.argmax(is_reference, axis=1)
     aside = jax.random.uniform(keys[5], (num, 2), minval=-_AROUND, maxval=_AROUND)
@@ -141,13 +143,15 @@ def _of_video(
 ) -> tuple[Float[Array, "A"], Float[Array, "A J"]]:
     """`_excess` of randomly chosen frames of one video, and of their copies."""
 
+    unit = judge.config.encoder.length_unit
+
     def anchor(key):
         key_frame, key_copies = jax.random.split(key)
         frame = _frame(demo, active, jax.random.randint(key_frame, (), 0, demo.length))
         boxes = frame.center, frame.size, frame.active
 
         def copy(key):
-            made = displaced(key, *boxes, demo, judge.places, judge.extent)
+            made = displaced(key, *boxes, demo, judge.places, judge.extent, unit)
             scene = frame._replace(center=made.center, active=made.active)
             return _excess(judge, _ascended(judge, scene, made.moved, demo.present), demo.present)
 
@@ -176,9 +180,10 @@ def _ascended(
     now = judge._replace(params=params, goal=goal)
     slope = jax.grad(lambda center: _excess(now, scene._replace(center=center), present))
     center, steps = scene.center, judge.config.ascents
+    unit = judge.config.encoder.length_unit
     for length in jnp.geomspace(_ASCENT, _LAST, steps) if steps else ():
         down = slope(center)
-        step = length * down / jnp.maximum(safe_norm(down)[:, None], 1e-6)
+        step = length * unit * down / jnp.maximum(safe_norm(down)[:, None], 1e-6)
         there = jnp.clip(center - step, -judge.extent, judge.extent)
         center = jnp.where(moved[:, None], there, center)
     return scene._replace(center=center)

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from gril_jax.config import RunConfig
+from gril_jax.config.task import NO_TASK
 from gril_jax.demos.demo_set import DemoSet, load_demo_set, select_objects
 from gril_jax.demos.schema import HEADER, DemoEntry
 from gril_jax.demos.vision.detect import Tracks
@@ -59,7 +60,7 @@ def read_inputs(folder: Path) -> Inputs:
     source = Path(config.demos.path) if config.demos.path else folder / "demos"
     require_same_demos(folder, source / HEADER)
     demos = load_demo_set(source) if (source / HEADER).is_file() else None
-    if demos is not None:
+    if demos is not None and config.env.name != NO_TASK:
         wanted = ("goal", "robot", *config.env.targets, *config.env.distractors)
         known = [o for o in wanted if all(o in entry.objects for entry in demos.entries)]
         demos = select_objects(demos, known) if known else demos

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gril_jax.config.files import to_yaml
+from gril_jax.config.task import NO_TASK
 from gril_jax.demos.vision.video import read_fps, read_video
 from gril_jax.errors import DemoError, RunError
 from gril_jax.report.figures.curves import (
@@ -153,7 +154,7 @@ def _dots(run: Inputs, film: Film | None, ends: Sequence[int]) -> str:
     words = " Numbered dots are where the reward has taken a step: ends of stages, as it sees them"
     if film is None:
         return f"{words}."
-    seen = happenings.at_frames(film.tracks, ends, run.demos.classes)
+    seen = happenings.at_frames(film.tracks, ends, run.demos.classes, run.demos.robots)
     at = [f"{k + 1} (frame {end}): {seen[k]}" for k, end in enumerate(ends)]
     return f"{words}. {'; '.join(at)}."
 
@@ -226,9 +227,10 @@ def _rollout(run: Inputs) -> Part:
 def _summary(run: Inputs) -> str:
     chosen = run.config
     learner = f", {chosen.run.algorithm.upper()}" * bool(run.rows[run.config.run.algorithm])
+    of = f"Task {chosen.env.name}" if chosen.env.name != NO_TASK else "Films alone, no task"
     given = run.results.get("given")  # not in runs of older versions
     return (
-        f"Task {chosen.env.name}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
+        f"{of}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
         f"{learner}, seed {chosen.run.seed}" + f". The learner is given {given}." * bool(given)
     )
 
@@ -245,12 +247,13 @@ def _next(run: Inputs) -> list[Step]:
             Step("Play the policy from other starts.", "gril eval RUN --episodes 1000"),
             Step("Take the policy to a robot.", "gril export-policy RUN --out policy.npz"),
         ]
-    again = "gril sweep RUN/config.yaml --seeds 5 --out NEW"
-    return [
-        *steps,
-        Step("Take the reward to your own simulator.", "gril export-reward RUN --out reward.npz"),
-        Step("See how much depends on the seed.", again),
-    ]
+    steps.append(
+        Step("Take the reward to your own simulator.", "gril export-reward RUN --out reward.npz")
+    )
+    if run.config.env.name != NO_TASK:
+        again = "gril sweep RUN/config.yaml --seeds 5 --out NEW"
+        steps.append(Step("See how much depends on the seed.", again))
+    return steps
 
 
 def _what_was_run(run: Inputs) -> dict[str, Any]:

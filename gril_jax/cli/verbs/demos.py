@@ -1,14 +1,15 @@
 """Verbs that make demonstration sets."""
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from gril_jax.config import MakeDemosConfig
+from gril_jax.config import EnvConfig, MakeDemosConfig
 from gril_jax.config.command_line import parse
 from gril_jax.config.files import load
-from gril_jax.config.rules import above
+from gril_jax.config.rules import above, between, optional, rule
 from gril_jax.errors import ConfigError
 
 from ..arguments import (
@@ -59,46 +60,94 @@ class _Import:
 
 @dataclass(frozen=True)
 class _ImportVideos(_Import):
-    half_extent: float = field(metadata=above(0))
-    """Half the width of the world that a frame shows, in world units."""
-    task: str = "match_regions"
-    """The task's name."""
-    boxes: bool = False
-    """Read NAME.csv beside each video instead of detecting objects by colour."""
+    half_extent: float | None = field(default=None, metadata=optional(above(0)))
+    """Half the width of the world that a frame shows, in a unit of yours; with --boxes auto None
+    measures in widths of the picture."""
+    task: str | None = None
+    """The task whose classes the boxes have; None, with --boxes auto, takes the boxes' own."""
+    boxes: Literal["auto", "True", "False"] = "False"
+    """auto reads the boxes beside each film, in any of the formats that are known, of any classes;
+    True reads NAME.csv of a task's classes; False detects the blocks of match_regions by colour."""
+    robot: tuple[str, ...] = ()
+    """With auto: classes that are the robot, or the hand; what they do is no progress."""
+    camera: str | None = None
+    """The camera of a LeRobot dataset, if it has several."""
+    track: str | None = None
+    """A JSON file of boxes drawn on the first frame of each film, to be followed where no boxes are
+    beside the films."""
+    detector: str | None = None
+    """A detector of yours, module:function, from frames to boxes, where no boxes are."""
+    fps: float | None = field(default=None, metadata=optional(between(0.1, 1000)))
+    """With auto: frames per second of the set; None is the slowest film's, at most 10."""
+    jitter: float | None = field(default=None, metadata=optional(between(0, 1000)))
+    """With auto: standard deviation of a box's place, pixels of the film; None estimates it."""
+    smoothing: int | None = field(
+        default=None, metadata=optional(rule(lambda x: 1 <= x < 1000 and x % 2 == 1, "odd"))
+    )
+    """With auto: frames of the film that boxes are smoothed over; None is 0.3 s if they jitter."""
     outcome: Literal["success", "failure", "unknown"] = "unknown"
     """Outcome of all the videos."""
 
 
-def _importing(kind: str, options: type[_Import], summary: str) -> Verb:
-    """The verb of `gril_jax.demos.importing.import_KIND`, which tells its progress."""
-
-    def plan(args: list[str]) -> Work:
-        prog, about = f"gril demos import-{kind}", f"Make {summary}."
-        given = dict(vars(parse(options, args, prog=prog, description=about)))
-        source, out = existing_folder(given.pop("source")), demo_set_to_write(given.pop("out"))
-
-        def work() -> None:
-            with heavy_imports():
-                from gril_jax.demos import importing
-                from gril_jax.runs.progress import Progress
-
-            with Progress() as progress:
-                phase = progress.phase("reading", total=0, unit="demonstrations", compiles=False)
-
-                def tell(done: int, total: int, last: object) -> None:
-                    phase.total = total
-                    phase.update(done)
-
-                getattr(importing, f"import_{kind}")(source, out, **given, progress=tell)
-            echo(f"wrote {out}")
-
-        return work
-
-    return Verb(f"demos import-{kind} DIR", summary, plan)
+_OWN = ("robot", "camera", "track", "detector", "fps", "jitter", "smoothing")
 
 
-VERBS = (
-    Verb("demos make [CONFIG]", "scripted demonstrations", _make),
-    _importing("videos", _ImportVideos, "a demonstration set from a folder of videos"),
-    _importing("magical", _Import, "a demonstration set from MAGICAL's public demonstrations"),
+def _videos(args: list[str]) -> Work:
+    prog = "gril demos import-videos"
+    given = parse(_ImportVideos, args, prog=prog, description=f"Make {_VIDEOS.summary}.")
+    if given.boxes == "auto" or given.track or given.detector:
+        if given.track and given.detector:
+            raise ConfigError("--track and --detector are both given, but boxes come from one")
+        if given.task is not None:
+            EnvConfig(name=given.task)  # a ConfigError if there is none
+        source, out = existing_folder(given.source), demo_set_to_write(given.out)
+        options = {name: getattr(given, name) for name in ("half_extent", "task", "outcome")}
+        options |= {name: getattr(given, name) for name in ("camera", "detector", *_OWN[4:])}
+        options |= {"robots": given.robot, "track": Path(given.track) if given.track else None}
+        return experiment("import_films", source, out, **options)
+    for name in _OWN:
+        if getattr(given, name) != getattr(_ImportVideos, name):
+            raise ConfigError(f"--{name} is for films of your own, so it needs --boxes auto")
+    if given.half_extent is None:
+        raise ConfigError(f"{prog} needs --half-extent, unless --boxes is auto: see {prog} --help")
+    known = {"half_extent": given.half_extent, "task": given.task or EnvConfig.name}
+    known |= {"boxes": given.boxes == "True", "outcome": given.outcome}
+    return _import("videos", given, known)
+
+
+def _import(kind: str, given: _Import, options: dict[str, Any]) -> Work:
+    """The work of `gril_jax.demos.importing.import_KIND`, which tells its progress."""
+    source, out = existing_folder(given.source), demo_set_to_write(given.out)
+
+    def work() -> None:
+        with heavy_imports():
+            from gril_jax.demos import importing
+            from gril_jax.runs.progress import Progress
+
+        with Progress() as progress:
+            phase = progress.phase("reading", total=0, unit="demonstrations", compiles=False)
+
+            def tell(done: int, total: int, last: object) -> None:
+                phase.total = total
+                phase.update(done)
+
+            getattr(importing, f"import_{kind}")(source, out, **options, progress=tell)
+        echo(f"wrote {out}")
+
+    return work
+
+
+def _magical(args: list[str]) -> Work:
+    about = f"Make {_MAGICAL.summary}."
+    return _import(
+        "magical", parse(_Import, args, prog=f"gril {_MAGICAL.name}", description=about), {}
+    )
+
+
+_VIDEOS = Verb("demos import-videos DIR", "a demonstration set from a folder of videos", _videos)
+_MAGICAL = Verb(
+    "demos import-magical DIR",
+    "a demonstration set from MAGICAL's public demonstrations",
+    _magical,
 )
+VERBS = (Verb("demos make [CONFIG]", "scripted demonstrations", _make), _VIDEOS, _MAGICAL)

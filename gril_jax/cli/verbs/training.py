@@ -10,6 +10,7 @@ from gril_jax.config.rules import between, count
 from gril_jax.errors import ConfigError
 from gril_jax.runs import phases
 
+from .. import own_films
 from ..arguments import (
     Work,
     hard_negatives,
@@ -29,12 +30,16 @@ _OPTIONS = (
 )
 
 
-def _new_run(name: str, of: str | None, args: list[str], prog: str, about: str) -> Work:
-    """A new run, or with --resume one that was cut off; `of` None takes the defaults."""
+def _new_run(
+    name: str, of: str | None, args: list[str], prog: str, about: str, *, films: bool = False
+) -> Work:
+    """A new run, or with --resume one that was cut off; `of` None takes the defaults, or with
+    `films`, which need no task, what the demonstration set says."""
     resume, negatives = take(args, "--resume"), take(args, "--hard-negatives")
     extra: dict[str, Any] = {}
     if resume is None:
-        config = run_config(of, args, prog, f"{about} {_OPTIONS}")
+        of, args = own_films.configured(of, args) if films else (of, args)
+        config = run_config(of, args, prog, f"{about} {_OPTIONS}", films_alone=films)
         if negatives is not None:
             extra["hard_negatives"] = hard_negatives(negatives, config)
     else:
@@ -58,7 +63,8 @@ def _train(args: list[str]) -> Work:
 
 
 def _pretrain(args: list[str]) -> Work:
-    return _new_run("pretrain", positional(args), args, "gril pretrain", "Learn a reward.")
+    about = "Learn a reward; without CONFIG, from films of your own that --demos names."
+    return _new_run("pretrain", positional(args), args, "gril pretrain", about, films=True)
 
 
 @dataclass(frozen=True)

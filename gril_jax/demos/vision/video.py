@@ -82,7 +82,7 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
     shown; a DemoError if the file is missing, empty, damaged, cut short, no video, or too large for
     the memory."""
     path = pathlib.Path(path)
-    with _opened(path) as container:
+    with opened(path) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
         frames = []
@@ -110,7 +110,7 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
 
 def read_fps(path: str | os.PathLike) -> float:
     """Frames per second of a video file, from its header; errors are those of `read_video`."""
-    with _opened(pathlib.Path(path)) as container:
+    with opened(pathlib.Path(path)) as container:
         rate = container.streams.video[0].average_rate
     if not rate:
         raise DemoError(f"{path}: the video states no frame rate.")
@@ -123,7 +123,7 @@ def _memory() -> int:
 
 
 @contextlib.contextmanager
-def _opened(path: pathlib.Path) -> Iterator[av.container.InputContainer]:
+def opened(path: pathlib.Path) -> Iterator[av.container.InputContainer]:
     if not path.is_file():
         raise DemoError(f"{path}: there is no such video file.")
     if path.stat().st_size == 0:

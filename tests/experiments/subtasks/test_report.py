@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from gril_jax.experiments.subtasks import cuts
 from gril_jax.experiments.subtasks import ends as stage_ends
 from gril_jax.experiments.subtasks import report as subtask_report
 from gril_jax.experiments.subtasks.options import Options
@@ -14,6 +15,7 @@ from gril_jax.cli import main
 from gril_jax.demos.demo_set import Demo, load_demo_set, save_demo_set
 from gril_jax.demos.schema import DemoEntry
 from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import RunError
 from gril_jax.runs.progress import Progress
 
@@ -168,3 +170,19 @@ def test_a_report_has_scores_segments_and_figures(tmp_path, monkeypatch):
     assert said[0] == "2 stages, which end at rewards of -0.50, 0.00"
     assert report["doubt"] is None
     assert not any("doubtful" in line for line in said)
+
+
+def test_segments_are_a_table_and_films_of_their_own(tmp_path):
+    demos = _saved(tmp_path / "set")
+    found = {
+        "d0": {"segments": [(0, 10), (10, 29)], "found": [True, False], "split": "train"},
+        "d1": {"segments": [(0, 12), (12, 39)], "found": [True, True], "split": "validation"},
+    }
+    rows = cuts.as_csv(found, demos).splitlines()
+    assert rows[0] == ",".join(cuts.COLUMNS)
+    assert rows[2:4] == ["d0,2,10,29,1.0,2.9,0,train", "d1,1,0,12,0.0,1.2,1,validation"]
+    with Progress(stream=io.StringIO()) as progress:
+        cuts.write_films(tmp_path / "films", found, demos, progress)
+    films = sorted((tmp_path / "films").iterdir())
+    assert [film.name for film in films] == ["d0-1.mp4", "d0-2.mp4", "d1-1.mp4", "d1-2.mp4"]
+    assert [len(read_video(film)) for film in films] == [11, 20, 13, 28]

@@ -1,0 +1,85 @@
+"""What the boxes of a run are: classes, robots, objects and units, of its task or of its films."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from gril_jax.envs import Env
+
+from gril_jax.config import RunConfig
+from gril_jax.config.task import NO_TASK
+from gril_jax.demos import schema
+from gril_jax.demos.demo_set import DemoSet, load_demo_set
+from gril_jax.errors import RunError
+from gril_jax.runs.phases import recorded
+
+from . import setup
+
+
+class Vocabulary(NamedTuple):
+    """What a label, a length and a frame mean."""
+
+    classes: tuple[str, ...]  # a label is an index into them
+    robots: tuple[str, ...]  # those that are the robot, or a person
+    objects: tuple[str, ...]  # class of each object of the usual scene, in order
+    half_extent: float  # half the width of what a frame shows, in the unit
+    unit: str  # of lengths, in words
+    fps: float | None = None  # frames per second
+
+
+def of_run(config: RunConfig, folder: Path) -> Vocabulary:
+    """What a run with a reward was trained on: its task's words, and the lengths of its films."""
+    found = _of_films(config, folder)
+    if config.env.name == NO_TASK:
+        if found is None:
+            raise RunError(f"{folder} does not say which classes its films have")
+        return found
+    of_task_ = of_task(setup.make_env(config.env, training=False), config.env.name)
+    if found is None:
+        return of_task_
+    return of_task_._replace(half_extent=found.half_extent, unit=found.unit, fps=found.fps)
+
+
+def of_task(env: Env, name: str) -> Vocabulary:
+    """What a task's own boxes are."""
+    objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
+    names = tuple(env.classes[i] for i in np.asarray(objects.label))
+    flags = zip(names, np.asarray(objects.is_robot), strict=True)
+    robots = tuple(sorted({name for name, flag in flags if flag}))
+    unit, rate = unit_of_task(name), float(env.control_hz)
+    return Vocabulary(tuple(env.classes), robots, names, float(env.half_extent), unit, rate)
+
+
+def unit_of_task(name: str) -> str:
+    """The unit of a task's lengths, in words."""
+    return f"world units of {name}"
+
+
+def of_set(demo_set: DemoSet, task: str) -> Vocabulary:
+    """What the boxes of a demonstration set are; an older set's are in its task's unit."""
+    first = demo_set.tracks[0]
+    order = np.lexsort((first.center[0, :, 0], first.label))
+    objects = tuple(demo_set.classes[i] for i in first.label[order])
+    unit = demo_set.unit or unit_of_task(task)
+    return Vocabulary(
+        demo_set.classes, demo_set.robots, objects, demo_set.half_extent, unit, demo_set.fps
+    )
+
+
+def as_results(words: Vocabulary) -> dict[str, Any]:
+    """The vocabulary as results of a phase."""
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in words._asdict().items()}
+
+
+def _of_films(config: RunConfig, folder: Path) -> Vocabulary | None:
+    """As the run has noted it; of an older run, as its demonstration set says, if that is there."""
+    phases = recorded(folder)
+    noted = {} if phases is None else phases.finished.get("demos", {})
+    if "classes" in noted:
+        fields = {name: noted[name] for name in Vocabulary._fields}
+        return Vocabulary(**{k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()})
+    source = Path(config.demos.path or folder / "demos")
+    if not (source / schema.HEADER).is_file():
+        return None
+    return of_set(load_demo_set(source), config.env.name)

@@ -1,0 +1,146 @@
+"""One box in one frame, as every format gives it, and the checks that all formats share.
+
+Frames count from 0; edges are pixels of the film as it is shown, from its top left corner, y down.
+Whatever does not fit is a `DemoError` that begins with the file and the line.
+"""
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from gril_jax.errors import DemoError
+
+_LARGEST = 1e30  # pixels; beyond it, float32 would overflow
+_LONGEST = 60  # letters of a class name
+_BYTES = 1 << 28  # of a file of boxes; a long film's has some megabytes
+
+
+class Film(NamedTuple):
+    """What boxes must fit: a film without its pictures."""
+
+    path: Path
+    times: Sequence[float]  # seconds, one a frame, from 0
+    width: int  # pixels, as it is shown
+    height: int
+    begin: float | None = None  # seconds into the file, if it is a part of one
+    title: str | None = None  # the name, if it is not that of the file
+
+    @property
+    def name(self) -> str:
+        """The name of the film."""
+        return self.path.stem if self.title is None else self.title
+
+    @property
+    def fps(self) -> float:
+        """Frames per second, on average."""
+        seconds = self.times[-1] - self.times[0]
+        return (len(self.times) - 1) / seconds if seconds > 0 else 1.0
+
+
+class Box(NamedTuple):
+    """One object in one frame."""
+
+    frame: int
+    name: str  # of its class
+    edges: tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
+    confidence: float = 1.0
+    track: str | None = None  # identity, within the film; None where the tool gives none
+    where: str = ""  # file and line
+
+
+Reader = Callable[[Path, Film], list[Box]]
+"""(file, film) -> its boxes, in any order. What every module of a format has as `read`."""
+
+
+def read_text(path: Path) -> str:
+    """A file's text; a DemoError if it is no regular file, not UTF-8, or beyond 256 MiB."""
+    if not path.is_file():  # a pipe or a device would never end
+        raise DemoError(f"{path}: the boxes file cannot be read (no regular file).")
+    try:
+        if os.path.getsize(path) > _BYTES:
+            raise DemoError(f"{path}: the boxes file is larger than 256 MiB.")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise DemoError(f"{path}: the boxes file cannot be read ({error.strerror}).") from error
+    except UnicodeDecodeError as error:
+        raise DemoError(f"{path}: the boxes file is not text in UTF-8.") from error
+
+
+def number(value: Any, what: str, where: str) -> float:
+    """A finite number from text or JSON."""
+    try:
+        found = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        found = math.nan
+    if not abs(found) < _LARGEST:
+        raise DemoError(f"{where}: {what} must be a number, not {value!r:.60}.")
+    return found
+
+
+def whole(value: Any, what: str, where: str, *, least: int) -> int:
+    """A whole number that is not below the least."""
+    text = str(value).strip()
+    digits = text.removesuffix(".0")
+    if not (digits.isascii() and digits.isdigit() and len(digits) < 10) or int(digits) < least:
+        raise DemoError(f"{where}: {what} must be a whole number from {least}, not {text!r:.60}.")
+    return int(digits)
+
+
+def class_name(value: Any, where: str) -> str:
+    """A class name: printable text without spaces around it."""
+    name = " ".join(value.split()) if isinstance(value, str) else ""
+    if not name or len(name) > _LONGEST or not name.isprintable():
+        raise DemoError(
+            f"{where}: a class must be a name of up to {_LONGEST} printable letters, not "
+            f"{value!r:.60}."
+        )
+    return name
+
+
+def box(
+    film: Film,
+    frame: int,
+    name: Any,
+    edges: Sequence[Any],
+    where: str,
+    *,
+    confidence: Any = 1.0,
+    track: Any = None,
+) -> Box:
+    """A checked box; `edges` are x_min, y_min, x_max, y_max."""
+    if frame >= len(film.times):
+        raise DemoError(
+            f"{where}: frame {frame} is beyond {film.name}, whose {len(film.times)} frames "
+            f"count from 0 to {len(film.times) - 1}."
+        )
+    places = ("x_min", "y_min", "x_max", "y_max")
+    low_x, low_y, high_x, high_y = (
+        number(edge, place, where) for edge, place in zip(edges, places, strict=True)
+    )
+    if low_x >= high_x or low_y >= high_y:
+        raise DemoError(
+            f"{where}: a box needs x_min < x_max and y_min < y_max, not {low_x:g}, {high_x:g} and "
+            f"{low_y:g}, {high_y:g}."
+        )
+    sure = number(confidence, "confidence", where)
+    identity = None if track is None or track == "" else str(track).strip()[:_LONGEST]
+    return Box(frame, class_name(name, where), (low_x, low_y, high_x, high_y), sure, identity,
+               where)  # fmt: skip
+
+
+def checked(boxes: list[Box], path: Path, film: Film) -> list[Box]:
+    """The boxes in order of time; a DemoError if there is none, or a track is twice in a frame."""
+    if not boxes:
+        raise DemoError(f"{path}: the boxes file of {film.name} holds no box.")
+    seen: dict[tuple[int, str, str], Box] = {}
+    for one in boxes:
+        key = (one.frame, one.name, one.track or "")
+        if one.track is not None and key in seen:
+            raise DemoError(
+                f"{one.where}: a second box of {one.name!r} {one.track} in frame {one.frame}; an "
+                "identity may be once in a frame."
+            )
+        seen[key] = one
+    return sorted(boxes, key=lambda one: one.frame)

@@ -1,0 +1,259 @@
+"""Converts somebody's own films, with boxes beside them, to a demo set with classes of its own.
+
+Films may differ in size, length and frame rate; the set has one frame rate, by time stamps, and
+lengths in widths of the picture unless half of a picture's width is given in another unit.
+"""
+
+import os
+import pathlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gril_jax.errors import DemoError
+from gril_jax.threads import parallel_map
+
+from .boxes.recognise import boxes_of
+from .boxes.record import Box, Film
+from .demo_set import Demo, save_demo_set, trim_static_tail
+from .following.identities import in_order, linked, objects_at_once
+from .following.mending import Mended, mended
+from .importing import WORLD, videos_in
+from .schema import NO_TASK
+from .vision.detect import Tracks
+from .vision.timed import look, pictures, steps
+
+WIDTHS, _HALF = "widths of the picture", 0.5
+_FASTEST = 10.0  # frames a second: a hand's work needs no more, and methods are made for such films
+_RESTING = 0.02  # half extents: what is nearer to its last place has arrived
+_DEVIATIONS = 3.0  # of the jitter, which the same takes of boxes that jitter
+_MEDIAN = 3  # frames of the median over positions that jitter calls for
+
+
+class Found(NamedTuple):
+    """What an import found in one film, and what it mended."""
+
+    name: str
+    frames: int  # kept
+    trimmed: int  # cut from the static tail
+    objects: dict[str, int]  # classes to how many of their objects the film shows
+    missing: float  # share of (frame, object) pairs without a sighting
+    stray: int  # sightings that were of something else, as where identities were exchanged
+    renewed: int  # times that a tracker went on with another identity
+    extra: int  # second sightings of an object, left out
+    outside: int  # boxes outside of the picture, left out
+    late: float  # seconds until the last object is first seen
+    jitter: float  # of centres along one axis, pixels of the film
+    smoothing: int  # frames of the film that boxes were smoothed over
+
+
+class Import(NamedTuple):
+    """An import's outcome."""
+
+    films: list[Found]
+    fps: float
+    unit: str
+    half_extent: float
+    noise: float  # jitter in that unit
+
+
+class _Plan(NamedTuple):
+    """Everything about the films but their pictures."""
+
+    films: list[Film]
+    boxes: list[list[Box]]
+    outside: list[int]
+    classes: tuple[str, ...]
+    counts: dict[str, int]  # objects of each class of the boxes
+    nodes: tuple[str, ...]  # class of each object in the set, in the order of the counts
+    fps: float
+
+
+def import_films(
+    source_dir: str | os.PathLike,
+    out_dir: str | os.PathLike,
+    *,
+    robots: Sequence[str] = (),
+    half_extent: float | None = None,
+    classes: Sequence[str] | None = None,
+    task: str = NO_TASK,
+    fps: float | None = None,
+    jitter: float | None = None,
+    smoothing: int | None = None,
+    outcome: str | Mapping[str, str] = "unknown",
+    boxes: Callable[[Film], list[Box]] = boxes_of,
+    films: Sequence[Film] | None = None,
+    progress: Callable[[int, int, Found], None] | None = None,
+) -> Import:
+    """Converts a folder of films to a demo set; an older one of that name is replaced.
+
+    Args:
+      robots: classes that are parts of a robot, or of a person.
+      half_extent: half the width of what a film shows, in a unit of one's own; None measures in
+        widths of the picture.
+      classes: those of a task, which the boxes must be of; None takes those of the boxes.
+      task: its name, if the films are of one.
+      fps: of the set; None takes that of the slowest film, at most 10.
+      jitter: standard deviation of a box's centre, pixels; None estimates it.
+      smoothing: frames of the film that boxes are smoothed over, odd; None takes those of 0.3 s
+        where boxes jitter.
+      outcome: "success", "failure" or "unknown": of all the films, or of each by its stem.
+      boxes: a film's boxes; by default those of the file beside it.
+      films: those to import; None takes all videos of the folder.
+
+    Raises:
+      DemoError: no films, a damaged one, or boxes that are missing, malformed or do not fit.
+    """
+    folder = pathlib.Path(source_dir)
+    if films is None:
+        films = list(parallel_map(look, videos_in(folder, out_dir)))
+    plan = _planned(folder, [*films], list(map(boxes, films)), classes, fps)
+    known = plan.counts if classes is None else plan.classes
+    for name in robots:
+        if name not in known:
+            raise DemoError(
+                f"{folder}: no box is of the robot's class {name!r:.60}; the classes are "
+                f"{', '.join(known)}."
+            )
+    if {*robots} >= {*plan.counts}:
+        raise DemoError(
+            f"{folder}: all classes are the robot's, but its own motion is no progress."
+        )
+    if classes is None:
+        kinds = np.repeat([*plan.counts], [*plan.counts.values()])
+        robots = [node for node, kind in zip(plan.nodes, kinds, strict=True) if kind in robots]
+    extent = _HALF if half_extent is None else half_extent
+    found: list[Found] = []
+    every = [_followed(plan, number, jitter, smoothing) for number in range(len(films))]
+    noise = max(
+        one.jitter / film.width * 2 * extent for (one, *_), film in zip(every, films, strict=True)
+    )
+
+    def demos() -> Iterator[Demo]:
+        shots = parallel_map(lambda film: pictures(film, plan.fps), films)
+        for number, frames in enumerate(shots):
+            demo, about = _demo(plan, number, frames, every[number], robots, extent, noise)
+            found.append(about)
+            kind = outcome if isinstance(outcome, str) else outcome[demo.name]
+            yield demo._replace(outcome=kind)
+            if progress is not None:
+                progress(len(found), len(films), about)
+
+    unit = WIDTHS if half_extent is None else WORLD
+    save_demo_set(
+        out_dir, demos(), task=task, classes=plan.classes, half_extent=extent, fps=plan.fps,
+        source=f"{len(films)} films of {folder.resolve().name}", robots=robots, unit=unit,
+        noise=noise or None, smoothing=_MEDIAN if noise else 1,
+    )  # fmt: skip
+    return Import(found, plan.fps, unit, extent, noise)
+
+
+def _planned(folder, films, boxes, classes, fps) -> _Plan:
+    boxes, outside = zip(*map(_within, films, boxes), strict=True)
+    names = sorted({one.name for each in boxes for one in each})
+    if classes is not None:
+        for one in (one for each in boxes for one in each if one.name not in classes):
+            raise DemoError(
+                f"{one.where}: class {one.name!r} is not one of the task's: {', '.join(classes)}."
+            )
+    most = [objects_at_once(each) for each in boxes]
+    counts = {name: max(each.get(name, 0) for each in most) for name in names}
+    rate = min(*(film.fps for film in films), _FASTEST) if fps is None else fps
+    nodes = tuple(
+        name if number == 1 or classes is not None else f"{name} {k + 1}"
+        for name, number in counts.items()
+        for k in range(number)
+    )
+    words = tuple(nodes if classes is None else classes)
+    if len({*words}) < len(words):
+        twice = next(word for word in words if words.count(word) > 1)
+        raise DemoError(f"{folder}: {twice!r} is a class, and also one of several of a class.")
+    return _Plan(films, [*boxes], [*outside], words, counts, nodes, round(rate, 6))
+
+
+def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
+    """The boxes that touch the picture, and the number of the others; a DemoError if these are so
+    many that the boxes must be of another film."""
+
+    def inside(one: Box) -> bool:
+        low_x, low_y, high_x, high_y = one.edges
+        return low_x < film.width and low_y < film.height and high_x > 0 and high_y > 0
+
+    kept = [one for one in boxes if inside(one)]
+    if 10 * (len(boxes) - len(kept)) > len(boxes):
+        first = next(one for one in boxes if not inside(one))
+        edges = ", ".join(f"{edge:g}" for edge in first.edges)
+        raise DemoError(
+            f"{first.where}: the box {edges} lies outside of the picture, as do "
+            f"{len(boxes) - len(kept)} of {len(boxes)}; {film.path.name} is {film.width} x "
+            f"{film.height} pixels, so the boxes seem to be of a film of another size."
+        )
+    return kept, len(boxes) - len(kept)
+
+
+def _followed(plan: _Plan, number: int, jitter, smoothing) -> tuple[Mended, int, int, np.ndarray]:
+    """The objects of a film, mended; renewed identities, extra boxes, and who was sighted when."""
+    film, parts, renewed, extra = plan.films[number], [], 0, 0
+    for name, count in plan.counts.items():
+        own = [one for one in plan.boxes[number] if one.name == name]
+        one = linked(own, len(film.times), count)
+        parts.append(one.edges)
+        renewed, extra = renewed + one.renewed, extra + one.extra
+    edges = np.concatenate(parts, axis=1)
+    sighted = ~np.isnan(edges[..., 0])
+    mend = mended(edges, film.fps, jitter=jitter, smoothing=smoothing)
+    order = np.concatenate(
+        [at + in_order(mend.edges[:, at : at + n]) for at, n in _places(plan.counts)]
+    )
+    mend = mend._replace(edges=mend.edges[:, order], seen=mend.seen[:, order])
+    return mend, renewed, extra, sighted[:, order]
+
+
+def _places(counts: Mapping[str, int]) -> list[tuple[int, int]]:
+    """The first object of each class, and their number."""
+    ends = np.cumsum([*counts.values()]).tolist()
+    return [(end - number, number) for end, number in zip(ends, counts.values(), strict=True)]
+
+
+def _demo(plan, number, frames, followed, robots, extent, noise) -> tuple[Demo, Found]:
+    """A film's demonstration, and what was found in it."""
+    film = plan.films[number]
+    mend, renewed, extra, sighted = followed
+    tracks = _tracks(plan, film, mend, extent)
+    resting = max(_RESTING * extent, _DEVIATIONS * noise)
+    kept = trim_static_tail(tracks, plan.classes, robots=robots, moving=resting)
+    kept = max(kept, min(2, len(frames)))
+    short, cut = tracks.during(slice(kept)), len(frames) - kept
+    shown = sighted.any(axis=0)
+    first = np.argmax(sighted[:, shown], axis=0) if shown.any() else np.zeros(1, int)
+    names = np.repeat([*plan.counts], [*plan.counts.values()])
+    objects = {name: int(shown[names == name].sum()) for name in plan.counts}
+    about = Found(
+        film.name, kept, cut, objects, float(1 - mend.seen[:, shown].mean()), mend.off,
+        renewed, extra, plan.outside[number], float(film.times[int(first.max())]), mend.jitter,
+        mend.smoothing,
+    )  # fmt: skip
+    return Demo(film.name, frames[:kept], short, cut), about
+
+
+def _tracks(plan: _Plan, film: Film, mend: Mended, extent: float) -> Tracks:
+    """A film's boxes at the set's steps of time, in its unit."""
+    at, times = steps(film.times, plan.fps), np.asarray(film.times)
+    flat = mend.edges.reshape(len(times), -1)
+    edges = np.stack([np.interp(at, times, side) for side in flat.T], axis=1)
+    edges = edges.reshape(len(at), -1, 4)
+    index = np.clip(np.searchsorted(times, at + 1e-9) - 1, 0, None)
+    seen = mend.seen[index]
+    never = ~mend.seen.any(axis=0)
+    edges[:, never] = [film.width / 2, film.height / 2, film.width / 2 + 1, film.height / 2 + 1]
+    seen[:, never] = False
+    seen[0, ~never] |= ~seen[:, ~never].any(axis=0)  # it was, if between two steps
+    scale = film.width / (2 * extent)
+    low, high = edges[..., :2], edges[..., 2:]
+    center = ((low + high) / 2 - [film.width / 2, film.height / 2]) / scale * [1.0, -1.0]
+    label = np.array([plan.classes.index(node) for node in plan.nodes])
+    return Tracks(
+        center.astype(np.float32), ((high - low) / scale).astype(np.float32),
+        label.astype(np.int32), seen,
+    )  # fmt: skip

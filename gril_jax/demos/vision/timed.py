@@ -1,0 +1,133 @@
+"""Films by their time stamps: how long they are, and their pictures at equal steps of time.
+
+A telephone's film has no constant frame rate, may be turned, and is large: only the pictures that
+are kept are ever held, and those are made smaller.
+"""
+
+import os
+import pathlib
+from collections.abc import Container, Iterator, Sequence
+
+import av
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from gril_jax.demos.boxes.record import Film
+from gril_jax.errors import DemoError
+
+from .video import opened
+
+_WIDEST = 640  # pixels of a kept picture: boxes are not read from it
+_LONGEST = 3600.0  # seconds
+_NEAR = 1e-3  # seconds, to which time stamps are told apart
+
+
+def look(path: str | os.PathLike) -> Film:
+    """A film's times and size, without reading its pictures; errors are those of `read_video`."""
+    path = pathlib.Path(path)
+    with opened(path) as container:
+        stream = container.streams.video[0]
+        first = next(container.decode(stream), None)
+        if first is None:
+            raise DemoError(f"{path}: the video holds no frames.")
+        width, height = first.width, first.height
+        if round(first.rotation / 90) % 2:
+            width, height = height, width
+        rate = float(stream.average_rate or 0)
+    with opened(path) as container:
+        stream = container.streams.video[0]
+        packets = [p for p in container.demux(stream) if p.size and not p.is_discard]
+        stamps = [p.pts for p in packets]
+        base = float(stream.time_base or 0)
+    if None in stamps or len({*stamps}) < len(stamps):  # no time stamps: the header's rate
+        if not rate:
+            raise DemoError(f"{path}: the video states neither frame rate nor time stamps.")
+        times = np.arange(len(stamps)) / rate
+    else:
+        times = np.sort(np.array(stamps, float)) * base
+    if len(times) < 2:
+        raise DemoError(f"{path}: holds {len(times)} frame, but a demonstration needs at least 2.")
+    if times[-1] - times[0] > _LONGEST:
+        raise DemoError(f"{path}: lasts {times[-1] - times[0]:.0f} s, but an hour is the most.")
+    return Film(path, (times - times[0]).tolist(), width, height)
+
+
+def part(film: Film, begin: float, end: float, title: str) -> Film:
+    """The frames of a film from one moment to before another, as a film of its own; a DemoError if
+    they are fewer than 2."""
+    times = [t for t in film.times if begin - _NEAR <= t < end - _NEAR]
+    if len(times) < 2:
+        raise DemoError(f"{film.path}: {title} has {len(times)} frames, but 2 are the least.")
+    return film._replace(times=[t - times[0] for t in times], begin=times[0], title=title)
+
+
+def steps(times: Sequence[float], fps: float) -> Float[np.ndarray, "K"]:
+    """Equal steps of time from a film's first frame to its last.
+
+    >>> steps([0.0, 0.1, 0.35], 10.0).round(1).tolist()
+    [0.0, 0.1, 0.2, 0.3]
+    """
+    return np.arange(int((times[-1] - times[0]) * fps + 1e-3) + 1) / fps
+
+
+def nearest(times: Sequence[float], at: Float[np.ndarray, "K"]) -> Int[np.ndarray, "K"]:
+    """The index of the time nearest to each moment; of two the earlier.
+
+    >>> nearest([0.0, 0.1, 0.35], np.array([0.0, 0.2, 0.3])).tolist()
+    [0, 1, 2]
+    """
+    known = np.asarray(times)
+    after = np.clip(np.searchsorted(known, at), 1, len(known) - 1)
+    return np.where(at - known[after - 1] <= known[after] - at + 1e-9, after - 1, after)
+
+
+def pictures(film: Film, fps: float) -> UInt8[np.ndarray, "K H W 3"]:
+    """A film's pictures at equal steps of time, at most 640 wide and with even sides; errors are
+    those of `frames_of`."""
+    wanted = nearest(film.times, steps(film.times, fps))
+    last = {*wanted.tolist()}
+    kept = {n: frame for n, frame in enumerate(frames_of(film, _WIDEST, only=last)) if n in last}
+    return np.stack([kept[index] for index in wanted.tolist()])
+
+
+def frames_of(
+    film: Film, widest: int | None = None, *, only: Container[int] | None = None
+) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
+    """Every frame of a film, turned as it is shown; with `widest` no wider and with even sides.
+
+    Those that are not among `only` are one pixel. A DemoError if the film ends before its header
+    says so.
+    """
+    if widest is not None and film.width < 2:
+        raise DemoError(f"{film.path}: is {film.width} pixel wide, but 2 are the least.")
+    size = None
+    if widest is not None:
+        width = min(film.width, widest) // 2 * 2
+        size = width, max(2, round(film.height * width / film.width / 2) * 2)
+    nothing, count = np.zeros((1, 1, 3), np.uint8), 0
+    with opened(film.path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        if film.begin is not None:  # to the key frame before it
+            container.seek(int(film.begin / stream.time_base), stream=stream)
+        for frame in container.decode(stream):
+            if film.begin is not None and (frame.time or 0.0) < film.begin - _NEAR:
+                continue
+            if count == len(film.times) and film.begin is not None:
+                break
+            yield nothing if only is not None and count not in only else _shown(frame, size)
+            count += 1
+    if count != len(film.times):
+        raise DemoError(
+            f"{film.path}: {count} of {len(film.times)} frames could be read; the file is cut "
+            "short or damaged."
+        )
+
+
+def _shown(frame: av.VideoFrame, size: tuple[int, int] | None) -> UInt8[np.ndarray, "H W 3"]:
+    turned = np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))
+    picture = np.ascontiguousarray(turned)
+    if size is None or picture.shape[1::-1] == size:
+        return picture
+    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)

@@ -1,0 +1,102 @@
+"""Segments as subtask annotations of a LeRobot dataset: a copy with `subtask_index` on each frame.
+
+    meta/subtasks.parquet    the names of the subtasks, as lerobot 0.4 reads them
+    meta/info.json           with the feature subtask_index
+    data/.../*.parquet       with the column subtask_index
+
+Videos are hard links to those of the dataset, where the file system can. The dataset stays as it
+was.
+"""
+
+import importlib
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gril_jax.errors import DemoError
+from gril_jax.safe_files import write_whole, writing
+
+from .lerobot import Dataset, data_files, parquet, title_of
+
+_UNKNOWN = "not segmented"  # an episode that was not among the films
+
+
+def annotate(
+    dataset: Dataset, out: Path, ends: Mapping[str, Sequence[float]], names: Sequence[str]
+) -> None:
+    """Writes the copy into a new folder.
+
+    Args:
+      ends: seconds at which the stages of each episode's film end, increasing.
+      names: of the stages.
+
+    Raises:
+      DemoError: no film is of an episode of the dataset.
+    """
+    files, arrow = data_files(dataset), importlib.import_module("pyarrow") if parquet() else None
+    known = set()
+    for file in files:
+        known |= {*parquet().read_table(file, columns=["episode_index"])[0].to_pylist()}
+    if not {title_of(number) for number in known} & {*ends}:
+        raise DemoError(f"{dataset.folder}: none of its episodes is among the run's films.")
+    with writing(out):
+        shutil.copytree(dataset.folder, out, copy_function=_linked)
+        for file in files:
+            table = parquet().read_table(file)
+            index = _indices(table, ends, len(names))
+            column = arrow.array(index, arrow.int64())
+            if "subtask_index" in table.column_names:
+                table = table.drop_columns(["subtask_index"])
+            table = table.append_column("subtask_index", column)
+            _replace(table, out / file.relative_to(dataset.folder))
+        _replace(_labels(arrow, [*names, _UNKNOWN]), out / "meta" / "subtasks.parquet")
+        features = dict(dataset.info["features"])
+        features["subtask_index"] = {"dtype": "int64", "shape": [1], "names": None}
+        info = dict(dataset.info) | {"features": features}
+        (out / "meta" / "info.json").unlink()
+        write_whole(out / "meta" / "info.json", json.dumps(info, indent=4) + "\n")
+
+
+def _indices(table: Any, ends: Mapping[str, Sequence[float]], count: int) -> np.ndarray:
+    """The stage of each row, from 0; `count` where the episode was not among the films."""
+    episode = np.array(table["episode_index"].to_pylist())
+    time = np.array(table["timestamp"].to_pylist(), float).reshape(-1)
+    index = np.full(len(episode), count)
+    for number in np.unique(episode):
+        if (title := title_of(int(number))) in ends:
+            own = episode == number
+            stage = np.searchsorted(np.asarray(ends[title]), time[own] - 1e-6)
+            index[own] = np.minimum(stage, count - 1)  # what follows the last end is still its
+    return index
+
+
+def _labels(arrow: Any, names: Sequence[str]) -> Any:
+    """The table of the names, which pandas reads with the names as its index."""
+    table = arrow.table({"subtask_index": [*range(len(names))], "subtask": [*names]})
+    columns = [
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy,
+         "metadata": None}
+        for name, kind, numpy in (("subtask_index", "int64", "int64"),
+                                  ("subtask", "unicode", "object"))
+    ]  # fmt: skip
+    about = {"index_columns": ["subtask"], "column_indexes": [], "columns": columns,
+             "creator": {"library": "pyarrow", "version": arrow.__version__}}  # fmt: skip
+    return table.replace_schema_metadata({"pandas": json.dumps(about)})
+
+
+def _replace(table: Any, file: Path) -> None:
+    """Writes a table in place of a file, which may be a link to the dataset's own."""
+    file.unlink(missing_ok=True)
+    parquet().write_table(table, file)
+
+
+def _linked(source: str, to: str) -> None:
+    try:
+        os.link(source, to)
+    except OSError:
+        shutil.copy2(source, to)

@@ -1,0 +1,258 @@
+"""Every format gives the boxes that our CSV gives, and is told from what is in it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gril_jax.demos.boxes.recognise import boxes_of, file_of, reader
+from gril_jax.demos.boxes.record import Film
+from gril_jax.errors import DemoError
+
+W, H, FRAMES = 200, 100, 5
+# (frame, class, x_min, y_min, x_max, y_max, track): a cup that moves, one that goes, a hand.
+TRUE = [
+    *((t, "cup", 10.0 + 8 * t, 20.0, 40.0 + 8 * t, 60.0, 1) for t in range(FRAMES)),
+    *((t, "cup", 150.0, 50.0 + t, 170.0, 80.0 + t, 2) for t in range(3)),
+    *((t, "hand", 90.0, 5.0, 130.0, 45.5, 3) for t in range(1, FRAMES)),
+]
+NAMES = ("cup", "hand")
+
+
+def film(folder):
+    return Film(folder / "a.mp4", [t / 10 for t in range(FRAMES)], W, H)
+
+
+def csv_text():
+    rows = (f"{t},{n},{a},{b},{c},{d},0.9,{k},spare" for t, n, a, b, c, d, k in TRUE)
+    return "\n".join(["frame,class,x_min,y_min,x_max,y_max,confidence,track,note", *rows])
+
+
+def mot_text(of=lambda name: NAMES.index(name) + 1):
+    return "\n".join(
+        f"{t + 1},{k},{a},{b},{c - a},{d - b},1,{of(n)},1.0" for t, n, a, b, c, d, k in TRUE
+    )
+
+
+def cvat_text():
+    tracks = []
+    for track in (1, 2, 3):
+        own = {row[0]: row for row in TRUE if row[6] == track}
+        last = next(reversed(own.values()))
+        boxes = []
+        for t in range(FRAMES):
+            _, _, a, b, c, d, _ = own.get(t, last)
+            where = f'xtl="{a}" ytl="{b}" xbr="{c}" ybr="{d}" z_order="0"'
+            boxes.append(f'<box frame="{t}" outside="{int(t not in own)}" keyframe="1" {where}/>')
+        tracks.append(f'<track id="{track}" label="{last[1]}">{"".join(boxes)}</track>\n')
+    size = f"<original_size><width>{W}</width><height>{H}</height></original_size>"
+    head = '<?xml version="1.0" encoding="utf-8"?>\n<annotations><version>1.1</version>\n'
+    return f"{head}<meta><task>{size}</task></meta>\n{''.join(tracks)}</annotations>"
+
+
+def coco_text(video=None):
+    images = [
+        {"id": 10 + t, "file_name": f"a/{t:06d}.jpg", "width": W, "height": H, "frame_id": t}
+        for t in range(FRAMES)
+    ]
+    notes = [
+        {"id": i, "image_id": 10 + t, "category_id": NAMES.index(n) + 1, "track_id": k,
+         "bbox": [a, b, c - a, d - b]}
+        for i, (t, n, a, b, c, d, k) in enumerate(TRUE)
+    ]  # fmt: skip
+    names = [{"id": i + 1, "name": name} for i, name in enumerate(NAMES)]
+    return json.dumps({"images": images, "annotations": notes, "categories": names})
+
+
+def youtube_text():
+    notes = []
+    for track in (1, 2, 3):
+        own = {row[0]: row for row in TRUE if row[6] == track}
+        boxes = [[x[2], x[3], x[4] - x[2], x[5] - x[3]] if (x := own.get(t)) else None
+                 for t in range(FRAMES)]  # fmt: skip
+        category = NAMES.index(next(iter(own.values()))[1]) + 1
+        notes.append({"id": track, "video_id": 2, "category_id": category, "bboxes": boxes})
+    names = [{"id": i + 1, "name": name} for i, name in enumerate(NAMES)]
+    videos = [{"id": 1, "name": "b.mp4"}, {"id": 2, "name": "a.mp4"}]
+    return json.dumps({"videos": videos, "annotations": notes, "categories": names})
+
+
+def label_studio_text():
+    results = []
+    for track in (1, 2, 3):
+        own = [row for row in TRUE if row[6] == track]
+        keys = [own[0], own[-1]]  # what moves in a line needs no more
+        sequence = [
+            {"frame": t + 1, "enabled": t != own[-1][0] or t == FRAMES - 1, "rotation": 0,
+             "x": a / W * 100, "y": b / H * 100, "width": (c - a) / W * 100,
+             "height": (d - b) / H * 100, "time": t / 10}
+            for t, _, a, b, c, d, _ in keys
+        ]  # fmt: skip
+        value = {"framesCount": FRAMES, "sequence": sequence, "labels": [own[0][1]]}
+        results.append({"id": f"r{track}", "type": "videorectangle", "value": value})
+    task = {
+        "data": {"video": "/data/upload/1/3f2a91bc-a.mp4"},
+        "annotations": [{"result": results}],
+    }
+    other = {"data": {"video": "b.mp4"}, "annotations": []}
+    return json.dumps([other, task])
+
+
+def yolo_folder(folder):
+    for t in range(FRAMES):
+        rows = (
+            f"{NAMES.index(n)} {(a + c) / 2 / W} {(b + d) / 2 / H} {(c - a) / W} {(d - b) / H} {k}"
+            for frame, n, a, b, c, d, k in TRUE
+            if frame == t
+        )
+        (folder / "a").mkdir(exist_ok=True)
+        (folder / "a" / f"a_{t + 1}.txt").write_text("\n".join(rows))
+    (folder / "names.txt").write_text("\n".join(NAMES))
+
+
+def written(name, text, names=()):
+    def write(folder):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+        if names:
+            (folder / "names.txt").write_text("\n".join(names))
+
+    return write
+
+
+FORMATS = {
+    "our CSV": written("a.csv", csv_text()),
+    "MOTChallenge, numbers": written("a.txt", mot_text(), NAMES),
+    "MOTChallenge, numbers from 0": written("a.txt", mot_text(NAMES.index), NAMES),
+    "MOTChallenge, names": written("a.txt", mot_text(str)),
+    "MOTChallenge's folders": written("a/gt.txt", mot_text(str)),
+    "CVAT for video": written("a.xml", cvat_text()),
+    "COCO": written("a.json", coco_text()),
+    "YouTube-VIS, of all films": written("annotations.json", youtube_text()),
+    "Label Studio": written("a.json", label_studio_text()),
+    "YOLO": yolo_folder,
+}
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_format_gives_the_boxes_of_our_csv_to_half_a_pixel(tmp_path, kind):
+    FORMATS[kind](tmp_path)
+    if kind == "MOTChallenge's folders":
+        (tmp_path / "a").rename(tmp_path / "gt")
+        (tmp_path / "a").mkdir()
+        (tmp_path / "gt").rename(tmp_path / "a" / "gt")
+    found = boxes_of(film(tmp_path))
+    by_place = lambda row: (row[0], row[1], row[2])  # noqa: E731
+    mine = sorted(((b.frame, b.name, *b.edges) for b in found), key=by_place)
+    true = sorted((row[:6] for row in TRUE), key=by_place)
+    assert [row[:2] for row in mine] == [row[:2] for row in true]
+    np.testing.assert_allclose([r[2:] for r in mine], [r[2:] for r in true], atol=0.5)
+    tracks = [{b.track for b in found if b.name == name} for name in NAMES]
+    assert [len(each) for each in tracks] == [2, 1]
+    assert all(str(tmp_path) in b.where for b in found)
+
+
+def test_a_box_has_its_file_and_line(tmp_path):
+    written("a.csv", csv_text())(tmp_path)
+    assert boxes_of(film(tmp_path))[0].where == f"{tmp_path / 'a.csv'}, line 2"
+
+
+HEAD = "frame,class,x_min,y_min,x_max,y_max"
+XML = '<annotations><track id="0" label="cup">{}</track></annotations>'
+BOX = '<box frame="0" outside="0" xtl="1" ytl="1" xbr="9" ybr="9"/>'
+COCO = '{"images": [{"id": 1}], "categories": [{"id": 1, "name": "cup"}], "annotations": [%s]}'
+STUDIO = (
+    '[{"data": {"video": "a.mp4"}, "annotations": [{"result": [{"type": "videorectangle", %s}]}]}]'
+)
+ENTITIES = '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>\n' + XML.format("&b;")
+WRONG = {
+    "nothing": ("a.csv", "", "is empty"),
+    "spaces": ("a.txt", " \n \n", "is empty"),
+    "prose": ("a.txt", "dear reader,\n", "line 1: the format of the boxes is not known"),
+    "not UTF-8": ("a.csv", b"\xff\xfe\x00", "not text in UTF-8"),
+    "CSV without a column": ("a.csv", "frame,class,x_min\n", "line 1: the column 'y_min'"),
+    "CSV with a column twice": ("a.csv", f"{HEAD},frame\n", "line 1: the column 'frame' is there"),
+    "CSV without boxes": ("a.csv", f"{HEAD}\n", "holds no box"),
+    "CSV with a short row": ("a.csv", f"{HEAD}\n0,cup,1,1\n", "line 2: 4 cells where 6"),
+    "CSV with NaN": ("a.csv", f"{HEAD}\n0,cup,1,1,nan,9\n", "line 2: x_max must be a number"),
+    "CSV with infinity": ("a.csv", f"{HEAD}\n0,cup,1,1,inf,9\n", "line 2: x_max must be a number"),
+    "CSV with words": ("a.csv", f"{HEAD}\n0,cup,left,1,9,9\n", "line 2: x_min must be a number"),
+    "CSV turned over": ("a.csv", f"{HEAD}\n0,cup,9,1,1,9\n", "line 2: a box needs x_min < x_max"),
+    "CSV beyond the film": ("a.csv", f"{HEAD}\n5,cup,1,1,9,9\n", "line 2: frame 5 is beyond a,"),
+    "CSV before the film": ("a.csv", f"{HEAD}\n-1,cup,1,1,9,9\n", "line 2: frame must be a whole"),
+    "CSV without a class": ("a.csv", f"{HEAD}\n0, ,1,1,9,9\n", "a class must be a name"),
+    "CSV, class of 99 letters": ("a.csv", f"{HEAD}\n0,{'x' * 99},1,1,9,9\n", "a class must"),
+    "CSV, class with a bell": ("a.csv", f"{HEAD}\n0,cu\ap,1,1,9,9\n", "a class must"),
+    "CSV with an id twice": (
+        "a.csv", f"{HEAD},track\n0,cup,1,1,9,9,4\n0,cup,5,5,9,9,4\n", "line 3: a second box"
+    ),
+    "CSV, endless cell": ("a.csv", f'{HEAD}\n0,"{"x" * 200_000}\n', "line 2: not CSV text"),
+    "MOT with 5 columns": ("a.txt", "1,1,1,1,9,9,1,cup\n1,2,3,4,5\n", "line 2: 5 columns"),
+    "MOT from 0": ("a.txt", "0,1,1,1,9,9,1,cup\n", "line 1: frame must be a whole number from 1"),
+    "MOT without names": ("a.txt", "1,1,1,1,9,9,1,3\n", "class 3 is a number"),
+    "MOT of no width": ("a.txt", "1,1,1,1,0,9,1,cup\n", "line 1: a box needs x_min < x_max"),
+    "XML with entities": ("a.xml", ENTITIES, "line 1: a document type is not allowed"),
+    "XML cut short": ("a.xml", XML.format(BOX)[:-9], "line 1: not whole XML"),
+    "other XML": ("a.xml", "<svg></svg>", "without <annotations>"),
+    "CVAT for images": ("a.xml", "<annotations>\n<image/></annotations>", "line 2: <image> is of"),
+    "CVAT of another size": (
+        "a.xml",
+        f"<annotations><original_size><width>640</width></original_size>{BOX}</annotations>",
+        "line 1: the width is 640, but a.mp4 is 200 x 100",
+    ),
+    "CVAT without an edge": ("a.xml", XML.format('<box frame="0" xtl="1"/>'), "has no 'ytl'"),
+    "CVAT without a label": ("a.xml", XML.replace('label="cup"', "").format(BOX), "a class must"),
+    "XML without boxes": ("a.xml", XML.format(""), "holds no box"),
+    "JSON cut short": ("a.json", '{"images": [\n', "line 2: not JSON"),
+    "JSON, nested deeply": ("a.json", "[" * 100_000, "nested too deeply"),
+    "COCO without categories": ("a.json", "{}", "the field 'categories' is missing"),
+    "COCO of no image": (
+        "a.json", COCO % '{"image_id": 7, "category_id": 1, "bbox": [1, 1, 8, 8]}',
+        "annotation 0: image_id 7 is not among the images",
+    ),
+    "COCO of no category": ("a.json", COCO % '{"category_id": 5}', "category_id 5 is not among"),
+    "COCO, three numbers": (
+        "a.json", COCO % '{"image_id": 1, "category_id": 1, "bbox": [1, 1, 8]}', "bbox must be"
+    ),
+    "Label Studio of others": ("a.json", '[{"data": {"v": "b.mp4"}}, {"data": {}}]', "no task is"),
+    "Label Studio, unfinished": ("a.json", '[{"data": {}, "annotations": []}]', "nobody has"),
+    "Label Studio, two labels": (
+        "a.json", STUDIO % '"value": {"labels": ["a", "b"], "sequence": []}', "needs one label"
+    ),
+    "Label Studio, no key": ("a.json", STUDIO % '"value": {"labels": ["a"]}', "'sequence' is"),
+    "YOLO without a number": ("a/boxes.txt", "0 0.5 0.5 0.1 0.1", "must end with"),
+    "YOLO in pixels": ("a/a_1.txt", "0 50 50 10 10", "line 1: lengths must be shares"),
+    "YOLO, empty folder": ("a/readme.md", "", "holds no NAME"),
+    "YOLO, unknown class": ("a/a_1.txt", "7 0.5 0.5 0.1 0.1", "line 1: class 7 is not among the 2"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_what_is_wrong_is_one_sentence_with_file_and_line(tmp_path, kind):
+    name, text, words = WRONG[kind]
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    if kind.startswith("YOLO"):
+        (tmp_path / "names.txt").write_text("\n".join(NAMES))
+    with pytest.raises(DemoError) as caught:
+        boxes_of(film(tmp_path))
+    said = str(caught.value)
+    assert words in said
+    assert said.startswith(str(tmp_path / Path(name).parts[0]))
+    assert "\n" not in said
+    assert len(said) < 600
+
+
+def test_boxes_must_be_in_one_place(tmp_path):
+    with pytest.raises(
+        DemoError, match=r"no boxes are beside the film: they must be one of a\.csv"
+    ):
+        file_of(tmp_path / "a.mp4")
+    (tmp_path / "a.csv").write_text("")
+    (tmp_path / "a.txt").write_text("")
+    with pytest.raises(DemoError, match=r"both a\.csv and a\.txt"):
+        file_of(tmp_path / "a.mp4")
+    with pytest.raises(DemoError, match="no regular file"):
+        reader(tmp_path / "gone.csv")

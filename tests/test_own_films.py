@@ -1,0 +1,196 @@
+"""Films of one's own, from boxes to a reward elsewhere, on the command line and without a task."""
+
+import json
+import shutil
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support import kitchen_films
+
+from gril_jax.cli import main
+from gril_jax.demos.demo_set import demo_batch, load_demo_set
+from gril_jax.interop.reward_file import load_reward
+
+SMALL = {"fps": 10.0, "width": 64, "height": 48, "tempo": 2.0}
+LITTLE = ["--pretrain.steps", "4", "--pretrain.copies", "0", "--encoder.width", "8"]
+LITTLE += ["--encoder.relations", "False", "--pretrain.num-frames", "8"]
+
+
+def gril(*args):
+    return main.main([str(arg) for arg in args])
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """Films, the set that was made of them, and a run that learned a little from it."""
+    folder = tmp_path_factory.mktemp("kitchen")
+    kitchen_films.write_films(folder / "films", 5, **SMALL)
+    films = ("demos", "import-videos", folder / "films", "--boxes", "auto", "--robot", "hand")
+    assert gril(*films, "--out", folder / "mine") == 0
+    assert gril("pretrain", "--demos", folder / "mine", "--out", folder / "run", *LITTLE) == 0
+    return folder
+
+
+def test_a_set_has_the_classes_the_robot_the_unit_and_the_rate_of_the_films(home):
+    mine = load_demo_set(home / "mine")
+    assert mine.classes == ("coaster", "cup", "hand", "spoon")
+    assert (mine.robots, mine.task) == (("hand",), "")
+    assert (mine.unit, mine.half_extent, mine.fps) == ("widths of the picture", 0.5, 10.0)
+    batch = demo_batch(mine)
+    assert np.asarray(batch.is_robot).tolist() == [[False, False, True, False]] * 5
+    told = kitchen_films.story(0, **SMALL)
+    cup = told.boxes[:, 0]
+    middle = ((cup[:, :2] + cup[:, 2:]) / 2 - [32, 24]) / 64 * [1, -1]
+    kept = mine.entries[0].frames
+    np.testing.assert_allclose(mine.tracks[0].center[:, 1], middle[:kept], atol=1e-4)
+    assert (home / "mine" / "import.png").stat().st_size > 10_000
+    assert "5 films, 10 frames a second" in (home / "mine" / "import.txt").read_text()
+
+
+def test_a_run_of_films_is_exported_with_their_words_and_loaded(home, capsys):
+    assert gril("export-reward", home / "run", "--out", home / "kitchen.npz") == 0
+    assert "widths of the picture" in capsys.readouterr().out
+    learned = load_reward(home / "kitchen.npz")
+    assert learned.objects == learned.classes == ("coaster", "cup", "hand", "spoon")
+    assert learned.robots == ("hand",)
+    about = learned.about
+    assert (about["half_extent"], about["unit"]) == (0.5, "widths of the picture")
+    assert about["provenance"]["fps"] == 10.0
+    batch = demo_batch(load_demo_set(home / "mine"))
+    rewards = learned.trajectory(batch.center[0], batch.size[0])
+    profiles = np.load(home / "run" / "profiles.npz")
+    length = int(profiles["length"][0])
+    np.testing.assert_allclose(rewards[:length], profiles["reward"][0, :length], atol=1e-4)
+    assert bool(jnp.isfinite(rewards).all())
+
+
+def test_an_audit_of_films_says_what_it_leaves_out(home, capsys):
+    assert gril("audit", home / "run", "--ascents", "20") == 0
+    said = capsys.readouterr().out
+    assert "left out, because films alone do not say what success is" in said
+    found = json.loads((home / "run" / "audit" / "audit.json").read_text())
+    assert found["scenes"] >= 1
+    assert 0 <= found["outbid_share"] <= 1
+
+
+def test_a_policy_and_another_task_are_refused_in_a_sentence(home, capsys):
+    assert gril("train", "own_videos", "--demos", home / "mine") == 2
+    assert "gril train needs a task to play" in capsys.readouterr().err
+    assert gril("pretrain", "match_regions_fast", "--demos", home / "mine", "--out", "x") == 2
+    assert "its class names are not those of match_regions" in capsys.readouterr().err
+    assert gril("pretrain", "own_videos") == 2
+    assert "--demos must name a demonstration set" in capsys.readouterr().err
+    assert gril("audit", home / "run", "--task", "match_regions") == 2
+    assert "was trained on films alone" in capsys.readouterr().err
+
+
+def test_lengths_of_another_unit_are_refused_by_a_task(tmp_path, capsys):
+    from support.run_folders import save_demos
+
+    save_demos(tmp_path / "set", names=("a", "b", "c", "d"))
+    header = json.loads((tmp_path / "set" / "demos.json").read_text())
+    for unit, half_extent, code in (("world units", 1.0, 2), ("widths of the picture", 0.5, 2)):
+        changed = header | {"unit": unit, "half_extent": half_extent}
+        (tmp_path / "set" / "demos.json").write_text(json.dumps(changed))
+        options = ("--demos", tmp_path / "set", "--out", tmp_path / "run")
+        assert gril("pretrain", "match_regions_fast", *options) == code
+        assert f"a frame shows {half_extent:g} {unit} to each side" in capsys.readouterr().err
+        assert not (tmp_path / "run").exists()
+
+
+BAD = {
+    "a robot that is never seen": (["--robot", "arm"], None, "class 'arm'; the classes are"),
+    "robots alone": (["--robot", "cup", "coaster", "spoon", "hand"], None, "all classes are"),
+    "another task's classes": (["--task", "match_regions"], None, "is not one of the task's: goal"),
+    "no such task": (["--task", "tidy"], None, "there is no task 'tidy'"),
+    "no frame rate": (["--fps", "0"], None, "--fps is 0.0, but must be from"),
+    "an even smoothing": (["--smoothing", "4"], None, "--smoothing is 4, but must be odd"),
+    "boxes of another size": (
+        [], lambda text: text.replace(",", ",9", 9_999), "of a film of another size"
+    ),
+    "a film without boxes": ([], None, "no boxes are beside the film"),
+    "a film of one frame": ([], None, "holds 1 frame, but a demonstration needs at least 2"),
+    "a film that is cut short": ([], None, "kitchen_00.mp4: "),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_wrong_films_and_options_are_one_sentence_and_leave_nothing(home, tmp_path, capsys, kind):
+    options, change, words = BAD[kind]
+    films = shutil.copytree(home / "films", tmp_path / "films")
+    boxes, film = films / "kitchen_00.csv", films / "kitchen_00.mp4"
+    if change:
+        head, rows = boxes.read_text().split("\n", 1)
+        cells = (row.split(",") for row in rows.splitlines())
+        moved = (",".join([*x[:2], *(f"9{edge}" for edge in x[2:6]), *x[6:]]) for x in cells)
+        boxes.write_text("\n".join([head, *moved]))
+    if kind == "a film without boxes":
+        boxes.unlink()
+    if kind == "a film of one frame":
+        kitchen_films.write_video(film, [np.zeros((48, 64, 3), np.uint8)], 10.0)
+    if kind == "a film that is cut short":
+        film.write_bytes(film.read_bytes()[:-900])
+    argv = ("demos", "import-videos", films, "--boxes", "auto", *options, "--out", tmp_path / "new")
+    assert gril(*argv) == 2
+    (said,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("gril:")]
+    assert words in said
+    assert [path.name for path in tmp_path.iterdir()] == ["films"]
+
+
+def test_too_few_films_leave_no_run_in_the_way(home, tmp_path, capsys):
+    films = shutil.copytree(home / "films", tmp_path / "films")
+    for number in (2, 3, 4):
+        (films / f"kitchen_0{number}.mp4").unlink()
+    out = ("--out", tmp_path / "mine")
+    assert gril("demos", "import-videos", films, "--boxes", "auto", "--robot", "hand", *out) == 0
+    assert gril("pretrain", "--demos", tmp_path / "mine", "--out", tmp_path / "run") == 2
+    assert "holds 2 demonstrations, but at least 3 are needed" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+def test_both_stages_are_found_in_films_of_a_rough_tracker(tmp_path):
+    stories = kitchen_films.write_films(
+        tmp_path / "films", tracker=kitchen_films.ROUGH, width=320, height=240
+    )
+    films = ("demos", "import-videos", tmp_path / "films", "--boxes", "auto", "--robot", "hand")
+    assert gril(*films, "--out", tmp_path / "mine") == 0
+    assert gril("pretrain", "--demos", tmp_path / "mine", "--out", tmp_path / "run") == 0
+    assert gril("subtasks", tmp_path / "run") == 0
+    found = json.loads((tmp_path / "run" / "subtasks" / "subtasks.json").read_text())
+    errors = []
+    for name, one in found["demonstrations"].items():
+        ends = np.array(one["ends"]) / 10
+        true = np.array(stories[name].ends) / stories[name].fps
+        assert len(ends) == 2
+        errors += np.abs(ends - true).tolist()
+    assert np.median(errors) <= 0.2
+
+
+def test_objects_that_a_film_lacks_and_several_of_a_class_are_nodes(home, tmp_path, capsys):
+    films = shutil.copytree(home / "films", tmp_path / "films")
+    for number in (0, 1):
+        boxes = films / f"kitchen_0{number}.csv"
+        rows = boxes.read_text().splitlines()
+        if number == 0:
+            rows = [row for row in rows if ",spoon," not in row]
+        else:
+            rows += [f"{t},cup,50,2,56,8,0.9,77" for t in range(40)]
+        boxes.write_text("\n".join(rows))
+    out = ("--out", tmp_path / "mine")
+    assert gril("demos", "import-videos", films, "--boxes", "auto", "--robot", "hand", *out) == 0
+    said = capsys.readouterr().out
+    assert "2 x cup" in said
+    assert "doubtful: kitchen_00 never shows spoon" in said
+    batch = demo_batch(load_demo_set(tmp_path / "mine"))
+    assert load_demo_set(tmp_path / "mine").classes == (
+        "coaster",
+        "cup 1",
+        "cup 2",
+        "hand",
+        "spoon",
+    )
+    present = np.asarray(batch.present)
+    assert present.sum(axis=1).tolist() == [3, 5, 4, 4, 4]
+    assert present[1].all()
