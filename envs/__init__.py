@@ -11,7 +11,7 @@ if __name__ != "gril_jax.envs":  # a second copy would have a second registry
 
 from .registry import TaskSpec, demonstrate, make, names, options, spec
 
-_TYPES = ("Demonstrations", "Env", "ExpertError", "Objects", "State", "Wanted")
+_TYPES = ("Demonstrations", "Env", "ExpertError", "Objects", "Outline", "State", "Wanted")
 
 __all__ = [*_TYPES, "TaskSpec", "demonstrate", "make", "names", "options", "spec"]
 

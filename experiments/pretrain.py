@@ -14,7 +14,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, hard_negatives, learners, setup
+from gril_jax.experiments.pipeline import (
+    demonstrations,
+    hard_negatives,
+    learners,
+    own_task,
+    setup,
+)
 from gril_jax.experiments.pipeline.hard_negatives import EarlierPolicy, Echo
 from jaxtyping import Array, Bool, Float, Int
 
@@ -75,8 +81,9 @@ def main(
     echo: Echo = print,
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
+    env = setup.make_env(config.env, training=False)
+    own_task.require_demonstrations(config, env)
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:
-        env = setup.make_env(config.env, training=False)
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         results = learn(run, demos)
         run.dir.finish(results)

@@ -15,7 +15,7 @@ from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
 
-from . import make_demos
+from . import make_demos, own_task
 
 
 class Demonstrations(NamedTuple):
@@ -66,6 +66,8 @@ def gather(config: RunConfig, env: Env, folder: Path, progress: Progress) -> Dem
         make_demos.make(config, folder, progress)
     source = Path(config.demos.path or folder)
     demo_set = load_demo_set(source)
+    if config.env.is_own:
+        demo_set = own_task.fitted(demo_set, env, config.env.shown_name)
     if tuple(demo_set.classes) != tuple(env.classes):
         raise DemoError(
             f"{source}: its class names are not those of {config.env.name}; import the videos "

@@ -30,7 +30,8 @@ from .schema import DTYPES, HEADER, DemoEntry, check_header, check_tracks, diges
 from .writer import Demo as Demo
 from .writer import save_demo_set as save_demo_set
 
-ROBOTS = ("robot", "left finger", "right finger", "hand")  # classes that are parts of a robot
+# Classes that are parts of a robot, of a set that does not say which are.
+ROBOTS = ("robot", "left finger", "right finger", "hand")
 _MARGIN = 5  # frames kept after the first in which all blocks have arrived
 _MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
 
@@ -47,6 +48,7 @@ class DemoSet:
     source: str  # where the videos came from, in words
     entries: tuple[DemoEntry, ...]
     tracks: tuple[Tracks, ...]  # one an entry
+    robots: tuple[str, ...] = ROBOTS  # classes that are parts of a robot, or of a person
 
 
 def trim_static_tail(tracks: Tracks, classes: Sequence[str]) -> int:
@@ -82,6 +84,7 @@ def load_demo_set(folder: str | os.PathLike) -> DemoSet:
         source=header["source"],
         entries=entries,
         tracks=tuple(_load_tracks(folder, entry, header["classes"]) for entry in entries),
+        robots=tuple(header.get("robots", ROBOTS)),
     )
 
 
@@ -152,7 +155,7 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
                 f"but {names[0]!r} has {objects[0]} and {name!r} has {objects[1]}."
             )
     label = np.stack([track.label for track in tracks])
-    robot = [i for i, name in enumerate(demo_set.classes) if name in ROBOTS]
+    robot = [i for i, name in enumerate(demo_set.classes) if name in demo_set.robots]
     batch = DemoBatch(
         center=padded([track.center for track in tracks]),
         size=padded([track.size for track in tracks]),

@@ -58,6 +58,11 @@ def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
             raise DemoError(f"{where}: {field} must be above 0, not {header[field]!s:.60}.")
     if not all(isinstance(name, str) for name in header["classes"]):
         raise DemoError(f"{where}: classes must be a list of names.")
+    if "robots" in header:
+        _check_fields(header, {"robots": list}, f"{where}")
+        for name in header["robots"]:
+            if name not in header["classes"]:
+                raise DemoError(f"{where}: robots has {name!r:.60}, which is none of the classes.")
     if not header["demos"]:
         raise DemoError(f"{where}: demos is empty; a demo set needs at least 1 demonstration.")
     entries = [

@@ -42,6 +42,7 @@ def save_demo_set(
     half_extent: float,
     fps: float,
     source: str,
+    robots: Sequence[str] | None = None,
 ) -> None:
     """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
@@ -82,6 +83,7 @@ def save_demo_set(
             "half_extent": half_extent,
             "fps": fps,
             "source": source,
+            **({} if robots is None else {"robots": list(robots)}),
             "demos": entries,
         }
         (part / HEADER).write_text(json.dumps(header, indent=2) + "\n")

@@ -11,10 +11,12 @@ _FRAMES = 4  # before and after, in which something moves or rests
 _MOVES = 0.1  # of its box's diagonal, in so many frames; less is the detector's jitter
 
 
-def at_frames(tracks: Tracks, frames: Sequence[int], classes: Sequence[str]) -> list[str]:
+def at_frames(
+    tracks: Tracks, frames: Sequence[int], classes: Sequence[str], robots: Sequence[str] = ROBOTS
+) -> list[str]:
     """A phrase for each frame, such as "the green square comes to rest"; robots do not count."""
     names = [classes[label] for label in tracks.label]
-    counted = [i for i, name in enumerate(names) if name not in ROBOTS]
+    counted = [i for i, name in enumerate(names) if name not in robots]
     return [_at(tracks.of(counted), frame, [names[i] for i in counted]) for frame in frames]
 
 

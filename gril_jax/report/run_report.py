@@ -153,7 +153,7 @@ def _dots(run: Inputs, film: Film | None, ends: Sequence[int]) -> str:
     words = " Numbered dots are where the reward has taken a step: ends of stages, as it sees them"
     if film is None:
         return f"{words}."
-    seen = happenings.at_frames(film.tracks, ends, run.demos.classes)
+    seen = happenings.at_frames(film.tracks, ends, run.demos.classes, run.demos.robots)
     at = [f"{k + 1} (frame {end}): {seen[k]}" for k, end in enumerate(ends)]
     return f"{words}. {'; '.join(at)}."
 
@@ -227,7 +227,7 @@ def _summary(run: Inputs) -> str:
     chosen = run.config
     learner = f", {chosen.run.algorithm.upper()}" * bool(run.rows[run.config.run.algorithm])
     return (
-        f"Task {chosen.env.name}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
+        f"Task {chosen.env.shown_name}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
         f"{learner}, seed {chosen.run.seed}"
     )
 

@@ -11,6 +11,7 @@ from gril_jax.config.files import load
 from gril_jax.config.rules import above
 from gril_jax.errors import ConfigError
 
+from .. import own_tasks
 from ..arguments import (
     Work,
     demo_set_to_write,
@@ -25,6 +26,7 @@ from ..heavy_imports import heavy_imports
 from . import Verb, experiment
 
 _SHORTCUTS = {
+    "--task": "--env.name",
     "--num": "--demos.num",
     "--failures": "--demos.num-failures",
     "--variant": "--demos.variant",
@@ -34,9 +36,12 @@ _SHORTCUTS = {
 
 def _make(args: list[str]) -> Work:
     name, out = positional(args), take(args, "--out")
+    args = own_tasks.named(in_full(args, _SHORTCUTS))
+    if name is None and own_tasks.is_named(args):
+        name = own_tasks.CONFIG
     config = load(
         name,
-        in_full(args, _SHORTCUTS),
+        args,
         schema=MakeDemosConfig,
         prog="gril demos make",
         description=explained(
@@ -45,6 +50,7 @@ def _make(args: list[str]) -> Work:
     )
     if out is None:
         raise ConfigError("gril demos make needs --out, the folder of the demonstration set")
+    own_tasks.noted(config, args)
     folder = demo_set_to_write(out)
     return experiment("pipeline.make_demos", config, folder, config=config, devices=True)
 
