@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from gril_jax.envs import Objects, State
+from gril_jax.envs.stages import put_inside
 
 MAT = jnp.array([0.6, 0.0])
 SIZES = jnp.array([[0.5, 0.5], [0.16, 0.16], [0.2, 0.2]])  # of mat, hand and puck
@@ -20,6 +21,7 @@ TOUCH = 0.18  # half of hand and puck together
 class PushPuck:
     classes = ("mat", "hand", "puck")
     action_size, episode_length, control_hz, half_extent = 2, 60, 10.0, 1.0
+    stages = put_inside((2,), 0, robots=(1,), half_extent=1.0)  # optional: gril audit needs them
 
     def reset(self, key):
         key_hand, key_puck = jax.random.split(key)
@@ -43,7 +45,7 @@ class PushPuck:
             label=jnp.arange(3),
             is_robot=jnp.array([False, True, False]),
         )
-        success = (jnp.abs(puck - MAT) < 0.2).all()
+        success = (jnp.abs(puck - MAT) < 0.25).all()
         obs = jnp.concatenate([hand, puck, puck - hand, puck - MAT])
         return State((hand, puck), obs, objects, metrics={"success": success})
 
