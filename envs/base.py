@@ -42,7 +42,9 @@ class State(NamedTuple):
     objects: Objects
     moved: Bool[Array, "N"] | None = None  # objects that a varied start has already moved
     reward: Float[Array, ""] | float = 0.0  # the task's own dense reward of this moment
-    done: Float[Array, ""] | float = 0.0  # 1 if the task itself ended; time limits are the wrapper's
+    done: Float[Array, ""] | float = (
+        0.0  # 1 if the task itself ended; time limits are the wrapper's
+    )
     metrics: Mapping[str, Float[Array, ""]] = MappingProxyType({})  # "score", "success", ...
 
 

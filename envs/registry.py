@@ -102,8 +102,9 @@ def spec(name: str) -> TaskSpec:
     if name not in TASKS:
         raise ValueError(
             f"there is no task {name!r}{nearest(name, [*TASKS])}: the tasks are "
-            f"{', '.join([*TASKS, *_installed()])}, and any other is given as the file of a function that "
-            "makes it, my_task.py:make, or as the import path of its TaskSpec, my_package.my_task:SPEC"
+            f"{', '.join([*TASKS, *_installed()])}, and any other is given as the file of a "
+            "function that makes it, my_task.py:make, or as the import path of its TaskSpec, "
+            "my_package.my_task:SPEC"
         )
     return pkgutil.resolve_name(TASKS[name])
 
@@ -127,7 +128,9 @@ def starts(name: str, variant: str) -> Starts:
     """The variants to evaluate from if a task is configured with this one."""
     if "variant" not in options(name):
         return Starts(None, None, None)
-    task = spec(name)  # of one's own without other variants: success is counted in the one asked for
+    task = spec(
+        name
+    )  # of one's own without other variants: success is counted in the one asked for
     return Starts(variant, task.many_starts.get(variant, variant), task.elsewhere.get(variant))
 
 
@@ -173,7 +176,9 @@ def _entry_point(name: str) -> Callable[..., Any]:
     try:
         made = point.load()
     except Exception as error:
-        raise ValueError(f"the task {name!r} of {point.value} cannot be imported: {error}") from error
+        raise ValueError(
+            f"the task {name!r} of {point.value} cannot be imported: {error}"
+        ) from error
     if not callable(made):
         raise ValueError(f"the task {name!r}: {point.value} is no function that makes a task")
     return made
@@ -197,7 +202,9 @@ def _keywords(constructor: Callable[..., Any]) -> frozenset[str] | None:
     parameters = inspect.signature(constructor).parameters.values()
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return None
-    return frozenset(p.name for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD))
+    return frozenset(
+        p.name for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
+    )
 
 
 def demonstrate(name: str) -> Callable[..., Any]:

@@ -200,7 +200,7 @@ def put_inside(
     """Stages that bring the centre of each object into the box of another, in any order.
 
     Args:
-      objects, region, robots: indices of the scene's objects; others than these stay where they are.
+      objects, region, robots: indices of the scene's objects; all others stay where they are.
       names: of the stages; None: "object 2 inside".
     """
 

@@ -19,8 +19,8 @@ def main(name: str, options: Mapping[str, Any], *, echo: Callable[[str], None] =
     except ValueError as error:
         raise ConfigError(str(error)) from error
     echo(
-        f"{registry.shown_name(name)}: classes {', '.join(env.classes)}; {env.action_size} actions, "
-        f"{env.observation_size} observations, at most {env.episode_length} steps"
+        f"{registry.shown_name(name)}: classes {', '.join(env.classes)}; {env.action_size} "
+        f"actions, {env.observation_size} observations, at most {env.episode_length} steps"
     )
     missing = 0
     for found in protocol.findings(env):

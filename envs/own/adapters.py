@@ -156,7 +156,9 @@ def _actions(space: Any) -> Actions:
         raise ValueError(f"actions of a {type(space).__name__} cannot be made from numbers")
     low, high = (np.broadcast_to(np.asarray(x, np.float32), space.shape) for x in (low, high))
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        raise ValueError("the action space has no bounds that numbers in [-1, 1] could be scaled to")
+        raise ValueError(
+            "the action space has no bounds that numbers in [-1, 1] could be scaled to"
+        )
 
     def scale(action: Float[Array, "A"]) -> Any:
         return low + (action.reshape(low.shape) + 1) / 2 * (high - low)

@@ -1,9 +1,9 @@
 """Files of one's own tasks: what FILE.py:FUNCTION names, and whether it may be run.
 
-A file is code, so it is run only where its user has named it: on this command line, or on an earlier
-one with the very contents that it has now. Runs and configurations name files, too, and may be
-somebody else's: that alone runs nothing. What was named is kept as the program `sha256sum` writes
-it, in `gril_jax/tasks.sha256` below XDG_STATE_HOME, or `~/.local/state`.
+A file is code, so it is run only where its user has named it: on this command line, or on an
+earlier one with the very contents that it has now. Runs and configurations name files, too, and may
+be somebody else's: that alone runs nothing. What was named is kept as the program `sha256sum`
+writes it, in `gril_jax/tasks.sha256` below XDG_STATE_HOME, or `~/.local/state`.
 
 Nothing here imports JAX. Whatever is wrong is a ValueError of one sentence.
 """

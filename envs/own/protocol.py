@@ -100,14 +100,11 @@ def _shapes(state: Any, method: str) -> str | None:
         return f"{method}: obs has the shape {np.shape(state.obs)}, but must be a vector"
     if "success" not in state.metrics:
         return f"{method}: metrics has no 'success', 1 where the task is done and 0 elsewhere"
-    for name, value in dict(state.metrics, reward=_or(state, "reward"), done=_or(state, "done")).items():
+    numbers = {name: getattr(state, name, 0.0) for name in ("reward", "done")}
+    for name, value in {**numbers, **state.metrics}.items():
         if np.shape(value) != ():
             return f"{method}: {name} has the shape {np.shape(value)}, but must be one number"
     return None
-
-
-def _or(state: Any, name: str) -> Any:
-    return getattr(state, name, 0.0)
 
 
 def _step(task: Any, file: Path) -> str | None:
@@ -154,9 +151,10 @@ def _numbers(task: Any, file: Path) -> str | None:
             return f"{method} gives a state with NaN or infinity in {bad}"
         label = np.asarray(state.objects.label)
         if label.min() < 0 or label.max() >= len(whole.classes):
+            wrong = label.max() if label.min() >= 0 else label.min()
             return (
-                f"{method}: objects.label has {int(label.max() if label.min() >= 0 else label.min())}, "
-                f"but must be from 0 to {len(whole.classes) - 1}, an index into classes"
+                f"{method}: objects.label has {int(wrong)}, but must be from 0 to "
+                f"{len(whole.classes) - 1}, an index into classes"
             )
         if (np.asarray(state.objects.size) <= 0).any():
             return f"{method}: objects.size must be above 0, for a box has a width and a height"
@@ -299,10 +297,9 @@ def _moves(states: State) -> Finding:
 
 
 def _stages(env: Completed, states: State) -> Finding:
-    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), states)
-    seen = flat.objects
-    progress = jax.jit(jax.vmap(env.stages.progress))(seen.center, seen.size)
-    wrong = float(np.mean((np.asarray(progress) > 0.999) != (np.asarray(flat.metrics["success"]) > 0.5)))
+    center, size = (x.reshape(-1, *x.shape[2:]) for x in states.objects[:2])
+    done = np.asarray(jax.jit(jax.vmap(env.stages.progress))(center, size)) > 0.999
+    wrong = float(np.mean(done != (np.asarray(states.metrics["success"]).ravel() > 0.5)))
     return Finding(
         "stages", wrong < 0.01,
         "stages are all done where success is 1" if wrong < 0.01
@@ -315,7 +312,9 @@ def _placed(env: Completed, first: State) -> Finding:
     try:
         made = jax.jit(jax.vmap(lambda c: complete(env.place(c))))(first.objects.center)
     except Exception as error:
-        return Finding("place", False, f"place(center) fails ({type(error).__name__}: {error:.100})")
+        return Finding(
+            "place", False, f"place(center) fails ({type(error).__name__}: {error:.100})"
+        )
     holds = np.allclose(made.objects.center, first.objects.center, atol=1e-3)
     return Finding(
         "place", holds,

@@ -1,6 +1,7 @@
 """Demonstrations for a user's own task: whether they show its objects, and where there are none."""
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -10,8 +11,6 @@ from gril_jax.envs import Env
 from gril_jax.config import RunConfig
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.errors import ConfigError, DemoError
-
-from dataclasses import replace
 
 _ROUNDING = 0.01  # of half_extent, by which films of the same picture may differ
 
@@ -54,8 +53,8 @@ def fitted(demo_set: DemoSet, env: Env, task: str) -> DemoSet:
     for entry in demo_set.entries:
         if Counter(entry.objects) != Counter(names):
             raise DemoError(
-                f"{source}: {entry.name!r} shows {', '.join(sorted(entry.objects))}, but {task} has "
-                f"{', '.join(sorted(names))}"
+                f"{source}: {entry.name!r} shows {', '.join(sorted(entry.objects))}, but {task} "
+                f"has {', '.join(sorted(names))}"
             )
     order = np.array([env.classes.index(name) for name in demo_set.classes], np.int32)
     tracks = tuple(track._replace(label=order[track.label]) for track in demo_set.tracks)

@@ -1,8 +1,8 @@
 """A robot pushes a block into a region: a task to be changed into your own.
 
     gril check-task my_task.py:make                    what is missing, in sentences
-    gril demos make --task my_task.py:make --out mine  films of the expert below, or import your own
-    gril train --task my_task.py:make --demos mine     a reward from the films, a policy from the reward
+    gril demos make --task my_task.py:make --out mine  films of the expert, or import your own
+    gril train --task my_task.py:make --demos mine     a reward from films, a policy from it
 
 Everything is plain JAX and pure: no `if` on a value that is only known when it runs (jnp.where
 instead), and no state kept on the side.
@@ -10,7 +10,6 @@ instead), and no state kept on the side.
 
 import jax
 import jax.numpy as jnp
-
 from gril_jax.envs import Objects, State
 from gril_jax.envs.stages import put_inside
 
@@ -63,7 +62,9 @@ class Task:
         inside = (jnp.abs(block - REGION) < SIZES[0] / 2).all()
         return State(
             data=(robot, block),  # whatever `step` needs
-            obs=jnp.concatenate([robot, block, block - robot, block - REGION]),  # what a policy sees
+            obs=jnp.concatenate(
+                [robot, block, block - robot, block - REGION]
+            ),  # what a policy sees
             objects=objects,
             metrics={"success": inside},  # only counted: no reward is taken from it
         )

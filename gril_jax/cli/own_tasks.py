@@ -5,7 +5,9 @@ user has named it before, with the contents that it has now; see `gril_jax.envs.
 """
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.envs import registry
@@ -29,7 +31,7 @@ def named(args: list[str]) -> list[str]:
             continue
         if not equals and (value := next(words, None)) is None:
             return args  # which its parser says better
-        given += [f"{_OPTION}={path}" for path in [_named(value)]]
+        given.append(f"{_OPTION}={_named(value)}")
         if files.is_reference(value):
             given.append(f"{_DIGEST}={_digest(value)}")
     return given
@@ -44,7 +46,7 @@ def is_named(args: list[str]) -> bool:
     return False
 
 
-def noted(config: RunConfig, args: list[str]) -> RunConfig:
+def noted(config: Any, args: list[str]) -> Any:
     """The configuration of a new run with the digest of its task's file, which also goes into the
     arguments; a ConfigError if the file may not be run."""
     if not files.is_reference(config.env.name):
@@ -81,7 +83,7 @@ def _digest(value: str) -> str:
     return _sentence(files.digest, value)
 
 
-def _sentence(function, *args):
+def _sentence(function: Callable[..., Any], *args: Any) -> Any:
     try:
         return function(*args)
     except ValueError as error:

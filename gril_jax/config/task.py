@@ -22,8 +22,10 @@ _BLOCKS = rule(
     f"{', '.join(BLOCK_COLOURS)} and a shape of {', '.join(BLOCK_SHAPES)}",
 )
 _PAIRS = rule(
-    lambda pairs: all(pair.partition("=")[0].isidentifier() and "=" in pair for pair in pairs)
-    and len({pair.partition("=")[0] for pair in pairs}) == len(pairs),
+    lambda pairs: (
+        all(pair.partition("=")[0].isidentifier() and "=" in pair for pair in pairs)
+        and len({pair.partition("=")[0] for pair in pairs}) == len(pairs)
+    ),
     "a list of NAME=VALUE, each name once",
 )
 _STEPS = rule(lambda x: 1 <= x <= 100, "None or from 1 to 100")
@@ -34,13 +36,9 @@ class EnvConfig:
     """The task in the simulator."""
 
     name: TaskName = "match_regions"
-    """The task: one of gril's own, a file of yours and the function that makes it (my_task.py:make),
-    an entry point of `gril_jax.tasks`, or the import path of a `gril_jax.envs.TaskSpec`. It takes
+    """The task: one of gril's own, a file of yours and the function that makes it, such as
+    my_task.py:make, an entry point of `gril_jax.tasks`, or the import path of a TaskSpec. It takes
     those of the options here that its constructor has; impl apart, others do nothing."""
-    options: tuple[str, ...] = field(default=(), metadata=_PAIRS)
-    """Options of a task of your own, each NAME=VALUE: keyword arguments of its function."""
-    sha256: str | None = None
-    """Digest of the file of a task of your own, which a run notes; another file is refused."""
     robot: Literal["gripper", "short", "medium", "long"] = "gripper"
     """The robot: a gripper with two fingers, or a stick of this length."""
     targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
@@ -83,6 +81,10 @@ class EnvConfig:
     contacts share one table."""
     episode_length: int = field(default=120, metadata=at_least(1))
     """Control steps in an episode (8 a second)."""
+    options: tuple[str, ...] = field(default=(), metadata=_PAIRS)
+    """Options of a task of your own, each NAME=VALUE: keyword arguments of its function."""
+    sha256: str | None = None
+    """Digest of the file of a task of your own, which a run notes; another file is refused."""
 
     def __post_init__(self) -> None:
         try:
@@ -102,7 +104,7 @@ class EnvConfig:
 
     @property
     def own_options(self) -> dict[str, Any]:
-        """The keyword arguments in `options`: numbers, True, False and null as in JSON, else text."""
+        """The keyword arguments in `options`: numbers, True, False, None and JSON, or else text."""
         pairs = (pair.partition("=") for pair in self.options)
         return {name: _value(text) for name, _, text in pairs}
 

@@ -9,7 +9,6 @@ The table is |x|, |y| <= 1. An action (2,) in [-1, 1] moves the hand by at most 
 
 import jax
 import jax.numpy as jnp
-
 from gril_jax.envs import Objects, State
 from gril_jax.envs.stages import put_inside
 

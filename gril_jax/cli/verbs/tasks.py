@@ -58,7 +58,9 @@ def _new(args: list[str]) -> Work:
     about = "Write a task that runs, to be changed, and a test of it."
     given = parse(_New, args, prog="gril new-task", description=about)
     if not (given.name.isidentifier() and given.name.isascii()):
-        raise ConfigError(f"{given.name!r:.60} must be a name such as push_puck, of letters, digits, _")
+        raise ConfigError(
+            f"{given.name!r:.60} must be a name such as push_puck, of letters, digits, _"
+        )
     folder = resources.files("gril_jax.experiments.skeleton")
     written = (folder / f"{kind}my_task.py" for kind in ("", "test_"))
     paths = {
