@@ -110,7 +110,8 @@ def load(text: str) -> Callable[..., Any]:
     source = _read(file)
     sha256 = hashlib.sha256(source).hexdigest()
     _require_named(file, sha256, found.function)
-    module = sys.modules.get(known := f"gril_task_{sha256[:16]}") or _run(file, source, known)
+    known = f"gril_task_{hashlib.sha256(f'{file} {sha256}'.encode()).hexdigest()[:16]}"
+    module = sys.modules.get(known) or _run(file, source, known)
     made = getattr(module, found.function, None)
     if made is None:
         public = [n for n in vars(module) if not n.startswith("_")]

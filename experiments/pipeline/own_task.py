@@ -20,7 +20,10 @@ def require_demonstrations(config: RunConfig, env: Env) -> None:
     if not config.env.is_own:
         return
     if config.demos.path is not None:
-        fitted(load_demo_set(Path(config.demos.path)), env, config.env.shown_name)
+        try:
+            fitted(load_demo_set(Path(config.demos.path)), env, config.env.shown_name)
+        except DemoError as error:  # a wrong command as long as nothing has been begun
+            raise ConfigError(str(error)) from error
     elif env.expert is None:
         raise ConfigError(
             f"the task {config.env.shown_name} has no expert that could demonstrate it, so --demos "
