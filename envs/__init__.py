@@ -11,13 +11,16 @@ if __name__ != "gril_jax.envs":  # a second copy would have a second registry
 
 from .registry import TaskSpec, demonstrate, make, names, options, spec
 
-_TYPES = ("Demonstrations", "Env", "ExpertError", "Objects", "State", "Wanted")
+_ADAPTERS = ("of_brax", "of_gymnax", "of_jumanji")
+_TYPES = ("Demonstrations", "Env", "ExpertError", "Objects", "Outline", "State", "Wanted")
 
-__all__ = [*_TYPES, "TaskSpec", "demonstrate", "make", "names", "options", "spec"]
+__all__ = [*_ADAPTERS, *_TYPES, "TaskSpec", "demonstrate", "make", "names", "options", "spec"]
 
 
 def __getattr__(name: str) -> Any:
-    """A type of the tasks' contract, imported now."""
+    """A type of the tasks' contract, or what makes a task of another library's, imported now."""
     if name in _TYPES:
         return getattr(import_module("gril_jax.envs.base"), name)
+    if name in _ADAPTERS:
+        return getattr(import_module("gril_jax.envs.own.adapters"), name)
     raise AttributeError(f"module 'gril_jax.envs' has no attribute {name!r}")

@@ -4,7 +4,8 @@ Shapes use N for the objects of a scene (goal region and robot included), A for 
 the moments of an episode.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -31,15 +32,20 @@ class Objects(NamedTuple):
 
 
 class State(NamedTuple):
-    """State of an episode after one step. `step` returns the same structure that `reset` made."""
+    """State of an episode after one step. `step` returns the same structure that `reset` made.
+
+    A task of one's own need not give what has a default here (`gril_jax.envs.own.completed`).
+    """
 
     data: Any  # the simulator's state: a pytree that only the task reads
     obs: Float[Array, "O"]
     objects: Objects
-    moved: Bool[Array, "N"]  # objects that a varied start has already moved
-    reward: Float[Array, ""]  # the task's own dense reward of this moment
-    done: Float[Array, ""]  # 1 if the task itself ended; time limits are the wrapper's
-    metrics: dict[str, Float[Array, ""]]  # "score", "success", ...
+    moved: Bool[Array, "N"] | None = None  # objects that a varied start has already moved
+    reward: Float[Array, ""] | float = 0.0  # the task's own dense reward of this moment
+    done: Float[Array, ""] | float = (
+        0.0  # 1 if the task itself ended; time limits are the wrapper's
+    )
+    metrics: Mapping[str, Float[Array, ""]] = MappingProxyType({})  # "score", "success", ...
 
 
 @runtime_checkable
@@ -100,6 +106,8 @@ class Demonstrations(NamedTuple):
     episodes: list[Episode]
     films: Iterator[Film] | None = None
     """Films of the episodes in turn; None where a colour detector reads `env.outlines`."""
+    robots: tuple[str, ...] | None = None
+    """Classes that are parts of the robot; None where their usual names say it."""
 
 
 Demonstrate = Callable[[Callable[..., Env], Wanted, Callable[[int], None]], Demonstrations]

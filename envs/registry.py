@@ -2,19 +2,26 @@
 
 A task is a folder with an entry `SPEC` in its `__init__.py`, one line of `TASKS`, and a YAML file
 of its name in `configs`. A task of another package needs no line here: its name is its entry's
-import path, such as "my_package.my_task:SPEC".
+import path, such as "my_package.my_task:SPEC". One's own is a function that makes it: of a file,
+"my_task.py:make", or of an installed package that lists it as an entry point of `ENTRY_POINTS`.
 
 Nothing here imports JAX or MuJoCo, nor may a task's `__init__.py`: the command line reads entries
 before it imports either. Parts of an entry are import paths, followed when they are called.
 """
 
 import dataclasses
+import functools
 import inspect
 import pkgutil
 from collections.abc import Callable, Mapping
+from importlib import import_module, metadata
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from .checks import check_known, nearest
+from .own import files
+
+ENTRY_POINTS = "gril_jax.tasks"  # of functions that make a task
 
 TASKS = {
     "match_regions": "gril_jax.envs.magical.match_regions:SPEC",
@@ -58,12 +65,37 @@ def names() -> tuple[str, ...]:
     return tuple(TASKS)
 
 
+def is_own(name: str) -> bool:
+    """True if a task is a function of a file or an entry point, and has no `TaskSpec`."""
+    return files.is_reference(name) or (name not in TASKS and name in _installed())
+
+
+def shown_name(name: str) -> str:
+    """A task's name for people: of a file its stem."""
+    return files.reference(name).file.stem if files.is_reference(name) else name
+
+
+def _installed() -> dict[str, metadata.EntryPoint]:
+    return {point.name: point for point in metadata.entry_points(group=ENTRY_POINTS)}
+
+
+# What holds for any: whether MJX steps it is not known before it is run.
+_OWN = TaskSpec(make="", demonstrate="", rewards=(), steps_in_mjx=True)
+
+
 def spec(name: str) -> TaskSpec:
     """The entry of a task, by its name or by the import path of a `TaskSpec`.
+
+    One's own has one without paths; its file is not run here.
 
     Raises:
       ValueError: there is no such task.
     """
+    if files.is_reference(name):
+        files.reference(name)
+        return _OWN
+    if is_own(name):
+        return _OWN
     if ":" in name:
         try:
             found = pkgutil.resolve_name(name)
@@ -75,8 +107,9 @@ def spec(name: str) -> TaskSpec:
     if name not in TASKS:
         raise ValueError(
             f"there is no task {name!r}{nearest(name, [*TASKS])}: the tasks are "
-            f"{', '.join(TASKS)}, and any other is given as the import path of its TaskSpec, such "
-            "as my_package.my_task:SPEC"
+            f"{', '.join([*TASKS, *_installed()])}, and any other is given as the file of a "
+            "function that makes it, my_task.py:make, or as the import path of its TaskSpec, "
+            "my_package.my_task:SPEC"
         )
     return pkgutil.resolve_name(TASKS[name])
 
@@ -84,7 +117,7 @@ def spec(name: str) -> TaskSpec:
 def check(name: str, reward: str | None) -> None:
     """Raises ValueError if there is no such task, or if it has no such reward; None is any."""
     rewards = spec(name).rewards
-    if reward is not None:
+    if reward is not None and not is_own(name):
         check_known("reward", reward, rewards)
 
 
@@ -100,17 +133,83 @@ def starts(name: str, variant: str) -> Starts:
     """The variants to evaluate from if a task is configured with this one."""
     if "variant" not in options(name):
         return Starts(None, None, None)
-    task = spec(name)
+    task = spec(
+        name
+    )  # of one's own without other variants: success is counted in the one asked for
     return Starts(variant, task.many_starts.get(variant, variant), task.elsewhere.get(variant))
 
 
 def make(name: str, **options: Any) -> Any:
     """Builds a task, a `gril_jax.envs.Env`; `options` are its constructor's keyword arguments.
 
+    Who calls this names the task: the file of one's own is run.
+
     Raises:
-      ValueError: no task has that name, or an option is out of range.
+      ValueError: no task has that name, an option is out of range, or one's own is not as it must
+        be.
     """
-    return pkgutil.resolve_name(spec(name).make)(**options)
+    if files.is_reference(name):
+        files.name(name)
+    return build(name, options)
+
+
+def build(name: str, options: Mapping[str, Any]) -> Any:
+    """`make` for a name out of a configuration: the file of one's own must have been named."""
+    constructor = _constructor(name)
+    if not is_own(name):
+        return constructor(**options)
+    file = _file(name)
+    known = _keywords(constructor)
+    if known is not None and (unknown := [option for option in options if option not in known]):
+        takes = f"it takes {', '.join(sorted(known))}" if known else "it takes none"
+        raise ValueError(
+            f"{file}: {constructor.__name__} has no option {unknown[0]!r}"
+            f"{nearest(unknown[0], [*known])}: {takes}"
+        )
+    try:
+        task = constructor(**options)
+    except Exception as error:
+        where = files.fault(error, file)
+        raise ValueError(f"{file}: {constructor.__name__} failed at {where}") from error
+    return import_module("gril_jax.envs.own.protocol").completed(task, file)
+
+
+@functools.cache
+def _entry_point(name: str) -> Callable[..., Any]:
+    """The function of an installed entry point."""
+    point = _installed()[name]
+    try:
+        made = point.load()
+    except Exception as error:
+        raise ValueError(
+            f"the task {name!r} of {point.value} cannot be imported: {error}"
+        ) from error
+    if not callable(made):
+        raise ValueError(f"the task {name!r}: {point.value} is no function that makes a task")
+    return made
+
+
+def _constructor(name: str) -> Callable[..., Any]:
+    if files.is_reference(name):
+        return files.load(name)
+    return _entry_point(name) if is_own(name) else pkgutil.resolve_name(spec(name).make)
+
+
+def _file(name: str) -> Path:
+    """The file of one's own task, for messages."""
+    if files.is_reference(name):
+        return files.reference(name).file
+    return Path(inspect.getsourcefile(_entry_point(name)) or name)
+
+
+def _keywords(constructor: Callable[..., Any]) -> frozenset[str] | None:
+    """The options of one's own constructor; None if it takes any."""
+    parameters = inspect.signature(constructor).parameters.values()
+    if any(p.kind is p.VAR_KEYWORD for p in parameters):
+        return None
+    return frozenset(
+        p.name for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
+    )
 
 
 def demonstrate(name: str) -> Callable[..., Any]:
@@ -123,6 +222,8 @@ def options(name: str) -> frozenset[str]:
 
     Those that it passes on as `**options` are the ones of the class that it returns.
     """
+    if is_own(name):
+        return _keywords(_constructor(name)) or frozenset()
     signature = inspect.signature(pkgutil.resolve_name(spec(name).make))
     parameters = [*signature.parameters.values()]
     if any(p.kind is p.VAR_KEYWORD for p in parameters):

@@ -187,3 +187,43 @@ def free_place(
     if allowed is not None:
         overlap = jnp.where(jax.vmap(allowed)(moved), overlap, jnp.inf)
     return moved[jnp.argmin(overlap)]
+
+
+def put_inside(
+    objects: tuple[int, ...],
+    region: int,
+    *,
+    robots: tuple[int, ...],
+    half_extent: float,
+    names: tuple[str, ...] | None = None,
+) -> Stages:
+    """Stages that bring the centre of each object into the box of another, in any order.
+
+    Args:
+      objects, region, robots: indices of the scene's objects; all others stay where they are.
+      names: of the stages; None: "object 2 inside".
+    """
+
+    def stage(number: int, index: int) -> Stage:
+        def box(center, size):
+            return center[region] - size[region] / 2, center[region] + size[region] / 2
+
+        def holds(center, size):
+            low, high = box(center, size)
+            return ((center[index] > low) & (center[index] < high)).all()
+
+        def place(key, center, size):
+            low, high = box(center, size)
+            clear = jnp.minimum(size[index], size[region]) / 4  # of the edge: it clearly holds
+            return free_place(
+                key, index, center, size, low=low + clear, high=high - clear, others=objects
+            )
+
+        name = f"object {index} inside" if names is None else names[number]
+        return Stage(name, (index,), holds, place, within=box)
+
+    return Stages(
+        stages=tuple(stage(number, index) for number, index in enumerate(objects)),
+        movable=objects, robots=robots, half_extent=half_extent,
+        score=lambda stages, center, size: jnp.mean(stages.done(center, size).astype(jnp.float32)),
+    )  # fmt: skip

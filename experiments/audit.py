@@ -155,6 +155,8 @@ def _require_one_unit(learned: LearnedReward, task: str, env: envs.Env, source: 
 def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
     """The task; one with targets has those of its usual blocks that the reward was made for."""
     chosen = EnvConfig(name=task)
+    if chosen.is_own:
+        return chosen
     if "targets" not in envs.options(task):
         return chosen
     blocks = (*EnvConfig.targets, *EnvConfig.distractors)

@@ -18,6 +18,7 @@ from gril_jax.experiments.pipeline import (
     demonstrations,
     hard_negatives,
     learners,
+    own_task,
     setup,
     vocabulary,
 )
@@ -82,6 +83,8 @@ def main(
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.task_of(config.env)
+    if env is not None:
+        own_task.require_demonstrations(config, env)
     if resume is None:
         demonstrations.require_usable(config, env)
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:

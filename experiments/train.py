@@ -15,7 +15,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import demonstrations, policy_rewards, policy_setup, setup
+from gril_jax.experiments.pipeline import (
+    demonstrations,
+    own_task,
+    policy_rewards,
+    policy_setup,
+    setup,
+)
 from gril_jax.experiments.pipeline.given import given
 from gril_jax.experiments.pipeline.starts import evaluated_from
 from jaxtyping import Array, Bool, Int
@@ -43,6 +49,7 @@ def main(
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.make_env(config.env, training=False)
+    own_task.require_demonstrations(config, env)
     if config.run.audit:
         audit.require_possible(config, env)
     if resume is None:

@@ -43,6 +43,14 @@ def _large_programs_too():
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _own_record(tmp_path_factory):
+    """Which task files were named is noted below a folder of the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 def pytest_configure(config):
     """pytest-xdist would hand out first the files with the most tests."""
     config.option.loadscopereorder = False

@@ -68,7 +68,7 @@ PICKLES = {"gril_jax/demos/magical_pickles.py"}
 # What a person starts, and so may answer on stdout.
 COMMANDS = {
     "gril_jax/cli/main.py", "gril_jax/cli/arguments.py",
-    "experiments/fidelity/physics_parity.py",
+    "experiments/fidelity/physics_parity.py", "experiments/examples/my_task/make_films.py",
 }  # fmt: skip
 
 

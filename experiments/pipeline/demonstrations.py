@@ -15,7 +15,7 @@ from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
 
-from . import make_demos, vocabulary
+from . import make_demos, own_task, vocabulary
 
 
 class Demonstrations(NamedTuple):
@@ -85,7 +85,9 @@ def chosen(config: RunConfig, env: Env | None, source: Path) -> Demonstrations:
     """The demonstrations of the set in a folder, reduced and split as `gather` has it."""
     demo_set = load_demo_set(source)
     if env is not None:
-        _require_fitting(demo_set, env, config.env.name)
+        if config.env.is_own:
+            demo_set = own_task.fitted(demo_set, env, config.env.shown_name)
+        _require_fitting(demo_set, env, config.env.shown_name)
         wanted = ("goal", "robot", *env.blocks) if hasattr(env, "blocks") else env.classes
         demo_set = select_objects(demo_set, tuple(wanted))
     good = [e.name for e in demo_set.entries if e.outcome != "failure"]

@@ -21,7 +21,7 @@ from gril_jax.errors import DemoError
 from gril_jax.runs.progress import Progress
 from gril_jax.threads import parallel_map
 
-from . import filming, setup
+from . import filming, own_expert, setup
 
 
 def main(config: MakeDemosConfig, out: Path, echo: Callable[[str], None] = print) -> None:
@@ -46,10 +46,13 @@ def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> 
         return setup.build(name, setup.task_options(config.env, training=False) | changes)
 
     try:
-        shown = envs.demonstrate(name)(build, wanted, phase.update)
+        if config.env.is_own:
+            shown = own_expert.demonstrate(build, wanted, phase.update)
+        else:
+            shown = envs.demonstrate(name)(build, wanted, phase.update)
         source = f"scripted expert, {chosen.variant} layout, seed {chosen.seed}"
         save = _save_videos if shown.films is None else _save_films
-        return save(shown, out, progress, task=name, source=source)
+        return save(shown, out, progress, task=config.env.shown_name, source=source)
     except envs.ExpertError as error:
         raise DemoError(str(error)) from error
 
@@ -83,7 +86,7 @@ def _save_films(
     """Saves films whose boxes the task's own detector has read."""
     env, episodes = shown.env, shown.episodes
     phase = progress.phase("filming", total=len(episodes), unit="videos", compiles=False)
-    label = np.arange(len(env.classes), dtype=np.int32)
+    label = np.array([env.classes.index(name) for name in shown.objects], np.int32)
     report: list[Imported] = []
 
     def demos() -> Iterator[Demo]:
@@ -96,6 +99,7 @@ def _save_films(
             phase.update(number + 1)
 
     save_demo_set(
-        out, demos(), classes=env.classes, half_extent=env.half_extent, fps=env.control_hz, **header
-    )
+        out, demos(), classes=env.classes, half_extent=env.half_extent, fps=env.control_hz,
+        robots=shown.robots, **header,
+    )  # fmt: skip
     return report

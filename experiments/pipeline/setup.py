@@ -6,11 +6,12 @@ import importlib
 import importlib.util
 import inspect
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 import jax
 import numpy as np
+from gril_jax.envs import registry
 
 from gril_jax import envs
 from gril_jax.config import EnvConfig, RunConfig
@@ -45,6 +46,8 @@ def task_options(
     config: EnvConfig, *, training: bool, variant: str | None = None
 ) -> dict[str, Any]:
     """The options that a task takes of the section `env`: those of its constructor."""
+    if config.is_own:
+        return _own_options(config, training=training, variant=variant)
     known = envs.options(config.name)
     if config.impl != EnvConfig.impl and "impl" not in known:
         other = " has env.engine instead" if "engine" in known else " has only one"
@@ -55,17 +58,36 @@ def task_options(
     return {name: value for name, value in given.items() if name in known and value is not None}
 
 
+def _own_options(config: EnvConfig, *, training: bool, variant: str | None) -> dict[str, Any]:
+    """The options of a user's own task: those that are meant for it, and what the section `env`
+    says of starts and of its own reward, as far as it takes them."""
+    found: dict[str, Any] = {"varied_starts": config.varied_starts if training else 0.0}
+    if (variant or config.variant) != EnvConfig.variant:
+        found["variant"] = variant or config.variant
+    if config.reward is not None:
+        found["reward"] = config.reward
+    with _one_sentence():
+        known = envs.options(config.name)
+    return {name: value for name, value in found.items() if name in known} | config.own_options
+
+
+@contextlib.contextmanager
+def _one_sentence() -> Iterator[None]:
+    """Turns a task's ValueError into a ConfigError."""
+    try:
+        yield
+    except ValueError as error:
+        raise ConfigError(f"env: {error}") from error
+
+
 def build(task: str, options: Mapping[str, Any]) -> envs.Env:
     """The task with these options; ConfigError if one is out of range."""
     if options.get("impl") == "warp" and importlib.util.find_spec("warp") is not None:
         # Or Warp reports on each of its kernels; the task says if it is not installed.
         warp = importlib.import_module("warp")
         warp.config.log_level = warp.LOG_WARNING
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):  # mjx reports on optional parts
-            return envs.make(task, **options)
-    except ValueError as error:
-        raise ConfigError(f"env: {error}") from error
+    with _one_sentence(), contextlib.redirect_stdout(io.StringIO()):  # mjx reports optional parts
+        return registry.build(task, options)
 
 
 def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:

@@ -75,7 +75,7 @@ def which(states: Any) -> Int[np.ndarray, "E"]:
 
     Equal are those in which all numbers are, but for roundings; keys are not looked at.
     """
-    leaves = [x for x in jax.tree.leaves(states) if not _is_key(x)]
+    leaves = [x for x in jax.tree.leaves(states) if x.size and not _is_key(x)]
     columns = [np.asarray(x).reshape(len(x), -1) for x in leaves]
     ranks = np.concatenate([_ranks(x.astype(np.float64)) for x in columns], axis=1)
     return np.unique(ranks, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)

@@ -13,12 +13,15 @@ from gril_jax.runs import covered, run_dir, sinks
 from gril_jax.runs.phases import changed_fields
 from gril_jax.safe_files import writing
 
+from . import own_tasks
+
 _ROUNDS = 2  # of hard negatives
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood
 echo = functools.partial(print, flush=True)  # at once, also into a pipe
 
 _SHORTCUTS = {
+    "--task": "--env.name",
     "--out": "--run.out",
     "--demos": "--demos.path",
     "--seed": "--run.seed",
@@ -32,8 +35,15 @@ def run_config(
     name: str | None, args: list[str], prog: str, about: str, *, films_alone: bool = False
 ) -> RunConfig:
     """The configuration of a run, with its values and paths checked; with `films_alone` it may be
-    one without a task."""
-    config = load(name, in_full(args), prog=prog, description=explained(about))
+    one without a task.
+
+    The arguments then name the task's file by its digest, too, should it be one's own.
+    """
+    args[:] = own_tasks.named(in_full(args))
+    if name is None and own_tasks.is_named(args):
+        name = own_tasks.CONFIG
+    config = load(name, args, prog=prog, description=explained(about))
+    config = own_tasks.noted(config, args)
     if config.env.name == NO_TASK and not films_alone:
         raise ConfigError(
             f"env.name is {NO_TASK}, but {prog} needs a task to play: a reward from films alone is "
@@ -53,6 +63,7 @@ def resumed_config(
     """The configuration of a run to resume; a ConfigError with the fields in which the `name` and
     `args` given beside it say something else."""
     config = run_dir.require_resumable(folder, experiment)
+    own_tasks.of_run(config, take(args, "--task"), folder)
     args = in_full(args)
     given = load(name or str(folder / "config.yaml"), args, prog=prog)
     if not any(arg.startswith("--run.out") for arg in args):
@@ -87,9 +98,11 @@ def hard_negatives(names: str, config: RunConfig) -> list[Path]:
     return folders
 
 
-def run_config_of(folder: Path, part: str | None = None) -> RunConfig:
-    """The configuration of a run; a RunError if it has not got to a part, "reward" or "policy"."""
+def run_config_of(folder: Path, part: str | None = None, *, task: str | None = None) -> RunConfig:
+    """The configuration of a run; a RunError if it has not got to a part, "reward" or "policy", and
+    a ConfigError if its task may not be run, which may be a file that is named beside the run."""
     config = run_dir.read_config(folder)
+    own_tasks.of_run(config, task, folder)
     if part is not None:
         covered.require_part(folder, part)
     if part is not None and not any(folder.glob(f"{part}/[0-9]*/manifest.json")):

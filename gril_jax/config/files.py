@@ -67,7 +67,8 @@ def load(
     if name is not None:
         file = find(name)
         try:
-            whole = parse(RunConfig, [*_flags(_read(file), "")], prog=prog)
+            tree = _with_task_found(_read(file), file)
+            whole = parse(RunConfig, [*_flags(tree, "")], prog=prog)
         except ConfigError as error:
             raise ConfigError(f"{file}: {error}") from None
         sections = {field.name for field in dataclasses.fields(schema)}
@@ -75,6 +76,15 @@ def load(
         if not overrides:
             return default
     return parse(schema, overrides, default=default, prog=prog, description=description)
+
+
+def _with_task_found(tree: dict[str, Any], file: Traversable) -> dict[str, Any]:
+    """The file's tree, in which the file of a user's own task is looked for beside it."""
+    env = tree.get("env", {})
+    name = str(env.get("name", ""))
+    if ".py:" not in name or not isinstance(file, Path):
+        return tree
+    return tree | {"env": env | {"name": str(file.absolute().parent / Path(name).expanduser())}}
 
 
 def to_yaml(config: Any) -> str:

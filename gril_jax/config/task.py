@@ -1,7 +1,8 @@
 """The sections `env` and `demos` of a run's configuration: the task, and its demonstrations."""
 
+import json
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
@@ -21,6 +22,13 @@ _BLOCKS = rule(
     "a list of blocks, each a colour and a shape such as 'green star', with a colour of "
     f"{', '.join(BLOCK_COLOURS)} and a shape of {', '.join(BLOCK_SHAPES)}",
 )
+_PAIRS = rule(
+    lambda pairs: (
+        all(pair.partition("=")[0].isidentifier() and "=" in pair for pair in pairs)
+        and len({pair.partition("=")[0] for pair in pairs}) == len(pairs)
+    ),
+    "a list of NAME=VALUE, each name once",
+)
 _STEPS = rule(lambda x: 1 <= x <= 100, "None or from 1 to 100")
 
 
@@ -29,9 +37,10 @@ class EnvConfig:
     """The task in the simulator."""
 
     name: TaskName = "match_regions"
-    """The task, or the import path of another's entry (`gril_jax.envs.TaskSpec`). It takes those of
-    the options here that its constructor has; impl apart, others do nothing. none is for a reward
-    from somebody's own films, whose classes, units and frame rate the demonstration set has."""
+    """The task: one of gril's own, a file of yours and the function that makes it, such as
+    my_task.py:make, an entry point of `gril_jax.tasks`, or the import path of a TaskSpec. It takes
+    those of the options here that its constructor has; impl apart, others do nothing. none is for a
+    reward from films alone, whose classes, units and frame rate the demonstration set has."""
     robot: Literal["gripper", "short", "medium", "long"] = "gripper"
     """The robot: a gripper with two fingers, or a stick of this length."""
     targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
@@ -76,6 +85,10 @@ class EnvConfig:
     contacts share one table."""
     episode_length: int = field(default=120, metadata=at_least(1))
     """Control steps in an episode (8 a second)."""
+    options: tuple[str, ...] = field(default=(), metadata=_PAIRS)
+    """Options of a task of your own, each NAME=VALUE: keyword arguments of its function."""
+    sha256: str | None = None
+    """Digest of the file of a task of your own, which a run notes; another file is refused."""
 
     def __post_init__(self) -> None:
         if self.name == NO_TASK:
@@ -84,6 +97,29 @@ class EnvConfig:
             registry.check(self.name, self.reward)
         except ValueError as error:
             raise ConfigError(f"env: {error}") from None
+
+    @property
+    def is_own(self) -> bool:
+        """True if the task is a user's own: a file's or an entry point's."""
+        return registry.is_own(self.name)
+
+    @property
+    def shown_name(self) -> str:
+        """The task's name for people."""
+        return registry.shown_name(self.name)
+
+    @property
+    def own_options(self) -> dict[str, Any]:
+        """The keyword arguments in `options`: numbers, True, False, None and JSON, or else text."""
+        pairs = (pair.partition("=") for pair in self.options)
+        return {name: _value(text) for name, _, text in pairs}
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads({"True": "true", "False": "false", "None": "null"}.get(text, text))
+    except ValueError:
+        return text
 
 
 @dataclass(frozen=True)

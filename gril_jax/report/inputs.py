@@ -60,7 +60,8 @@ def read_inputs(folder: Path) -> Inputs:
     source = Path(config.demos.path) if config.demos.path else folder / "demos"
     require_same_demos(folder, source / HEADER)
     demos = load_demo_set(source) if (source / HEADER).is_file() else None
-    if demos is not None and config.env.name != NO_TASK:
+    # Sets of one's own films have no objects but those that are wanted.
+    if demos is not None and config.env.name != NO_TASK and not config.env.is_own:
         wanted = ("goal", "robot", *config.env.targets, *config.env.distractors)
         known = [o for o in wanted if all(o in entry.objects for entry in demos.entries)]
         demos = select_objects(demos, known) if known else demos

@@ -227,7 +227,7 @@ def _rollout(run: Inputs) -> Part:
 def _summary(run: Inputs) -> str:
     chosen = run.config
     learner = f", {chosen.run.algorithm.upper()}" * bool(run.rows[run.config.run.algorithm])
-    of = f"Task {chosen.env.name}" if chosen.env.name != NO_TASK else "Films alone, no task"
+    of = f"Task {chosen.env.shown_name}" if chosen.env.name != NO_TASK else "Films alone, no task"
     given = run.results.get("given")  # not in runs of older versions
     return (
         f"{of}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"

@@ -28,12 +28,13 @@ def count(num_envs: int, minibatches: int = 1) -> int:
 
 def split(tree: Any, blocks: int) -> Any:
     """Leaves (B, ...) as (K, L, ...); K, here `blocks`, divides B."""
-    return jax.tree.map(lambda x: x.reshape(blocks, -1, *x.shape[1:]), tree)
+    # Not with -1, which an array without elements, as in a simulator's state, leaves open.
+    return jax.tree.map(lambda x: x.reshape(blocks, len(x) // blocks, *x.shape[1:]), tree)
 
 
 def join(tree: Any) -> Any:
     """Leaves (K, L, ...) as (B, ...)."""
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), tree)
+    return jax.tree.map(lambda x: x.reshape(math.prod(x.shape[:2]), *x.shape[2:]), tree)
 
 
 def minibatches(tree: Any, key: PRNGKeyArray, number: int) -> Any:

@@ -19,6 +19,7 @@ __all__ = ["TABLE", "Verb", "experiment", "find", "group", "names"]
 TABLE: dict[str, tuple[str, ...]] = {
     "Learn a reward, and a policy from it": ("training",),
     "Demonstrations": ("demos",),
+    "A task of your own": ("tasks",),
     "Look into a reward, take it elsewhere": ("rewards",),
     "Compare, over seeds": ("sweep", "tables"),
     "This machine": ("machine",),

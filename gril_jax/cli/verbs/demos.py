@@ -12,6 +12,7 @@ from gril_jax.config.files import load
 from gril_jax.config.rules import above, between, optional, rule
 from gril_jax.errors import ConfigError
 
+from .. import own_tasks
 from ..arguments import (
     Work,
     demo_set_to_write,
@@ -26,6 +27,7 @@ from ..heavy_imports import heavy_imports
 from . import Verb, experiment
 
 _SHORTCUTS = {
+    "--task": "--env.name",
     "--num": "--demos.num",
     "--failures": "--demos.num-failures",
     "--variant": "--demos.variant",
@@ -35,9 +37,12 @@ _SHORTCUTS = {
 
 def _make(args: list[str]) -> Work:
     name, out = positional(args), take(args, "--out")
+    args = own_tasks.named(in_full(args, _SHORTCUTS))
+    if name is None and own_tasks.is_named(args):
+        name = own_tasks.CONFIG
     config = load(
         name,
-        in_full(args, _SHORTCUTS),
+        args,
         schema=MakeDemosConfig,
         prog="gril demos make",
         description=explained(
@@ -46,6 +51,7 @@ def _make(args: list[str]) -> Work:
     )
     if out is None:
         raise ConfigError("gril demos make needs --out, the folder of the demonstration set")
+    own_tasks.noted(config, args)
     folder = demo_set_to_write(out)
     return experiment("pipeline.make_demos", config, folder, config=config, devices=True)
 

@@ -13,7 +13,8 @@ from gril_jax.config.rules import between, count
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 
-from ..arguments import Work, echo, require_new_file, run_config_of
+from .. import own_tasks
+from ..arguments import Work, echo, require_new_file, run_config_of, take
 from ..heavy_imports import heavy_imports
 from . import Verb, experiment
 
@@ -23,7 +24,7 @@ class _Audit:
     reward: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="REWARD_OR_RUN")]
     """A file of export-reward, or a run's folder."""
     task: TaskName | None = None
-    """The task; by default the run's own, or match_regions."""
+    """The task, or where the file of your own is now; by default the run's, or match_regions."""
     out: str | None = None
     """Folder for the results; by default RUN/audit, or NAME-audit beside NAME.npz."""
     variant: Variant | None = None
@@ -40,15 +41,19 @@ def _audit(args: list[str]) -> Work:
     about = "Find how a learned reward could be hacked, before a policy does."
     given = parse(_Audit, args, prog="gril audit", description=about)
     source = Path(given.reward)
-    config = load(given.task) if given.task else None  # XLA's options depend on the task
+    config = None
     if source.is_dir():
-        config = run_config_of(source, "reward")
+        config = run_config_of(source, "reward", task=given.task)
     elif not source.is_file():
         raise RunError(f"{source} does not exist, but must be a reward file or the folder of a run")
+    elif given.task:  # XLA's options depend on the task
+        (task,) = own_tasks.named([f"--env.name={given.task}"])[:1]
+        config = load(None, [task], prog="gril audit")
     out = None if given.out is None else Path(given.out)
     if out is not None and out.exists() and not out.is_dir():
         raise RunError(f"{out} is a file, but --out must be a folder")
-    options = vars(given) | {"out": out}
+    task = config.env.name if config and not source.is_dir() else None
+    options = vars(given) | {"out": out, "task": task}
     del options["reward"]
     return experiment("audit", source, config=config, devices=True, **options)
 
@@ -57,9 +62,10 @@ def _subtasks(args: list[str]) -> Work:
     from gril_jax.experiments.subtasks.options import Options
 
     about = "Find the stages of a task in a learned reward, and cut its demonstrations at them."
+    task = take(args, "--task")
     options = parse(Options, args, prog="gril subtasks", description=about)
     folder = Path(options.run)
-    run_config_of(folder, "reward")
+    run_config_of(folder, "reward", task=task)
     out = Path(options.out) if options.out else folder / "subtasks"
     run_dir.require_new(out)
     return experiment("subtasks.report", folder, out, options, devices=True)
@@ -70,13 +76,15 @@ class _Export:
     run: RunFolder
     out: str
     """File to create, such as reward.npz or policy.npz."""
+    task: str | None = None
+    """Where the file of a task of your own is now, such as my_task.py:make; None: where it was."""
 
 
 def _export(part: str, args: list[str], about: str) -> tuple[Path, Path, RunConfig]:
     """A run, the new file for a part of it, and its configuration."""
     given = parse(_Export, args, prog=f"gril export-{part}", description=about)
     folder, out = Path(given.run), Path(given.out)
-    config = run_config_of(folder, part)
+    config = run_config_of(folder, part, task=given.task)
     require_new_file(out)
     return folder, out, config
 

@@ -11,6 +11,7 @@ from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.cluster import cluster_of
 
+from .. import own_tasks
 from ..arguments import (
     Work,
     in_full,
@@ -39,7 +40,9 @@ def _plan(args: list[str]) -> Work:
         return _resume(Path(resume), args, cluster)
     name, seeds = positional(args), whole_number(args, "--seeds", 5)
     rows = take(args, "--rows")
-    args[:] = in_full(args)
+    args[:] = own_tasks.named(in_full(args))
+    if name is None and own_tasks.is_named(args):
+        name = own_tasks.CONFIG
     beside = _cells_of_rows(rows, args) if rows is not None else list
     axes = take_axes(args)
     config = run_config(name, args, _PROG, _ABOUT)
@@ -81,11 +84,13 @@ def _job(args: list[str]) -> dict[str, Any] | None:
 
 
 def _resume(folder: Path, args: list[str], cluster: dict[str, Any] | None) -> Work:
+    task = take(args, "--task")
     not_beside(args, "--resume", f"its options from {folder}")
     if cluster is None:
         config = run_dir.require_resumable(folder, "sweep")
     else:  # processes that look at the same time are in each other's way: the first one will
         config = run_dir.read_config(folder)
+    own_tasks.of_run(config, task, folder)
     if not (folder / "sweep.json").is_file():
         raise RunError(f"{folder} is not a sweep: it has no sweep.json")
 

@@ -15,6 +15,7 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.runs import run_dir
 
+from .. import own_tasks
 from ..arguments import (
     Work,
     echo,
@@ -137,9 +138,11 @@ def _begun(args: list[str], name: str, kind: type) -> Work | None:
     given = take(args, "--resume")
     if given is None:
         return None
+    task = take(args, "--task")
     not_beside(args, "--resume", f"its options from {given}")
     folder = Path(given)
     config, settings = run_dir.require_resumable(folder, name), read_settings(folder, name, kind)
+    own_tasks.of_run(config, task, folder)
     return made(name, config, lambda: settings, folder)
 
 

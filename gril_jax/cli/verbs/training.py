@@ -8,7 +8,7 @@ from gril_jax.config import Variant
 from gril_jax.config.command_line import RunFolder, parse
 from gril_jax.config.rules import between, count
 from gril_jax.errors import ConfigError
-from gril_jax.runs import phases
+from gril_jax.runs import phases, run_dir
 
 from .. import own_films
 from ..arguments import (
@@ -75,7 +75,7 @@ class _Report:
 def _report(args: list[str]) -> Work:
     given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
     folder = Path(given.run)
-    run_config_of(folder)
+    run_dir.read_config(folder)  # nothing of the task is run, so it need not be there
     if phases.made_by(folder) == "table1":
         return of_results("redraw", "table1", folder)
     phases.require_single(folder)
@@ -92,12 +92,15 @@ class _Eval:
     variant: Variant | None = None
     """Variant of the task to start in. None is as a run evaluates itself: from the variant that has
     many starts, from the one that starts elsewhere, and from the task's own start if it has one."""
+    task: str | None = None
+    """Where the file of a task of your own is now, such as my_task.py:make; None: where it was."""
 
 
 def _eval(args: list[str]) -> Work:
     options = dict(vars(parse(_Eval, args, prog="gril eval", description="Play a run's policy.")))
     folder = Path(options.pop("run"))
-    return experiment("evaluate", folder, config=run_config_of(folder), devices=True, **options)
+    config = run_config_of(folder, task=options.pop("task"))
+    return experiment("evaluate", folder, config=config, devices=True, **options)
 
 
 VERBS = (
