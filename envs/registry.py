@@ -50,10 +50,10 @@ class TaskSpec:
     """By a variant: the one whose starts lie further away, to be told beside it. Variants that are
     named here or in `many_starts` differ in `reset` alone."""
     varied: str = ""
-    """What its varied training starts (`varied_starts`) are; empty if it has none."""
+    """Its varied training starts (`varied_starts`) in words; empty if it has none."""
     hints: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """What only somebody who knows the goal can tell a policy, by the value of `observation` that
-    tells it; that of "" is in every observation."""
+    """Hints of the goal that the policy sees, in words, by the value of `observation` that gives
+    them; those of "" are in every observation."""
     steps_in_mjx: bool = False
     """True if MuJoCo MJX steps it, whatever its options are."""
     xla_flags: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)

@@ -29,7 +29,7 @@ class Given(NamedTuple):
 
 
 def given(config: RunConfig) -> Given:
-    """What the learner of this configuration is given."""
+    """The help that the learner of this configuration gets."""
     task, chosen = envs.spec(config.env.name), config.env
     options = envs.options(chosen.name)
     own = f"the task's {chosen.variant.capitalize()} starts" if "variant" in options else ""

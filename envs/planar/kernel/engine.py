@@ -77,7 +77,7 @@ class KernelPhysics:
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _without_gradients(call: Callable, *arrays: Array) -> tuple[Array, ...]:
-    """What the call returns."""
+    """The arrays that the call returns."""
     return tuple(call(*arrays))
 
 
