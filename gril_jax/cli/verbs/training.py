@@ -10,6 +10,7 @@ from gril_jax.config.rules import between, count
 from gril_jax.errors import ConfigError
 from gril_jax.runs import phases, run_dir
 
+from .. import help_page
 from ..arguments import (
     Work,
     hard_negatives,
@@ -23,18 +24,19 @@ from . import Verb, experiment
 from .tables import of_results
 
 _TRAIN = "Learn a reward, then a policy from it."
-_OPTIONS = (
-    "--resume RUN goes on with a run that was cut off. --hard-negatives RUN,RUN also learns from "
-    "states that the rewards of one or two earlier runs overestimated."
-)
 
 
 def _new_run(name: str, of: str | None, args: list[str], prog: str, about: str) -> Work:
     """A new run, or with --resume one that was cut off; `of` None takes the defaults."""
     resume, negatives = take(args, "--resume"), take(args, "--hard-negatives")
+    if dry := "--dry-run" in args:
+        args.remove("--dry-run")
+        if resume is not None or negatives is not None:
+            raise ConfigError("--dry-run is for a new run, without --resume and --hard-negatives")
+    sections = help_page.TRAIN if name == "train" else help_page.PRETRAIN
     extra: dict[str, Any] = {}
     if resume is None:
-        config = run_config(of, args, prog, f"{about} {_OPTIONS}")
+        config = run_config(of, args, prog, about, sections)
         if negatives is not None:
             extra["hard_negatives"] = hard_negatives(negatives, config)
     else:
@@ -44,6 +46,8 @@ def _new_run(name: str, of: str | None, args: list[str], prog: str, about: str) 
             )
         extra["resume"] = folder = Path(resume)
         config = resumed_config(folder, of, args, prog=prog, experiment=name)
+    if dry:
+        return experiment("dry_run", config, config=config, devices=True, verb=name)
     return experiment(name, config, config=config, devices=True, **extra)
 
 
