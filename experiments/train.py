@@ -66,7 +66,7 @@ def main(
             lapped = now
 
         found = run.dir.finished_phase("policy")
-        program = pool.submit(_compiled, config, algorithm, layout) if found is None else None
+        program = pool.submit(compiled_for, config, algorithm, layout) if found is None else None
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         lap("demonstrations")
         results = pretrain.learn(run, demos)
@@ -143,7 +143,8 @@ class _Program(NamedTuple):
     seconds: float  # that compiling took
 
 
-def _compiled(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:
+def compiled_for(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:
+    """The program of a policy's training, with what it begins from."""
     started = time.monotonic()
     keys = jax.random.fold_in(jax.random.key(config.run.seed), 1)[None]
     hyper = sharding.place(layout, _one(policy_setup.algorithm_hyper(config)))

@@ -1,6 +1,7 @@
 """The wheel holds what the repository tracks, under one name, and works on its own."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -30,34 +31,62 @@ def _tracked():
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
+def sources(tmp_path_factory):
+    """A copy of what a distribution is made of."""
+    folder = tmp_path_factory.mktemp("sources")
+    extra = ["pyproject.toml", "docs/package.md", "LICENSE"]
+    for name in (*_tracked(), *extra):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, target)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(sources, tmp_path_factory):
     """A wheel built from a copy of the sources, without a network."""
     pytest.importorskip("setuptools", minversion="77")
     folder = tmp_path_factory.mktemp("wheel")
-    extra = [name for name in ("pyproject.toml", "README.md", "LICENSE") if (ROOT / name).exists()]
-    for name in (*_tracked(), *extra):
-        target = folder / "source" / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(ROOT / name, target)
     build = "import setuptools.build_meta as b, sys; print(b.build_wheel(sys.argv[1]))"
     done = subprocess.run(
-        [sys.executable, "-c", build, str(folder)],
-        cwd=folder / "source",
-        capture_output=True,
-        text=True,
+        [sys.executable, "-c", build, str(folder)], cwd=sources, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     return folder / done.stdout.splitlines()[-1]
 
 
+def test_a_package_index_accepts_what_is_built(sources, tmp_path):
+    """The archive of the sources, the wheel that is built from it, and how an index shows them."""
+    for name in ("build", "twine"):
+        pytest.importorskip(name, reason=f"{name} is not installed: pip install -e '.[publish]'")
+    build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path, sources]
+    done = subprocess.run(build, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    built = sorted(tmp_path.iterdir())
+    assert [file.suffix for file in built] == [".whl", ".gz"]
+    check = [sys.executable, "-m", "twine", "check", "--strict", *built]
+    done = subprocess.run(check, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+    with zipfile.ZipFile(built[0]) as archive:
+        found = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert found == _shipped()
+
+
+def test_the_page_for_an_index_needs_no_other_file():
+    text = (ROOT / "docs" / "package.md").read_text()
+    assert re.findall(r"\]\((?!https?://)", text) == []
+
+
+def _shipped():
+    """Paths in the wheel of the tracked files."""
+    parts = (name.partition("/") for name in _tracked())
+    return {f"{FOLDERS[folder]}/{rest}" for folder, _, rest in parts}
+
+
 def test_the_wheel_holds_the_tracked_files_and_no_others(wheel):
-    wanted = set()
-    for name in _tracked():
-        folder, _, rest = name.partition("/")
-        wanted.add(f"{FOLDERS[folder]}/{rest}")
     with zipfile.ZipFile(wheel) as archive:
         found = {name for name in archive.namelist() if ".dist-info/" not in name}
-    assert found == wanted
+    assert found == _shipped()
 
 
 def test_the_wheel_adds_one_name_and_one_command(wheel):
@@ -68,7 +97,7 @@ def test_the_wheel_adds_one_name_and_one_command(wheel):
         assert "gril = gril_jax.cli.main:main" in archive.read(f"{info}/entry_points.txt").decode()
         metadata = Parser().parsestr(archive.read(f"{info}/METADATA").decode())
     assert metadata["Name"] == "gril-jax"
-    assert metadata["Requires-Python"] == "<3.13,>=3.11"
+    assert metadata["Requires-Python"] == "<3.14,>=3.11"
 
 
 def test_the_wheel_works_without_the_checkout(wheel, tmp_path):

@@ -5,7 +5,7 @@ import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from gril_jax.config import RunConfig
+from gril_jax.config import RewardSections, RunConfig
 from gril_jax.config.files import load
 from gril_jax.config.task import NO_TASK
 from gril_jax.errors import ConfigError, DemoError, RunError
@@ -13,14 +13,14 @@ from gril_jax.runs import covered, run_dir, sinks
 from gril_jax.runs.phases import changed_fields
 from gril_jax.safe_files import writing
 
-from . import own_tasks
+from . import help_page, own_tasks
 
 _ROUNDS = 2  # of hard negatives
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood
 echo = functools.partial(print, flush=True)  # at once, also into a pipe
 
-_SHORTCUTS = {
+SHORTCUTS = {
     "--task": "--env.name",
     "--out": "--run.out",
     "--demos": "--demos.path",
@@ -32,13 +32,22 @@ _SHORTCUTS = {
 
 
 def run_config(
-    name: str | None, args: list[str], prog: str, about: str, *, films_alone: bool = False
+    name: str | None,
+    args: list[str],
+    prog: str,
+    about: str,
+    sections: Mapping[str, tuple[str, ...]] | None = None,
+    *,
+    films_alone: bool = False,
 ) -> RunConfig:
     """The configuration of a run, with its values and paths checked; with `films_alone` it may be
     one without a task.
 
-    The arguments then name the task's file by its digest, too, should it be one's own.
+    The arguments then name the task's file by its digest, too, should it be one's own. Where the
+    `sections` of a short help are given, --help prints that, and --help-all all options.
     """
+    if sections is not None:
+        _help(name, args, prog, about, sections)
     args[:] = own_tasks.named(in_full(args))
     if name is None and own_tasks.is_named(args):
         name = own_tasks.CONFIG
@@ -55,6 +64,25 @@ def run_config(
     if config.run.out is not None:
         run_dir.require_new(Path(config.run.out))
     return config
+
+
+def _help(
+    name: str | None,
+    args: list[str],
+    prog: str,
+    about: str,
+    sections: Mapping[str, tuple[str, ...]],
+) -> None:
+    """Prints the help that is asked for and exits; of a verb without a policy no options of one."""
+    if "--help-all" in args:
+        schema = RunConfig if sections is help_page.TRAIN else RewardSections
+        load(name, ["--help"], schema=schema, prog=prog, description=explained(about))
+    if {"-h", "--help"} & {*args}:
+        given = "" if prog == "gril quickstart" else " [CONFIG]"
+        usage = f"{prog}{given} [--task FILE:make] [--demos SET] [--resume RUN] [options]"
+        config = load(name, prog=prog) if name else RunConfig()
+        echo(help_page.page(usage, about, sections, config, SHORTCUTS), end="")
+        raise SystemExit(0)
 
 
 def resumed_config(
@@ -110,13 +138,13 @@ def run_config_of(folder: Path, part: str | None = None, *, task: str | None = N
     return config
 
 
-def in_full(args: list[str], shortcuts: Mapping[str, str] = _SHORTCUTS) -> list[str]:
+def in_full(args: list[str], shortcuts: Mapping[str, str] = SHORTCUTS) -> list[str]:
     """The arguments with shortcuts expanded."""
     parts = (arg.partition("=") for arg in args)
     return [shortcuts.get(option, option) + equals + value for option, equals, value in parts]
 
 
-def explained(about: str, shortcuts: Mapping[str, str] = _SHORTCUTS) -> str:
+def explained(about: str, shortcuts: Mapping[str, str] = SHORTCUTS) -> str:
     """A verb's description, with its shortcuts."""
     return f"{about} Shortcuts: {', '.join(f'{a} for {b}' for a, b in shortcuts.items())}."
 

@@ -9,6 +9,7 @@ import os
 import sys
 import textwrap
 from collections.abc import Sequence
+from importlib import metadata
 
 from gril_jax.config.command_line import nearest
 from gril_jax.errors import ConfigError, GrilError
@@ -24,7 +25,8 @@ Learn a reward from demonstration videos without actions, and a policy from the 
 """
 _NOTE = """
 CONFIG is the name of a shipped configuration or the path of a YAML file; RUN is the folder
-that a run made. `gril VERB --help` lists the options of a verb.
+that a run made. `gril VERB --help` lists the options of a verb, `gril --version` says which gril
+this is, and `gril completion SHELL` lets the Tab key finish words.
 """
 _INDENT, _WIDTH = 30, 100
 
@@ -81,6 +83,9 @@ def _line(usage: str, summary: str) -> str:
 
 def _plan(args: list[str]) -> Work:
     """Parses the command line; nothing heavy is imported here."""
+    if args[:1] in (["--version"], ["-V"]):
+        print(f"gril-jax {metadata.version('gril-jax')}")
+        return lambda: 0
     known = verbs.names()
     families = {name.partition(" ")[0] for name in known if " " in name}
     size = 2 if args and args[0] in families else 1

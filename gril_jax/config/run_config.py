@@ -78,8 +78,8 @@ class MakeDemosConfig:
 
 
 @dataclass(frozen=True)
-class _Sections(MakeDemosConfig):
-    """All settings that a run depends on."""
+class RewardSections(MakeDemosConfig):
+    """All settings that a run depends on, but those of algorithms: enough to learn a reward."""
 
     encoder: EncoderOptions = field(default=EncoderOptions())
     pool: PoolConfig = field(default=PoolConfig())
@@ -92,8 +92,8 @@ class _Sections(MakeDemosConfig):
 RunConfig = dataclasses.make_dataclass(
     "RunConfig",
     [(name, one.options, field(default=one.options())) for name, one in ALGORITHMS.items()],
-    bases=(_Sections,),
-    namespace={"__doc__": _Sections.__doc__, "__module__": __name__},
+    bases=(RewardSections,),
+    namespace={"__doc__": "All settings that a run depends on.", "__module__": __name__},
     frozen=True,
 )
 
@@ -103,7 +103,7 @@ def check(config: MakeDemosConfig) -> None:
     for path, value, metadata in _leaves(config, ""):
         require(path, value, metadata)
     _check_blocks(config.env, config.demos)
-    if isinstance(config, _Sections):
+    if isinstance(config, RewardSections):
         _check_sizes(config)
 
 

@@ -224,7 +224,10 @@ def test_every_number_has_a_range():
 def test_every_field_has_a_help_text_under_it():
     for module in (schema, encoder, policy, reward, task):
         for node in ast.parse(inspect.getsource(module)).body:
-            if isinstance(node, ast.ClassDef) and node.name not in ("_Sections", "MakeDemosConfig"):
+            if isinstance(node, ast.ClassDef) and node.name not in (
+                "RewardSections",
+                "MakeDemosConfig",
+            ):
                 for field, text in itertools.pairwise(node.body):
                     if isinstance(field, ast.AnnAssign):
                         assert isinstance(text, ast.Expr), f"{node.name}.{field.target.id}"

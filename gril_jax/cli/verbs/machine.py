@@ -3,15 +3,18 @@
 import importlib
 import json
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from gril_jax.config import TaskName, Variant
 from gril_jax.config.command_line import parse
 from gril_jax.config.files import load
 from gril_jax.config.rules import above, count, optional
 from gril_jax.config.tables import ALGORITHMS
+from gril_jax.errors import ConfigError
 
-from .. import doctor
+from .. import completion, doctor
 from ..arguments import Work, echo
 from ..heavy_imports import heavy_imports
 from . import Verb
@@ -125,7 +128,25 @@ def _benchmark(name: str, summary: str, options: type = _Nothing) -> Verb:
     return Verb(f"bench {name}", summary, plan)
 
 
+@dataclass(frozen=True)
+class _Completion:
+    shell: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SHELL")]
+    """The shell: bash, zsh or fish."""
+
+
+def _completion(args: list[str]) -> Work:
+    about = 'Print what finishes words of gril in a shell: eval "$(gril completion bash)".'
+    given = parse(_Completion, args, prog="gril completion", description=about)
+    if given.shell not in completion.SHELLS:
+        known = ", ".join(completion.SHELLS)
+        raise ConfigError(f"the shell is {given.shell!r}, but must be one of {known}")
+    return lambda: echo(completion.script(given.shell), end="")
+
+
 VERBS = (
+    Verb(
+        "completion SHELL", "what lets the Tab key of bash, zsh or fish finish words", _completion
+    ),
     Verb("doctor", "what is installed and what works on this machine", _doctor),
     _benchmark("train", "training with and without the learned reward", _Train),
     _benchmark("env", "how many control steps a second the task makes here", _Env),

@@ -10,7 +10,7 @@ from gril_jax.config.rules import between, count
 from gril_jax.errors import ConfigError
 from gril_jax.runs import phases, run_dir
 
-from .. import own_films
+from .. import help_page, own_films
 from ..arguments import (
     Work,
     hard_negatives,
@@ -24,10 +24,6 @@ from . import Verb, experiment
 from .tables import of_results
 
 _TRAIN = "Learn a reward, then a policy from it."
-_OPTIONS = (
-    "--resume RUN goes on with a run that was cut off. --hard-negatives RUN,RUN also learns from "
-    "states that the rewards of one or two earlier runs overestimated."
-)
 
 
 def _new_run(
@@ -36,10 +32,15 @@ def _new_run(
     """A new run, or with --resume one that was cut off; `of` None takes the defaults, or with
     `films`, which need no task, what the demonstration set says."""
     resume, negatives = take(args, "--resume"), take(args, "--hard-negatives")
+    if dry := "--dry-run" in args:
+        args.remove("--dry-run")
+        if resume is not None or negatives is not None:
+            raise ConfigError("--dry-run is for a new run, without --resume and --hard-negatives")
+    sections = help_page.TRAIN if name == "train" else help_page.PRETRAIN
     extra: dict[str, Any] = {}
     if resume is None:
         of, args = own_films.configured(of, args) if films else (of, args)
-        config = run_config(of, args, prog, f"{about} {_OPTIONS}", films_alone=films)
+        config = run_config(of, args, prog, about, sections, films_alone=films)
         if negatives is not None:
             extra["hard_negatives"] = hard_negatives(negatives, config)
     else:
@@ -49,6 +50,8 @@ def _new_run(
             )
         extra["resume"] = folder = Path(resume)
         config = resumed_config(folder, of, args, prog=prog, experiment=name)
+    if dry:
+        return experiment("dry_run", config, config=config, devices=True, verb=name)
     return experiment(name, config, config=config, devices=True, **extra)
 
 

@@ -1,0 +1,85 @@
+"""Help of a whole run, completion and version: what a person types before anything else."""
+
+import shutil
+import subprocess
+
+import pytest
+
+import gril_jax
+from gril_jax.cli import completion, help_page, main
+from gril_jax.cli.arguments import SHORTCUTS
+from gril_jax.config import RunConfig
+from gril_jax.config.command_line import options
+
+
+def _said(capsys, *args):
+    assert main.main(args) == 0
+    return capsys.readouterr().out
+
+
+def test_the_short_help_of_a_run_has_what_matters(capsys):
+    out = _said(capsys, "train", "--help")
+    first = out.splitlines()[0]
+    assert first == (
+        "usage: gril train [CONFIG] [--task FILE:make] [--demos SET] [--resume RUN] [options]"
+    )
+    listed = [line.split()[0] for line in out.splitlines() if line.startswith("  --")]
+    assert 18 <= len(listed) <= 24
+    assert "--ppo.num-timesteps" in listed
+    assert "--help-all" in listed
+
+
+def test_the_full_help_has_every_option(capsys):
+    out = _said(capsys, "train", "--help-all")
+    assert [name for name in options(RunConfig) if name not in out] == []
+
+
+def test_a_reward_has_no_options_of_policies(capsys):
+    for option in ("--help", "--help-all"):
+        out = _said(capsys, "pretrain", option)
+        assert "--ppo." not in out
+        assert "--sac." not in out
+        assert "--pretrain.steps" in out
+
+
+@pytest.mark.parametrize("sections", [help_page.TRAIN, help_page.PRETRAIN])
+def test_what_the_short_help_names_exists(sections):
+    for name in (name for names in sections.values() for name in names):
+        assert SHORTCUTS.get(name, name) in options(RunConfig) or name in help_page._VALUES
+
+
+def test_version(capsys):
+    assert _said(capsys, "--version") == f"gril-jax {gril_jax.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("gril pretr", ["pretrain"]),
+        ("gril demos make --demos.num-v", ["--demos.num-validation"]),
+        ("gril train quic", ["quickstart"]),
+        ("gril demos import-m", ["import-magical"]),
+        ("gril train --dry", ["--dry-run"]),
+    ],
+)
+def test_the_tab_key_finishes_words(words, found):
+    if shutil.which("bash") is None:
+        pytest.skip("bash is not installed")
+    count = len(words.split()) - 1
+    code = f"{completion.script('bash')}\nCOMP_WORDS=({words}); COMP_CWORD={count}; _gril\n"
+    done = subprocess.run(
+        ["bash", "-c", code + 'printf "%s\\n" "${COMPREPLY[@]}"'], capture_output=True, text=True
+    )
+    assert (done.stdout.split(), done.stderr) == (found, "")
+
+
+def test_shells(capsys):
+    for shell in completion.SHELLS:
+        assert "pretrain" in _said(capsys, "completion", shell)
+    assert main.main(["completion", "tcsh"]) == 2
+    assert "must be one of bash, zsh, fish" in capsys.readouterr().err
+
+
+def test_a_dry_run_is_for_a_new_run(capsys):
+    assert main.main(["train", "--dry-run", "--resume", "run"]) == 2
+    assert "--dry-run is for a new run" in capsys.readouterr().err
