@@ -25,6 +25,7 @@ from gril_jax.demos.vision.timed import look, part
 from gril_jax.errors import ConfigError, DemoError
 
 _VERSIONS = ("v3.0", "v2.1")
+_WHERE = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
 _BOXES = "boxes"  # how a feature's name ends, and the folder of files
 
 
@@ -68,7 +69,7 @@ def episodes(dataset: Dataset) -> list[dict[str, Any]]:
     """A row an episode, in order."""
     if dataset.packed:
         files = sorted((dataset.folder / "meta" / "episodes").glob("chunk-*/file-*.parquet"))
-        rows = [row for file in files for row in parquet().read_table(file).to_pylist()]
+        rows = [row for file in files for row in table_of(file, "episode_index").to_pylist()]
     else:
         file = dataset.folder / "meta" / "episodes.jsonl"
         rows = list(_json_lines(file))
@@ -98,7 +99,11 @@ def films(dataset: Dataset, camera: str) -> list[Film]:
         places = {"video_key": camera, "episode_index": number}
         if dataset.packed:
             of = f"videos/{camera}/"
-            places |= {key: row[f"{of}{key}"] for key in ("chunk_index", "file_index")}
+            if lacks := [
+                key for key in _WHERE if not isinstance(row.get(f"{of}{key}"), int | float)
+            ]:
+                raise DemoError(f"{dataset.folder}: its episodes lack {of}{lacks[0]}.")
+            places |= {key: row[f"{of}{key}"] for key in _WHERE[:2]}
         else:
             places["episode_chunk"] = number // int(dataset.info.get("chunks_size", 1000))
         path = place(dataset, "video_path", places)
@@ -151,7 +156,7 @@ def boxes_in(dataset: Dataset):
             "class names."
         )
     rows = frames(dataset, named[0])
-    return lambda film: _of_feature(film, rows[int(film.name[-6:])], classes, named[0])
+    return lambda film: _of_feature(film, rows.get(int(film.name[-6:]), []), classes, named[0])
 
 
 def _beside(dataset: Dataset, film: Film) -> list[Box]:
@@ -163,7 +168,7 @@ def frames(dataset: Dataset, column: str) -> dict[int, list[Any]]:
     """A column of the data, in order of time, by episode."""
     found: dict[int, list[Any]] = {}
     for file in data_files(dataset):
-        table = parquet().read_table(file, columns=["episode_index", "frame_index", column])
+        table = table_of(file, "episode_index", "frame_index", column)
         for row in sorted(table.to_pylist(), key=lambda row: row["frame_index"]):
             found.setdefault(row["episode_index"], []).append(row[column])
     return found
@@ -178,7 +183,11 @@ def _of_feature(film: Film, rows: list[Any], classes: list[str], name: str) -> l
     found = []
     for frame, row in enumerate(rows[: len(film.times)]):
         where = f"{film.path}, {film.name}, {name}, frame {frame}"
+        if row is None or len(row) != len(classes):
+            raise DemoError(f"{where}: there must be {len(classes)} boxes, one a class.")
         for track, (kind, edges) in enumerate(zip(classes, row, strict=True)):
+            if len(edges) != 4:
+                raise DemoError(f"{where}: a box must be x_min, y_min, x_max and y_max.")
             if not np.isnan(edges).any():
                 found.append(box(film, frame, kind, list(edges), where, track=track))
     return checked(found, film.path, film)
@@ -197,6 +206,17 @@ def _json_lines(file: Path) -> Iterator[dict[str, Any]]:
         if row is not None:
             field(row, "episode_index", int, f"{file}, line {number}")
             yield row
+
+
+def table_of(file: Path, *columns: str) -> Any:
+    """A parquet file as a table that has these columns; a DemoError if it is none."""
+    try:
+        table = parquet().read_table(file)
+    except (OSError, ValueError) as error:
+        raise DemoError(f"{file}: not a parquet file ({str(error).splitlines()[0]}).") from None
+    if lacks := [name for name in columns if name not in table.column_names]:
+        raise DemoError(f"{file}: the column {lacks[0]!r} is missing.")
+    return table
 
 
 def parquet() -> Any:

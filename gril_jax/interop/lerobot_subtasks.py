@@ -21,7 +21,7 @@ import numpy as np
 from gril_jax.errors import DemoError
 from gril_jax.safe_files import write_whole, writing
 
-from .lerobot import Dataset, data_files, parquet, title_of
+from .lerobot import Dataset, data_files, parquet, table_of, title_of
 
 _UNKNOWN = "not segmented"  # an episode that was not among the films
 
@@ -41,18 +41,18 @@ def annotate(
     files, arrow = data_files(dataset), importlib.import_module("pyarrow") if parquet() else None
     known = set()
     for file in files:
-        known |= {*parquet().read_table(file, columns=["episode_index"])[0].to_pylist()}
+        known |= {*table_of(file, "episode_index", "timestamp")["episode_index"].to_pylist()}
     if not {title_of(number) for number in known} & {*ends}:
         raise DemoError(f"{dataset.folder}: none of its episodes is among the run's films.")
     with writing(out):
         shutil.copytree(dataset.folder, out, copy_function=_linked)
         for file in files:
-            table = parquet().read_table(file)
+            table = table_of(file)
             index = _indices(table, ends, len(names))
             column = arrow.array(index, arrow.int64())
             if "subtask_index" in table.column_names:
                 table = table.drop_columns(["subtask_index"])
-            table = table.append_column("subtask_index", column)
+            table = _described(table.append_column("subtask_index", column))
             _replace(table, out / file.relative_to(dataset.folder))
         _replace(_labels(arrow, [*names, _UNKNOWN]), out / "meta" / "subtasks.parquet")
         features = dict(dataset.info["features"])
@@ -60,6 +60,19 @@ def annotate(
         info = dict(dataset.info) | {"features": features}
         (out / "meta" / "info.json").unlink()
         write_whole(out / "meta" / "info.json", json.dumps(info, indent=4) + "\n")
+
+
+def _described(table: Any) -> Any:
+    """The table with the column among the features that Hugging Face's `datasets` notes in it."""
+    known = dict(table.schema.metadata or {})
+    if b"huggingface" not in known:
+        return table
+    try:
+        about = json.loads(known.pop(b"huggingface"))
+        about["info"]["features"]["subtask_index"] = {"dtype": "int64", "_type": "Value"}
+    except (ValueError, LookupError, TypeError):
+        return table.replace_schema_metadata(known)  # it says nothing that `datasets` could read
+    return table.replace_schema_metadata(known | {b"huggingface": json.dumps(about).encode()})
 
 
 def _indices(table: Any, ends: Mapping[str, Sequence[float]], count: int) -> np.ndarray:

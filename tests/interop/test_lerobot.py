@@ -21,7 +21,9 @@ STORIES = [kitchen_films.story(number, **SMALL) for number in range(2)]
 
 def write(path, rows):
     path.parent.mkdir(parents=True, exist_ok=True)
-    lerobot.parquet().write_table(pa.Table.from_pylist(rows), path)
+    noted = {"info": {"features": {key: {} for key in rows[0]}}}  # as `datasets` does
+    table = pa.Table.from_pylist(rows).replace_schema_metadata({"huggingface": json.dumps(noted)})
+    lerobot.parquet().write_table(table, path)
 
 
 def frames_of(number, told):
@@ -120,6 +122,9 @@ def test_segments_become_subtask_annotations_of_a_copy(tmp_path, version):
     assert set(index[0]) == {2}
     assert index[1][:11] == [0] * 11
     assert set(index[1][11:]) == {1}
+    for file in lerobot.data_files(again):
+        schema = lerobot.parquet().read_schema(file)
+        assert [*json.loads(schema.metadata[b"huggingface"])["info"]["features"]] == schema.names
     table = lerobot.parquet().read_table(tmp_path / "new" / "meta" / "subtasks.parquet")
     assert table.to_pydict() == {
         "subtask_index": [0, 1, 2], "subtask": ["cup down", "spoon in", "not segmented"]
@@ -143,6 +148,14 @@ def test_what_is_wrong_with_a_dataset_is_a_sentence(tmp_path, monkeypatch):
         camera = "front" if "features" in change else CAMERA
         with pytest.raises(DemoError, match=words):
             lerobot.films(now := lerobot.opened(tmp_path), lerobot.camera_of(now, camera))
+    (tmp_path / "meta" / "info.json").write_text(json.dumps(info))
+    for file, words in (
+        ("data", "boxes: *the column|not a parquet"),
+        ("meta/episodes", "not a par"),
+    ):
+        (tmp_path / file / "chunk-000" / "file-000.parquet").write_bytes(b"PAR1 is not enough")
+        with pytest.raises(DemoError, match=words):
+            lerobot.boxes_in(found) if file == "data" else lerobot.films(found, CAMERA)
     monkeypatch.setattr("importlib.import_module", _missing)
     with pytest.raises(ConfigError, match="pyarrow is not installed"):
         lerobot.episodes(found)

@@ -59,7 +59,7 @@ def _make(args: list[str]) -> Work:
 @dataclass(frozen=True)
 class _Import:
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")]
-    """Folder of MAGICAL's *.pkl.gz files, or of videos of one frame rate."""
+    """Folder of MAGICAL's *.pkl.gz files, of videos, or of a LeRobot dataset."""
     out: str
     """Folder of the demonstration set."""
 
