@@ -121,7 +121,7 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
     films = learner.films([name for name, _ in owners])
     with ahead.compiling() as compilers:
         successes = len(owners) - len(demos.names["failure"])
-        programs = _compiled(config, learner, key, films, successes, hyper, compilers)
+        programs = compiled_for(config, learner, key, films, successes, hyper, compilers)
         data = learner.data
         fresh, step = programs["init"].result()(key, data), programs["step"].result()
         state = _train_encoder(
@@ -150,7 +150,7 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
     return results
 
 
-def _compiled(
+def compiled_for(
     config: RunConfig, learner: learners.Learner, key, films, successes: int, hyper, pool: Executor
 ) -> dict[str, Future[Any]]:
     """Programs of an encoder's training, being compiled: (state, data, hyper) -> ...

@@ -35,10 +35,10 @@ def task(tmp_path_factory):
         patch.setitem(registry.TASKS, "reach", "reach_task:SPEC")
         compiled = functools.cache(lambda name, work: work())
         for module in (train, pretrain):
-            work = module._compiled
+            work = module.compiled_for
             name = module.__name__
             patch.setattr(
-                module, "_compiled",
+                module, "compiled_for",
                 lambda *args, name=name, work=work: compiled(name, lambda: work(*args)),
             )  # fmt: skip
         yield config

@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.envs import registry
 from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.shoes_in_box import expert
 from gril_jax.envs.tabletop.shoes_in_box.task import shoes_in_box, task
 from gril_jax.envs.tabletop.task import Tabletop
 from gril_jax.experiments.pipeline import setup
 
-from gril_jax import envs
 from gril_jax.config import EnvConfig
 
 
@@ -102,7 +102,7 @@ def test_physics_goes_on_from_a_moment(plain, found):
 
 def test_only_training_has_varied_starts_and_they_must_come_from_somewhere(monkeypatch, plain):
     asked = []
-    monkeypatch.setattr(envs, "make", lambda name, **options: asked.append(options) or plain)
+    monkeypatch.setattr(registry, "build", lambda name, options: asked.append(options) or plain)
     config = EnvConfig(name="shoes_in_box", reward="staged", varied_starts=0.3)
     setup.make_env(config, training=True)
     setup.make_env(config, training=False)
