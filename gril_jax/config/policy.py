@@ -48,6 +48,9 @@ class PPOConfig:
     observe_activity: bool | None = None
     """True if the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
+    own_starts: float = field(default=0.0, metadata=between(0, 1))
+    """Share of training starts at moments of the policy's own episodes that are paid well; it falls
+    to 0, reached when a tenth of training is left."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""
@@ -99,6 +102,9 @@ class SACConfig:
     observe_activity: bool | None = None
     """True if the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
+    own_starts: float = field(default=0.0, metadata=between(0, 1))
+    """Share of training starts at moments of the policy's own episodes that are paid well; it falls
+    to 0, reached when a tenth of training is left."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from gril_jax.config.encoder import PoolConfig
 
-from . import rollout, training
+from . import own_starts, rollout, training
 from .episodes import Environment, Episodes, EpisodeState
 from .policy import Policy
 from .rewards import AnyReward
@@ -31,6 +31,7 @@ class Sizes:
     window: int = PoolConfig.window  # of the activity memory, frames
     smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
     noise: float | None = PoolConfig.noise  # of centres, world units
+    own_starts: float = 0.0  # share of new starts at moments of own episodes, at the beginning
 
 
 class Agent:
@@ -51,11 +52,12 @@ class Agent:
         self.num_envs, self.unroll_length = static.num_envs, static.unroll_length
         self.episodes = Episodes.of(
             env, reward, observe_activity=static.observe_activity, window=static.window,
-            smoothing=static.smoothing, noise=static.noise,
+            smoothing=static.smoothing, noise=static.noise, own_starts=static.own_starts > 0,
         )  # fmt: skip
         self.observation_size = self.episodes.observation_size
         self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)
-        self.num_keys = 1 + self._renewals + static.unroll_length + to_learn
+        self._own = static.own_starts
+        self.num_keys = 1 + self._renewals + static.unroll_length + to_learn + (self._own > 0)
 
     def step(
         self, state: Any, hyper: Any, reward_params: Any
@@ -82,8 +84,19 @@ class Agent:
         **keep: Callable[[EpisodeState], Any],
     ) -> tuple[Any, rollout.Rollout]:  # fmt: skip
         """The state after T control steps of every environment, and what they brought."""
+
+        def mix(fresh):
+            if not self._own:
+                return fresh
+            progress = state.updates / hyper.decay_updates
+            return own_starts.mixed(
+                self.episodes, reward_params, state.envs.running, fresh,
+                jax.random.split(key, self.num_keys)[-1],
+                share=own_starts.share_left(self._own, progress),
+            )  # fmt: skip
+
         new_starts, each_step, _ = self._split(key)
-        renewed = rollout.renew(self.episodes, state.envs, new_starts)
+        renewed = rollout.renew(self.episodes, state.envs, new_starts, mix)
         moved, steps = rollout.unroll(
             self.episodes, reward_params, renewed, act, each_step, tau=hyper.tau, **keep
         )
@@ -93,4 +106,5 @@ class Agent:
         """Of a step's key those of new starts, of the control steps, and of the learner."""
         keys, acting = jax.random.split(key, self.num_keys), 1 + self._renewals
         learning = acting + self.unroll_length
-        return keys[1:acting], keys[acting:learning], keys[learning:]
+        learned = len(keys) - (self._own > 0)  # the last is for starts of its own
+        return keys[1:acting], keys[acting:learning], keys[learning:learned]

@@ -38,6 +38,7 @@ class EpisodeState(NamedTuple):
     memory: activity.Memory
     reward_memory: Any  # what the reward remembers, a pytree
     time: Int[Array, ""]  # control steps since the episode began
+    own: Any = ()  # 1 if it began at a moment of another one, 0 if not; () where none does
 
 
 class StepResult(NamedTuple):
@@ -64,6 +65,8 @@ class Episodes:
     """Frames of the running median of centres, applied first."""
     noise: float | None = PoolConfig.noise
     """Standard deviation of a centre along one axis, world units."""
+    own_starts: bool = False
+    """True if episodes may begin at moments of others, which they then say."""
 
     @classmethod
     def of(cls, env: Environment, reward: AnyReward, **options: Any) -> "Episodes":
@@ -85,7 +88,8 @@ class Episodes:
         center = state.objects.center
         memory = activity.init(center, window=self.window, smoothing=self.smoothing)
         memory = memory._replace(active=state.moved)
-        return EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32))
+        own = jnp.zeros(()) if self.own_starts else ()
+        return EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32), own)
 
     def advance(
         self,
@@ -108,7 +112,7 @@ class Episodes:
         boxes = state.objects.center, state.objects.size
         memory, active = activity.step(episode.memory, *boxes, tau=tau, noise=self.noise)
         remembered, reward = self.reward.step(reward_params, episode.reward_memory, state, active)
-        moved = EpisodeState(state, memory, remembered, episode.time + 1)
+        moved = EpisodeState(state, memory, remembered, episode.time + 1, episode.own)
         finite = _all_finite((state, remembered, reward))
         moved = jax.tree.map(lambda new, old: jnp.where(finite, new, old), moved, episode)
         terminated = jnp.where(finite, state.done, 0.0)
@@ -119,9 +123,16 @@ class Episodes:
             terminated=terminated,
             truncated=over * (1 - terminated),
             nonfinite=1.0 - finite.astype(jnp.float32),
-            metrics=moved.state.metrics,
+            metrics=self._metrics(moved),
         )
         return moved, result
+
+    def _metrics(self, episode: EpisodeState) -> dict[str, Float[Array, ""]]:
+        """The task's metrics; an episode that began at a moment of another one counts as varied."""
+        metrics = dict(episode.state.metrics)
+        if self.own_starts:
+            metrics["varied"] = jnp.maximum(metrics.get("varied", 0.0), episode.own)
+        return metrics
 
     def observe(self, episode: EpisodeState) -> Float[Array, "O"]:
         """The policy's input: the task's observation, and whatever else the reward depends on."""
