@@ -38,7 +38,7 @@ class EpisodeState(NamedTuple):
     memory: activity.Memory
     reward_memory: Any  # what the reward remembers, a pytree
     time: Int[Array, ""]  # control steps since the episode began
-    own: Any = ()  # 1 if it began at a moment of another one, 0 if not; () where none does
+    varied: Any = ()  # 1 if training chose where it began, 0 if the task did; () if it always does
 
 
 class StepResult(NamedTuple):
@@ -65,8 +65,8 @@ class Episodes:
     """Frames of the running median of centres, applied first."""
     noise: float | None = PoolConfig.noise
     """Standard deviation of a centre along one axis, world units."""
-    own_starts: bool = False
-    """True if episodes may begin at moments of others, which they then say."""
+    chosen_starts: bool = False
+    """True if training may choose where episodes begin (`gril_jax.rl.starts`): they then say it."""
 
     @classmethod
     def of(cls, env: Environment, reward: AnyReward, **options: Any) -> "Episodes":
@@ -85,11 +85,15 @@ class Episodes:
         The key is consumed.
         """
         state = self.env.reset(key)
+        return self.started(state, state.moved)
+
+    def started(self, state: Any, active: Bool[Array, "N"]) -> EpisodeState:
+        """The start of an episode in a state of the task, with these objects active."""
         center = state.objects.center
         memory = activity.init(center, window=self.window, smoothing=self.smoothing)
-        memory = memory._replace(active=state.moved)
-        own = jnp.zeros(()) if self.own_starts else ()
-        return EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32), own)
+        memory = memory._replace(active=active)
+        varied = jnp.zeros(()) if self.chosen_starts else ()
+        return EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32), varied)
 
     def advance(
         self,
@@ -112,7 +116,7 @@ class Episodes:
         boxes = state.objects.center, state.objects.size
         memory, active = activity.step(episode.memory, *boxes, tau=tau, noise=self.noise)
         remembered, reward = self.reward.step(reward_params, episode.reward_memory, state, active)
-        moved = EpisodeState(state, memory, remembered, episode.time + 1, episode.own)
+        moved = EpisodeState(state, memory, remembered, episode.time + 1, episode.varied)
         finite = _all_finite((state, remembered, reward))
         moved = jax.tree.map(lambda new, old: jnp.where(finite, new, old), moved, episode)
         terminated = jnp.where(finite, state.done, 0.0)
@@ -128,10 +132,10 @@ class Episodes:
         return moved, result
 
     def _metrics(self, episode: EpisodeState) -> dict[str, Float[Array, ""]]:
-        """The task's metrics; an episode that began at a moment of another one counts as varied."""
+        """The task's metrics, and whether training chose where the episode began."""
         metrics = dict(episode.state.metrics)
-        if self.own_starts:
-            metrics["varied"] = jnp.maximum(metrics.get("varied", 0.0), episode.own)
+        if self.chosen_starts:
+            metrics["varied"] = jnp.maximum(metrics.get("varied", 0.0), episode.varied)
         return metrics
 
     def observe(self, episode: EpisodeState) -> Float[Array, "O"]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.probes import Probe
 
-from gril_jax.rl import blocks, episodes, own_starts, ppo, rewards, rollout
+from gril_jax.rl import blocks, episodes, ppo, rewards, rollout, starts
 
 
 def _place(params, state, active):
@@ -15,7 +15,7 @@ def _place(params, state, active):
     return jnp.where(state.data.where[0] < 0, jnp.nan, state.data.where[0])
 
 
-EPISODES = episodes.Episodes.of(Probe(episode_length=9), _place, window=4, own_starts=True)
+EPISODES = episodes.Episodes.of(Probe(episode_length=9), _place, window=4, chosen_starts=True)
 
 
 def _running(count):
@@ -28,7 +28,7 @@ def _running(count):
 
 
 def _mixed(running, fresh, share):
-    return jax.jit(lambda key: own_starts.mixed(EPISODES, None, running, fresh, key, share=share))(
+    return jax.jit(lambda key: starts.of_own(EPISODES, None, running, fresh, key, share=share))(
         jax.random.key(3)
     )
 
@@ -39,7 +39,7 @@ def fresh():
 
 
 def test_the_share_falls_to_nothing_when_a_tenth_of_training_is_left():
-    shares = [float(own_starts.share_left(0.6, p)) for p in (0.0, 0.45, 0.9, 0.95, 1.0, 2.0)]
+    shares = [float(starts.share_left(0.6, p)) for p in (0.0, 0.45, 0.9, 0.95, 1.0, 2.0)]
     np.testing.assert_allclose(shares, [0.6, 0.3, 0, 0, 0, 0], atol=1e-6)
 
 
@@ -54,14 +54,14 @@ def test_each_is_the_best_paid_of_its_candidates_and_of_its_own_block(fresh):
     running = _running(512)
     found = _mixed(running, fresh, 1.0)
     parts = blocks.count(512)
-    lanes, starts = 512 // parts, 64 // parts
+    lanes, each = 512 // parts, 64 // parts
     assert parts == 2
     key = jax.random.split(jax.random.key(3), 2)[0]
-    some = np.asarray(jax.random.randint(key, (parts, starts, 4), 0, lanes))
+    some = np.asarray(jax.random.randint(key, (parts, each, 4), 0, lanes))
     places = np.asarray(running.state.data.where[:, 0])
     for start in range(64):
-        block = start // starts
-        among = block * lanes + some[block, start % starts]
+        block = start // each
+        among = block * lanes + some[block, start % each]
         best = max(among, key=lambda lane: places[lane] if places[lane] >= 0 else -np.inf)
         assert float(found.state.data.where[start, 0]) == places[best]
 
@@ -75,22 +75,22 @@ def test_a_moment_keeps_its_memories_and_begins_a_new_clock(fresh):
     lanes = [places.index(x) for x in found.state.data.where[:, 0].tolist()]
     assert bool(jnp.array_equal(found.memory.active, bits[jnp.array(lanes)]))
     assert found.time.tolist() == [0] * 64
-    assert found.own.tolist() == [1.0] * 64
+    assert found.varied.tolist() == [1.0] * 64
 
 
 def test_as_many_are_replaced_as_the_share_says(fresh):
-    assert 0.3 < float(_mixed(_running(512), fresh, 0.5).own.mean()) < 0.7
+    assert 0.3 < float(_mixed(_running(512), fresh, 0.5).varied.mean()) < 0.7
 
 
 def test_success_in_training_counts_the_tasks_own_starts_alone():
     """Two episodes of three end with a success; the one from the task's own start does not."""
     task = Probe(episode_length=2)
-    of = episodes.Episodes.of(task, rewards.environmental, window=4, own_starts=True)
+    of = episodes.Episodes.of(task, rewards.environmental, window=4, chosen_starts=True)
     begun = jax.vmap(of.begin)(jax.random.split(jax.random.key(0), 3))
-    begun = begun._replace(own=jnp.array([0.0, 1.0, 1.0]))
+    begun = begun._replace(varied=jnp.array([0.0, 1.0, 1.0]))
     state, result = jax.vmap(lambda e: of.advance(None, e, jnp.zeros(1), tau=0.01))(begun)
     assert result.metrics["varied"].tolist() == [0.0, 1.0, 1.0]
-    assert state.own.tolist() == [0.0, 1.0, 1.0]
+    assert state.varied.tolist() == [0.0, 1.0, 1.0]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.8])
@@ -105,7 +105,7 @@ def test_training_begins_some_episodes_at_own_moments_and_ends_without(share):
     pools = []
     for _ in range(20):
         state = step(state)
-        own = state.envs.starts.own
+        own = state.envs.starts.varied
         pools.append(float(jnp.sum(own)) if share else own)
     if not share:
         assert pools == [()] * 20  # nothing of it is in the program
@@ -117,6 +117,6 @@ def test_training_begins_some_episodes_at_own_moments_and_ends_without(share):
 def test_renewing_puts_the_mixed_starts_into_the_pool():
     keys = jax.random.split(jax.random.key(0), 16)
     envs = rollout.init(EPISODES, keys)
-    marked = lambda fresh: fresh._replace(own=fresh.own + 1)  # noqa: E731
+    marked = lambda fresh: fresh._replace(varied=fresh.varied + 1)  # noqa: E731
     after = rollout.renew(EPISODES, envs, keys[:4], marked)
-    assert sorted(after.starts.own.tolist()) == [0.0] * 4 + [1.0] * 4
+    assert sorted(after.starts.varied.tolist()) == [0.0] * 4 + [1.0] * 4
