@@ -86,10 +86,14 @@ def place_robot(
     *,
     arena: float,
     facing: Float[Array, "2"] | None = None,
+    at: Float[Array, "2"] | None = None,
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-    """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere or a
-    little before a point and about `facing` it. Returns it, and True if there was none."""
+    """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere, a
+    little before a point and about `facing` it, or `at` a place. Returns it, and True if there was
+    none."""
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
+    if at is not None:
+        poses = poses.at[:, :2].set(at)
     if facing is not None:  # around it, from candidates with x and y in [-1, 1]
         nearest, furthest, aside = _FACING
         angle = poses[:, 2]

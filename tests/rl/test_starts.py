@@ -93,6 +93,35 @@ def test_success_in_training_counts_the_tasks_own_starts_alone():
     assert state.varied.tolist() == [0.0, 1.0, 1.0]
 
 
+class Placing(Probe):
+    """The probe, with its block put where the box of the last object lies."""
+
+    def place(self, center, size, key):
+        del size
+        state = self.reset(key)
+        return self._state(state.data._replace(where=center[2]), state.reward, state.reward)
+
+
+def test_a_frame_gives_its_boxes_and_what_has_moved_up_to_it(fresh):
+    of = episodes.Episodes.of(Placing(), rewards.environmental, window=4, chosen_starts=True)
+    center = jnp.arange(30.0).reshape(5, 3, 2)
+    active = jnp.arange(5)[:, None] > jnp.arange(3)
+    frames = starts.Frames(center, jnp.ones((5, 3, 2)), active)
+    keys = jax.random.split(jax.random.key(0), 64)
+
+    def mixed(share):
+        return jax.jit(lambda keys: starts.of_videos(of, frames, fresh, keys, share=share))(keys)
+
+    found, half = mixed(1.0), mixed(0.5)
+    shown = (found.state.data.where[:, 0] - 4) // 6
+    assert set(shown.tolist()) == {0, 1, 2, 3, 4}
+    assert bool(jnp.array_equal(found.memory.active, active[shown.astype(int)]))
+    assert found.varied.tolist() == [1.0] * 64
+    assert 0.3 < float(half.varied.mean()) < 0.7
+    kept = half.varied == 0
+    assert bool(jnp.array_equal(half.state.data.where[kept], fresh.state.data.where[kept]))
+
+
 @pytest.mark.parametrize("share", [0.0, 0.8])
 def test_training_begins_some_episodes_at_own_moments_and_ends_without(share):
     static = ppo.Static(

@@ -179,6 +179,26 @@ class MatchRegions:
         )  # fmt: skip
         return self._observe(data)
 
+    def place(
+        self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
+    ) -> State:
+        """A start with everything where its box lies, in the order of `objects`, and at rest.
+
+        Boxes do not show angles, which are drawn; a robot that could not stand there at any of
+        those drawn, as one that holds a block, stands somewhere else. For variants with the blocks'
+        own shapes and colours.
+        """
+        key_robot, key_angle, key_there = jax.random.split(key, 3)
+        radii = jnp.asarray(RADII)[jnp.asarray(self._shape)]
+        angle = jax.random.uniform(key_angle, (len(radii), 1), minval=-jnp.pi, maxval=jnp.pi)
+        blocks = jnp.concatenate([center[2:], angle], axis=1)
+        scene = self.robot, blocks, radii, None
+        there, taken = layouts.place_robot(key_there, *scene, arena=self.arena, at=center[1])
+        elsewhere, _ = layouts.place_robot(key_robot, *scene, arena=self.arena)
+        robot = starts.robot_pose(self.robot, jnp.where(taken, elsewhere, there))
+        pose = jnp.concatenate([robot, blocks])
+        return self.reset_to(pose, jnp.zeros_like(pose), goal=jnp.concatenate([center[0], size[0]]))
+
     def clearance(self, pose: Float[Array, "E 3"]) -> Float[Array, ""]:
         """Gap between the robot and the nearest block or wall, for the task's own shapes."""
         return self._engine.clearance(pose, block_shapes.blocks(jnp.asarray(self._shape)))
