@@ -25,6 +25,13 @@ ENTRY_POINTS = "gril_jax.tasks"  # of functions that make a task
 
 TASKS = {
     "match_regions": "gril_jax.envs.magical.match_regions:SPEC",
+    "move_to_corner": "gril_jax.envs.magical.suite:MOVE_TO_CORNER",
+    "move_to_region": "gril_jax.envs.magical.suite:MOVE_TO_REGION",
+    "find_dupe": "gril_jax.envs.magical.suite:FIND_DUPE",
+    "fix_colour": "gril_jax.envs.magical.suite:FIX_COLOUR",
+    "cluster_colour": "gril_jax.envs.magical.suite:CLUSTER_COLOUR",
+    "cluster_shape": "gril_jax.envs.magical.suite:CLUSTER_SHAPE",
+    "make_line": "gril_jax.envs.magical.suite:MAKE_LINE",
     "shoes_in_box": "gril_jax.envs.tabletop.shoes_in_box:SPEC",
 }
 
