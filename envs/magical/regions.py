@@ -8,8 +8,9 @@ from gril_jax.envs.stages import Stage, free_place
 from jaxtyping import Array, Bool, Float
 
 
-def holds(region: Float[Array, "*K 4"], center: Float[Array, "*K 2"]) -> Bool[Array, "*K"]:
-    """True if a centre is in the closed rectangle with that centre, width and height."""
+def holds(region: Float[Array, "*#K 4"], center: Float[Array, "*#K 2"]) -> Bool[Array, "..."]:
+    """True if a centre is in the closed rectangle with that centre, width and height; regions and
+    centres are broadcast."""
     return (jnp.abs(center - region[..., :2]) <= region[..., 2:] / 2).all(axis=-1)
 
 

@@ -12,10 +12,11 @@ def _spec(task: str, *more_rewards: str, layout: bool = True) -> TaskSpec:
     further = {"demo": "layout", "jitter": "layout"} if layout else {}
     return TaskSpec(
         make=f"gril_jax.envs.magical.suite.{task}",
-        demonstrate="gril_jax.envs.magical.suite.task:demonstrate",
+        demonstrate="",
         rewards=("sparse", *more_rewards),
         bench_settings=({"engine": "kernel"}, {"engine": "impulse"}),
         bench_envs=32_768,
+        config="magical_suite",
         many_starts={"demo": "jitter"},
         elsewhere=further,
     )

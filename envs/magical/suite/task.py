@@ -2,9 +2,9 @@
 
 A task is a `SuiteTask` with a plan of its Demo start, a score, the draws of its variants and its
 stages. A square arena |x|, |y| <= 1 is seen from above; a robot drives, turns and, if it has
-fingers, grips; control runs at 8 Hz. Actions are those of `match_regions.task`, rounded to MAGICAL's 18 with
-its physics. The original pays nothing on the way, and the score of the last state at the end: here
-every state has its score, which is the reward, and success is score 1.
+fingers, grips; control runs at 8 Hz. Actions are those of `match_regions.task`, rounded to
+MAGICAL's 18 with its physics. The original pays nothing on the way, and the score of the last state
+at the end: here every state has its score, which is the reward, and success is score 1.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.base import ExpertError, Outline, State
+from gril_jax.envs.base import Outline, State
 from gril_jax.envs.checks import check_counts, check_known
 from gril_jax.envs.magical import layout as layouts
 from gril_jax.envs.magical import scene as scenes
@@ -242,11 +242,3 @@ def _stream(key: PRNGKeyArray) -> Callable[[], PRNGKeyArray]:
     """A function that returns another key at each call."""
     count = iter(range(2**31))
     return lambda: jax.random.fold_in(key, next(count))
-
-
-def demonstrate(make, wanted, tell):
-    """Raises ExpertError: nobody has scripted these tasks."""
-    raise ExpertError(
-        "the task has no scripted expert, so demonstrations are films of somebody's: "
-        "name an imported set with --demos.path"
-    )
