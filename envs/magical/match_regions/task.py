@@ -127,7 +127,9 @@ class MatchRegions:
             shape = layouts.shapes(keys[0], len(shape))
         if self.variant in ("color", "all"):
             colour = layouts.colours(keys[1], colour, self.num_targets)
-        strengths = starts.strengths(keys[2], self.variant, self._preset)
+        strengths = layouts.strengths(
+            keys[2], self._preset, vary=self.variant in ("dynamics", "all")
+        )
         radii = jnp.asarray(RADII)[shape]
         within = dict(robot=self.robot, radii=radii, arena=self.arena)
         layout = starts.places(keys[3], self.variant, self.blocks, **within)
@@ -136,7 +138,7 @@ class MatchRegions:
             keys[4:], layout, share=self.varied_starts, on_the_way=self.on_the_way,
             facing=self.facing, targets=self.num_targets, **within,
         )  # fmt: skip
-        pose = jnp.concatenate([starts.robot_pose(self.robot, layout.robot), layout.blocks])
+        pose = jnp.concatenate([layouts.robot_pose(self.robot, layout.robot), layout.blocks])
         nearest = states.distances(layout.blocks[: self.num_targets], layout.robot[:2])
         data = PlanarData(
             pose, jnp.zeros_like(pose), jnp.asarray(self._rest), shape, colour,
@@ -167,7 +169,7 @@ class MatchRegions:
         strengths = Strengths(*(jnp.float32(s) for s in self._preset.strengths))
         memory = jnp.asarray(self._rest)
         if action is not None:
-            command = self._command(jnp.clip(action, -1.0, 1.0))
+            command = self._command(action)
             memory = self._engine.settle(
                 pose, velocity, block_shapes.blocks(shape), strengths, command
             )
@@ -210,7 +212,7 @@ class MatchRegions:
         shape = data.shape if self.variant in ("shape", "all") else jnp.asarray(self._shape)
         pose, velocity, memory = self._engine.step(
             data.pose, data.velocity, data.memory, block_shapes.blocks(shape),
-            Strengths(*data.strengths), self._command(jnp.clip(action, -1.0, 1.0)),
+            Strengths(*data.strengths), self._command(action),
         )  # fmt: skip
         nearest = jnp.minimum(data.nearest, states.distances(self._targets(pose), pose[0, :2]))
         changed = dict(pose=pose, velocity=velocity, memory=memory, nearest=nearest)
@@ -220,9 +222,9 @@ class MatchRegions:
         return pose[self._parts : self._parts + self.num_targets]
 
     def _command(self, action: Float[Array, "A"]) -> Command:
-        if self.physics == "magical":
-            return simulator.rounded_command(action)
-        return simulator.command(action, gain=self.turn_gain, dt=self._engine.dt)
+        return simulator.commanded(
+            action, physics=self.physics, gain=self.turn_gain, dt=self._engine.dt
+        )
 
     def _observe(self, data: PlanarData) -> State:
         progress = states.progress(data, parts=self._parts, targets=self.num_targets)
@@ -255,8 +257,8 @@ class MatchRegions:
         """The outlines of one moment, to be painted (host side)."""
         data = jax.tree.map(np.asarray, data)
         names = [(COLOURS[c], SHAPES[s]) for c, s in zip(data.colour, data.shape, strict=True)]
-        exact = (f.astype(np.float64) for f in (data.pose, data.goal))
-        return scene.outlines(self.robot, names, self.arena, *exact)
+        pose, goal = (f.astype(np.float64) for f in (data.pose, data.goal))
+        return scene.outlines(self.robot, names, self.arena, pose, [(names[0][0], goal)])
 
 
 def _check_blocks(targets: tuple[str, ...], blocks: tuple[str, ...], variant: str) -> None:
