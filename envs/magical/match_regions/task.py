@@ -197,7 +197,7 @@ class MatchRegions:
         scene = self.robot, blocks, radii, None
         there, taken = layouts.place_robot(key_there, *scene, arena=self.arena, at=center[1])
         elsewhere, _ = layouts.place_robot(key_robot, *scene, arena=self.arena)
-        robot = starts.robot_pose(self.robot, jnp.where(taken, elsewhere, there))
+        robot = layouts.robot_pose(self.robot, jnp.where(taken, elsewhere, there))
         pose = jnp.concatenate([robot, blocks])
         return self.reset_to(pose, jnp.zeros_like(pose), goal=jnp.concatenate([center[0], size[0]]))
 
