@@ -32,7 +32,7 @@ _MEDIAN = 3  # frames of the median over positions that jitter calls for
 
 
 class Found(NamedTuple):
-    """What an import found in one film, and what it mended."""
+    """The findings of an import in one film, and what it mended."""
 
     name: str
     frames: int  # kept

@@ -105,7 +105,7 @@ def _cut(picture: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _between(line: np.ndarray, at: int) -> float:
-    """How far the top of a parabola through a maximum and its neighbours is from it, pixels."""
+    """Pixels from a maximum to the top of the parabola through it and its neighbours."""
     if not 0 < at < len(line) - 1:
         return 0.0
     before, here, after = (float(value) for value in line[at - 1 : at + 2])
