@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.paths import TESTS
 
 from gril_jax.demos.boxes.recognise import boxes_of, file_of, reader
 from gril_jax.demos.boxes.record import Film
@@ -151,6 +152,39 @@ def test_a_format_gives_the_boxes_of_our_csv_to_half_a_pixel(tmp_path, kind):
     tracks = [{b.track for b in found if b.name == name} for name in NAMES]
     assert [len(each) for each in tracks] == [2, 1]
     assert all(str(tmp_path) in b.where for b in found)
+
+
+WRITTEN = sorted((TESTS / "data" / "boxes").iterdir())
+
+
+@pytest.mark.parametrize("folder", WRITTEN, ids=lambda folder: folder.name)
+def test_files_that_other_tools_wrote_give_the_boxes_of_our_csv(folder):
+    """Written by supervision 0.31.2 and datumaro 1.13.12 from `TRUE`."""
+    found = boxes_of(film(folder))
+    rows = sorted((b.frame, b.name, *b.edges) for b in found)
+    true = sorted(row[:6] for row in TRUE)
+    assert [row[:2] for row in rows] == [row[:2] for row in true]
+    np.testing.assert_allclose([r[2:] for r in rows], [r[2:] for r in true], atol=0.5)
+    tracks = {row.track for row in found}
+    identities = not folder.name.endswith("yolo") and folder.name != "supervision_coco"
+    assert tracks == ({"1", "2", "3"} if identities else {None})
+
+
+def test_other_tools_read_the_texts_of_these_tests_alike(tmp_path):
+    """Formats that nothing but their own server writes are checked the other way round."""
+    datumaro = pytest.importorskip("datumaro", reason="datumaro is not installed")
+    motmetrics = pytest.importorskip("motmetrics", reason="motmetrics is not installed")
+    (tmp_path / "a.xml").write_text(cvat_text())
+    items = datumaro.Dataset.import_from(str(tmp_path / "a.xml"), "cvat")
+    seen = sorted((one.attributes["frame"], *box.get_bbox()) for one in items
+                  for box in one.annotations if not box.attributes.get("outside"))  # fmt: skip
+    true = sorted((t, a, b, c - a, d - b) for t, _, a, b, c, d, _ in TRUE)
+    np.testing.assert_allclose(seen, true, atol=0.5)
+    (tmp_path / "a.txt").write_text(mot_text())
+    table = motmetrics.io.loadtxt(tmp_path / "a.txt", fmt="mot16", min_confidence=-1)
+    seen = sorted((frame - 1, row.X + 1, row.Y + 1, row.Width, row.Height)
+                  for (frame, _), row in table.iterrows())  # fmt: skip
+    np.testing.assert_allclose(seen, true, atol=0.5)
 
 
 def test_a_box_has_its_file_and_line(tmp_path):
