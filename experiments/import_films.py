@@ -100,6 +100,8 @@ def in_words(found: Import, robots: Sequence[str]) -> list[str]:
         f"lengths are in {found.unit}; a frame shows {found.half_extent:g} to each side of its "
         "middle",
         f"{missing:.0%} of the boxes are missing and were filled in; "
+        f"{sum(film.carried for film in films)} times something was carried where it could not be "
+        "seen, and goes with the hand; "
         f"{sum(film.stray for film in films)} were of another object and left out; "
         f"{sum(film.renewed for film in films)} changes of a tracker's identity were followed",
         f"boxes jitter by {jitter:.1f} pixels: this is in the set as noise {found.noise:.4f} "
@@ -129,8 +131,9 @@ def _line(film: Found) -> str:
     return (
         f"{film.name}: {film.frames} frames kept and {film.trimmed} cut from its resting end; "
         f"{objects}; {film.missing:.1%} of the boxes missing, all objects seen from "
-        f"{film.late:.1f} s; {film.stray} stray, {film.extra} second and {film.outside} outside "
-        f"boxes left out; {film.renewed} identities renewed; jitter {film.jitter:.2f} pixels, "
+        f"{film.late:.1f} s; {film.carried} times carried out of sight; {film.stray} stray, "
+        f"{film.extra} second and {film.outside} outside boxes left out; {film.renewed} "
+        f"identities renewed; jitter {film.jitter:.2f} pixels, "
         f"smoothed over {film.smoothing} frames"
     )
 
