@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.config.task import NO_TASK
 from gril_jax.envs import registry
 from gril_jax.envs.own import files
 from gril_jax.errors import ConfigError
@@ -63,7 +64,8 @@ def of_run(config: RunConfig, task: str | None, folder: Path) -> None:
     if task is not None:
         own = files.is_reference(config.env.name) and files.is_reference(task)
         if not own and task != config.env.name:
-            raise ConfigError(f"{folder} was trained for {config.env.name}, but --task is {task}")
+            what = "on films alone" if config.env.name == NO_TASK else f"for {config.env.name}"
+            raise ConfigError(f"{folder} was trained {what}, but --task is {task}")
         if own:
             _sentence(files.moved, config.env.name, task)
     if files.is_reference(config.env.name):
