@@ -47,7 +47,8 @@ def command(argv, capsys):
 
 
 def refused(home, argv, words, capsys):
-    """A command ends in one sentence with these words, and leaves all as it was."""
+    """The exit code of a command that ends in one sentence with these words, and leaves all as it
+    was."""
     before = contents(home)
     code, said = command(argv, capsys)
     assert code in (1, 2), (code, said)
@@ -59,6 +60,7 @@ def refused(home, argv, words, capsys):
     assert len(last) < 1200, last
     assert words in said, said
     assert contents(home) == before
+    return code
 
 
 def films(home):
