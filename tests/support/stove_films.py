@@ -199,8 +199,8 @@ def _covered(boxes):
 def write_films(
     folder, count=12, *, recipe="lid on pot", faults=Faults(), seed=0, films=True, **look
 ):
-    """Films, boxes and names in a new folder, and the first boxes in `first.json`; the stories by
-    their names."""
+    """Films, boxes and names in a new folder, and in `first.json` the box of each object on the
+    first frame that shows it whole; the stories by their names."""
     folder.mkdir(parents=True, exist_ok=True)
     names, stories, first = names_of(recipe), {}, {}
     (folder / "names.txt").write_text("\n".join(names) + "\n")
@@ -211,10 +211,15 @@ def write_films(
             write_video(folder / f"{name}.mp4", painted(told, recipe, number), told.fps)
         rows = tracked(told, faults, 1000 * seed + number)
         (folder / f"{name}.txt").write_text("\n".join(rows) + "\n")
-        inside = [0, 0, 0, 0], [told.width, told.height] * 2
-        edges = np.clip(told.boxes[0], *inside).round(1).tolist()
-        first[name] = [{"class": one, "box": edge} for one, edge in zip(names, edges, strict=True)
-                       if edge[2] - edge[0] > 4 and edge[3] - edge[1] > 4]  # fmt: skip
+        edges = told.boxes.round(1)
+        within = (edges[..., :2] >= 0).all(-1) & (edges[..., 2:] <= [told.width, told.height]).all(
+            -1
+        )
+        first[name] = [
+            {"class": one, "box": edges[frame, which].tolist(), "frame": frame}
+            for which, one in enumerate(names)
+            for frame in [int(np.argmax(within[:, which]))]
+        ]
         stories[name] = told
     (folder / "first.json").write_text(json.dumps(first))
     return stories
