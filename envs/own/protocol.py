@@ -1,4 +1,4 @@
-"""What a task of one's own must keep, each point a finding in a sentence.
+"""The contract of a task of one's own, each point a finding in a sentence.
 
 `first_fault` looks at what can be seen in a second or two, before every work; `findings` plays
 episodes, too, and is for `gril check-task`.
