@@ -25,6 +25,13 @@ ENTRY_POINTS = "gril_jax.tasks"  # of functions that make a task
 
 TASKS = {
     "match_regions": "gril_jax.envs.magical.match_regions:SPEC",
+    "move_to_corner": "gril_jax.envs.magical.suite:MOVE_TO_CORNER",
+    "move_to_region": "gril_jax.envs.magical.suite:MOVE_TO_REGION",
+    "find_dupe": "gril_jax.envs.magical.suite:FIND_DUPE",
+    "fix_colour": "gril_jax.envs.magical.suite:FIX_COLOUR",
+    "cluster_colour": "gril_jax.envs.magical.suite:CLUSTER_COLOUR",
+    "cluster_shape": "gril_jax.envs.magical.suite:CLUSTER_SHAPE",
+    "make_line": "gril_jax.envs.magical.suite:MAKE_LINE",
     "shoes_in_box": "gril_jax.envs.tabletop.shoes_in_box:SPEC",
 }
 
@@ -36,7 +43,7 @@ class TaskSpec:
     make: str
     """Import path of its constructor: keyword options -> `Env`."""
     demonstrate: str
-    """Import path of its scripted expert, a `gril_jax.envs.base.Demonstrate`."""
+    """Import path of its scripted expert, a `gril_jax.envs.base.Demonstrate`; empty: none."""
     rewards: tuple[str, ...]
     """Its own rewards, for the option `reward`; the first is the constructor's default."""
     bench_settings: tuple[Mapping[str, Any], ...] = ({},)
@@ -54,6 +61,8 @@ class TaskSpec:
     hints: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """Hints of the goal that the policy sees, in words, by the value of `observation` that gives
     them; those of "" are in every observation."""
+    config: str = ""
+    """The configuration with its settings, if it is not the one of its name."""
     steps_in_mjx: bool = False
     """True if MuJoCo MJX steps it, whatever its options are."""
     xla_flags: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)

@@ -93,18 +93,18 @@ def in_words(found: Import, robots: Sequence[str]) -> list[str]:
     most = {name: max(film.objects[name] for film in films) for name in classes}
     shown = ", ".join(f"{n} x {name}" if n > 1 else name for name, n in most.items())
     acting = f"of these the robot or person is {', '.join(robots)}" if robots else "none acts"
-    missing = np.mean([film.missing for film in films])
     jitter = max(film.jitter for film in films)
     lines = [
         f"{len(films)} films, {found.fps:g} frames a second; objects: {shown}; {acting}",
         f"lengths are in {found.unit}; a frame shows {found.half_extent:g} to each side of its "
         "middle",
-        f"{missing:.0%} of the boxes are missing and were filled in; "
-        f"{sum(film.stray for film in films)} were of another object and left out; "
-        f"{sum(film.renewed for film in films)} changes of a tracker's identity were followed",
-        f"boxes jitter by {jitter:.1f} pixels: this is in the set as noise {found.noise:.4f} "
-        f"({found.unit}), so that resting objects do not count as moved (--jitter sets it)",
+        _mended(films),
     ]
+    if jitter:
+        lines.append(
+            f"boxes jitter by {jitter:.1f} pixels: this is in the set as noise {found.noise:.4f} "
+            f"({found.unit}), so that resting objects do not count as moved (--jitter sets it)"
+        )
     if several := [name for name, n in most.items() if n > 1]:
         lines.append(
             f"there are several of {', '.join(several)}: in each film {several[0]} 1 is the first "
@@ -114,6 +114,22 @@ def in_words(found: Import, robots: Sequence[str]) -> list[str]:
         lines.append("no class is the robot's or the person's: name it with --robot if one is")
     lines += [f"doubtful: {doubt}" for film in films for doubt in _doubts(film)]
     return lines
+
+
+def _mended(films: Sequence[Found]) -> str:
+    """A sentence on what was missing or wrong in the boxes of all films."""
+    missing = np.mean([film.missing for film in films])
+    carried, stray, renewed = (
+        sum(getattr(film, name) for film in films) for name in ("carried", "stray", "renewed")
+    )
+    said = [f"{missing:.0%} of the boxes are missing and were filled in"]
+    if carried:
+        said.append(f"{carried} times something was carried out of sight, and goes with the hand")
+    if stray:
+        said.append(f"{stray} were of another object and left out")
+    if renewed:
+        said.append(f"{renewed} changes of a tracker's identity were followed")
+    return "; ".join(said)
 
 
 def _doubts(film: Found) -> list[str]:
@@ -129,8 +145,9 @@ def _line(film: Found) -> str:
     return (
         f"{film.name}: {film.frames} frames kept and {film.trimmed} cut from its resting end; "
         f"{objects}; {film.missing:.1%} of the boxes missing, all objects seen from "
-        f"{film.late:.1f} s; {film.stray} stray, {film.extra} second and {film.outside} outside "
-        f"boxes left out; {film.renewed} identities renewed; jitter {film.jitter:.2f} pixels, "
+        f"{film.late:.1f} s; {film.carried} times carried out of sight; {film.stray} stray, "
+        f"{film.extra} second and {film.outside} outside boxes left out; {film.renewed} "
+        f"identities renewed; jitter {film.jitter:.2f} pixels, "
         f"smoothed over {film.smoothing} frames"
     )
 

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.envs.magical.simulator import PRESETS, Preset
 from gril_jax.envs.planar.joints import Strengths
-from gril_jax.envs.planar.robots import PIVOTS, Robot
+from gril_jax.envs.planar.robots import FINGER_OPEN, PIVOTS, Robot
 from gril_jax.envs.planar.shapes import SHAPES
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
@@ -46,8 +47,14 @@ def jitter(key: PRNGKeyArray, layout: Layout, *, arena: float) -> Layout:
     return layout._replace(robot=robot, blocks=blocks, goal=near(keys[2], layout.goal, size))
 
 
-def _gap_to_goal(xy: Float[Array, "*C 2"], goal: Float[Array, "4"]) -> Float[Array, "*C"]:
-    outside = jnp.maximum(jnp.abs(xy - goal[:2]) - goal[2:] / 2, 0.0)
+def radii(shape: Int[Array, "B"]) -> Float[Array, "B"]:
+    """Radii of blocks' bounding circles; 0 for a slot without a block."""
+    return jnp.append(jnp.asarray(RADII), 0.0)[shape]
+
+
+def gap_to_region(xy: Float[Array, "*C 2"], region: Float[Array, "4"]) -> Float[Array, "*C"]:
+    """Distances of points from a region; 0 within it."""
+    outside = jnp.maximum(jnp.abs(xy - region[:2]) - region[2:] / 2, 0.0)
     return jnp.sqrt(jnp.sum(outside**2, axis=-1))
 
 
@@ -86,10 +93,14 @@ def place_robot(
     *,
     arena: float,
     facing: Float[Array, "2"] | None = None,
+    at: Float[Array, "2"] | None = None,
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-    """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere or a
-    little before a point and about `facing` it. Returns it, and True if there was none."""
+    """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere, a
+    little before a point and about `facing` it, or `at` a place. Returns it, and True if there was
+    none."""
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
+    if at is not None:
+        poses = poses.at[:, :2].set(at)
     if facing is not None:  # around it, from candidates with x and y in [-1, 1]
         nearest, furthest, aside = _FACING
         angle = poses[:, 2]
@@ -100,7 +111,7 @@ def place_robot(
     points = turned(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
     free = (jnp.abs(points) < arena).all(axis=(1, 2))
     if goal is not None:
-        free &= (_gap_to_goal(points, goal) > 0).all(axis=1)
+        free &= (gap_to_region(points, goal) > 0).all(axis=1)
     if len(radii):
         apart = jnp.sum((points[:, :, None] - blocks[:, :2]) ** 2, axis=-1)
         free &= (apart > radii**2).all(axis=(1, 2))
@@ -120,7 +131,7 @@ def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena:
     for b, key_b in enumerate(keys):
         poses = _candidates(key_b, arena - radii[b])
         clear = jnp.sum((poses[:, None, :2] - points) ** 2, axis=-1).min(axis=1) > radii[b] ** 2
-        clear &= _gap_to_goal(poses[:, :2], goal) > radii[b]
+        clear &= gap_to_region(poses[:, :2], goal) > radii[b]
         apart = jnp.sum((poses[:, None, :2] - blocks[:, :2]) ** 2, axis=-1)
         clear &= (apart > (radii[b] + radii[:b]) ** 2).all(axis=1)
         blocks = jnp.concatenate([blocks, poses[jnp.argmax(clear)][None]])
@@ -141,7 +152,7 @@ def colours(key: PRNGKeyArray, colour: Int[Array, "B"], num_targets: int) -> Int
 
 def shapes(key: PRNGKeyArray, num_blocks: int) -> Int[Array, "B"]:
     """MAGICAL's Shape variant: any shape for every block."""
-    return jax.random.randint(key, (num_blocks,), 0, len(RADII), jnp.int32)
+    return jax.random.randint(key, (num_blocks,), 0, len(SHAPES), jnp.int32)
 
 
 def dynamics(key: PRNGKeyArray) -> Strengths:
@@ -149,3 +160,25 @@ def dynamics(key: PRNGKeyArray) -> Strengths:
     low, high = np.array(_DYNAMICS, np.float32).T
     drawn = jax.random.uniform(key, (len(low),), minval=low, maxval=high)
     return Strengths(*drawn)
+
+
+def strengths(key: PRNGKeyArray, preset: Preset, *, vary: bool) -> Strengths:
+    """The largest forces: the preset's, or sampled from its ranges."""
+    if not vary:
+        return Strengths(*(jnp.float32(s) for s in preset.strengths))
+    drawn = dynamics(key)
+    (low, high), (least, most) = PRESETS["xmagical"].drives, preset.drives
+    if (least, most) == (low, high):
+        return drawn
+    return drawn._replace(drive=least + (drawn.drive - low) * (most - least) / (high - low))
+
+
+def robot_pose(robot: Robot, base: Float[Array, "3"]) -> Float[Array, "P 3"]:
+    """Poses of the robot's parts with open fingers, from the base's pose."""
+    if not robot.has_fingers:
+        return base[None]
+    c, s = jnp.cos(base[2]), jnp.sin(base[2])
+    pivots = jnp.asarray(PIVOTS, jnp.float32) @ jnp.array([[c, s], [-s, c]])
+    angle = base[2] + FINGER_OPEN * jnp.array([1.0, -1.0])
+    fingers = jnp.concatenate([base[:2] + pivots, angle[:, None]], axis=1)
+    return jnp.concatenate([base[None], fingers])

@@ -38,20 +38,28 @@ def _disc(center: np.ndarray, radius: float) -> np.ndarray:
 
 
 def outlines(
-    robot: Robot, blocks: list[tuple[str, str]], arena: float, pose: np.ndarray, goal: np.ndarray
+    robot: Robot,
+    blocks: list[tuple[str, str]],
+    arena: float,
+    pose: np.ndarray,
+    regions: list[tuple[str, np.ndarray]],
+    *,
+    robot_first: bool = False,
 ) -> list[Outline]:
-    """Outlines from the blocks' (colour, shape), all poses (E, 3) and the region (4,)."""
+    """Outlines from the blocks' (colour, shape), all poses (E, 3), and the regions' colours and
+    boxes (centre, size); blocks are painted before the robot, or after it if it is the first."""
     floor = _box(np.zeros(2), np.full(2, 2 * arena))
-    region, colour = _box(goal[:2], goal[2:]), blocks[0][0]
-    painted = [
-        Outline(floor, FLOOR, GREY, width=FLOOR_WIDTH),
-        Outline(region, GOAL_FILL[colour], FILL[colour], width=GOAL_WIDTH, dash=GOAL_DASH),
-    ]
-    parts = len(robot.parts)
+    ground = [Outline(floor, FLOOR, GREY, width=FLOOR_WIDTH)]
+    for colour, place in regions:
+        look = dict(width=GOAL_WIDTH, dash=GOAL_DASH)
+        box = _box(place[:2], place[2:])
+        ground.append(Outline(box, GOAL_FILL[colour], FILL[colour], **look))
+    parts, painted = len(robot.parts), []
     for (colour, shape), place in zip(blocks, pose[parts:], strict=True):
         vertices = _placed(shapes.outline(shape), place)
         painted.append(Outline(vertices, FILL[colour], RIM[colour], width=BODY_WIDTH))
-    return painted + _robot(robot, pose[:parts])
+    machine = _robot(robot, pose[:parts])
+    return ground + (machine + painted if robot_first else painted + machine)
 
 
 def _robot(robot: Robot, pose: np.ndarray) -> list[Outline]:

@@ -145,6 +145,14 @@ def rounded_command(action: Float[Array, "A"]) -> Command:
     return Command(speed, turn, jnp.where(grip > 0, 0.0, FINGER_OPEN))
 
 
+def commanded(action: Float[Array, "A"], *, physics: str, gain: float, dt: float) -> Command:
+    """The command for an action, clipped to [-1, 1], of a preset; MAGICAL has turns of its own."""
+    action = jnp.clip(action, -1.0, 1.0)
+    if physics == "magical":
+        return rounded_command(action)
+    return command(action, gain=gain, dt=dt)
+
+
 def from_magical(ids: Int[np.ndarray, "*T"]) -> Float[np.ndarray, "*T 3"]:
     """The actions with MAGICAL's numbers 9 * grip + 3 * turn + drive, from 0 to 17.
 

@@ -26,7 +26,7 @@ Holds = Callable[[Any], Any]
 
 
 class Moment(NamedTuple):
-    """What a library's environment gives after a reset or a step."""
+    """The outcome of a library's reset or step."""
 
     state: Any
     obs: Any

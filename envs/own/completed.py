@@ -44,8 +44,10 @@ class Completed:
         self.action_size = int(task.action_size)
         for name, usual in USUAL.items():
             setattr(self, name, getattr(task, name, usual))
-        for name in OPTIONAL[:3]:
+        for name in OPTIONAL[:2]:
             setattr(self, name, getattr(task, name, None))
+        own = getattr(task, "place", None)
+        self.place = None if own is None else lambda *boxes_and_key: complete(own(*boxes_and_key))
         if hasattr(task, "render"):
             self.render = lambda data, **how: task.render(data.own, **how)
         shape = jax.eval_shape(lambda: self.reset(jax.random.key(0)).obs).shape

@@ -44,7 +44,7 @@ def is_reference(name: str) -> bool:
 
 
 def reference(name: str) -> Reference:
-    """What FILE.py:FUNCTION names, with an absolute path; the file need not exist."""
+    """FILE.py:FUNCTION taken apart, with an absolute path; the file need not exist."""
     path, colon, function = name.rpartition(":")
     if not colon or not path.endswith(".py"):
         raise ValueError(f"the task {name!r} must be FILE.py:FUNCTION, such as my_task.py:make")

@@ -1,4 +1,4 @@
-"""What a task of one's own must keep, each point a finding in a sentence.
+"""The contract of a task of one's own, each point a finding in a sentence.
 
 `first_fault` looks at what can be seen in a second or two, before every work; `findings` plays
 episodes, too, and is for `gril check-task`.
@@ -310,16 +310,19 @@ def _stages(env: Completed, states: State) -> Finding:
 
 def _placed(env: Completed, first: State) -> Finding:
     try:
-        made = jax.jit(jax.vmap(lambda c: complete(env.place(c))))(first.objects.center)
+        keys = jax.random.split(jax.random.key(0), len(first.objects.center))
+        made = jax.jit(jax.vmap(env.place))(first.objects.center, first.objects.size, keys)
     except Exception as error:
         return Finding(
-            "place", False, f"place(center) fails ({type(error).__name__}: {error:.100})"
+            "place",
+            False,
+            f"place(center, size, key) fails ({type(error).__name__}: {error!s:.100})",
         )
     holds = np.allclose(made.objects.center, first.objects.center, atol=1e-3)
     return Finding(
         "place", holds,
-        "place(center) gives a state with the boxes there" if holds
-        else "place(center) gives a state whose boxes lie elsewhere",
+        "place(center, size, key) gives a state with the boxes there" if holds
+        else "place(center, size, key) gives a state whose boxes lie elsewhere",
     )  # fmt: skip
 
 

@@ -5,6 +5,9 @@ direction (a face's normal for a polygon, a tip for the star) that lies nearest 
 the shape's rim in that wedge is one segment, given by its distance `along` the direction and its
 distance `across` it. A circle is a point with a radius. So a distance costs five scalar products
 and no branch, whichever shape it is.
+
+A slot without a block has the shape `NOTHING`: its radius is far below zero, so nothing is ever
+near enough to touch it, wherever it lies.
 """
 
 import math
@@ -18,6 +21,7 @@ from jaxtyping import Array, Float, Int
 from .plane import Vec, heading, where
 
 SHAPES = ("star", "square", "pentagon", "circle")
+NOTHING = len(SHAPES)  # in the place of an index: no block
 SIZE = 0.12  # every block's area is about pi SIZE^2
 
 
@@ -72,13 +76,14 @@ _TABLE = {  # of one block each; inertias for a mass of 0.01, as the original co
         _five(_ring(5, 1.0)), _NONE, _NONE, Vec(1.0, 0.0), _five(np.zeros((5, 2))), SIZE, 1 / 7.2e-5
     ),
 }
+_ABSENT = _TABLE["circle"]._replace(radius=-1e3)
 _STACKED = jax.tree.map(
-    lambda *f: np.stack(f, axis=-1).astype(np.float32), *(_TABLE[s] for s in SHAPES)
+    lambda *f: np.stack(f, axis=-1).astype(np.float32), *(_TABLE[s] for s in SHAPES), _ABSENT
 )
 
 
 def blocks(shape: Int[Array, "B"]) -> BlockShape:
-    """The shapes of blocks, given by their index in `SHAPES`."""
+    """The shapes of blocks, given by their index in `SHAPES`, or `NOTHING`."""
     return jax.tree.map(lambda field: jnp.asarray(field)[..., shape], _STACKED)
 
 
@@ -151,7 +156,7 @@ def extents(
     shape: BlockShape, angle: Float[Array, "B"]
 ) -> tuple[Float[Array, "B 2"], Float[Array, "B 2"]]:
     """Lowest and highest point of blocks turned by `angle`, relative to their centres."""
-    corners = shape.corners.out_of(heading(angle))
+    corners, radius = shape.corners.out_of(heading(angle)), jnp.maximum(shape.radius, 0.0)[:, None]
     stack = lambda x, y: jnp.stack([x, y], axis=-1)  # noqa: E731
-    low = stack(corners.x.min(axis=0), corners.y.min(axis=0)) - shape.radius[:, None]
-    return low, stack(corners.x.max(axis=0), corners.y.max(axis=0)) + shape.radius[:, None]
+    low = stack(corners.x.min(axis=0), corners.y.min(axis=0)) - radius
+    return low, stack(corners.x.max(axis=0), corners.y.max(axis=0)) + radius

@@ -60,7 +60,7 @@ def programs(config: RunConfig) -> Iterator[Program]:
     """The programs of a run, for each algorithm."""
     env = setup.make_env(config.env, training=True)
     task = setup.make_env(config.env, training=False)
-    yield from _of_pretraining(config, len(env.classes))
+    yield from _of_pretraining(config, env)
     reward = jax.eval_shape(lambda: setup.blank_reward(config, len(env.classes)))
     key = jax.eval_shape(lambda: jax.random.key(0))
     for name in ALGORITHMS:
@@ -79,11 +79,11 @@ def programs(config: RunConfig) -> Iterator[Program]:
             yield Program("evaluate", evaluate.evaluate, args, options)
 
 
-def _of_pretraining(config: RunConfig, classes: int) -> Iterator[Program]:
+def _of_pretraining(config: RunConfig, env: Env) -> Iterator[Program]:
     """Programs of pretraining; they are compiled from shapes, without demonstrations."""
-    static, hyper = setup.pretrain_config(config, classes), setup.pretrain_hyper(config)
+    static, hyper = setup.pretrain_config(config, len(env.classes)), setup.pretrain_hyper(config)
     objects = 2 + len(config.env.targets) + len(config.env.distractors)
-    num, frames = config.demos.num, config.env.episode_length
+    num, frames = config.demos.num, env.episode_length
     scene = jax.ShapeDtypeStruct((num, frames, objects, 2), jnp.float32)
     bits = jax.ShapeDtypeStruct((num, objects), jnp.bool_)
     label = jax.ShapeDtypeStruct((num, objects), jnp.int32)

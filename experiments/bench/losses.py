@@ -3,10 +3,11 @@
     gril bench losses                   a few minutes on 2 CPU cores
 
 Times are medians in milliseconds, and a ratio above 1 says how many times longer, or how much more
-memory, the other form takes. Peers that are not installed (ott-jax, tslearn) are left out.
+memory, the other form takes. Peers that are not installed are named under `not_installed`.
 """
 
 import statistics
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gril_jax.losses import expected_alignment, mean_cycle_consistency, soft_dtw_between
+from gril_jax.runs.progress import Progress
 
 from .frame import median_ms, ratios, rounded, staged, without_cache
 
@@ -37,11 +39,27 @@ _SIZE = (8, 32, 32)  # videos, frames, width of the latent
 _COMPILATIONS = 3  # of each cycle-consistency, whose median counts
 
 
-def main() -> dict[str, Any]:
+def main(
+    shapes: Sequence[tuple[int, int]] | None = None, repeats: int = _REPEATS
+) -> dict[str, Any]:
     """The figures of soft-DTW at each size, and of cycle-consistency."""
     gpu = jax.default_backend() == "gpu"
-    cases = [soft_dtw(*shape, _REPEATS, gpu=gpu) for shape in (_GPU_SHAPES if gpu else _SHAPES)]
-    return {"soft_dtw": cases, "tcc": cycle_consistency(_REPEATS)}
+    shapes = (_GPU_SHAPES if gpu else _SHAPES) if shapes is None else shapes
+    cases: list[dict[str, Any]] = []
+    with Progress() as progress:
+        phase = progress.phase("losses", total=len(shapes) + 1, unit="cases", compiles=False)
+        for shape in shapes:
+            cases.append(soft_dtw(*shape, repeats, gpu=gpu))
+            phase.update(len(cases))
+        cycles = cycle_consistency(repeats)
+        phase.update(len(shapes) + 1)
+    return {"not_installed": not_installed(), "soft_dtw": cases, "tcc": cycles}
+
+
+def not_installed() -> list[str]:
+    """The packages to be compared with that are missing, as pip calls them."""
+    peers = {"ott-jax": ott_costs, "tslearn": _njit_soft_dtw_batch}
+    return [name for name, found in peers.items() if found is None]
 
 
 def soft_dtw(pairs: int, frames: int, repeats: int, *, gpu: bool) -> dict[str, Any]:

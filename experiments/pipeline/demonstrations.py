@@ -88,8 +88,7 @@ def chosen(config: RunConfig, env: Env | None, source: Path) -> Demonstrations:
         if config.env.is_own:
             demo_set = own_task.fitted(demo_set, env, config.env.shown_name)
         _require_fitting(demo_set, env, config.env.shown_name)
-        wanted = ("goal", "robot", *env.blocks) if hasattr(env, "blocks") else env.classes
-        demo_set = select_objects(demo_set, tuple(wanted))
+        demo_set = select_objects(demo_set, _objects(env))
     good = [e.name for e in demo_set.entries if e.outcome != "failure"]
     if len(good) < 3:
         raise DemoError(f"{source}: holds {len(good)} demonstrations, but at least 3 are needed")
@@ -107,6 +106,13 @@ def chosen(config: RunConfig, env: Env | None, source: Path) -> Demonstrations:
         "failure": [e.name for e in demo_set.entries if e.outcome == "failure"],
     }
     return Demonstrations(demo_set, names, sum(e.trimmed for e in demo_set.entries))
+
+
+def _objects(env: Env) -> tuple[str, ...]:
+    """The names of a task's objects: its classes, where it does not say more."""
+    if hasattr(env, "blocks"):
+        return ("goal", "robot", *env.blocks)
+    return tuple(getattr(env, "object_names", env.classes))
 
 
 def _require_fitting(demo_set: DemoSet, env: Env, task: str) -> None:

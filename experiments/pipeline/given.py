@@ -1,9 +1,10 @@
 """The ledger of help: what a policy's learner is given beside its reward, as a level and in words.
 
 Level A: the task's own starts alone, poses of robot and objects, episodes that end by time. Level
-C: also what only somebody who knows the goal can give, such as starts near it, moments of an
-expert's episodes, or a test of the goal in the observation. A reward is learned from videos or the
-task's own, and is named beside the level.
+B: training may also begin at moments that the policy itself has reached. Level V: or where a frame
+of the videos shows things. Level C: also what only somebody who knows the goal can give, such as
+starts near it, moments of an expert's episodes, or a test of the goal in the observation. A reward
+is learned from videos or the task's own, and is named beside the level.
 """
 
 from collections.abc import Iterable
@@ -16,7 +17,7 @@ from gril_jax.config import RunConfig
 class Given(NamedTuple):
     """All that a learner is given."""
 
-    level: str  # "A" or "C"
+    level: str  # "A", "B", "V" or "C"
     starts: str
     observation: str
     reward: str
@@ -39,7 +40,22 @@ def given(config: RunConfig) -> Given:
         starts = f"{starts}, {100 * varied:.0f} % of them varied ({task.varied})"
     hints = [task.hints[kind] for kind in ("", chosen.observation) if kind in task.hints]
     seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
-    return Given("C" if varied or hints else "A", starts, seen, _reward(config, task))
+    level, chosen_starts = _chosen_starts(config)
+    level = "C" if varied or hints else level
+    return Given(level, f"{starts}{chosen_starts}", seen, _reward(config, task))
+
+
+def _chosen_starts(config: RunConfig) -> tuple[str, str]:
+    """The level of the starts that training chooses, and in words which they are."""
+    section = getattr(config, config.run.algorithm)
+    level, said = "A", ""
+    if section.own_starts:
+        level = "B"
+        said += f", and first {100 * section.own_starts:.0f} %, in the end none at its own moments"
+    if section.video_starts:
+        level = "V"
+        said += f", and first {100 * section.video_starts:.0f} %, in the end none at videos' frames"
+    return level, said
 
 
 def _reward(config: RunConfig, task: envs.TaskSpec) -> str:

@@ -48,6 +48,10 @@ def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> 
     try:
         if config.env.is_own:
             shown = own_expert.demonstrate(build, wanted, phase.update)
+        elif not envs.spec(name).demonstrate:
+            raise envs.ExpertError(
+                f"the task {name} has no scripted expert: gril demos import-videos reads films"
+            )
         else:
             shown = envs.demonstrate(name)(build, wanted, phase.update)
         source = f"scripted expert, {chosen.variant} layout, seed {chosen.seed}"

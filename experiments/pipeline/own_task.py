@@ -1,4 +1,4 @@
-"""Demonstrations for a user's own task: whether they show its objects, and where there are none."""
+"""Demonstrations for a task without an expert: whether there are any, and show its objects."""
 
 from collections import Counter
 from dataclasses import replace
@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from gril_jax.envs import Env
 
+from gril_jax import envs
 from gril_jax.config import RunConfig
 from gril_jax.demos.demo_set import DemoSet
 from gril_jax.errors import ConfigError, DemoError
@@ -15,8 +16,10 @@ _ROUNDING = 0.01  # of half_extent, by which films of the same picture may diffe
 
 
 def require_demonstrations(config: RunConfig, env: Env) -> None:
-    """Raises before any work if a user's own task has neither demonstrations nor an expert."""
-    if config.env.is_own and config.demos.path is None and env.expert is None:
+    """Raises before any work if there are neither demonstrations nor an expert."""
+    name = config.env.name
+    expert = env.expert if config.env.is_own else envs.spec(name).demonstrate
+    if config.demos.path is None and not expert:
         raise ConfigError(
             f"the task {config.env.shown_name} has no expert that could demonstrate it, so --demos "
             "must name a set: gril demos import-videos makes one of films"

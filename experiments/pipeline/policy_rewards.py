@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, UInt8
 
 from gril_jax import envs, reward
@@ -16,7 +17,7 @@ from gril_jax.errors import ConfigError
 from gril_jax.pretraining import pretrain
 from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.rl import rewards
+from gril_jax.rl import rewards, starts
 from gril_jax.subtasks import agreement
 from gril_jax.types import DemoBatch
 
@@ -24,24 +25,47 @@ from . import setup
 from .reward_form import RewardForm
 
 _MOST = 8  # subtasks of a chain
+_NUM_FRAMES = 2048  # that training may begin at
 
 
 def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
     """The reward as the algorithms take it."""
-    return _form(config).function(config, env)
+    found = _form(config).function(config, env)
+    return starts.with_frames(found) if _begins_at_frames(config) else found
 
 
 def parameters(
     config: RunConfig, learned: RewardParams, demos: DemoBatch | None, num_classes: int
 ) -> Any:
     """Its parameters, from a learned reward and its demonstrations; without these, the shapes."""
-    return _form(config).parameters(config, learned, demos, num_classes)
+    found = _form(config).parameters(config, learned, demos, num_classes)
+    return starts.WithFrames(found, _frames(config, demos)) if _begins_at_frames(config) else found
 
 
 def blank(config: RunConfig, env: envs.Env) -> Any:
     """Parameters of the right shapes, to restore a checkpoint into."""
     classes = len(env.classes)
     return parameters(config, setup.blank_reward(config, classes), None, classes)
+
+
+def _begins_at_frames(config: RunConfig) -> bool:
+    return getattr(config, config.run.algorithm).video_starts > 0
+
+
+def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
+    """Frames of the demonstrations, evenly over all of them; without these, the shapes."""
+    if demos is None:
+        env = setup.make_env(config.env, training=False)
+        num = len(jax.eval_shape(env.reset, jax.random.key(0)).objects.label)
+        boxes = jnp.zeros((_NUM_FRAMES, num, 2))
+        return starts.Frames(boxes, boxes, jnp.zeros((_NUM_FRAMES, num), bool))
+    hyper = setup.pretrain_hyper(config)
+    static = setup.pretrain_config(config, int(demos.label.max()) + 1)
+    active = jax.jit(lambda demos: pretrain.activity_bits(demos, hyper, static))(demos)
+    film, frame = np.nonzero(np.arange(demos.center.shape[1]) < np.asarray(demos.length)[:, None])
+    every = np.linspace(0, len(film) - 1, _NUM_FRAMES).round().astype(int)
+    film, frame = film[every], frame[every]
+    return starts.Frames(*(jnp.asarray(x)[film, frame] for x in (demos.center, demos.size, active)))
 
 
 def _form(config: RunConfig) -> RewardForm:

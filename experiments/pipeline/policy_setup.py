@@ -11,6 +11,7 @@ from jaxtyping import PRNGKeyArray
 from gril_jax import envs
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import ALGORITHMS, find
+from gril_jax.errors import ConfigError
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl import training
 from gril_jax.rl.policy import Policy
@@ -26,6 +27,11 @@ def make_algorithm(config: RunConfig, env: envs.Env, name: str | None = None) ->
     seen = section.observe_activity
     seen = config.env.observation != "xmagical" if seen is None else seen
     static = setup.by_name(kind.Static, config.pool, section, observe_activity=seen)
+    if static.video_starts and getattr(env, "place", None) is None:
+        raise ConfigError(
+            f"{config.run.algorithm}.video_starts is {static.video_starts}, but {config.env.name} "
+            "cannot place objects where a frame shows them: it has no place(center, size, key)"
+        )
     return kind(env, policy_rewards.function(config, env), static)
 
 

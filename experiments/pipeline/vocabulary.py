@@ -1,4 +1,4 @@
-"""What the boxes of a run are: classes, robots, objects and units, of its task or of its films."""
+"""The vocabulary of a run's boxes: classes, robots, objects and units, of its task or its films."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from . import setup
 
 
 class Vocabulary(NamedTuple):
-    """What a label, a length and a frame mean."""
+    """The meaning of a label, a length and a frame."""
 
     classes: tuple[str, ...]  # a label is an index into them
     robots: tuple[str, ...]  # those that are the robot, or a person
@@ -29,7 +29,7 @@ class Vocabulary(NamedTuple):
 
 
 def of_run(config: RunConfig, folder: Path) -> Vocabulary:
-    """What a run with a reward was trained on: its task's words, and the lengths of its films."""
+    """The vocabulary of a run with a reward: its task's words, and the lengths of its films."""
     found = _of_films(config, folder)
     if config.env.name == NO_TASK:
         if found is None:
@@ -42,7 +42,7 @@ def of_run(config: RunConfig, folder: Path) -> Vocabulary:
 
 
 def of_task(env: Env, name: str) -> Vocabulary:
-    """What a task's own boxes are."""
+    """The vocabulary of a task's own boxes."""
     objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
     names = tuple(env.classes[i] for i in np.asarray(objects.label))
     flags = zip(names, np.asarray(objects.is_robot), strict=True)
@@ -57,7 +57,7 @@ def unit_of_task(name: str) -> str:
 
 
 def of_set(demo_set: DemoSet, task: str) -> Vocabulary:
-    """What the boxes of a demonstration set are; an older set's are in its task's unit."""
+    """The vocabulary of a demonstration set's boxes; an older set's are in its task's unit."""
     first = demo_set.tracks[0]
     order = np.lexsort((first.center[0, :, 0], first.label))
     objects = tuple(demo_set.classes[i] for i in first.label[order])

@@ -84,5 +84,5 @@ class Task:
 
 
 def make(**options):
-    """What gril calls; its keyword arguments are options: --env.options NAME=VALUE."""
+    """The task, made for gril; keyword arguments are options: --env.options NAME=VALUE."""
     return Task(**options)

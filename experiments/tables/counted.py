@@ -46,8 +46,8 @@ def solved(values: Float[np.ndarray, "K"], count: int) -> str:
 
 
 def of_lines(lines: Sequence[Line], variant: str = "", *, sampled: bool = False) -> str:
-    """What the success in these lines counts, by their fields `starts` and `episodes`, from a
-    variant of the task if that is known."""
+    """The starts that success counts in these lines, in words, by their fields `starts` and
+    `episodes`, from a variant of the task if that is known."""
     known = [line for line in lines if np.isfinite(line.get("success", np.nan))]
     starts, episodes = (column(known, name) for name in COUNTS)
     if not len(known) or np.isnan(starts).any():

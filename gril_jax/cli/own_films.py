@@ -1,4 +1,4 @@
-"""What a demonstration set of somebody's own films says of the run that learns from it.
+"""Settings of a run that the demonstration set of somebody's own films decides.
 
 A set without a task has its own classes, unit and frame rate. The run's configuration then takes
 from the set what depends on them, unless the command line says otherwise.

@@ -66,7 +66,8 @@ def of_run(config: RunConfig, task: str | None, folder: Path) -> None:
         if config.env.name == NO_TASK:
             raise ConfigError(f"{folder} was trained on films alone, so it has no use for --task")
         if not own and task != config.env.name:
-            raise ConfigError(f"{folder} was trained for {config.env.name}, but --task is {task}")
+            what = "on films alone" if config.env.name == NO_TASK else f"for {config.env.name}"
+            raise ConfigError(f"{folder} was trained {what}, but --task is {task}")
         if own:
             _sentence(files.moved, config.env.name, task)
     if files.is_reference(config.env.name):

@@ -48,6 +48,11 @@ class PPOConfig:
     observe_activity: bool | None = None
     """True if the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
+    own_starts: float = field(default=0.0, metadata=between(0, 1))
+    """Share of training episodes that begin at well-paid moments of the policy's own episodes; it
+    falls to 0, reached when a tenth of training is left."""
+    video_starts: float = field(default=0.0, metadata=between(0, 1))
+    """Share of training episodes that begin where a frame of the videos shows things; likewise."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""
@@ -99,6 +104,11 @@ class SACConfig:
     observe_activity: bool | None = None
     """True if the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
+    own_starts: float = field(default=0.0, metadata=between(0, 1))
+    """Share of training episodes that begin at well-paid moments of the policy's own episodes; it
+    falls to 0, reached when a tenth of training is left."""
+    video_starts: float = field(default=0.0, metadata=between(0, 1))
+    """Share of training episodes that begin where a frame of the videos shows things; likewise."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""

@@ -14,7 +14,7 @@ BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 
 TaskName = str  # `EnvConfig` checks it against the registry
 NO_TASK = "none"  # of a run that learns a reward from films alone
-Variant = Literal["demo", "jitter", "layout", "color", "shape", "dynamics", "all"]
+Variant = Literal["demo", "jitter", "layout", "color", "shape", "countplus", "dynamics", "all"]
 Places = Literal["demo", "jitter", "layout"]
 
 _BLOCKS = rule(
@@ -29,6 +29,7 @@ _PAIRS = rule(
     ),
     "a list of NAME=VALUE, each name once",
 )
+_LENGTH = rule(lambda x: x >= 1, "None or at least 1")
 _STEPS = rule(lambda x: 1 <= x <= 100, "None or from 1 to 100")
 
 
@@ -51,7 +52,8 @@ class EnvConfig:
     """Blocks that belong outside the region."""
     variant: Variant = "demo"
     """Quantities randomised at the start: nothing, places (a little: jitter; anywhere: layout),
-    colours, shapes, forces, or the last four (all)."""
+    colours, shapes, these three and the number of blocks (countplus), forces, or all of that that
+    the task varies (all)."""
     varied_starts: float = field(default=0.5, metadata=between(0, 1))
     """Share of the training episodes that start with the robot anywhere and some targets moved, or
     for a task on a table at a moment of a scripted expert's."""
@@ -73,7 +75,8 @@ class EnvConfig:
     order."""
     reward: str | None = None
     """The task's own reward, which only `run.reward environmental` learns from: match_regions has
-    S4, V5, S3, sparse, a task on a table staged, stages, sparse; None is the first of them."""
+    S4, V5, S3, sparse, a task on a table staged, stages, sparse, MAGICAL's others sparse; None is
+    the first."""
     substeps: int | None = field(default=None, metadata=optional(_STEPS))
     """Physics steps for each control step; None is the engine's own (10, or 5 with mjx)."""
     iterations: int | None = field(default=None, metadata=optional(_STEPS))
@@ -83,8 +86,8 @@ class EnvConfig:
     worlds: int = field(default=4096, metadata=at_least(1))
     """With warp, the most environments stepped together, counting all seeds of a program: their
     contacts share one table."""
-    episode_length: int = field(default=120, metadata=at_least(1))
-    """Control steps in an episode (8 a second)."""
+    episode_length: int | None = field(default=None, metadata=optional(_LENGTH))
+    """Control steps in an episode; None is the task's own: 120 of match_regions, 8 a second."""
     options: tuple[str, ...] = field(default=(), metadata=_PAIRS)
     """Options of a task of your own, each NAME=VALUE: keyword arguments of its function."""
     sha256: str | None = None

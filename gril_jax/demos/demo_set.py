@@ -56,7 +56,7 @@ class DemoSet:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What `save_demo_set` needs beside the demonstrations."""
+        """The arguments of `save_demo_set` beside the demonstrations."""
         names = "task classes half_extent fps source robots unit noise smoothing"
         return {name: getattr(self, name) for name in names.split()}
 

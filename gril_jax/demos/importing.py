@@ -1,5 +1,6 @@
 """Converts foreign demonstrations to a demo set, one in memory at a time: detect, trim, save."""
 
+import itertools
 import os
 import pathlib
 import re
@@ -9,8 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gril_jax.config import EnvConfig
-from gril_jax.demos.demo_set import Demo, save_demo_set, trim_static_tail
+from gril_jax.demos.demo_set import ROBOTS, Demo, save_demo_set, trim_static_tail
 from gril_jax.demos.vision.detect import PALETTE_CLASSES, ColourDetector, Detector, Tracks
+from gril_jax.demos.vision.fills import FillDetector
+from gril_jax.demos.vision.palette import SUITE, SUITE_CLASSES
 from gril_jax.demos.vision.video import read_fps, read_video
 from gril_jax.errors import DemoError
 from gril_jax.threads import parallel_map
@@ -51,9 +54,9 @@ def import_magical(
       DemoError: no files, a damaged or foreign one, different tasks, or objects not found.
     """
     paths = list_magical(source_dir)
-    detector = ColourDetector(PALETTE_CLASSES, HALF_EXTENT)
     task = read_magical(paths[0]).env_name
     name = re.sub("(?<!^)(?=[A-Z])", "_", task.split("-")[0]).lower()  # match_regions
+    detector, classes = _by_colour(name, PALETTE_CLASSES, HALF_EXTENT)
 
     def seen(path: pathlib.Path) -> _Seen:
         demo = read_magical(path)
@@ -72,7 +75,7 @@ def import_magical(
         len(paths),
         progress,
         task=name,
-        classes=PALETTE_CLASSES,
+        classes=classes,
         half_extent=HALF_EXTENT,
         fps=FPS,
         source=f"MAGICAL human demonstrations, {task}, allocentric view",
@@ -114,7 +117,7 @@ def import_videos(
     folder = pathlib.Path(source_dir)
     paths = videos_in(folder, out_dir)
     fps = read_fps(paths[0])
-    colours: Detector = ColourDetector(classes, half_extent, objects=None if boxes else objects)
+    colours, classes = _by_colour(task, classes, half_extent, None if boxes else objects)
 
     def seen(path: pathlib.Path) -> _Seen:
         if abs(read_fps(path) - fps) > 0.01:
@@ -140,6 +143,15 @@ def import_videos(
         source=f"{len(paths)} videos of {folder.name}" if source is None else source,
         unit=unit,
     )
+
+
+def _by_colour(
+    task: str, classes: Sequence[str], half_extent: float, objects: Sequence[str] | None = None
+) -> tuple[Detector, Sequence[str]]:
+    """The detector for a task's palette, and the classes that it finds."""
+    if task in SUITE:
+        return FillDetector(half_extent), SUITE_CLASSES
+    return ColourDetector(classes, half_extent, objects=objects), classes
 
 
 def videos_in(
@@ -171,12 +183,22 @@ def _save(
     progress: AfterEach | None,
     **header: Any,
 ) -> list[Imported]:
-    """Saves videos without their static tails, each reported once the next is asked for."""
+    """Saves videos without their static tails, each reported once the next is asked for.
+
+    Where a robot is all that can move, it is the one whose place counts, and no robot.
+    """
     report: list[Imported] = []
+    first, videos = itertools.tee(videos)
+    labels = next(first)[2].label
+    del first  # or it would keep all videos
+    found = {header["classes"][label] for label in labels}
+    alone = all(name == "robot" or name.endswith("region") for name in found)
+    if alone:
+        header["robots"] = ()
 
     def demos() -> Iterator[Demo]:
         for name, frames, tracks, outcome in videos:
-            kept = trim_static_tail(tracks, header["classes"])
+            kept = trim_static_tail(tracks, header["classes"], robots=() if alone else ROBOTS)
             short, cut = tracks.during(slice(kept)), len(frames) - kept
             report.append(Imported(name, kept, cut, outcome, float(short.seen.mean())))
             yield Demo(name, frames[:kept], short, cut, outcome)

@@ -32,13 +32,14 @@ _MEDIAN = 3  # frames of the median over positions that jitter calls for
 
 
 class Found(NamedTuple):
-    """What an import found in one film, and what it mended."""
+    """The findings of an import in one film, and what it mended."""
 
     name: str
     frames: int  # kept
     trimmed: int  # cut from the static tail
     objects: dict[str, int]  # classes to how many of their objects the film shows
     missing: float  # share of (frame, object) pairs without a sighting
+    carried: int  # times that an object was hidden by the robot or hand that carried it
     stray: int  # sightings that were of something else, as where identities were exchanged
     renewed: int  # times that a tracker went on with another identity
     extra: int  # second sightings of an object, left out
@@ -120,12 +121,13 @@ def import_films(
         raise DemoError(
             f"{folder}: all classes are the robot's, but its own motion is no progress."
         )
+    kinds = np.repeat([*plan.counts], [*plan.counts.values()])
+    hands = np.flatnonzero(np.isin(kinds, [*robots])).tolist()
     if classes is None:
-        kinds = np.repeat([*plan.counts], [*plan.counts.values()])
         robots = [node for node, kind in zip(plan.nodes, kinds, strict=True) if kind in robots]
     extent = _HALF if half_extent is None else half_extent
     found: list[Found] = []
-    every = [_followed(plan, number, jitter, smoothing) for number in range(len(films))]
+    every = [_followed(plan, number, hands, jitter, smoothing) for number in range(len(films))]
     noise = max(
         one.jitter / film.width * 2 * extent for (one, *_), film in zip(every, films, strict=True)
     )
@@ -192,7 +194,9 @@ def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
     return kept, len(boxes) - len(kept)
 
 
-def _followed(plan: _Plan, number: int, jitter, smoothing) -> tuple[Mended, int, int, np.ndarray]:
+def _followed(
+    plan: _Plan, number: int, hands, jitter, smoothing
+) -> tuple[Mended, int, int, np.ndarray]:
     """The objects of a film, mended; renewed identities, extra boxes, and who was sighted when."""
     film, parts, renewed, extra = plan.films[number], [], 0, 0
     for name, count in plan.counts.items():
@@ -202,7 +206,7 @@ def _followed(plan: _Plan, number: int, jitter, smoothing) -> tuple[Mended, int,
         renewed, extra = renewed + one.renewed, extra + one.extra
     edges = np.concatenate(parts, axis=1)
     sighted = ~np.isnan(edges[..., 0])
-    mend = mended(edges, film.fps, jitter=jitter, smoothing=smoothing)
+    mend = mended(edges, film.fps, hands=hands, jitter=jitter, smoothing=smoothing)
     order = np.concatenate(
         [at + in_order(mend.edges[:, at : at + n]) for at, n in _places(plan.counts)]
     )
@@ -230,9 +234,9 @@ def _demo(plan, number, frames, followed, robots, extent, noise) -> tuple[Demo, 
     names = np.repeat([*plan.counts], [*plan.counts.values()])
     objects = {name: int(shown[names == name].sum()) for name in plan.counts}
     about = Found(
-        film.name, kept, cut, objects, float(1 - mend.seen[:, shown].mean()), mend.off,
-        renewed, extra, plan.outside[number], float(film.times[int(first.max())]), mend.jitter,
-        mend.smoothing,
+        film.name, kept, cut, objects, float(1 - mend.seen[:, shown].mean()), mend.carried,
+        mend.off, renewed, extra, plan.outside[number], float(film.times[int(first.max())]),
+        mend.jitter, mend.smoothing,
     )  # fmt: skip
     return Demo(film.name, frames[:kept], short, cut), about
 

@@ -64,7 +64,8 @@ def read_inputs(folder: Path) -> Inputs:
     if demos is not None and config.env.name != NO_TASK and not config.env.is_own:
         wanted = ("goal", "robot", *config.env.targets, *config.env.distractors)
         known = [o for o in wanted if all(o in entry.objects for entry in demos.entries)]
-        demos = select_objects(demos, known) if known else demos
+        fewer = {*config.env.targets} <= {*known}  # a task without blocks to choose has them all
+        demos = select_objects(demos, known) if fewer else demos
     rows, results = read_rows(folder), read_finished(folder) or {}
     return Inputs(folder, config, rows, results, profiles, demos, _to_show(profiles, demos))
 

@@ -49,7 +49,7 @@ class Rate(NamedTuple):
 
     @property
     def counted(self) -> str:
-        """What it counts, such as "256 Jitter starts"."""
+        """The starts that it counts, such as "256 Jitter starts"."""
         if self.starts is None:
             return UNKNOWN
         kind = f"{self.variant.capitalize()} start".lstrip()
@@ -60,7 +60,7 @@ class Rate(NamedTuple):
 
     @property
     def tally(self) -> str:
-        """How many of them: "239 of 256 Jitter starts"; with one start what it counts, alone."""
+        """The number of them: "239 of 256 Jitter starts"; with one start what it counts, alone."""
         number = self.share * (self.starts or 0)
         if self.interval is None:
             return self.counted
@@ -106,7 +106,7 @@ _SAMPLED = ("success_sampled", "success_random")
 
 
 def name(field: str) -> str:
-    """What the rate of a field is called."""
+    """The name of a field's rate."""
     return _NAMES[field]
 
 

@@ -190,7 +190,7 @@ def _learning_curve(run: Inputs) -> Part:
 
 
 def _evaluations(rows: Sequence[Mapping[str, Any]]) -> str:
-    """What the evaluations of a learning curve count, as a sentence; empty without any."""
+    """A sentence on what the evaluations of a learning curve count; empty without any."""
     examined = [row for row in rows if row.get("eval/success") is not None]
     if not examined:
         return ""

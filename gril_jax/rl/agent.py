@@ -6,6 +6,7 @@ learner's. All are split off at once, because each place that derives keys is a 
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +15,7 @@ from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from gril_jax.config.encoder import PoolConfig
 
-from . import rollout, training
+from . import rollout, starts, training
 from .episodes import Environment, Episodes, EpisodeState
 from .policy import Policy
 from .rewards import AnyReward
@@ -31,6 +32,8 @@ class Sizes:
     window: int = PoolConfig.window  # of the activity memory, frames
     smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
     noise: float | None = PoolConfig.noise  # of centres, world units
+    own_starts: float = 0.0  # share of starts at moments of own episodes, when training begins
+    video_starts: float = 0.0  # and at frames of videos; parameters are then `starts.WithFrames`
 
 
 class Agent:
@@ -52,10 +55,13 @@ class Agent:
         self.episodes = Episodes.of(
             env, reward, observe_activity=static.observe_activity, window=static.window,
             smoothing=static.smoothing, noise=static.noise,
+            chosen_starts=static.own_starts + static.video_starts > 0,
         )  # fmt: skip
         self.observation_size = self.episodes.observation_size
         self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)
-        self.num_keys = 1 + self._renewals + static.unroll_length + to_learn
+        self.static = static
+        self._choosing = (static.own_starts > 0) + (static.video_starts > 0)  # keys for starts
+        self.num_keys = 1 + self._renewals + static.unroll_length + to_learn + self._choosing
 
     def step(
         self, state: Any, hyper: Any, reward_params: Any
@@ -83,14 +89,35 @@ class Agent:
     ) -> tuple[Any, rollout.Rollout]:  # fmt: skip
         """The state after T control steps of every environment, and what they brought."""
         new_starts, each_step, _ = self._split(key)
-        renewed = rollout.renew(self.episodes, state.envs, new_starts)
+        choose = functools.partial(self._chosen, state, key, hyper, reward_params)
+        renewed = rollout.renew(self.episodes, state.envs, new_starts, choose)
         moved, steps = rollout.unroll(
             self.episodes, reward_params, renewed, act, each_step, tau=hyper.tau, **keep
         )
         return state._replace(envs=moved), steps
 
+    def _chosen(
+        self, state: Any, key: PRNGKeyArray, hyper: Any, reward_params: Any, fresh: EpisodeState
+    ) -> EpisodeState:
+        """The fresh starts (R, ...), some of them replaced by moments of videos or own episodes."""
+        if not self._choosing:
+            return fresh
+        static, keys = self.static, jax.random.split(key, self.num_keys)
+        progress = state.updates / hyper.decay_updates
+        if static.video_starts:
+            share = starts.share_left(static.video_starts, progress)
+            each = jax.random.split(keys[-1], len(fresh.time))
+            fresh = starts.of_videos(self.episodes, reward_params.frames, fresh, each, share=share)
+        if static.own_starts:
+            share, running = starts.share_left(static.own_starts, progress), state.envs.running
+            fresh = starts.of_own(
+                self.episodes, reward_params, running, fresh, keys[-self._choosing], share=share
+            )
+        return fresh
+
     def _split(self, key: PRNGKeyArray) -> tuple[Key[Array, "R"], Key[Array, "T"], Key[Array, "L"]]:
         """Of a step's key those of new starts, of the control steps, and of the learner."""
         keys, acting = jax.random.split(key, self.num_keys), 1 + self._renewals
         learning = acting + self.unroll_length
-        return keys[1:acting], keys[acting:learning], keys[learning:]
+        learned = len(keys) - self._choosing
+        return keys[1:acting], keys[acting:learning], keys[learning:learned]

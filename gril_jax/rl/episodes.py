@@ -38,6 +38,7 @@ class EpisodeState(NamedTuple):
     memory: activity.Memory
     reward_memory: Any  # what the reward remembers, a pytree
     time: Int[Array, ""]  # control steps since the episode began
+    varied: Any = ()  # 1 if training chose where it began, 0 if the task did; () if it always does
 
 
 class StepResult(NamedTuple):
@@ -64,6 +65,8 @@ class Episodes:
     """Frames of the running median of centres, applied first."""
     noise: float | None = PoolConfig.noise
     """Standard deviation of a centre along one axis, world units."""
+    chosen_starts: bool = False
+    """True if training may choose where episodes begin (`gril_jax.rl.starts`): they then say it."""
 
     @classmethod
     def of(cls, env: Environment, reward: AnyReward, **options: Any) -> "Episodes":
@@ -82,10 +85,15 @@ class Episodes:
         The key is consumed.
         """
         state = self.env.reset(key)
+        return self.started(state, state.moved)
+
+    def started(self, state: Any, active: Bool[Array, "N"]) -> EpisodeState:
+        """The start of an episode in a state of the task, with these objects active."""
         center = state.objects.center
         memory = activity.init(center, window=self.window, smoothing=self.smoothing)
-        memory = memory._replace(active=state.moved)
-        return EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32))
+        memory = memory._replace(active=active)
+        varied = jnp.zeros(()) if self.chosen_starts else ()
+        return EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32), varied)
 
     def advance(
         self,
@@ -108,7 +116,7 @@ class Episodes:
         boxes = state.objects.center, state.objects.size
         memory, active = activity.step(episode.memory, *boxes, tau=tau, noise=self.noise)
         remembered, reward = self.reward.step(reward_params, episode.reward_memory, state, active)
-        moved = EpisodeState(state, memory, remembered, episode.time + 1)
+        moved = EpisodeState(state, memory, remembered, episode.time + 1, episode.varied)
         finite = _all_finite((state, remembered, reward))
         moved = jax.tree.map(lambda new, old: jnp.where(finite, new, old), moved, episode)
         terminated = jnp.where(finite, state.done, 0.0)
@@ -119,9 +127,16 @@ class Episodes:
             terminated=terminated,
             truncated=over * (1 - terminated),
             nonfinite=1.0 - finite.astype(jnp.float32),
-            metrics=moved.state.metrics,
+            metrics=self._metrics(moved),
         )
         return moved, result
+
+    def _metrics(self, episode: EpisodeState) -> dict[str, Float[Array, ""]]:
+        """The task's metrics, and whether training chose where the episode began."""
+        metrics = dict(episode.state.metrics)
+        if self.chosen_starts:
+            metrics["varied"] = jnp.maximum(metrics.get("varied", 0.0), episode.varied)
+        return metrics
 
     def observe(self, episode: EpisodeState) -> Float[Array, "O"]:
         """The policy's input: the task's observation, and whatever else the reward depends on."""

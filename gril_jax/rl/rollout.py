@@ -82,15 +82,20 @@ def renewals(num_envs: int, unroll_length: int, episode_length: int) -> int:
     return parts * next(n for n in range(needed, size + 1) if size % n == 0)
 
 
-def renew(episodes: Episodes, envs: VectorState, keys: Key[Array, "R"]) -> VectorState:
+def renew(
+    episodes: Episodes,
+    envs: VectorState,
+    keys: Key[Array, "R"],
+    mix: Callable[[EpisodeState], EpisodeState] = lambda fresh: fresh,
+) -> VectorState:
     """The environments with the pool's oldest starts drawn anew, one with each of the keys (R,).
 
     Each block of the pool gets its share of them; R is what `renewals` says, or another number that
-    the blocks can share and that divides the pool.
+    the blocks can share and that divides the pool. `mix` may replace some of them.
     """
     num_envs = len(envs.running.time)
     parts = blocks.count(num_envs)
-    fresh = blocks.split(jax.vmap(episodes.begin)(keys), parts)
+    fresh = blocks.split(mix(jax.vmap(episodes.begin)(keys)), parts)
     place = (envs.drawn * (len(keys) // parts)) % (num_envs // parts)
 
     def put(pool, new):

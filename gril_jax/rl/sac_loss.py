@@ -36,6 +36,7 @@ class Hyper(NamedTuple):
     reward_scaling: Number = SACConfig.reward_scaling
     max_grad_norm: Number = SACConfig.max_grad_norm  # of actor, critics and temperature each
     tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
+    decay_updates: Number = 1.0  # over which the share of own starts falls
 
 
 class Params(NamedTuple):

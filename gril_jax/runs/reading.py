@@ -19,7 +19,7 @@ from .phases import Phases, changed_fields, recorded
 
 
 class Marks(NamedTuple):
-    """How far metrics.jsonl is covered, by phases.json and the newest checkpoint of each phase."""
+    """The lines of metrics.jsonl that phases.json and each phase's newest checkpoint cover."""
 
     found: Sequence[Mark]
     complete: bool  # False if a checkpoint is of a version that had no marks

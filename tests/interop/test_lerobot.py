@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import kitchen_films
+from support.paths import TESTS
 
 from gril_jax.demos.own_films import import_films
 from gril_jax.demos.vision.timed import pictures
@@ -98,6 +99,23 @@ def test_films_and_boxes_of_a_camera_are_imported(tmp_path, version):
         tmp_path / "data", tmp_path / "set", robots=("hand",), films=films, boxes=boxes
     )
     assert [film.name for film in made.films] == ["episode_000000", "episode_000001"]
+
+
+def test_a_dataset_that_lerobot_wrote_is_read(tmp_path):
+    """Written by lerobot 0.4.4, films in AV1: two episodes of 12 and 9 frames in one file."""
+    found = lerobot.opened(TESTS / "data" / "lerobot")
+    films = lerobot.films(found, lerobot.camera_of(found, None))
+    assert [len(film.times) for film in films] == [12, 9]
+    for number, film in enumerate(films):
+        shown = pictures(film, 10.0).mean(axis=(1, 2, 3))
+        np.testing.assert_allclose(shown, 40 + 60 * number + 5 * np.arange(len(shown)), atol=3)
+        boxes = lerobot.boxes_in(found)(film)
+        cups = {one.frame: one.edges for one in boxes if one.name == "cup"}
+        assert sorted(cups) == [t for t in range(len(film.times)) if t != 3]
+        assert all(edges == (10 + 2 * t, 20, 22 + 2 * t, 32) for t, edges in cups.items())
+        assert sum(one.name == "hand" for one in boxes) == len(film.times)
+    lerobot_subtasks.annotate(found, tmp_path / "new", {"episode_000000": [0.5, 1.0]}, ["a", "b"])
+    assert lerobot.frames(lerobot.opened(tmp_path / "new"), "subtask_index")[0][:6] == [0] * 6
 
 
 def test_boxes_may_be_files_in_the_dataset(tmp_path):

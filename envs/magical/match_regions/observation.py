@@ -12,8 +12,8 @@ Lengths are in arena units.
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from gril_jax.envs.magical import features
 from gril_jax.envs.magical.layout import turned
-from gril_jax.envs.planar.joints import TURN_RATE
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float
 
@@ -36,11 +36,8 @@ class Observed(NamedTuple):
 def _own_frame(scene: Observed, parts: int, *, tested: bool, due: int) -> Float[Array, "O"]:
     """The observation, with the `tested` region or without; the first `due` targets are sorted by
     when they are due (0: none)."""
-    x_y, yaw, velocity = scene.pose[0, :2], scene.pose[0, 2], scene.velocity[0]
-    heading, speed = jnp.stack([jnp.cos(yaw), jnp.sin(yaw)]), turned(-yaw, velocity[:2])[::-1]
-    robot = [x_y, heading, speed, velocity[2:] / TURN_RATE]
-    if parts > 1:
-        robot.append((scene.pose[1:2, 2] - scene.pose[2:3, 2]) / (2 * FINGER_OPEN))
+    x_y, yaw = scene.pose[0, :2], scene.pose[0, 2]
+    robot = features.robot(scene.pose, scene.velocity, parts)
     robot += [turned(-yaw, scene.goal[:2] - x_y), scene.goal]
     blocks, speed = scene.pose[parts:], scene.velocity[parts:]
     local = turned(-yaw, blocks[:, :2] - x_y)
@@ -82,11 +79,9 @@ def observe(kind: str, scene: Observed, *, parts: int, targets: int) -> Float[Ar
 def names(kind: str, blocks: tuple[str, ...], *, fingers: bool, targets: int) -> tuple[str, ...]:
     """One name for each number of the observation; equal names in a row are one quantity."""
     if kind != "xmagical":
-        robot = {
-            "robot position": 2, "robot heading, cosine and sine": 2,
-            "robot speed, forward and sideways": 2, "robot turn rate / 2.5": 1,
-            "finger opening": int(fingers), "region centre in the robot's frame": 2,
-            "region centre": 2, "region size": 2,
+        robot = features.robot_names(fingers)
+        robot |= {
+            "region centre in the robot's frame": 2, "region centre": 2, "region size": 2,
         }  # fmt: skip
         block = {
             "centre in the robot's frame": 2, "centre": 2, "offset to the region": 2,

@@ -12,7 +12,8 @@ region is put wholly inside.
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from gril_jax.envs.stages import Stage, Stages, free_place
+from gril_jax.envs.magical.regions import inside
+from gril_jax.envs.stages import Stages
 from jaxtyping import Array, Bool, Float
 
 from . import SPEC
@@ -79,26 +80,12 @@ def stages(targets: tuple[str, ...], distractors: tuple[str, ...], *, arena: flo
     """The stages of the task with these blocks in an arena |x|, |y| <= `arena`."""
     movable = tuple(range(_FIRST, _FIRST + len(targets) + len(distractors)))
 
-    made = [_inside(i, name, movable) for i, name in enumerate((*targets, *distractors), _FIRST)]
+    names = enumerate((*targets, *distractors), _FIRST)
+    made = [inside(i, REGION, f"{name} in the region", movable) for i, name in names]
     done, wrong = tuple(made[: len(targets)]), tuple(made[len(targets) :])
     return Stages(
         done, faults=wrong, movable=movable, robots=(ROBOT,), half_extent=arena, score=_score
     )
-
-
-def _inside(block: int, name: str, movable: tuple[int, ...]) -> Stage:
-    def holds(center, size):
-        return (jnp.abs(center[block] - center[REGION]) <= size[REGION] / 2).all()
-
-    def within(center, size):
-        return center[REGION] - size[REGION] / 2, center[REGION] + size[REGION] / 2
-
-    def place(key, center, size):
-        room = jnp.maximum(size[REGION] - size[block], 0.0) / 2
-        low, high = center[REGION] - room, center[REGION] + room
-        return free_place(key, block, center, size, low=low, high=high, others=movable)
-
-    return Stage(f"{name} in the region", (block,), holds, place, within=within)
 
 
 def _score(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):

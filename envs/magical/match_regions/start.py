@@ -3,9 +3,6 @@
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.magical import layout as layouts
-from gril_jax.envs.magical.simulator import PRESETS, Preset
-from gril_jax.envs.planar import robots
-from gril_jax.envs.planar.joints import Strengths
 from gril_jax.envs.planar.robots import Robot
 from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray
 
@@ -22,17 +19,6 @@ DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
 
 _CANDIDATES = 16
 _ASIDE = 0.15  # arena units, standard deviation of a block's place from the straight way
-
-
-def strengths(key: PRNGKeyArray, variant: str, preset: Preset) -> Strengths:
-    """The largest forces: the preset's, or sampled from its ranges."""
-    if variant not in ("dynamics", "all"):
-        return Strengths(*(jnp.float32(s) for s in preset.strengths))
-    drawn = layouts.dynamics(key)
-    (low, high), (least, most) = PRESETS["xmagical"].drives, preset.drives
-    if (least, most) == (low, high):
-        return drawn
-    return drawn._replace(drive=least + (drawn.drive - low) * (most - least) / (high - low))
 
 
 def places(
@@ -118,14 +104,3 @@ def _on_its_way(key, block, blocks, goal, radii, arena):
     free = clear.all(axis=1) & (jnp.abs(places) <= limit).all(axis=1)
     angle = jax.random.uniform(key_angle, (1,), minval=-jnp.pi, maxval=jnp.pi)
     return jnp.concatenate([places[jnp.argmax(free)], angle]), free.any()
-
-
-def robot_pose(robot: Robot, base: Float[Array, "3"]) -> Float[Array, "P 3"]:
-    """Poses of the robot's parts with open fingers, from the base's pose."""
-    if not robot.has_fingers:
-        return base[None]
-    c, s = jnp.cos(base[2]), jnp.sin(base[2])
-    pivots = jnp.asarray(robots.PIVOTS, jnp.float32) @ jnp.array([[c, s], [-s, c]])
-    angle = base[2] + robots.FINGER_OPEN * jnp.array([1.0, -1.0])
-    fingers = jnp.concatenate([base[:2] + pivots, angle[:, None]], axis=1)
-    return jnp.concatenate([base[None], fingers])

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 from gril_jax.envs.base import Objects
+from gril_jax.envs.magical import boxes
 from gril_jax.envs.planar import shapes
 from gril_jax.envs.planar.robots import Robot
 from jaxtyping import Array, Bool, Float, Int
@@ -45,24 +46,19 @@ def progress(data: PlanarData, *, parts: int, targets: int) -> ScoreInputs:
     )
 
 
-def _robot_size(robot: Robot, angle: Float[Array, ""]) -> Float[Array, "2"]:
-    """Size of the base's box: a disc's fingers are thin, and a detector leaves them out."""
-    part = robot.parts[0]
-    if part.radius:
-        return jnp.full(2, 2 * part.radius)
-    c, s = jnp.abs(jnp.cos(angle)), jnp.abs(jnp.sin(angle))
-    half = part.boxes[0].half
-    return 2 * jnp.stack([c * half[0] + s * half[1], s * half[0] + c * half[1]])
-
-
 def objects(data: PlanarData, robot: Robot) -> Objects:
     """Region, robot and blocks as a detector would report them."""
     base, blocks = data.pose[0], data.pose[len(robot.parts) :]
-    low, high = shapes.extents(shapes.blocks(data.shape), blocks[:, 2])
     kinds = 2 + len(shapes.SHAPES) * data.colour + data.shape
     return Objects(
         center=jnp.concatenate([data.goal[None, :2], base[None, :2], blocks[:, :2]]),
-        size=jnp.concatenate([data.goal[None, 2:], _robot_size(robot, base[2])[None], high - low]),
+        size=jnp.concatenate(
+            [
+                data.goal[None, 2:],
+                boxes.robot_size(robot, base[2])[None],
+                boxes.block_sizes(data.shape, blocks[:, 2]),
+            ]
+        ),
         label=jnp.concatenate([jnp.arange(2), kinds]).astype(jnp.int32),
         is_robot=jnp.arange(2 + len(blocks)) == 1,
     )

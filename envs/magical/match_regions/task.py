@@ -127,7 +127,9 @@ class MatchRegions:
             shape = layouts.shapes(keys[0], len(shape))
         if self.variant in ("color", "all"):
             colour = layouts.colours(keys[1], colour, self.num_targets)
-        strengths = starts.strengths(keys[2], self.variant, self._preset)
+        strengths = layouts.strengths(
+            keys[2], self._preset, vary=self.variant in ("dynamics", "all")
+        )
         radii = jnp.asarray(RADII)[shape]
         within = dict(robot=self.robot, radii=radii, arena=self.arena)
         layout = starts.places(keys[3], self.variant, self.blocks, **within)
@@ -136,7 +138,7 @@ class MatchRegions:
             keys[4:], layout, share=self.varied_starts, on_the_way=self.on_the_way,
             facing=self.facing, targets=self.num_targets, **within,
         )  # fmt: skip
-        pose = jnp.concatenate([starts.robot_pose(self.robot, layout.robot), layout.blocks])
+        pose = jnp.concatenate([layouts.robot_pose(self.robot, layout.robot), layout.blocks])
         nearest = states.distances(layout.blocks[: self.num_targets], layout.robot[:2])
         data = PlanarData(
             pose, jnp.zeros_like(pose), jnp.asarray(self._rest), shape, colour,
@@ -167,7 +169,7 @@ class MatchRegions:
         strengths = Strengths(*(jnp.float32(s) for s in self._preset.strengths))
         memory = jnp.asarray(self._rest)
         if action is not None:
-            command = self._command(jnp.clip(action, -1.0, 1.0))
+            command = self._command(action)
             memory = self._engine.settle(
                 pose, velocity, block_shapes.blocks(shape), strengths, command
             )
@@ -178,6 +180,26 @@ class MatchRegions:
             jnp.zeros((), bool), jnp.zeros(()), jnp.zeros(len(self.blocks), bool),
         )  # fmt: skip
         return self._observe(data)
+
+    def place(
+        self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
+    ) -> State:
+        """A start with everything where its box lies, in the order of `objects`, and at rest.
+
+        Boxes do not show angles, which are drawn; a robot that could not stand there at any of
+        those drawn, as one that holds a block, stands somewhere else. For variants with the blocks'
+        own shapes and colours.
+        """
+        key_robot, key_angle, key_there = jax.random.split(key, 3)
+        radii = jnp.asarray(RADII)[jnp.asarray(self._shape)]
+        angle = jax.random.uniform(key_angle, (len(radii), 1), minval=-jnp.pi, maxval=jnp.pi)
+        blocks = jnp.concatenate([center[2:], angle], axis=1)
+        scene = self.robot, blocks, radii, None
+        there, taken = layouts.place_robot(key_there, *scene, arena=self.arena, at=center[1])
+        elsewhere, _ = layouts.place_robot(key_robot, *scene, arena=self.arena)
+        robot = layouts.robot_pose(self.robot, jnp.where(taken, elsewhere, there))
+        pose = jnp.concatenate([robot, blocks])
+        return self.reset_to(pose, jnp.zeros_like(pose), goal=jnp.concatenate([center[0], size[0]]))
 
     def clearance(self, pose: Float[Array, "E 3"]) -> Float[Array, ""]:
         """Gap between the robot and the nearest block or wall, for the task's own shapes."""
@@ -190,7 +212,7 @@ class MatchRegions:
         shape = data.shape if self.variant in ("shape", "all") else jnp.asarray(self._shape)
         pose, velocity, memory = self._engine.step(
             data.pose, data.velocity, data.memory, block_shapes.blocks(shape),
-            Strengths(*data.strengths), self._command(jnp.clip(action, -1.0, 1.0)),
+            Strengths(*data.strengths), self._command(action),
         )  # fmt: skip
         nearest = jnp.minimum(data.nearest, states.distances(self._targets(pose), pose[0, :2]))
         changed = dict(pose=pose, velocity=velocity, memory=memory, nearest=nearest)
@@ -200,9 +222,9 @@ class MatchRegions:
         return pose[self._parts : self._parts + self.num_targets]
 
     def _command(self, action: Float[Array, "A"]) -> Command:
-        if self.physics == "magical":
-            return simulator.rounded_command(action)
-        return simulator.command(action, gain=self.turn_gain, dt=self._engine.dt)
+        return simulator.commanded(
+            action, physics=self.physics, gain=self.turn_gain, dt=self._engine.dt
+        )
 
     def _observe(self, data: PlanarData) -> State:
         progress = states.progress(data, parts=self._parts, targets=self.num_targets)
@@ -235,8 +257,8 @@ class MatchRegions:
         """The outlines of one moment, to be painted (host side)."""
         data = jax.tree.map(np.asarray, data)
         names = [(COLOURS[c], SHAPES[s]) for c, s in zip(data.colour, data.shape, strict=True)]
-        exact = (f.astype(np.float64) for f in (data.pose, data.goal))
-        return scene.outlines(self.robot, names, self.arena, *exact)
+        pose, goal = (f.astype(np.float64) for f in (data.pose, data.goal))
+        return scene.outlines(self.robot, names, self.arena, pose, [(names[0][0], goal)])
 
 
 def _check_blocks(targets: tuple[str, ...], blocks: tuple[str, ...], variant: str) -> None:

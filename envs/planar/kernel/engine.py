@@ -104,6 +104,6 @@ def _fields(shapes: BlockShape, lightness: float) -> list[Array]:
     pairs = lambda v: jnp.stack([v.x, v.y], axis=-1)  # noqa: E731
     corners = jnp.swapaxes(pairs(shapes.corners), 0, 1)
     rims = jnp.stack([pairs(v) for v in (shapes.rim_start, shapes.rim_end, shapes.rim_out)], 1)
-    reach = jnp.sqrt((corners**2).sum(-1).max(-1)) + shapes.radius
+    reach = jnp.maximum(jnp.sqrt((corners**2).sum(-1).max(-1)) + shapes.radius, 0.0)
     sizes = jnp.stack([shapes.radius, shapes.inverse_inertia * lightness, reach], axis=1)
     return [jnp.swapaxes(pairs(shapes.directions), 0, 1), corners, rims, sizes]

@@ -77,7 +77,7 @@ class _Export:
     out: str
     """File to create, such as reward.npz or policy.npz."""
     task: str | None = None
-    """Where the file of a task of your own is now, such as my_task.py:make; None: where it was."""
+    """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
 
 
 def _export(part: str, args: list[str], about: str) -> tuple[Path, Path, RunConfig]:

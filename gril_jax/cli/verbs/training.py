@@ -96,7 +96,7 @@ class _Eval:
     """Variant of the task to start in. None is as a run evaluates itself: from the variant that has
     many starts, from the one that starts elsewhere, and from the task's own start if it has one."""
     task: str | None = None
-    """Where the file of a task of your own is now, such as my_task.py:make; None: where it was."""
+    """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
 
 
 def _eval(args: list[str]) -> Work:

@@ -38,7 +38,7 @@ def read(path: Path, film: Film) -> list[Box]:
         category = field(one, "category_id", int, where)
         if category not in names:
             raise DemoError(f"{where}: category_id {category} is not among the categories.")
-        track = one.get("track_id", one.get("instance_id"))
+        track = _track(one)
         sure = one.get("score", 1.0)
         about = {"confidence": sure, "track": track}
         if "bboxes" in one:
@@ -59,6 +59,14 @@ def read(path: Path, film: Film) -> list[Box]:
         edges = _edges(field(one, "bbox", list, where), where)
         found.append(box(film, frames[image], names[category], edges, where, **about))
     return checked(found, path, film)
+
+
+def _track(annotation: dict[str, Any]) -> Any:
+    """An object's identity: of its own, or among the attributes, as CVAT and datumaro write it."""
+    more = annotation.get("attributes")
+    places = [annotation, more] if isinstance(more, dict) else [annotation]
+    found = (one.get(name) for one in places for name in ("track_id", "instance_id"))
+    return next((track for track in found if track is not None), None)
 
 
 def _video(videos: list[Any], path: Path, film: Film) -> int | None:

@@ -5,6 +5,7 @@
 
 Columns come in any order; the last two may miss, and others are ignored. Several boxes of a class
 in a frame are several objects; without the column `track` they are told apart by where they are.
+The names that the sink of `supervision` gives its columns are known, too.
 """
 
 import csv
@@ -15,19 +16,28 @@ from gril_jax.errors import DemoError
 from .record import Box, Film, box, checked, read_text, whole
 
 COLUMNS = ("frame", "class", "x_min", "y_min", "x_max", "y_max")
+_ALSO = {
+    "frame_index": "frame", "frame_number": "frame", "class_name": "class", "tracker_id": "track",
+    "track_id": "track",
+}  # fmt: skip
 
 
 def recognised(text: str) -> bool:
     """True for a first line that has the columns."""
-    cells = {cell.strip().strip('"') for cell in text.split("\n", 1)[0].split(",")}
-    return {"frame", "class"} <= cells
+    cells = [cell.strip().strip('"') for cell in text.split("\n", 1)[0].split(",")]
+    return {"frame", "class"} <= {*_named(cells)}
+
+
+def _named(header: list[str]) -> list[str]:
+    """Column names as ours; another tool's name counts where ours is not there."""
+    return [cell if _ALSO.get(cell, cell) in header else _ALSO.get(cell, cell) for cell in header]
 
 
 def read(path: Path, film: Film) -> list[Box]:
     """The boxes of a file."""
     rows = csv.reader(read_text(path).splitlines())
     try:
-        header = [cell.strip() for cell in next(rows, [])]
+        header = _named([cell.strip() for cell in next(rows, [])])
         if lacks := [column for column in COLUMNS if column not in header]:
             raise DemoError(
                 f"{path}, line 1: the column {lacks[0]!r} is missing; there must be "

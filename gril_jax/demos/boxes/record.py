@@ -18,7 +18,7 @@ _BYTES = 1 << 28  # of a file of boxes; a long film's has some megabytes
 
 
 class Film(NamedTuple):
-    """What boxes must fit: a film without its pictures."""
+    """A film without its pictures, which boxes must fit."""
 
     path: Path
     times: Sequence[float]  # seconds, one a frame, from 0

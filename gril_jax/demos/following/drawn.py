@@ -2,11 +2,12 @@
 
     {"kitchen_00": [{"class": "cup", "box": [317, 295, 371, 349]}, ...], ...}
 
-A box is x_min, y_min, x_max, y_max in pixels. Each later frame is searched for what was in the box
-on the first, by normalised cross-correlation: light may change, and nothing drifts. What turns,
-comes much nearer to the camera, or fills little of its box is lost, and so is what a hand hides
-until it is seen again; there it has no box. Of OpenCV's own trackers its headless builds still have
-MIL alone without weights: it was 28 pixels off for what lay still under a passing hand.
+A box is x_min, y_min, x_max, y_max in pixels; `"frame": 20` says that it is drawn on that frame, as
+for a hand that comes later. Each later frame is searched for what was in the box on it, by
+normalised cross-correlation: light may change, and nothing drifts. What turns, comes much nearer to
+the camera, or fills little of its box is lost, and so is what a hand hides until it is seen again;
+there it has no box. Of OpenCV's own trackers its headless builds still have MIL alone without
+weights: it was 28 pixels off for what lay still under a passing hand.
 """
 
 from pathlib import Path
@@ -15,7 +16,7 @@ import cv2
 import numpy as np
 
 from gril_jax.demos.boxes.json_text import field, load
-from gril_jax.demos.boxes.record import Box, Film, box, checked
+from gril_jax.demos.boxes.record import Box, Film, box, checked, whole
 from gril_jax.demos.vision.timed import frames_of
 from gril_jax.errors import DemoError
 
@@ -43,7 +44,8 @@ def follower(file: Path):
             edges = field(one, "box", list, at)
             if len(edges) != 4:
                 raise DemoError(f"{at}: box must be x_min, y_min, x_max and y_max.")
-            given.append(box(film, 0, field(one, "class", str, at), edges, at, track=n))
+            frame = whole(one.get("frame", 0), "frame", at, least=0)
+            given.append(box(film, frame, field(one, "class", str, at), edges, at, track=n))
             low_x, low_y, high_x, high_y = given[-1].edges
             if low_x < 0 or low_y < 0 or high_x > film.width or high_y > film.height:
                 raise DemoError(
@@ -59,15 +61,12 @@ def follower(file: Path):
 
 def _followed(film: Film, given: list[Box]) -> list[Box]:
     """The boxes of all frames in which their objects are found."""
-    found, patches = [*given], []
+    found, patches = [*given], {}
     place = np.array([one.edges for one in given])
     missed = np.zeros(len(given))
     for number, picture in enumerate(frames_of(film, _WIDEST)):
         scale = film.width / picture.shape[1]
-        if number == 0:
-            patches = [_cut(picture, np.array(one.edges) / scale)[0] for one in given]
-            continue
-        for which, patch in enumerate(patches):
+        for which, patch in patches.items():
             diagonal = np.linalg.norm(patch.shape[:2])
             reach = diagonal * (_REACH + _WIDER * missed[which])
             around = place[which] / scale + reach * np.array([-1, -1, 1, 1])
@@ -81,6 +80,9 @@ def _followed(film: Film, given: list[Box]) -> list[Box]:
             missed[which] = 0
             edges = tuple(place[which].tolist())
             found.append(given[which]._replace(frame=number, edges=edges, confidence=score))
+        for which, one in enumerate(given):
+            if one.frame == number:
+                patches[which] = _cut(picture, np.array(one.edges) / scale)[0]
     return found
 
 
@@ -105,7 +107,7 @@ def _cut(picture: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _between(line: np.ndarray, at: int) -> float:
-    """How far the top of a parabola through a maximum and its neighbours is from it, pixels."""
+    """Pixels from a maximum to the top of the parabola through it and its neighbours."""
     if not 0 < at < len(line) - 1:
         return 0.0
     before, here, after = (float(value) for value in line[at - 1 : at + 2])

@@ -29,7 +29,8 @@ class Linked(NamedTuple):
 
 
 def objects_at_once(boxes: Sequence[Box]) -> dict[str, int]:
-    """How many objects of each class a film shows at once, in a fifth of the frames that show any.
+    """The number of objects of each class that a film shows at once, in a fifth of the frames that
+    show any.
 
     >>> row = (0.0, 0.0, 1.0, 1.0)
     >>> objects_at_once([Box(0, "cup", row), Box(0, "cup", row), Box(1, "cup", row)])

@@ -4,6 +4,8 @@ Shapes use T for frames and N for objects; edges are x_min, y_min, x_max, y_max 
 an object is not seen.
 """
 
+import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +13,12 @@ from jaxtyping import Bool, Float
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
+from .carried import carry, places
+
 _AROUND = 0.3  # seconds that a sighting is compared with, and that boxes are smoothed over
 _OFF = 0.35  # diagonals of the box from the middle of those: a sighting of something else
 _DEVIATIONS = 6.0  # of the jitter, which the same takes of a small box
+_LONE = 2  # sightings with none around them that may be of something else
 _BRIDGED = 1.0  # seconds of a gap that is bridged in a line; in a longer one the last box stays
 _STILL = 0.3  # pixels of jitter that need no smoothing
 
@@ -28,30 +33,65 @@ class Mended(NamedTuple):
     jitter: float  # standard deviation of a centre along one axis, pixels
     off: int  # sightings of something else, such as where two identities were exchanged
     smoothing: int  # frames of the median and of the mean that were taken
+    carried: int  # gaps in which an object was hidden by a hand that carried it
 
 
 def mended(
-    edges: Edges, fps: float, *, jitter: float | None = None, smoothing: int | None = None
+    edges: Edges,
+    fps: float,
+    *,
+    hands: Sequence[int] = (),
+    jitter: float | None = None,
+    smoothing: int | None = None,
 ) -> Mended:
     """Leaves out stray sightings, closes gaps, and smooths.
 
     Args:
       edges: as they were read.
       fps: frames per second.
+      hands: the objects that carry others, and may hide them.
       jitter: pixels, where it is known; None estimates it.
       smoothing: frames, odd; None takes those of 0.3 s where boxes jitter, else 1.
     """
     jitter = jitter_of(edges) if jitter is None else jitter
-    off = stray(edges, _odd(_AROUND * fps, least=5), jitter)
+    window = _odd(_AROUND * fps, least=5)
+    off = stray(edges, window, jitter)
+    off |= lone(np.where(off[..., None], np.nan, edges), window)
     edges = np.where(off[..., None], np.nan, edges)
     seen = ~np.isnan(edges[..., 0])
     if smoothing is None:
         smoothing = _odd(_AROUND * fps, least=3) if jitter > _STILL else 1
-    whole = closed(edges, round(_BRIDGED * fps))
-    if smoothing > 1:
-        middle = ndimage.median_filter(whole, (smoothing, 1, 1), mode="nearest")
-        whole = ndimage.uniform_filter1d(middle, smoothing, axis=0, mode="nearest")
-    return Mended(whole, seen, jitter, int(off.sum()), smoothing)
+    bridged = round(_BRIDGED * fps)
+    edges, carried = with_carries(edges, _smooth(closed(edges, bridged), smoothing), hands, fps)
+    whole = _smooth(closed(edges, bridged), smoothing)
+    return Mended(whole, seen, jitter, int(off.sum()), smoothing, carried)
+
+
+def _smooth(edges: Edges, frames: int) -> Edges:
+    if frames == 1:
+        return edges
+    middle = ndimage.median_filter(edges, (frames, 1, 1), mode="nearest")
+    return ndimage.uniform_filter1d(middle, frames, axis=0, mode="nearest")
+
+
+def with_carries(
+    edges: Edges, smoothed: Edges, hands: Sequence[int], fps: float
+) -> tuple[Edges, int]:
+    """Edges with the gaps filled in which a hand carried an object, and the number of these."""
+    found, count = edges.copy(), 0
+    for each in (n for n in range(edges.shape[1]) if n not in hands):
+        at = np.flatnonzero(~np.isnan(edges[:, each, 0]))
+        for a, b in itertools.pairwise(at.tolist()):
+            if b == a + 1:
+                continue
+            gap, ends = slice(a, b + 1), (edges[a, each], edges[b, each])
+            ways = [(carry(smoothed[gap, hand], *ends, fps), hand) for hand in hands]
+            known = [(way, hand) for way, hand in ways if way is not None]
+            if known:
+                way, hand = min(known, key=lambda one: one[0].off)
+                found[gap, each] = places(smoothed[gap, hand], *ends, way)
+                count += 1
+    return found, count
 
 
 def stray(edges: Edges, window: int, jitter: float = 0.0) -> Bool[np.ndarray, "T N"]:
@@ -67,6 +107,23 @@ def stray(edges: Edges, window: int, jitter: float = 0.0) -> Bool[np.ndarray, "T
     filled = np.where(np.isnan(sides).all(axis=0), 1.0, sides)
     diagonal = np.linalg.norm(np.nanmedian(filled, axis=0), axis=-1)
     return away > np.maximum(_OFF * diagonal, _DEVIATIONS * jitter)
+
+
+def lone(edges: Edges, window: int) -> Bool[np.ndarray, "T N"]:
+    """One or two sightings with none around them, far from the last and from the next one."""
+    center = (edges[..., :2] + edges[..., 2:]) / 2
+    found = np.zeros(edges.shape[:2], bool)
+    for each in range(edges.shape[1]):
+        at = np.flatnonzero(~np.isnan(edges[:, each, 0]))
+        groups = np.split(at, np.flatnonzero(np.diff(at) > window) + 1)
+        sides = edges[at, each, 2:] - edges[at, each, :2]
+        far = _OFF * np.linalg.norm(np.median(sides, axis=0)) if len(at) else 0.0
+        for number, group in enumerate(groups):
+            beside = [one[-1] for one in groups[:number][-1:]]
+            beside += [one[0] for one in groups[number + 1 :][:1]]
+            away = [np.linalg.norm(center[group[0], each] - center[one, each]) for one in beside]
+            found[group, each] = 0 < len(group) <= _LONE and bool(away) and min(away) > far
+    return found
 
 
 def jitter_of(edges: Edges) -> float:

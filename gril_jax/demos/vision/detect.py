@@ -19,7 +19,7 @@ from .block_tracks import BlockTracker, count_shapes
 from .landmarks import Goal, find_goal, find_robot, without_dashes
 from .palette import BLOCK_COLOURS, PALETTE_CLASSES, block_code, classify
 
-_SAMPLES = 16  # frames, spread over a video, from which the goal and the set of blocks are read
+SAMPLES = 16  # frames, spread over a video, from which the goal and the set of blocks are read
 _SLACK = 0.3  # pixels: what the codec's edges move a resting block's centre and box
 
 
@@ -81,7 +81,7 @@ class ColourDetector:
             raise DemoError(f"{name}: the video holds no frames, at least 1 is needed.")
         height, width = frames.shape[1:3]
         scale = width / (2 * self.half_extent)
-        picks = np.unique(np.linspace(0, len(frames) - 1, _SAMPLES).round().astype(int))
+        picks = np.unique(np.linspace(0, len(frames) - 1, SAMPLES).round().astype(int))
         samples = np.stack([classify(frames[i]) for i in picks])
         goal = find_goal(samples, scale)
         if goal is None:
@@ -99,12 +99,11 @@ class ColourDetector:
                 )
         center, size = carried(center, seen), carried(size, seen)
         for i in range(len(objects)):
-            _hold(center[:, i])
-            _hold(size[:, i])
-        middle = np.array([(width - 1) / 2, (height - 1) / 2])
-        world = (center - middle) / scale * [1.0, -1.0]
+            hold(center[:, i])
+            hold(size[:, i])
         label = np.array([self.classes.index(c) for c in objects], np.int32)
-        return Tracks(world.astype(np.float32), (size / scale).astype(np.float32), label, seen)
+        world = in_world(center, (height, width), scale)
+        return Tracks(world, (size / scale).astype(np.float32), label, seen)
 
     def _inventory(self, samples: np.ndarray, goal: Goal, scale: float) -> list[str]:
         if self.objects is not None:
@@ -165,7 +164,15 @@ def carried(
     return np.take_along_axis(tracks, source[..., None], axis=0)
 
 
-def _hold(track: np.ndarray) -> None:
+def in_world(
+    center: Float[np.ndarray, "T N 2"], shape: tuple[int, int], scale: float
+) -> Float32[np.ndarray, "T N 2"]:
+    """Places in pixels of frames of a height and width, in world units."""
+    middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
+    return ((center - middle) / scale * [1.0, -1.0]).astype(np.float32)
+
+
+def hold(track: np.ndarray) -> None:
     """Smooths a track like a cart on a slack rope: it rests until the rope is taut, where a plain
     dead band would jump by its whole width when noise crosses it."""
     for t in range(1, len(track)):

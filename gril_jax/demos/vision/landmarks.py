@@ -1,4 +1,4 @@
-"""Finds the goal region, fixed for a whole video, and the moving robot, in palette codes.
+"""Finds regions, fixed for a whole video, and the moving robot, in palette codes.
 
 Positions and boxes are in pixels between pixel centres, x right and y down; `scale` is pixels
 per world unit.
@@ -44,21 +44,41 @@ def find_goal(codes: UInt8[np.ndarray, "S H W"], scale: float) -> Goal | None:
 
     A pixel belongs to it if it is pale in a quarter of the frames: others may cover it for a while.
     """
-    few = max(1, len(codes) // 4)
-    masks = {
-        colour: ((codes == goal_code(colour)).sum(0) >= few).astype(np.uint8)
-        for colour in BLOCK_COLOURS
-    }
+    masks = {colour: _pale(codes, colour) for colour in BLOCK_COLOURS}
     colour = max(masks, key=lambda name: int(masks[name].sum()))
-    core = cv2.morphologyEx(masks[colour], cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    count, parts, stats, _ = cv2.connectedComponentsWithStats(core, connectivity=4)
-    if count < 2:
-        return None
+    parts, areas = _parts(masks[colour])
     # A long stick at rest on the goal cuts it in two; flecks are edges of pale and white.
-    whole = 1 + np.flatnonzero(stats[1:, cv2.CC_STAT_AREA] >= _MIN_GOAL_PART * scale**2)
+    whole = 1 + np.flatnonzero(areas >= _MIN_GOAL_PART * scale**2)
     region = np.isin(parts, whole)
     if region.sum() < _MIN_GOAL_AREA * scale**2:
         return None
+    return _goal(codes, colour, region, scale)
+
+
+def find_regions(codes: UInt8[np.ndarray, "S H W"], scale: float) -> list[Goal]:
+    """All regions of a scene, each of one piece, by colour and then from left to right."""
+    found = []
+    for colour in BLOCK_COLOURS:
+        parts, areas = _parts(_pale(codes, colour))
+        whole = 1 + np.flatnonzero(areas >= _MIN_GOAL_AREA * scale**2)
+        each = [_goal(codes, colour, parts == part, scale) for part in whole]
+        found += sorted(each, key=lambda goal: float(goal.center[0]))
+    return found
+
+
+def _pale(codes: UInt8[np.ndarray, "S H W"], colour: str) -> UInt8[np.ndarray, "H W"]:
+    few = max(1, len(codes) // 4)
+    return ((codes == goal_code(colour)).sum(0) >= few).astype(np.uint8)
+
+
+def _parts(mask: UInt8[np.ndarray, "H W"]) -> tuple[np.ndarray, np.ndarray]:
+    """The mask's parts, numbered from 1, and their areas in pixels."""
+    core = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    _, parts, stats, _ = cv2.connectedComponentsWithStats(core, connectivity=4)
+    return parts, stats[1:, cv2.CC_STAT_AREA]
+
+
+def _goal(codes: np.ndarray, colour: str, region: Bool[np.ndarray, "H W"], scale: float) -> Goal:
     # Fill shows between the dashes up to the true edge: there, about half of a row is pale.
     x_min, x_max = _extent(region.sum(0))
     y_min, y_max = _extent(region.sum(1))

@@ -18,6 +18,18 @@ PALETTE_CLASSES = (
 )
 """Class names in label order; a label is an index into this tuple."""
 
+SUITE_CLASSES = (
+    "robot",
+    *(f"{colour} region" for colour in BLOCK_COLOURS),
+    *(f"{colour} {shape}" for colour in BLOCK_COLOURS for shape in BLOCK_SHAPES),
+)
+"""Class names of MAGICAL's other seven tasks, whose regions differ in colour."""
+SUITE = (
+    "move_to_corner", "move_to_region", "find_dupe", "fix_colour", "cluster_colour",
+    "cluster_shape", "make_line",
+)  # fmt: skip
+"""These tasks."""
+
 RGB = {  # (fill, outline)
     "green": ((195, 208, 130), (183, 198, 105)),
     "blue": ((135, 185, 211), (110, 170, 202)),
@@ -42,21 +54,30 @@ def goal_code(colour: str) -> int:
     return 6 + BLOCK_COLOURS.index(colour)
 
 
+def fills(frame: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "H W"]:
+    """The palette code of every pixel, but 0 for outlines, which keep blocks that touch apart."""
+    return _looked_up(frame, _table(outlines=False))
+
+
 def classify(frame: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "H W"]:
     """The palette code of every pixel; 0 for background and for colours outside the palette."""
+    return _looked_up(frame, _table(outlines=True))
+
+
+def _looked_up(frame: np.ndarray, table: UInt8[np.ndarray, "C"]) -> UInt8[np.ndarray, "H W"]:
     coarse = (frame >> (8 - _BITS)).astype(np.int32)
     index = (coarse[..., 0] << 2 * _BITS) | (coarse[..., 1] << _BITS) | coarse[..., 2]
-    return _table()[index]
+    return table[index]
 
 
 @functools.cache
-def _table() -> UInt8[np.ndarray, "C"]:
+def _table(*, outlines: bool) -> UInt8[np.ndarray, "C"]:
     anchors = [(0, rgb) for rgb in _BACKGROUND]
     anchors += [(GREY, rgb) for rgb in RGB["grey"]]
     for colour in BLOCK_COLOURS:
         fill, outline = RGB[colour]
         pale = tuple((255 + value) // 2 for value in fill)  # goals are drawn half as saturated
-        anchors += [(block_code(colour), fill), (block_code(colour), outline)]
+        anchors += [(block_code(colour), fill), (block_code(colour) if outlines else 0, outline)]
         anchors += [(goal_code(colour), pale)]
     codes = np.array([code for code, _ in anchors], np.uint8)
     step = 1 << (8 - _BITS)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .cycle import matching_options, prepared_agreement, prepared_cycle
+from .cycle import form_options, matching_options, prepared_agreement, prepared_cycle
 from .soft_neighbour import check_batch, prepare
 
 
@@ -21,7 +21,13 @@ def mean_cycle_consistency(
     valid: Bool[Array, "B T"] | None = None,
     *,
     at_once: bool = False,
-    **options: str | bool | Float[Array, ""] | float | None,
+    temperature: Float[Array, ""] | float = 1.0,
+    similarity: str = "l2",
+    normalize: bool | None = None,
+    form: str = "regression_mse",
+    huber_delta: Float[Array, ""] | float = 0.1,
+    variance_weight: Float[Array, ""] | float = 0.001,
+    label_smoothing: Float[Array, ""] | float = 0.1,
 ) -> Float[Array, ""]:
     """Mean of `cycle_consistency` over all ordered pairs of different videos: the TCC loss.
 
@@ -37,15 +43,17 @@ def mean_cycle_consistency(
       at_once: put all pairs through the same few products, with memory for B^2 T^2 numbers. If
         not, one query video at a time is in memory, with B T^2 numbers; faster, and in reverse
         mode only.
-      **options: as for `cycle_consistency`.
+      temperature, similarity, normalize, form, huber_delta, variance_weight, label_smoothing: as
+        for `cycle_consistency`.
 
     Returns:
       The mean over all valid frames of all pairs; 0 if there is none, as for a single video.
     """
-    matching, form = matching_options(**options)
+    matching = matching_options(temperature, similarity, normalize)
+    knobs = form_options(form, huber_delta, variance_weight, label_smoothing)
 
     def pair(query, time, query_valid, other, _, other_valid):
-        return (prepared_cycle(query, other, time, query_valid, other_valid, matching, form),)
+        return (prepared_cycle(query, other, time, query_valid, other_valid, matching, knobs),)
 
     return _mean_over_pairs(pair, latents, times, valid, matching["unit"], at_once)[0]
 
@@ -56,18 +64,25 @@ def mean_consistency(
     valid: Bool[Array, "B T"] | None = None,
     *,
     at_once: bool = True,
-    **options: str | bool | Float[Array, ""] | float | None,
+    temperature: Float[Array, ""] | float = 1.0,
+    similarity: str = "l2",
+    normalize: bool | None = None,
+    form: str = "regression_mse",
+    huber_delta: Float[Array, ""] | float = 0.1,
+    variance_weight: Float[Array, ""] | float = 0.001,
+    label_smoothing: Float[Array, ""] | float = 0.1,
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Means of `cycle_consistency` and `time_agreement` over all ordered pairs of videos.
 
     Args as for `mean_cycle_consistency`, but all pairs at once unless told otherwise.
     """
-    matching, form = matching_options(**options)
+    matching = matching_options(temperature, similarity, normalize)
+    knobs = form_options(form, huber_delta, variance_weight, label_smoothing)
 
     def pair(query, time, query_valid, other, other_time, other_valid):
         masks = (query_valid, other_valid)
         return (
-            prepared_cycle(query, other, time, *masks, matching, form),
+            prepared_cycle(query, other, time, *masks, matching, knobs),
             prepared_agreement(query, other, time, other_time, *masks, matching),
         )
 

@@ -120,7 +120,10 @@ def cycle_consistency(
     temperature: Float[Array, ""] | float = 1.0,
     similarity: str = "l2",
     normalize: bool | None = None,
-    **form: str | Float[Array, ""] | float,
+    form: str = "regression_mse",
+    huber_delta: Float[Array, ""] | float = 0.1,
+    variance_weight: Float[Array, ""] | float = 0.001,
+    label_smoothing: Float[Array, ""] | float = 0.1,
 ) -> Float[Array, "T"]:
     """Error of each query frame after its cycle to the other video and back.
 
@@ -138,7 +141,7 @@ def cycle_consistency(
       normalize: divide the latents by their lengths; squared distances are then not divided by
         D. If left out, "cosine" does and "l2" does not. The published code takes a plain
         product for "cosine" and leaves the lengths to the encoder: that is False.
-      **form: `form` and its knobs, see `cycle_error`.
+      form, huber_delta, variance_weight, label_smoothing: see `cycle_error`.
 
     Returns:
       One value per query frame, not averaged; non-negative but for `regression_mse_var`.
@@ -147,9 +150,10 @@ def cycle_consistency(
       ShapeError: the arrays do not fit together.
       ConfigError: an option is unknown, or a value known at trace time is not positive.
     """
-    matching, _ = matching_options(temperature, similarity, normalize)
+    matching = matching_options(temperature, similarity, normalize)
+    knobs = form_options(form, huber_delta, variance_weight, label_smoothing)
     query, other = _prepared(query, other, times, query_valid, other_valid, matching["unit"])
-    return prepared_cycle(query, other, times, query_valid, other_valid, matching, form)
+    return prepared_cycle(query, other, times, query_valid, other_valid, matching, knobs)
 
 
 def time_agreement(
@@ -173,7 +177,7 @@ def time_agreement(
     Args, returns and errors as for `cycle_consistency`, with the times of the other video's
     frames too.
     """
-    matching, _ = matching_options(temperature, similarity, normalize)
+    matching = matching_options(temperature, similarity, normalize)
     query, other = _prepared(query, other, times, query_valid, other_valid, matching["unit"])
     if other_times.shape != other.shape[:1]:
         raise ShapeError(
@@ -202,11 +206,19 @@ def prepared_agreement(query, other, times, other_times, query_valid, other_vali
     return _counted(jnp.square(arrival - times), query_valid, other_valid)
 
 
-def matching_options(temperature=1.0, similarity="l2", normalize=None, **form):
-    """Of the options of `cycle_consistency` those of `closeness`, and those of `cycle_error`."""
+def matching_options(temperature, similarity, normalize):
+    """Of the options of `cycle_consistency` those of `closeness`, checked."""
     check_positive("temperature", temperature)
     unit = similarity == "cosine" if normalize is None else normalize
-    return {"temperature": temperature, "similarity": similarity, "unit": unit}, form
+    return {"temperature": temperature, "similarity": similarity, "unit": unit}
+
+
+def form_options(form, huber_delta, variance_weight, label_smoothing):
+    """Of the options of `cycle_consistency` those of `cycle_error`, by name."""
+    return {
+        "form": form, "huber_delta": huber_delta, "variance_weight": variance_weight,
+        "label_smoothing": label_smoothing,
+    }  # fmt: skip
 
 
 def _counted(error, query_valid, other_valid):

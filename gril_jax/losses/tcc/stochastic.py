@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax.errors import ConfigError
 
-from .cycle import cycle_error, matching_options
+from .cycle import cycle_error, form_options, matching_options
 from .soft_neighbour import check_batch, closeness, match_weights, prepare
 
 
@@ -61,7 +61,14 @@ def sampled_cycle_consistency(
     videos: Int[Array, "K L"],
     frames: Int[Array, "K"],
     valid: Bool[Array, "B T"] | None = None,
-    **options: str | bool | Float[Array, ""] | float | None,
+    *,
+    temperature: Float[Array, ""] | float = 1.0,
+    similarity: str = "l2",
+    normalize: bool | None = None,
+    form: str = "regression_mse",
+    huber_delta: Float[Array, ""] | float = 0.1,
+    variance_weight: Float[Array, ""] | float = 0.001,
+    label_smoothing: Float[Array, ""] | float = 0.1,
 ) -> Float[Array, "K"]:
     """Error of each given cycle, not averaged.
 
@@ -73,13 +80,15 @@ def sampled_cycle_consistency(
       videos: the videos of each cycle, in order; the way back to the first is added.
       frames: the frame of the first video that each cycle starts from.
       valid: False for padding, which is never matched.
-      **options: as for `cycle_consistency`.
+      temperature, similarity, normalize, form, huber_delta, variance_weight, label_smoothing: as
+        for `cycle_consistency`.
 
     Returns:
       One value per cycle; 0 if it starts at padding or passes a video without a valid frame.
     """
     check_batch(latents, times, valid)
-    matching, form = matching_options(**options)
+    matching = matching_options(temperature, similarity, normalize)
+    knobs = form_options(form, huber_delta, variance_weight, label_smoothing)
     latents = prepare(latents, valid, unit=matching["unit"])
 
     def mask(video):
@@ -93,7 +102,7 @@ def sampled_cycle_consistency(
             weights = match_weights(closeness(position, keys, **matching), counted)
             position = jnp.matmul(weights, keys, precision="highest")
         back = closeness(position, latents[path[0]], **matching)
-        return cycle_error(back, times[path[0]], frame[None], mask(path[0]), **form)[0]
+        return cycle_error(back, times[path[0]], frame[None], mask(path[0]), **knobs)[0]
 
     # The chunk is what one pair of videos has in deterministic matching.
     errors = jax.lax.map(
@@ -110,7 +119,13 @@ def stochastic_consistency(
     *,
     num_cycles: int | None = None,
     cycle_length: int = 2,
-    **options: str | bool | Float[Array, ""] | float | None,
+    temperature: Float[Array, ""] | float = 1.0,
+    similarity: str = "l2",
+    normalize: bool | None = None,
+    form: str = "regression_mse",
+    huber_delta: Float[Array, ""] | float = 0.1,
+    variance_weight: Float[Array, ""] | float = 0.001,
+    label_smoothing: Float[Array, ""] | float = 0.1,
 ) -> Float[Array, ""]:
     """Mean of `sampled_cycle_consistency` over random cycles. The key is consumed.
 
@@ -121,7 +136,8 @@ def stochastic_consistency(
       valid: False for padding; only cycles through valid frames count.
       num_cycles: how many; B T if left out, as in XIRL.
       cycle_length: how many videos a cycle visits, its own included.
-      **options: as for `cycle_consistency`.
+      temperature, similarity, normalize, form, huber_delta, variance_weight, label_smoothing: as
+        for `cycle_consistency`.
 
     Returns:
       The mean over all cycles that count; 0 if there is none.
@@ -133,7 +149,10 @@ def stochastic_consistency(
     num_cycles = times.size if num_cycles is None else num_cycles
     present = jnp.ones(times.shape, bool) if valid is None else valid
     videos, frames = draw_cycles(key, present, num_cycles=num_cycles, cycle_length=cycle_length)
-    errors = sampled_cycle_consistency(latents, times, videos, frames, valid, **options)
+    errors = sampled_cycle_consistency(
+        latents, times, videos, frames, valid, temperature=temperature, similarity=similarity,
+        normalize=normalize, **form_options(form, huber_delta, variance_weight, label_smoothing),
+    )  # fmt: skip
     closed = jnp.maximum(jnp.sum(_closed(videos, frames, present)), 1)
     return jnp.sum(errors) / closed.astype(errors.dtype)
 

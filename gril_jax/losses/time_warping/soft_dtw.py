@@ -17,7 +17,7 @@ Array(0., dtype=float32)
 """
 
 import functools
-from typing import Literal, TypedDict, Unpack
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -32,14 +32,6 @@ Implementation = Literal["auto", "scan", "pallas"]
 
 # More rows than this make the kernel's vectors spill out of a GPU's registers.
 _KERNEL_ROWS = 2048
-
-
-class Options(TypedDict, total=False):
-    """Keyword arguments of `soft_dtw`, which all functions here take."""
-
-    gamma: Float[Array, "..."] | float
-    band: int | None
-    implementation: Implementation
 
 
 def soft_dtw(
@@ -74,8 +66,7 @@ def soft_dtw(
       ConfigError: gamma is not positive, the band is negative, or the implementation is unknown
         or cannot run here.
     """
-    options = Options(gamma=gamma, band=band, implementation=implementation)
-    problem, chosen = _posed(cost, lengths, other_lengths, **options)
+    problem, chosen = _posed(cost, lengths, other_lengths, gamma, band, implementation)
     return best_value(*problem, chosen, False).reshape(cost.shape[:-2])
 
 
@@ -83,15 +74,18 @@ def expected_alignment(
     cost: Float[Array, "*batch T S"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    **options: Unpack[Options],
+    *,
+    gamma: Float[Array, "..."] | float = 1.0,
+    band: int | None = None,
+    implementation: Implementation = "auto",
 ) -> Float[Array, "*batch T S"]:
     """Probability that an alignment sampled from the Gibbs distribution visits each cell.
 
     This is the derivative of `soft_dtw` by its cost; arguments, options and errors are the same.
     Each row and each column that counts sums to at least 1, cells beyond the lengths are 0.
     """
-    problem, implementation = _posed(cost, lengths, other_lengths, **options)
-    _, alignment = best_value_and_alignment(*problem, implementation, False)
+    problem, chosen = _posed(cost, lengths, other_lengths, gamma, band, implementation)
+    _, alignment = best_value_and_alignment(*problem, chosen, False)
     return alignment.reshape(cost.shape)
 
 
@@ -100,7 +94,10 @@ def soft_dtw_between(
     other: Float[Array, "*batch S D"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    **options: Unpack[Options],
+    *,
+    gamma: Float[Array, "..."] | float = 1.0,
+    band: int | None = None,
+    implementation: Implementation = "auto",
 ) -> Float[Array, "*batch"]:
     """`soft_dtw` of two sequences under the squared Euclidean distance of their frames.
 
@@ -111,7 +108,9 @@ def soft_dtw_between(
       ConfigError: as for `soft_dtw`.
     """
     cost = pairwise_cost(query, other, lengths, other_lengths)
-    return soft_dtw(cost, lengths, other_lengths, **options)
+    return soft_dtw(
+        cost, lengths, other_lengths, gamma=gamma, band=band, implementation=implementation
+    )
 
 
 def soft_dtw_divergence(
@@ -119,7 +118,10 @@ def soft_dtw_divergence(
     other: Float[Array, "*batch S D"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    **options: Unpack[Options],
+    *,
+    gamma: Float[Array, "..."] | float = 1.0,
+    band: int | None = None,
+    implementation: Implementation = "auto",
 ) -> Float[Array, "*batch"]:
     """Soft-DTW minus half of each sequence's soft-DTW with itself (Blondel et al., AISTATS 2021).
 
@@ -127,6 +129,9 @@ def soft_dtw_divergence(
     meant to be positive elsewhere, as it was in all tests with squared distances.
     Arguments, options and errors are those of `soft_dtw_between`.
     """
+    between = functools.partial(
+        soft_dtw_between, gamma=gamma, band=band, implementation=implementation
+    )
     pairs = [
         (query, other, lengths, other_lengths),
         (query, query, lengths, lengths),
@@ -136,11 +141,11 @@ def soft_dtw_divergence(
         batch = query.shape[:-2]
         whole = query.shape[-2]
         pairs = [(*pair[:2], *(spread(n, whole, batch) for n in pair[2:])) for pair in pairs]
-        across, within, other_within = soft_dtw_between(
-            *(jnp.stack(arrays) for arrays in zip(*pairs, strict=True)), **options
+        across, within, other_within = between(
+            *(jnp.stack(arrays) for arrays in zip(*pairs, strict=True))
         )
     else:
-        across, within, other_within = (soft_dtw_between(*pair, **options) for pair in pairs)
+        across, within, other_within = (between(*pair) for pair in pairs)
     return across - 0.5 * (within + other_within)
 
 
@@ -194,7 +199,7 @@ def dtw_path(
     return value[0], jnp.stack(cells, axis=-1)
 
 
-def _posed(cost, lengths, other_lengths, *, gamma=1.0, band=None, implementation="auto"):
+def _posed(cost, lengths, other_lengths, gamma, band, implementation):
     """The checked problem, and the implementation that solves it."""
     problem = prepare(cost, lengths, other_lengths, gamma, band)
     return problem, _chosen(implementation, problem)

@@ -47,9 +47,21 @@ def test_a_box_drawn_on_the_first_frame_is_followed_under_changing_light(tmp_pat
         np.testing.assert_allclose(one.edges, [x, 20, x + SIDE, 40], atol=1.0)
 
 
+def test_a_box_may_be_drawn_on_a_later_frame(tmp_path, film):
+    rows = [{"class": "cup", "box": [8, 20, 28, 40]},
+            {"class": "hand", "box": [28, 20, 48, 40], "frame": 10}]  # fmt: skip
+    found = follower(drawn(tmp_path, {"a": rows}))(film)
+    late = {one.frame: one.edges for one in found if one.name == "hand"}
+    assert sorted(late) == [*range(10, 25)]
+    np.testing.assert_allclose(late[24], [56, 20, 76, 40], atol=1.0)
+    assert sum(one.name == "cup" for one in found) == 25
+
+
 @pytest.mark.parametrize(
     ("rows", "words"),
     [
+        ({"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": 25}]}, "frame 25 is beyond a"),
+        ({"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": -1}]}, "must be a whole number"),
         ([], "must have the boxes of each film"),
         ({}, "the field 'a' is missing"),
         ({"a": []}, "no box is drawn"),

@@ -5,7 +5,7 @@ import pytest
 
 from gril_jax.demos.boxes.record import Box
 from gril_jax.demos.following.identities import in_order, linked, objects_at_once
-from gril_jax.demos.following.mending import closed, jitter_of, mended, stray
+from gril_jax.demos.following.mending import closed, jitter_of, lone, mended, stray
 from gril_jax.demos.following.sort import overlap, tracked
 
 FRAMES = 60
@@ -136,3 +136,48 @@ def test_objects_of_a_class_are_in_one_order_in_every_film():
     edges[10:, 2] += 40.0  # moves first
     edges[:, 4] = np.nan  # never seen
     assert in_order(edges).tolist() == [2, 0, 3, 1, 4]
+
+
+def carried_out_of_sight(fps=30.0):
+    """(T, 2, 4): what a hand covers from before it takes it until after it lets go, and the hand;
+    and the truth."""
+    at = np.arange(210) / fps
+    way = np.clip((at - 2.0) / 1.5, 0, 1)
+    way = way * way * (3 - 2 * way)
+    thing = 100.0 + 240.0 * way
+    hand = np.where(at < 1.5, 100.0 + 200 * (1.5 - at), thing)
+    hand = np.where(at > 4.0, 340.0 - 200 * (at - 4.0), hand)
+    true = np.stack([np.stack([x - half, np.full(210, 200.0 - half), x + half,
+                               np.full(210, 200.0 + half)], axis=1)
+                     for x, half in ((thing, 30.0), (hand, 45.0))], axis=1)  # fmt: skip
+    seen = true.copy()
+    seen[(np.abs(thing - hand) < 30), 0] = np.nan
+    return seen, true
+
+
+def test_what_a_hand_hides_goes_with_it_and_rests_where_it_is_put_down():
+    edges, true = carried_out_of_sight()
+    assert np.isnan(edges[:, 0]).any(axis=-1).sum() > 80
+    found = mended(edges, 30.0, hands=[1])
+    assert found.carried == 1
+    assert np.abs(found.edges[:, 0] - true[:, 0]).max() < 6
+    without = mended(edges, 30.0)
+    assert without.carried == 0
+    assert np.abs(without.edges[:, 0] - true[:, 0]).max() > 200
+
+
+def test_what_moved_another_way_than_the_hand_is_not_taken_for_carried():
+    edges, _ = carried_out_of_sight()
+    edges[100:, 0] += [0.0, 200.0, 0.0, 200.0]  # it lies where the hand has never been
+    assert mended(edges, 30.0, hands=[1]).carried == 0
+    assert mended(edges, 30.0, hands=[0]).carried == 0
+
+
+def test_a_lone_sighting_elsewhere_is_left_out_and_the_first_ones_stay():
+    edges, true = carried_out_of_sight()
+    gap = np.flatnonzero(np.isnan(edges[:, 0, 0]))
+    edges[gap[20], 0] = [500.0, 20.0, 560.0, 80.0]
+    found = mended(edges, 30.0, hands=[1])
+    assert (found.off, found.carried) == (1, 1)
+    assert np.abs(found.edges[:, 0] - true[:, 0]).max() < 6
+    assert not lone(true, 9).any()

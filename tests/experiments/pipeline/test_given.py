@@ -1,9 +1,11 @@
 """The ledger of help: levels and words for configurations."""
 
+import dataclasses
+
 import pytest
 from gril_jax.experiments.pipeline.given import given, of_all
 
-from gril_jax.config import EnvConfig, RunConfig, RunSettings
+from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.config.files import load
 
 
@@ -28,6 +30,26 @@ def test_help_that_only_authors_can_give_makes_it_level_c(env, level, words):
     found = given(_config(**env))
     assert found.level == level
     assert words in str(found)
+
+
+@pytest.mark.parametrize(
+    ("ppo", "env", "level", "words"),
+    [
+        (
+            {"own_starts": 0.5},
+            {},
+            "B",
+            "Demo starts, and first 50 %, in the end none at its",
+        ),
+        ({"video_starts": 0.3}, {}, "V", "and first 30 %, in the end none at videos' frames;"),
+        ({"own_starts": 0.5, "video_starts": 0.3}, {}, "V", "its own moments, and first 30 %"),
+        ({"own_starts": 0.5}, {"observation": "rich"}, "C", "its own moments;"),
+    ],
+)
+def test_starts_that_training_chooses_are_levels_b_and_v(ppo, env, level, words):
+    config = dataclasses.replace(_config(**env), ppo=PPOConfig(**ppo))
+    assert given(config).level == level
+    assert words in str(given(config))
 
 
 def test_the_reward_is_named_beside_the_level():

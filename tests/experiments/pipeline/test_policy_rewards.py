@@ -4,10 +4,13 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import policy_rewards
+import pytest
+from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup
 from support.kinematic_demos import kinematic_demos
+from support.probes import Probe
 
-from gril_jax.config import RunConfig, RunSettings
+from gril_jax.config import PPOConfig, RunConfig, RunSettings
+from gril_jax.errors import ConfigError
 from gril_jax.reward.latent_goal import RewardParams
 
 FRAMES = 140
@@ -18,6 +21,33 @@ def _latents(num):
     """A number that falls from 3 to 0 in three steps, each demonstration a little later."""
     frames = np.arange(FRAMES) - 2 * np.arange(num)[:, None]
     return 3 - sum(np.clip((frames - end + 12) / 12, 0, 1) for end in ENDS)
+
+
+def test_frames_to_begin_at_are_those_of_the_videos_with_what_has_moved_in_them():
+    """Evenly over all frames, none of the padding, in order of videos and time."""
+    demos = kinematic_demos(0, 6, num_objects=4, max_length=20)
+    length = np.array([20, 7, 1, 20, 13, 20])
+    demos = demos._replace(length=jnp.asarray(length))
+    config = RunConfig(ppo=PPOConfig(video_starts=0.5))
+    learned = RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))
+    made = policy_rewards.parameters(config, learned, demos, 4)
+    assert made.reward is learned
+    shown = np.concatenate([np.asarray(demos.center)[b, :n] for b, n in enumerate(length)])
+    every = np.linspace(0, len(shown) - 1, 2048).round().astype(int)
+    np.testing.assert_array_equal(made.frames.center, shown[every])
+    first, last = made.frames.active[0], made.frames.active[every < 20][-1]
+    assert not first.any()
+    assert last.any()
+    env = setup.make_env(config.env, training=False)
+    blank = policy_rewards.blank(config, env)
+    num = 2 + len(env.blocks)
+    assert [x.shape for x in blank.frames] == [(2048, num, 2), (2048, num, 2), (2048, num)]
+
+
+def test_a_task_that_cannot_place_boxes_is_refused_frames_to_begin_at():
+    config = RunConfig(ppo=PPOConfig(video_starts=0.5))
+    with pytest.raises(ConfigError, match=r"video_starts is 0\.5, but match_regions cannot place"):
+        policy_setup.make_algorithm(config, Probe())
 
 
 def test_a_chain_has_the_goals_on_which_demonstrations_agree(monkeypatch):

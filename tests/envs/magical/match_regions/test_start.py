@@ -1,6 +1,7 @@
 """Starts of MatchRegions: what each variant draws, and varied starts for training."""
 
 import chex
+import jax
 import numpy as np
 import pytest
 from gril_jax.envs.magical import layout as layouts
@@ -209,3 +210,30 @@ def test_drives_are_drawn_from_the_range_of_the_physics(physics, low, high):
     drive = np.asarray(lanes.starts(variant="dynamics", physics=physics)[1].data.strengths)[:, 0]
     assert low <= drive.min() < low + 0.1 * (high - low)
     assert high - 0.1 * (high - low) < drive.max() <= high
+
+
+def test_boxes_of_a_scene_give_it_back_with_the_robot_free(jittered):
+    """But for what boxes do not show: angles are drawn, and nothing moves or has been moved."""
+    env, state = jittered
+    keys = jax.random.split(jax.random.key(5), len(state.obs))
+    placed = jax.jit(jax.vmap(env.place))(state.objects.center, state.objects.size, keys)
+    chex.assert_trees_all_equal_shapes_and_dtypes(placed, state)
+    np.testing.assert_allclose(placed.objects.center[:, [0, 2, 3, 4, 5, 6]],
+                               state.objects.center[:, [0, 2, 3, 4, 5, 6]], atol=1e-6)  # fmt: skip
+    np.testing.assert_allclose(placed.data.goal, state.data.goal, atol=1e-6)
+    there = np.linalg.norm(placed.objects.center[:, 1] - state.objects.center[:, 1], axis=1) < 1e-6
+    assert there.mean() > 0.9
+    assert (_clearances(env, placed)[:, 0] > 0).all()
+    assert not np.asarray(placed.data.velocity).any()
+    assert np.ptp(np.asarray(placed.data.pose[:, -1, 2])) > 3
+    np.testing.assert_array_equal(placed.metrics["score"], state.metrics["score"])
+    np.testing.assert_array_equal(placed.data.colour, state.data.colour)
+
+
+def test_a_robot_that_holds_a_block_is_put_elsewhere(jittered):
+    env, state = jittered
+    center = state.objects.center[:1].at[0, 1].set(state.objects.center[0, 2])
+    keys = jax.random.split(jax.random.key(0), 1)
+    placed = jax.jit(jax.vmap(env.place))(center, state.objects.size[:1], keys)
+    assert np.linalg.norm(placed.objects.center[0, 1] - center[0, 1]) > 0.1
+    assert (_clearances(env, placed)[:, 0] > 0).all()

@@ -1,0 +1,31 @@
+"""The seven tasks of MAGICAL beside MatchRegions, one file a task; their entries are here."""
+
+from gril_jax.envs.registry import TaskSpec
+
+__all__ = [
+    "CLUSTER_COLOUR", "CLUSTER_SHAPE", "FIND_DUPE", "FIX_COLOUR", "MAKE_LINE", "MOVE_TO_CORNER",
+    "MOVE_TO_REGION",
+]  # fmt: skip
+
+
+def _spec(task: str, *more_rewards: str, layout: bool = True) -> TaskSpec:
+    further = {"demo": "layout", "jitter": "layout"} if layout else {}
+    return TaskSpec(
+        make=f"gril_jax.envs.magical.suite.{task}",
+        demonstrate="",
+        rewards=("sparse", *more_rewards),
+        bench_settings=({"engine": "kernel"}, {"engine": "impulse"}),
+        bench_envs=32_768,
+        config="magical_suite",
+        many_starts={"demo": "jitter"},
+        elsewhere=further,
+    )
+
+
+MOVE_TO_CORNER = _spec("move_to_corner:MoveToCorner", "debug", layout=False)
+MOVE_TO_REGION = _spec("move_to_region:MoveToRegion")
+FIND_DUPE = _spec("find_dupe:FindDupe")
+FIX_COLOUR = _spec("fix_colour:FixColour")
+CLUSTER_COLOUR = _spec("cluster:ClusterColour")
+CLUSTER_SHAPE = _spec("cluster:ClusterShape")
+MAKE_LINE = _spec("make_line:MakeLine")

@@ -1,0 +1,73 @@
+"""MoveToCorner: push the one block into the top left corner.
+
+Score min(1, max(0, sqrt 2 - d) / (sqrt 2 - sqrt 2 / 2)) with the distance d of the block's centre
+to the corner: 1 in a quarter disc of radius 0.707, 0 from twice that on. MAGICAL's reward for
+debugging, "debug", is the score - |block - (0, 1)| / 5 - max(|robot - block|, 0.2) / 20.
+"""
+
+import math
+
+import jax.numpy as jnp
+from gril_jax.envs.stages import Stage, Stages, free_place
+from jaxtyping import Array, Float
+
+from .draws import colours, shapes
+from .plan import Block, Kinds, Plan, Scene
+from .task import SuiteTask
+
+_FAR, _NEAR = math.sqrt(2.0), math.sqrt(0.5)
+
+
+class MoveToCorner(SuiteTask):
+    """The MoveToCorner task; see the module docstring."""
+
+    length = 80
+    plan = Plan((0.4, 0.0, 0.55 * math.pi), (Block("red square", (0.1, -0.65, 0.13 * math.pi)),))
+    variants = ("demo", "jitter", "color", "shape", "dynamics", "all")
+    near, anywhere = ("jitter", "all"), ()  # MAGICAL's All has no full layout here
+    rewards = ("sparse", "debug")
+    robot_first = True
+
+    def draw(self, keys, kinds: Kinds) -> Kinds:
+        """Any colour, any shape."""
+        if self.varies("color"):
+            kinds = kinds._replace(colour=colours(keys(), 1))
+        return kinds._replace(shape=shapes(keys(), 1)) if self.varies("shape") else kinds
+
+    def score(self, scene: Scene) -> Float[Array, ""]:
+        """1 in the corner, 0 from its double distance on, linear between."""
+        d = jnp.linalg.norm(scene.blocks[0] - self._corner())
+        return jnp.clip((_FAR - d) / (_FAR - _NEAR), 0.0, 1.0)
+
+    def reward(self, scene: Scene) -> Float[Array, ""]:
+        """The score, or with "debug" also what is left of the way."""
+        if self._reward == "sparse":
+            return self.score(scene)
+        block = scene.blocks[0]
+        left = jnp.linalg.norm(block - jnp.array([0.0, self.arena])) / 5
+        reach = jnp.maximum(jnp.linalg.norm(scene.robot - block), 0.2) / 20
+        return self.score(scene) - left - reach
+
+    def _corner(self) -> Array:
+        return jnp.array([-self.arena, self.arena])
+
+    def _stages(self) -> Stages:
+        block, corner = self._order.block(0), self._corner()
+
+        def holds(center, size):
+            return jnp.linalg.norm(center[block] - corner) <= _NEAR
+
+        def within(center, size):
+            return corner - jnp.array([0.0, _NEAR]), corner + jnp.array([_NEAR, 0.0])
+
+        def place(key, center, size):
+            margin = size[block] / 2
+            low = corner + jnp.array([margin[0], -0.6])
+            high = corner + jnp.array([0.6, -margin[1]])
+            near = lambda c: jnp.linalg.norm(c[block] - corner) <= 0.6  # noqa: E731
+            return free_place(
+                key, block, center, size, low=low, high=high, others=(block,), allowed=near
+            )
+
+        stage = Stage("block in the corner", (block,), holds, place, within=within)
+        return Stages((stage,), (block,), self.arena, self.scored, robots=(0,))

@@ -1,0 +1,244 @@
+"""What MAGICAL's tasks have in common: starts, steps, observations, and a score of the last state.
+
+A task is a `SuiteTask` with a plan of its Demo start, a score, the draws of its variants and its
+stages. A square arena |x|, |y| <= 1 is seen from above; a robot drives, turns and, if it has
+fingers, grips; control runs at 8 Hz. Actions are those of `match_regions.task`, rounded to
+MAGICAL's 18 with its physics. The original pays nothing on the way, and the score of the last state
+at the end: here every state has its score, which is the reward, and success is score 1.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gril_jax.envs.base import Outline, State
+from gril_jax.envs.checks import check_counts, check_known
+from gril_jax.envs.magical import layout as layouts
+from gril_jax.envs.magical import scene as scenes
+from gril_jax.envs.magical import simulator
+from gril_jax.envs.magical.layout import COLOURS
+from gril_jax.envs.planar import robots
+from gril_jax.envs.planar import shapes as block_shapes
+from gril_jax.envs.planar.joints import Strengths
+from gril_jax.envs.planar.shapes import NOTHING, SHAPES
+from gril_jax.envs.stages import Stages, free_place
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from . import places, state
+from .plan import CLASSES, VARIANTS, Kinds, Plan, Scene, outside
+from .state import SuiteData
+
+Holds = Callable[[Array, Array], Array]  # (centres, sizes) -> True if a stage is done
+Place = Callable[[PRNGKeyArray, Array, Array], Array]  # (key, centres, sizes) -> centres
+
+
+class SuiteTask:
+    """One of MAGICAL's tasks; see the module docstring.
+
+    Args:
+      robot: "gripper", or a stick: "short", "medium" or "long".
+      physics: the preset, "magical" or "xmagical".
+      engine: "kernel", "impulse" (the same in JAX, with gradients), "mjx", or "auto": the kernel
+        where it runs, else impulse.
+      variant: what is drawn at reset: nothing ("demo"), a little of everything ("jitter"), colours
+        ("color"), "shape", places ("layout"), these three and the number of blocks ("countplus"),
+        forces ("dynamics"), or all of it ("all"); those that MAGICAL has for the task.
+      turn: "original" or "smooth", for the physics "xmagical".
+      reward: the task's own reward; "sparse" is the score of each moment.
+      episode_length: control steps; None is the original's number.
+      substeps: physics steps a control step; the original's is 10, as None is.
+      iterations: sweeps of the solver a substep; the original's is 10. None: 6.
+    """
+
+    classes = CLASSES
+    background = scenes.BACKGROUND
+    control_hz = simulator.CONTROL_HZ
+    plan: Plan
+    length: int  # of an episode, in control steps
+    variants: tuple[str, ...] = VARIANTS
+    near: tuple[str, ...] = ("jitter",)  # variants with places near those of Demo
+    anywhere: tuple[str, ...] = ("layout", "countplus", "all")
+    rewards: tuple[str, ...] = ("sparse",)
+    robot_first = False  # painted below the blocks
+
+    def __init__(
+        self,
+        *,
+        robot: str = "gripper",
+        physics: str = "magical",
+        engine: str = "auto",
+        variant: str = "demo",
+        turn: str = "original",
+        reward: str = "sparse",
+        episode_length: int | None = None,
+        substeps: int | None = None,
+        iterations: int | None = None,
+    ):
+        check_known("variant", variant, self.variants)
+        check_known("turn", turn, [*simulator.TURN_GAIN])
+        check_known("reward", reward, self.rewards)
+        self.variant = variant
+        self.episode_length = self.length if episode_length is None else episode_length
+        check_counts(episode_length=self.episode_length)
+        self._kinds = self._padded(self.plan.kinds())
+        # An engine has at least one block; where the task has none, it is not there.
+        self._spare = 0 if len(self._kinds.shape) else 1
+        moving = (*self._kinds.shape.tolist(), *[NOTHING] * self._spare)
+        self.engine = simulator.resolved(engine)
+        self._engine = simulator.engine(
+            self.engine, robot, physics, variant, moving, substeps=substeps, iterations=iterations
+        )
+        self._rest = np.asarray(self._engine.rest())
+        self.robot, self.physics = robots.robot(robot), physics
+        self._preset = simulator.PRESETS[physics]
+        self.arena, self.half_extent = self._preset.arena, 1.02 * self._preset.arena
+        self._gain, self._reward = simulator.TURN_GAIN[turn], reward
+        self._parts = len(self.robot.parts)
+        self._order = state.order(self.plan, self._kinds)
+        regions, blocks = len(self.plan.regions), len(self._kinds.shape)
+        self.observation_names = state.names(regions, blocks, fingers=self.robot.has_fingers)
+        self.observation_size = len(self.observation_names)
+        self.action_size = 3 if self.robot.has_fingers else 2
+        self.action_names = ("forward speed", "turn", "grip")[: self.action_size]
+        self.object_names = (
+            "robot",
+            *(f"{self.plan.regions[r].colour} region" for r in self._order.regions),
+            *(self.plan.blocks[b].name for b in self._order.blocks if b < len(self.plan.blocks)),
+        )
+        self.stages = self._stages()
+
+    # ------------------------------------------------------------ what tasks differ in
+
+    def draw(self, keys: Callable[[], PRNGKeyArray], kinds: Kinds) -> Kinds:
+        """The kinds of a start: those of Demo, but for what the variant draws."""
+        return kinds
+
+    def score(self, scene: Scene) -> Float[Array, ""]:
+        """The original's score of a state, from 0 to 1."""
+        raise NotImplementedError
+
+    def _stages(self) -> Stages:
+        """The stages of the Demo start's objects."""
+        raise NotImplementedError
+
+    def reward(self, scene: Scene) -> Float[Array, ""]:
+        """The reward of the name that was chosen."""
+        return self.score(scene)
+
+    # ------------------------------------------------------------ the contract
+
+    def varies(self, what: str) -> bool:
+        """True if the variant draws this: "color", "shape", "count" or "dynamics"."""
+        with_counts = self.variant in ("countplus", "all")
+        if what == "count":
+            return with_counts and "countplus" in self.variants
+        if what == "dynamics":
+            return self.variant in ("dynamics", "all")
+        return self.variant == what or (with_counts and what in self.variants)
+
+    def reset(self, key: PRNGKeyArray) -> State:
+        """Starts a new episode of the task's variant."""
+        key_kinds, key_places, key_forces = jax.random.split(key, 3)
+        kinds = jax.tree.map(jnp.asarray, self.draw(_stream(key_kinds), self._kinds))
+        start = places.demo(self.plan, len(kinds.shape))
+        if self.variant in (*self.near, *self.anywhere):
+            start = places.draw(
+                key_places, self.plan, kinds, self.robot, arena=self.arena,
+                anywhere=self.variant in self.anywhere,
+            )  # fmt: skip
+        strengths = layouts.strengths(key_forces, self._preset, vary=self.varies("dynamics"))
+        spare = jnp.array([outside(0)] * self._spare).reshape(-1, 3)
+        pose = [layouts.robot_pose(self.robot, start.robot), start.blocks, spare]
+        pose = jnp.concatenate(pose)
+        return self._observe(SuiteData(
+            pose, jnp.zeros_like(pose), jnp.asarray(self._rest), kinds.shape, kinds.colour,
+            start.regions, kinds.region_colour, jnp.stack(strengths), start.unplaced,
+        ))  # fmt: skip
+
+    def step(self, state: State, action: Float[Array, "A"]) -> State:
+        """Advances one control step: 1/8 s under a held action."""
+        data = state.data
+        # Shapes that never change are constants of the compiled program.
+        fixed = not (self.varies("shape") or self.varies("count"))
+        shape = jnp.asarray(self._kinds.shape) if fixed else data.shape
+        shape = jnp.concatenate([shape, jnp.full(self._spare, NOTHING, jnp.int32)])
+        command = simulator.commanded(
+            action, physics=self.physics, gain=self._gain, dt=self._engine.dt
+        )
+        pose, velocity, memory = self._engine.step(
+            data.pose, data.velocity, data.memory, block_shapes.blocks(shape),
+            Strengths(*data.strengths), command,
+        )  # fmt: skip
+        return self._observe(data._replace(pose=pose, velocity=velocity, memory=memory))
+
+    def outlines(self, data: SuiteData) -> list[Outline]:
+        """The outlines of one moment, to be painted (host side)."""
+        data = jax.tree.map(np.asarray, data)
+        blocks = np.flatnonzero(data.shape != NOTHING)
+        named = [(COLOURS[data.colour[b]], SHAPES[data.shape[b]]) for b in blocks]
+        bodies = np.concatenate([np.arange(self._parts), self._parts + blocks])
+        regions = [
+            (COLOURS[colour], box.astype(np.float64))
+            for colour, box in zip(data.region_colour, data.regions, strict=True)
+            if box[2] > 0
+        ]
+        pose = data.pose[bodies].astype(np.float64)
+        return scenes.outlines(
+            self.robot, named, self.arena, pose, regions, robot_first=self.robot_first
+        )
+
+    def _scatter(self, block: int, holds: Holds, others: tuple[int, ...]) -> Place:
+        """Puts a block anywhere where a stage holds."""
+
+        def place(key, center, size):
+            limit = self.arena - size[block] / 2
+            return free_place(
+                key, block, center, size, low=-limit, high=limit, others=others,
+                allowed=lambda c: holds(c, size),
+            )  # fmt: skip
+
+        return place
+
+    def _padded(self, kinds: Kinds) -> Kinds:
+        """With the slots that only some variants fill."""
+        more = (self.plan.slots or 0) - len(kinds.shape)
+        if not self.varies("count") or more <= 0:
+            return kinds
+        fill = lambda known, value: np.append(known, np.full(more, value, np.int32))  # noqa: E731
+        return kinds._replace(shape=fill(kinds.shape, NOTHING), colour=fill(kinds.colour, 0))
+
+    def _observe(self, data: SuiteData) -> State:
+        scene = state.scene(data, self._parts)
+        score = self.score(scene)
+        seen = state.objects(data, self.robot, self._order)
+        return State(
+            data=data,
+            obs=state.observe(data, self._parts),
+            objects=seen,
+            moved=jnp.zeros(len(seen.label), bool),
+            reward=self.reward(scene),
+            done=jnp.zeros(()),
+            metrics={
+                "score": score,
+                "success": (score > 0.999).astype(jnp.float32),
+                "unplaced": data.unplaced.astype(jnp.float32),
+            },
+        )
+
+    def scored(self, task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
+        """The score of boxes in the order of the objects, for Demo's colours and shapes."""
+        kinds, regions = self.plan.kinds(), len(self.plan.regions)
+        rows = np.argsort(self._order.blocks[: len(kinds.shape)])
+        boxes = jnp.concatenate([center, size], axis=1)[1 : 1 + regions]
+        blocks = center[1 + regions :][rows]
+        return self.score(Scene(
+            center[0], blocks, jnp.asarray(kinds.shape), jnp.asarray(kinds.colour),
+            boxes[np.argsort(self._order.regions)], jnp.asarray(kinds.region_colour),
+        ))  # fmt: skip
+
+
+def _stream(key: PRNGKeyArray) -> Callable[[], PRNGKeyArray]:
+    """A function that returns another key at each call."""
+    count = iter(range(2**31))
+    return lambda: jax.random.fold_in(key, next(count))

@@ -1,0 +1,78 @@
+"""Places for a demonstration set where it would harm, and names that no file can have."""
+
+import os
+
+import pytest
+from support.hostile_films import BOXES, film
+from support.hostile_home import IMPORT, command, films, refused
+
+
+def overwrites_a_letter(home):
+    return ["--out", "letter.txt"]
+
+
+def holds_more(home):
+    (home / "set" / "thesis.txt").write_text("years of work")
+    return ["--out", "set"]
+
+
+def is_the_source(home):
+    (home / "films" / "a.mp4").rename(home / "set" / "a.mp4")
+    return ["--out", "set"]
+
+
+def dangles(home):
+    (home / "new").symlink_to("elsewhere")
+    return ["--out", "new"]
+
+
+def loops(home):
+    (home / "new").symlink_to("new")
+    return ["--out", "new"]
+
+
+OUTPUTS = {
+    "a file": (overwrites_a_letter, "exists already"),
+    "below a file": (lambda home: ["--out", "letter.txt/set"], "is a file"),
+    "a set with a file of the user's": (holds_more, "thesis.txt"),
+    "the folder of the films": (lambda home: ["--out", "films"], "holds other files"),
+    "a dangling link": (dangles, "exists already"),
+    "a link to itself": (loops, "exists already"),
+    "a long name": (lambda home: ["--out", "n" * 300], "too long"),
+    "a long path": (lambda home: ["--out", "n/" * 3000], "too long"),
+    "in a folder of the system's": (lambda home: ["--out", "/proc/new"], "/proc/new"),
+    "the home itself": (lambda home: ["--out", "."], "holds other files"),
+    "a run": (lambda home: ["--out", "run"], "holds other files"),
+}
+
+
+@pytest.mark.parametrize("kind", OUTPUTS)
+def test_outputs_that_would_harm_are_refused(home, capsys, kind):
+    film(films(home) / "a.mp4")
+    (home / "films" / "a.csv").write_text(BOXES)
+    make, words = OUTPUTS[kind]
+    refused(home, IMPORT + make(home), words, capsys)
+
+
+def test_a_set_is_not_replaced_by_what_is_read_from_it(home, capsys):
+    argv = ["demos", "import-videos", "set", "--half-extent", "1", "--out", "./set"]
+    refused(home, argv, "is read", capsys)
+
+
+def test_a_link_to_a_set_keeps_its_place(home, capsys):
+    film(films(home) / "a.mp4")
+    (home / "films" / "a.csv").write_text(BOXES)
+    (home / "link").symlink_to("set")
+    assert command([*IMPORT, "--out", "link"], capsys)[0] == 0
+    assert (home / "link").is_symlink()
+    assert sorted(os.listdir(home)) == ["films", "letter.txt", "link", "run", "set"]
+    assert sorted(os.listdir(home / "set")) == ["000.mp4", "000.npz", "demos.json"]
+
+
+@pytest.mark.parametrize(
+    "verb", ["eval", "report", "export-reward", "audit", "demos import-videos"]
+)
+def test_an_input_of_an_impossible_name_is_refused(home, capsys, verb):
+    more = {"export-reward": ["--out", "r.npz"]}
+    more["demos import-videos"] = ["--out", "new", "--half-extent", "1"]
+    refused(home, [*verb.split(), "n" * 5000, *more.get(verb, [])], "too long", capsys)

@@ -1,0 +1,172 @@
+"""Films of one's own with wrong boxes, wrong options or wrong contents, on the command line.
+
+Each is refused with exit code 2 in one sentence that names the file, with the line where there is
+one, and nothing is half-written.
+"""
+
+import json
+
+import pytest
+from support.hostile_films import film
+from support.hostile_home import films, refused
+from support.wrong_boxes import NAMES, WRONG, H, W
+
+from gril_jax.cli.main import main
+
+IMPORT = ["demos", "import-videos", "films", "--robot", "hand", "--out", "new"]
+HEAD = "frame,class,x_min,y_min,x_max,y_max"
+ROWS = "".join(f"{t},cup,{9 + t},9,{40 + t},40\n{t},hand,90,5,130,45\n" for t in range(5))
+GOOD = f"{HEAD}\n{ROWS}"
+
+
+@pytest.fixture
+def kitchen(home):
+    """The user's folder with a film a.mp4 of five frames, and its boxes."""
+    folder = films(home)
+    film(folder / "a.mp4", ((H, W),) * 5)
+    (folder / "a.csv").write_text(GOOD)
+    return home
+
+
+def test_what_is_right_is_imported(kitchen):
+    assert main([*IMPORT, "--boxes", "auto"]) == 0
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_wrong_boxes_are_refused(kitchen, capsys, kind):
+    name, text, words = WRONG[kind]
+    (kitchen / "films" / "a.csv").unlink()
+    path = kitchen / "films" / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    if kind.startswith("YOLO"):
+        (kitchen / "films" / "names.txt").write_text("\n".join(NAMES))
+    assert refused(kitchen, [*IMPORT, "--boxes", "auto"], words, capsys) == 2
+
+
+def boxes(rows, name="a.csv"):
+    return lambda home: (home / "films" / name).write_text(rows)
+
+
+def change(a, b):
+    return boxes(GOOD.replace(a, b))
+
+
+def another(name, **options):
+    return lambda home: film(home / "films" / name, **options)
+
+
+def gone(home):
+    (home / "films" / "a.csv").unlink()
+
+
+def one_frame(home):
+    film(home / "films" / "a.mp4", ((H, W),))
+
+
+def smaller(home):
+    film(home / "films" / "a.mp4", ((16, 16),) * 5)
+
+
+def outside(home):
+    rows = "".join(f"{t},cup,900,9,940,40\n{t},hand,9,9,20,20\n" for t in range(5))
+    (home / "films" / "a.csv").write_text(f"{HEAD}\n{rows}")
+
+
+def several(home):
+    more = "".join(f"{t},cup,150,60,170,80\n{t},cup 1,5,60,20,80\n" for t in range(5))
+    (home / "films" / "a.csv").write_text(GOOD + more)
+
+
+AUTO = ("--boxes", "auto")
+KINDS = {
+    "no boxes": (gone, AUTO, "a.mp4: no boxes are beside the film"),
+    "boxes twice": (boxes("1,1,1,1,9,9,1,cup", "a.txt"), AUTO, "both a.csv and a.txt are beside"),
+    "a film of one frame": (one_frame, AUTO, "a.mp4: holds 1 frame, but a demonstration needs"),
+    "a film of another size": (smaller, AUTO, "seem to be of a film of another size"),
+    "a second film without boxes": (another("b.mp4"), AUTO, "b.mp4: no boxes are beside the film"),
+    "two films of a name": (another("a.mov"), AUTO, "two videos are called 'a'"),
+    "the robot's class is never seen": (
+        change("hand", "spoon"), AUTO, "no box is of the robot's class 'hand'; the classes are cup"
+    ),
+    "nothing but the robot": (change("cup", "hand"), AUTO, "all classes are the robot's"),
+    "boxes outside of the picture": (
+        outside, AUTO, "lies outside"
+    ),
+    "a huge frame number": (boxes(f"{GOOD}{10**18},cup,1,1,9,9\n"), AUTO, "line 12: frame must be"),
+    "a huge box": (boxes(f"{GOOD}0,cup,1,1,1e300,9\n"), AUTO, "line 12: x_max must be a number"),
+    "a class with escapes": (boxes(f"{GOOD}0,cu\x1b[2Jp,1,1,9,9\n"), AUTO, "line 12"),
+    "a class and one of several": (
+        several,
+        AUTO, "'cup 1' is a class, and also one of several of a class",
+    ),
+    "a class not of the task": (None, (*AUTO, "--task", "match_regions"), "line 2: class 'cup'"),
+    "no frame rate": (None, (*AUTO, "--fps", "0"), "--fps is 0.0"),
+    "a frame rate that is no number": (None, (*AUTO, "--fps", "nan"), "--fps"),
+    "no width": (None, (*AUTO, "--half-extent", "0"), "--half-extent is 0.0"),
+    "an even smoothing": (None, (*AUTO, "--smoothing", "4"), "--smoothing is 4, but must be odd"),
+    "jitter below 0": (None, (*AUTO, "--jitter", "-1"), "--jitter"),
+    "an unknown outcome": (None, (*AUTO, "--outcome", "fine"), "outcome"),
+    "a camera of no dataset": (None, (*AUTO, "--camera", "front"), "is no LeRobot dataset"),
+    "two ways to boxes": (
+        None, ("--track", "t.json", "--detector", "m:f"), "--track and --detector are both given"
+    ),
+    "a detector without a function": (None, ("--detector", "numpy"), "must be module:function"),
+    "a detector that is missing": (None, ("--detector", "nowhere:f"), "cannot be imported"),
+    "a detector that is a number": (None, ("--detector", "math:pi"), "but must be a function"),
+    "a detector that fails": (None, ("--detector", "math:sqrt"), "failed on a.mp4, frames 0 to 4"),
+    "a detector of another length": (None, ("--detector", "builtins:repr"), "gave boxes of"),
+    "first boxes that are missing": (None, ("--track", "t.json"), "t.json: the boxes file cannot"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_wrong_films_and_options_are_refused(kitchen, capsys, kind):
+    make, options, words = KINDS[kind]
+    if make is not None:
+        make(kitchen)
+    assert refused(kitchen, [*IMPORT, *options], words, capsys) == 2
+
+
+FIRST = {
+    "no JSON": ("{", "t.json, line 1: not JSON"),
+    "a list": ("[]", "must have the boxes of each film by its name"),
+    "another film": ('{"b": []}', "the field 'a' is missing"),
+    "no box": ('{"a": []}', "no box is drawn on its first frame"),
+    "a number": ('{"a": [7]}', "box 0: must be an object"),
+    "three edges": ('{"a": [{"class": "cup", "box": [1, 1, 9]}]}', "box must be x_min, y_min"),
+    "NaN": ('{"a": [{"class": "cup", "box": [1, 1, NaN, 9]}]}', "x_max must be a number"),
+    "beyond the picture": (
+        '{"a": [{"class": "cup", "box": [1, 1, 999, 9]}]}', "must lie within the picture"
+    ),
+    "no class": ('{"a": [{"box": [1, 1, 9, 9]}]}', "the field 'class' is missing"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", FIRST)
+def test_wrong_first_boxes_are_refused(kitchen, capsys, kind):
+    text, words = FIRST[kind]
+    (kitchen / "t.json").write_text(text)
+    assert refused(kitchen, [*IMPORT, "--track", "t.json"], words, capsys) == 2
+
+
+def test_names_that_are_paths_stay_names(kitchen):
+    """Of classes and of films within a file: nothing outside of the set is touched."""
+    rows = GOOD.replace("cup", "../../cup").replace("hand", "/etc/hand")
+    (kitchen / "films" / "a.csv").write_text(rows)
+    before = sorted(path.name for path in kitchen.iterdir())
+    argv = ["demos", "import-videos", "films", "--boxes", "auto", "--robot", "/etc/hand"]
+    assert main([*argv, "--out", "new"]) == 0
+    header = json.loads((kitchen / "new" / "demos.json").read_text())
+    assert header["classes"] == ["../../cup", "/etc/hand"]
+    assert sorted(path.name for path in kitchen.iterdir()) == sorted([*before, "new"])
+    assert {path.name for path in (kitchen / "new").iterdir()} == {
+        "000.mp4", "000.npz", "demos.json", "import.txt", "import.png"
+    }  # fmt: skip
+
+
+def test_after_a_refusal_the_corrected_command_runs(kitchen, capsys):
+    gone(kitchen)
+    refused(kitchen, [*IMPORT, *AUTO], "no boxes are beside the film", capsys)
+    (kitchen / "films" / "a.csv").write_text(GOOD)
+    assert main([*IMPORT, *AUTO]) == 0
