@@ -47,7 +47,7 @@ def jitter(key: PRNGKeyArray, layout: Layout, *, arena: float) -> Layout:
     return layout._replace(robot=robot, blocks=blocks, goal=near(keys[2], layout.goal, size))
 
 
-def radii(shape: Int[Array, "B"]) -> Float[Array, "B"]:
+def radii(shape: Int[Array, "*B"]) -> Float[Array, "*B"]:
     """Radii of blocks' bounding circles; 0 for a slot without a block."""
     return jnp.append(jnp.asarray(RADII), 0.0)[shape]
 

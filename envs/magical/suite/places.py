@@ -1,24 +1,31 @@
 """Places of a start: the Demo layout's, near them, or anywhere.
 
 One entity is placed after another: regions, robot, blocks, and last the blocks that belong in a
-region. Each takes the first of some uniform poses at which it touches no wall and nothing placed
-before, regions included; if none is free the first, and the episode says so. Blocks count as their
-bounding circles, which is a little stricter than MAGICAL's exact test.
+region. Each takes the first of 128 uniform poses at which it touches no wall and nothing placed
+before, regions included. If none is free the layout is begun anew, at most ten times, and then the
+episode says so. Beside each other blocks count as their polygons, but stars, and all beside
+anything else, as their bounding circles, which is a little stricter than MAGICAL's test.
 """
 
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.magical.layout import gap_to_region, radii, rim, turned
+from gril_jax.envs.planar import shapes
+from gril_jax.envs.planar.contacts import frames
+from gril_jax.envs.planar.plane import Vec, fence
 from gril_jax.envs.planar.robots import Robot
 from gril_jax.envs.planar.shapes import NOTHING
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from .plan import Kinds, Plan, outside
+from .plan import OUTSIDE, Kinds, Plan, outside
 
-_CANDIDATES = 128
+_CANDIDATES, _LAYOUTS = 128, 10  # poses that are drawn for each, layouts that are begun at most
+_STAR = shapes.SHAPES.index("star")
 _NEAR = np.array([0.025, 0.025, 0.05 * np.pi], np.float32)  # most that Jitter changes a pose by
 _SIDE = 0.0075  # and a region's width or height
 
@@ -32,12 +39,13 @@ class Places(NamedTuple):
     unplaced: Bool[Array, ""]  # something found no free place
 
 
-class _Placed(NamedTuple):
+class _Standing(NamedTuple):
     """What stands already."""
 
-    regions: list[Array]
-    robot: Float[Array, "V 2"] | None  # points around it
-    circles: list[tuple[Array, Array]]  # centres and radii of blocks
+    regions: Float[Array, "R 4"]
+    robot: Float[Array, "V 2"]  # points around it
+    blocks: Float[Array, "B 3"]
+    shape: Int[Array, "B"]  # `NOTHING` for those that do not stand yet
 
 
 def demo(plan: Plan, slots: int) -> Places:
@@ -55,88 +63,144 @@ def demo(plan: Plan, slots: int) -> Places:
 def draw(
     key: PRNGKeyArray, plan: Plan, kinds: Kinds, robot: Robot, *, arena: float, anywhere: bool
 ) -> Places:
-    """A layout near Demo's, or `anywhere`."""
-    slots, known = len(kinds.shape), demo(plan, len(kinds.shape))
-    keys = jax.random.split(key, len(plan.regions) + 1 + slots)
-    placed, unplaced = _Placed([], None, []), jnp.zeros((), bool)
-    for r, there in enumerate(kinds.region_there):
-        box, free = _region(keys[r], plan, known.regions[r], placed, arena, anywhere)
-        gone = jnp.array([*outside(r)[:2], 0.0, 0.0])
-        placed.regions.append(jnp.where(there, box, gone))
-        unplaced |= there & ~free
-    key_robot, *keys = keys[len(plan.regions) :]
-    pose, free = _robot(key_robot, robot, known.robot, placed, arena, anywhere)
-    placed = placed._replace(robot=turned(pose[2], jnp.asarray(rim(robot))) + pose[:2])
-    unplaced |= ~free
-    size, blocks = radii(jnp.asarray(kinds.shape)), [*known.blocks]
-    homes = [block.home for block in plan.blocks] + [None] * (slots - len(plan.blocks))
-    for b in sorted(range(slots), key=lambda b: homes[b] is not None):
-        there = kinds.shape[b] != NOTHING
-        poses = _poses(keys[b], known.blocks[b], homes[b], plan, placed, arena, anywhere)
-        clear = _clear(poses, size[b], placed, homes[b], arena)
-        blocks[b] = jnp.where(there, poses[jnp.argmax(clear)], jnp.array(outside(b)))
-        placed.circles.append((blocks[b][:2], size[b]))
-        unplaced |= there & ~clear.any()
-    stack = lambda rows, n: jnp.stack(rows) if rows else jnp.zeros((0, n))  # noqa: E731
-    return Places(pose, stack(blocks, 3), stack(placed.regions, 4), unplaced)
+    """A layout near Demo's, or `anywhere`. Without a place for something it is begun anew."""
+    each = functools.partial(_draw, plan, kinds, robot, arena=arena, anywhere=anywhere)
+
+    def drawn(state):
+        return state[0] + 1, each(jax.random.fold_in(key, state[0]))
+
+    again = lambda state: (state[0] < _LAYOUTS) & state[1].unplaced  # noqa: E731
+    none = demo(plan, len(kinds.shape))._replace(unplaced=jnp.ones((), bool))
+    begun = jnp.zeros((), jnp.int32), none
+    return jax.lax.while_loop(again, drawn, begun)[1]
 
 
-def _unit(key: PRNGKeyArray, *shape: int) -> Array:
-    return jax.random.uniform(key, shape, minval=-1.0)
+def _draw(plan: Plan, kinds: Kinds, robot: Robot, key: PRNGKeyArray, *, arena, anywhere) -> Places:
+    """One layout, which may lack a place for something."""
+    key_regions, key_robot, key_blocks = jax.random.split(key, 3)
+    shape, known = jnp.asarray(kinds.shape), demo(plan, len(kinds.shape))
+    spread = np.array([arena, arena, np.pi], np.float32) if anywhere else _NEAR
+    regions, unplaced = _regions(key_regions, plan, kinds, known.regions, spread, arena, anywhere)
+    around = jnp.asarray(rim(robot))
+
+    def outline(pose):
+        return turned(pose[..., None, 2], around) + pose[..., None, :2]
+
+    def stands(poses):
+        points = outline(poses)
+        free = (jnp.abs(points) < arena).all(axis=(1, 2))
+        for region in regions:
+            free &= (gap_to_region(points, region) > 0).all(axis=1)
+        return free
+
+    middle = jnp.zeros(3) if anywhere else known.robot
+    pose, free = _first(key_robot, lambda unit: middle + spread * unit, stands, 3)
+    begun = _Standing(regions, outline(pose), known.blocks, jnp.full_like(shape, NOTHING))
+    if not len(shape):
+        return Places(pose, known.blocks, regions, unplaced | ~free)
+    homes = [-1 if block.home is None else block.home for block in plan.blocks]
+    homes = np.array(homes + [-1] * (len(shape) - len(homes)))
+    order = np.argsort(homes >= 0, kind="stable")  # those with a home come last
+
+    def place(standing: _Standing, one):
+        key, slot, home = one
+        center, reach = _aim(plan, known.blocks[slot], home, regions, spread, anywhere)
+        clear = lambda poses: _clear(poses, shape[slot], standing, home, arena)  # noqa: E731
+        pose, free = _first(key, lambda unit: center + reach * unit, clear, 3)
+        there = shape[slot] != NOTHING
+        pose = jnp.where(there, pose, known.blocks[slot].at[0].set(OUTSIDE))
+        blocks = standing.blocks.at[slot].set(pose)
+        standing = standing._replace(blocks=blocks, shape=standing.shape.at[slot].set(shape[slot]))
+        return standing, there & ~free
+
+    slots = jax.random.split(key_blocks, len(shape)), jnp.array(order), jnp.array(homes[order])
+    standing, failed = jax.lax.scan(place, begun, slots)
+    return Places(pose, standing.blocks, regions, unplaced | ~free | failed.any())
 
 
-def _spread(arena: float, anywhere: bool) -> Float[np.ndarray, "3"]:
-    return np.array([arena, arena, np.pi], np.float32) if anywhere else _NEAR
-
-
-def _region(key, plan: Plan, box, placed: _Placed, arena: float, anywhere: bool):
-    """A region clear of walls and other regions, and whether there is one."""
-    key_side, key_place = jax.random.split(key)
-    low, high = plan.sides
-    side = (low + high + (high - low) * _unit(key_side, 2)) / 2
-    if not anywhere:
-        low, high = jnp.maximum(low, box[2:] - _SIDE), jnp.minimum(high, box[2:] + _SIDE)
-        side = (low + high + (high - low) * _unit(key_side, 2)) / 2
-    corner = box[:2] + box[2:] * jnp.array([-0.5, 0.5])
-    middle = 0.0 if anywhere else corner + side * jnp.array([0.5, -0.5])
-    places = middle + _spread(arena, anywhere)[:2] * _unit(key_place, _CANDIDATES, 2)
-    free = (jnp.abs(places) + side / 2 < arena).all(axis=1)
-    for other in placed.regions:
-        free &= (jnp.abs(places - other[:2]) > (side + other[2:]) / 2).any(axis=1)
-    return jnp.concatenate([places[jnp.argmax(free)], side]), free.any()
-
-
-def _robot(key, robot: Robot, pose, placed: _Placed, arena: float, anywhere: bool):
-    """A pose of the robot, as a rigid whole with open fingers, and whether it is free."""
-    poses = _spread(arena, anywhere) * _unit(key, _CANDIDATES, 3)
-    poses = poses if anywhere else pose + poses
-    points = turned(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]
-    free = (jnp.abs(points) < arena).all(axis=(1, 2))
-    for region in placed.regions:
-        free &= (gap_to_region(points, region) > 0).all(axis=1)
+def _first(
+    key: PRNGKeyArray, made: Callable[[Array], Array], clear: Callable[[Array], Array], size: int
+) -> tuple[Float[Array, "_"], Bool[Array, ""]]:
+    """The first of the poses made of uniform numbers in [-1, 1] that is clear, and True; if none
+    is, the first of all and False."""
+    poses = made(jax.random.uniform(key, (_CANDIDATES, size), minval=-1.0))
+    free = clear(poses)
     return poses[jnp.argmax(free)], free.any()
 
 
-def _poses(key, pose, home: int | None, plan: Plan, placed: _Placed, arena: float, anywhere: bool):
-    """Poses to choose from, for a block of its own or in its home."""
-    unit, spread = _unit(key, _CANDIDATES, 3), _spread(arena, anywhere)
-    if home is None:
-        return spread * unit if anywhere else pose + spread * unit
-    region = placed.regions[home]
+def _regions(key, plan: Plan, kinds: Kinds, known, spread, arena: float, anywhere: bool):
+    """Regions clear of walls and each other, and True if one is not."""
+    placed, unplaced = jnp.zeros((0, 4)), jnp.zeros((), bool)
+    for r, there in enumerate(kinds.region_there):
+        key_side, key_place = jax.random.split(jax.random.fold_in(key, r))
+        low, high = (jnp.full(2, side) for side in plan.sides)
+        if not anywhere:
+            low = jnp.maximum(low, known[r, 2:] - _SIDE)
+            high = jnp.minimum(high, known[r, 2:] + _SIDE)
+        side = jax.random.uniform(key_side, (2,), minval=low, maxval=high)
+        corner = known[r, :2] + known[r, 2:] * jnp.array([-0.5, 0.5])  # which stays where it is
+        middle = jnp.zeros(2) if anywhere else corner + side * jnp.array([0.5, -0.5])
+
+        def clear(places, side=side, placed=placed):
+            free = (jnp.abs(places) + side / 2 < arena).all(axis=1)
+            apart = jnp.abs(places[:, None] - placed[:, :2]) > (side + placed[:, 2:]) / 2
+            return free & apart.any(axis=2).all(axis=1)
+
+        made = lambda unit, middle=middle: middle + spread[:2] * unit  # noqa: E731
+        place, free = _first(key_place, made, clear, 2)
+        gone = jnp.array([*outside(r)[:2], 0.0, 0.0])
+        box = jnp.where(there, jnp.concatenate([place, side]), gone)
+        placed, unplaced = jnp.concatenate([placed, box[None]]), unplaced | (there & ~free)
+    return placed, unplaced
+
+
+def _aim(plan: Plan, pose, home: Int[Array, ""], regions, spread, anywhere: bool):
+    """The middle of a block's poses and how far they reach from it: about its home's middle, or
+    for a block without one (home -1) anywhere, or near its Demo pose."""
+    own = jnp.zeros(3) if anywhere else pose
+    if not len(regions):
+        return own, spread
+    region, turn = regions[home], 0.0 if anywhere else pose[2]
     room = jnp.min(region[2:]) / 2 - plan.margin if anywhere else spread[0]
-    places = region[:2] + room * unit[:, :2]
-    angle = (0.0 if anywhere else pose[2]) + spread[2] * unit[:, 2:]
-    return jnp.concatenate([places, angle], axis=1)
+    within = jnp.append(region[:2], turn), jnp.stack([room, room, spread[2]])
+    return jnp.where(home < 0, own, within[0]), jnp.where(home < 0, spread, within[1])
 
 
-def _clear(poses, radius, placed: _Placed, home: int | None, arena: float) -> Bool[Array, "C"]:
-    places = poses[:, :2]
+def _clear(poses, shape, standing: _Standing, home: Int[Array, ""], arena: float):
+    """True for poses at which a block touches nothing but the region that is its home."""
+    places, radius = poses[:, :2], radii(shape)
     free = (jnp.abs(places) + radius < arena).all(axis=1)
-    apart = jnp.sum((places[:, None] - placed.robot) ** 2, axis=-1)
+    apart = jnp.sum((places[:, None] - standing.robot) ** 2, axis=-1)
     free &= apart.min(axis=1) > radius**2
-    for r, region in enumerate(placed.regions):
-        if r != home:
-            free &= gap_to_region(places, region) > radius
-    for center, other in placed.circles:
-        free &= jnp.sum((places - center) ** 2, axis=1) > (radius + other) ** 2
-    return free
+    for r, region in enumerate(standing.regions):
+        free &= (gap_to_region(places, region) > radius) | (home == r)
+    far = jnp.sum((places[:, None] - standing.blocks[:, :2]) ** 2, axis=-1)
+    far = far > (radius + radii(standing.shape)) ** 2
+    # Arms of stars may cross although no corner of the one lies in the other.
+    star = (shape == _STAR) | (standing.shape == _STAR)
+    touching = _gaps(poses, shape, standing) <= 0
+    return free & ~(~far & (star | touching) & (standing.shape != NOTHING)).any(axis=1)
+
+
+def _gaps(poses: Float[Array, "C 3"], shape: Int[Array, ""], standing: _Standing):
+    """Distances (C, B) of a block's corners, at each pose, from each block that stands, or of its
+    corners from the first; the smaller, negative where one lies inside."""
+    own, others = shapes.blocks(shape[None]), shapes.blocks(standing.shape)
+    at, theirs = frames(poses), frames(standing.blocks)
+    there = jax.tree.map(lambda f: f[:, None], at)  # (C, 1), beside (B,)
+    corners = Vec(own.corners.x[:, None], own.corners.y[:, None]).out_of(there.heading)
+    corners = (corners + there.center - theirs.center).into(theirs.heading)  # (5, C, B)
+    one = _beyond(others, fence(corners)) - own.radius
+    here = jax.tree.map(lambda f: f[:, None], theirs)  # (B, 1), beside (C,)
+    corners = Vec(others.corners.x[..., None], others.corners.y[..., None]).out_of(here.heading)
+    corners = (corners + here.center - at.center).into(at.heading)  # (5, B, C)
+    two = jnp.swapaxes(_beyond(own, fence(corners)), 1, 2) - others.radius
+    return jnp.minimum(one.min(axis=0), two.min(axis=0))
+
+
+def _beyond(polygon: shapes.BlockShape, point: Vec) -> Float[Array, "..."]:
+    """How far points lie beyond the faces of polygons, or from circles; in their frames."""
+    faces = [polygon.directions[k].dot(point) for k in range(5)]
+    beyond = functools.reduce(jnp.maximum, faces) - polygon.rim_start.x
+    circle = polygon.rim_start.x == 0
+    return jnp.where(circle, jnp.sqrt(point.dot(point)), beyond) - polygon.radius
