@@ -194,3 +194,21 @@ def test_objects_that_a_film_lacks_and_several_of_a_class_are_nodes(home, tmp_pa
     present = np.asarray(batch.present)
     assert present.sum(axis=1).tolist() == [3, 5, 4, 4, 4]
     assert present[1].all()
+
+
+def test_a_task_learns_from_films_as_noisy_as_they_are(home, capsys):
+    """The noise of the set's boxes goes with them where a task is named, too, unless one says it."""
+    from gril_jax.cli import own_films
+
+    header = json.loads((home / "mine" / "demos.json").read_text())
+    rough = home / "rough"
+    rough.mkdir()
+    (rough / "demos.json").write_text(json.dumps(header | {"noise": 0.004, "smoothing": 3}))
+    given = ["--env.name=x.py:make", "--demos.path", str(rough)]
+    noted = ["--pool.noise=0.004", "--pool.smoothing=3"]
+    assert own_films.with_noise(None, given) == [*noted, *given]
+    assert own_films.with_noise("quickstart", given) == [*noted, *given]
+    assert own_films.with_noise("own_videos", ["--seed", "1"]) == ["--seed", "1"]
+    own = home / "noted.yaml"
+    own.write_text("pool: {noise: 0.1}\n")
+    assert own_films.with_noise(str(own), given) == given

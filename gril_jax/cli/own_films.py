@@ -27,11 +27,25 @@ def configured(name: str | None, args: list[str]) -> tuple[str | None, list[str]
     """
     header = _header(args)
     if header is None or (name is None and header.get("task") in registry.names()):
-        return name, args
+        return name, with_noise(name, args)
     name = name or CONFIG
     if load(name).env.name != NO_TASK:
-        return name, args
+        return name, with_noise(name, args)
     return name, [*_of_set(header), *args]
+
+
+def with_noise(name: str | None, args: list[str]) -> list[str]:
+    """The arguments of a run with a task, and before them how much the set's boxes jitter, unless
+    the configuration says it: else any jitter would count as motion."""
+    header = _header(args)
+    if header is None or not isinstance(header.get("noise"), float):
+        return args
+    if name is not None and load(name).pool.noise is not None:
+        return args
+    return [
+        *_options({"--pool.noise": header["noise"], "--pool.smoothing": header.get("smoothing")}),
+        *args,
+    ]
 
 
 def _header(args: list[str]) -> dict[str, Any] | None:
@@ -61,4 +75,8 @@ def _of_set(header: dict[str, Any]) -> list[str]:
     demos = [one for one in header.get("demos", ()) if isinstance(one, dict)]
     good = [one for one in demos if one.get("outcome") != "failure"]
     fields["--pretrain.num-videos"] = max(2, min(_TOGETHER, len(good) - math.ceil(len(good) / 4)))
+    return _options(fields)
+
+
+def _options(fields: dict[str, Any]) -> list[str]:
     return [f"{option}={value}" for option, value in fields.items() if value is not None]

@@ -39,7 +39,10 @@ def _new_run(
     sections = help_page.TRAIN if name == "train" else help_page.PRETRAIN
     extra: dict[str, Any] = {}
     if resume is None:
-        of, args = own_films.configured(of, args) if films else (of, args)
+        if films:
+            of, args = own_films.configured(of, args)
+        else:
+            args = own_films.with_noise(of, args)
         config = run_config(of, args, prog, about, sections, films_alone=films)
         if negatives is not None:
             extra["hard_negatives"] = hard_negatives(negatives, config)
