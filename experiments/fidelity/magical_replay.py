@@ -33,7 +33,7 @@ from gril_jax.errors import DemoError
 from .physics_parity import arrays_of, figures_of, printed
 
 _AHEAD = (10, 20, 40, 120)  # control steps from the start over which errors are taken
-_ASIDE = 1e-5  # arena units: standard deviation of a moved start
+ASIDE = 1e-5  # arena units: standard deviation of a moved start
 _MOVED = 0.01  # arena units: a block this far from its start has been moved
 
 
@@ -75,7 +75,7 @@ def _recorded(path: Path, actions: dict[str, np.ndarray]) -> Float[np.ndarray, "
     return np.stack([arrays[name] for name in actions]).astype(np.float32)
 
 
-def _replay(env: envs.Env, actions: Float[np.ndarray, "D T 3"], aside: Float[np.ndarray, "K 2"]):
+def replay(env: envs.Env, actions: Float[np.ndarray, "D T 3"], aside: Float[np.ndarray, "K 2"]):
     """Positions (K, D, T, 6, 2) of robot and blocks, and final scores (K, D)."""
     parts = len(env.robot.parts)
     start = env.reset(jax.random.key(0))
@@ -128,9 +128,9 @@ def measure(
     """Scores of replayed actions by demonstration, and their distance from recorded poses."""
     env = envs.make("match_regions", physics="magical", **options)
     ids = np.stack([*actions.values()])
-    aside = np.random.default_rng(0).normal(scale=_ASIDE, size=(1 + moved, 2))
+    aside = np.random.default_rng(0).normal(scale=ASIDE, size=(1 + moved, 2))
     aside[0] = 0.0
-    places, scores = _replay(env, from_magical(ids), aside)
+    places, scores = replay(env, from_magical(ids), aside)
     won = (scores > 0.999).sum(axis=1)
     result = {
         "demonstrations": len(ids),
