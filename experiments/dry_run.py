@@ -1,7 +1,7 @@
 """Tells what a run would do, how long it would take here and how much memory: `--dry-run`.
 
-Nothing is written. Parts of the real programs are compiled and timed for a few updates on
-stand-ins: boxes that rest for demonstrations, and an untrained reward.
+Nothing is written. Parts of the real programs are compiled and timed for a few updates on an
+untrained reward, and on boxes that rest where the demonstrations would be made first.
 """
 
 import time
@@ -12,12 +12,18 @@ import jax
 import jax.numpy as jnp
 from gril_jax.envs import Env
 from gril_jax.experiments import audit, train
-from gril_jax.experiments.pipeline import own_task, policy_rewards, policy_setup, setup
+from gril_jax.experiments.pipeline import (
+    demonstrations,
+    own_task,
+    policy_rewards,
+    policy_setup,
+    setup,
+)
 
 from gril_jax.compilation import memory, sharding
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import ENCODERS
-from gril_jax.demos.demo_set import load_demo_set
+from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.pretraining import pretrain
 from gril_jax.report.headline import in_words
 from gril_jax.types import DemoBatch
@@ -27,14 +33,16 @@ _UNIT = 2**20
 
 def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -> dict[str, float]:
     """Says it line by line; returns seconds and bytes by phase. Errors are those of the run."""
-    env = setup.make_env(config.env, training=False)
-    own_task.require_demonstrations(config, env)
-    if config.run.audit and verb == "train":
+    env = setup.task_of(config.env)
+    if env is not None:
+        own_task.require_demonstrations(config, env)
+    demonstrations.require_usable(config, env)
+    if config.run.audit and verb == "train" and env is not None:
         audit.require_possible(config, env)
-    num = _demonstrations(config, env, echo)
+    demos, classes = _demonstrations(config, env, echo)
     found: dict[str, float] = {}
     if ENCODERS[config.encoder.kind].boxes:
-        found["reward_s"] = _reward_seconds(config, env, num)
+        found["reward_s"] = _reward_seconds(config, demos, classes)
         took = in_words(found["reward_s"])
         echo(f"reward: {config.pretrain.steps:,} gradient steps, about {took}")
     else:
@@ -47,30 +55,32 @@ def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -
     return found
 
 
-def _demonstrations(config: RunConfig, env: Env, echo: Callable[[str], None]) -> int:
-    """The number of demonstrations, which is told."""
+def _demonstrations(
+    config: RunConfig, env: Env | None, echo: Callable[[str], None]
+) -> tuple[DemoBatch, int]:
+    """The demonstrations, or scenes at rest in their stead, and the number of classes; told."""
     chosen = config.demos
-    if chosen.path is None:
-        num = chosen.num + chosen.num_validation
-        echo(f"demonstrations: {num} of the expert of {config.env.shown_name} would be made first")
-        return num
-    entries = load_demo_set(chosen.path).entries
-    echo(f"demonstrations: {len(entries)} of {chosen.path}, of {', '.join(env.classes)}")
-    return len(entries)
-
-
-def _reward_seconds(config: RunConfig, env: Env, num: int) -> float:
-    """Seconds that the encoder's training would take, compiling included."""
-    begun = time.monotonic()
-    static, hyper = setup.pretrain_config(config, len(env.classes)), setup.pretrain_hyper(config)
+    if chosen.path is not None:
+        demo_set = load_demo_set(chosen.path)
+        shown = ", ".join(demo_set.classes if env is None else env.classes)
+        echo(f"demonstrations: {len(demo_set.entries)} of {chosen.path}, of {shown}")
+        return demo_batch(demo_set), len(demo_set.classes)
+    num = chosen.num + chosen.num_validation
+    echo(f"demonstrations: {num} of the expert of {config.env.shown_name} would be made first")
     seen = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(
         jax.random.split(jax.random.key(0), num)
     )
     frames = config.pretrain.num_frames
     center, size = (jnp.repeat(x[:, None], frames, axis=1) for x in (seen.center, seen.size))
-    present = jnp.ones(seen.label.shape, bool)
-    length = jnp.full(num, frames, jnp.int32)
-    demos = DemoBatch(center, size, seen.label, seen.is_robot, present, length)
+    present, length = jnp.ones(seen.label.shape, bool), jnp.full(num, frames, jnp.int32)
+    resting = DemoBatch(center, size, seen.label, seen.is_robot, present, length)
+    return resting, len(env.classes)
+
+
+def _reward_seconds(config: RunConfig, demos: DemoBatch, classes: int) -> float:
+    """Seconds that the encoder's training would take, compiling included."""
+    begun = time.monotonic()
+    static, hyper = setup.pretrain_config(config, classes), setup.pretrain_hyper(config)
     one = jax.jit(lambda state: pretrain.step(state, demos, hyper, static, None)[0])
     state = jax.block_until_ready(one(pretrain.init(jax.random.key(0), demos, static)))
     compiled = time.monotonic()

@@ -65,6 +65,15 @@ def test_a_run_of_films_is_exported_with_their_words_and_loaded(home, capsys):
     assert bool(jnp.isfinite(rewards).all())
 
 
+def test_a_dry_run_on_films_says_how_long_and_writes_nothing(home, capsys):
+    run = ("pretrain", "--demos", home / "mine", "--out", home / "dry", *LITTLE)
+    assert gril(*run, "--dry-run") == 0
+    said = capsys.readouterr().out
+    assert f"demonstrations: 5 of {home / 'mine'}, of coaster, cup, hand, spoon" in said
+    assert "reward: 4 gradient steps, about" in said
+    assert not (home / "dry").exists()
+
+
 def test_an_audit_of_films_says_what_it_leaves_out(home, capsys):
     assert gril("audit", home / "run", "--ascents", "20") == 0
     said = capsys.readouterr().out
@@ -197,7 +206,7 @@ def test_objects_that_a_film_lacks_and_several_of_a_class_are_nodes(home, tmp_pa
 
 
 def test_a_task_learns_from_films_as_noisy_as_they_are(home, capsys):
-    """The noise of the set's boxes goes with them where a task is named, too, unless one says it."""
+    """The noise of the boxes goes with them where a task is named, too, unless one says it."""
     from gril_jax.cli import own_films
 
     header = json.loads((home / "mine" / "demos.json").read_text())

@@ -151,6 +151,23 @@ def test_a_film_of_no_constant_rate_is_taken_at_equal_steps_of_time(tmp_path):
     np.testing.assert_allclose(shades, 40 + 8 * np.arange(4, 8), atol=2)
 
 
+@pytest.mark.parametrize("codec", ["libx265", "libsvtav1", "libvpx-vp9"])
+def test_films_of_other_codecs_are_read(tmp_path, codec):
+    if codec not in av.codecs_available:
+        pytest.skip(f"this PyAV has no {codec} to write with")
+    with av.open(str(tmp_path / "a.mp4"), "w") as out:
+        stream = out.add_stream(codec, rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+        for number in range(12):
+            picture = np.full((64, 64, 3), 40 + 9 * number, np.uint8)
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        out.mux(stream.encode())
+    film = look(tmp_path / "a.mp4")
+    assert len(film.times) == 12
+    shades = pictures(film, 10.0).mean(axis=(1, 2, 3))
+    np.testing.assert_allclose(shades, [40, 67, 94, 121], atol=3)
+
+
 def test_a_film_that_was_held_upright_is_looked_at_upright(tmp_path):
     turned(tmp_path / "a.mp4")
     film = look(tmp_path / "a.mp4")
