@@ -123,7 +123,7 @@ def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
     package, envs, steps = done.stdout.splitlines()[-1].split()
     assert Path(package).parent == site / "gril_jax"
     assert Path(envs).parent == site / "gril_jax" / "envs"
-    assert steps == "7000000"
+    assert steps == "10000000"
 
 
 @pytest.mark.parametrize("name", ["envs", "configs", "experiments"])

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from gril_jax.envs import Env
 from gril_jax.experiments.pipeline import policy_setup, setup
 
 from gril_jax.config import RunConfig

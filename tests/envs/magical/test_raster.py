@@ -64,7 +64,9 @@ def _paint(names, blocks, robot, fingers, goal, colour, *, stick=None, pixels=38
     scene = made_scene(names, blocks, robot, fingers, goal, colour)
     made = robots.robot(stick or "gripper")
     pose = np.asarray(scene.pose, np.float64)
-    outlines = look.outlines(made, [tuple(n.split()) for n in names], 1.1, pose, np.array(goal))
+    blocks = [tuple(n.split()) for n in names]
+    regions = [(blocks[0][0], np.array(goal))]
+    outlines = look.outlines(made, blocks, 1.1, pose, regions)
     return host.paint(outlines, half_extent=HALF, background=look.BACKGROUND, pixels=pixels)
 
 
