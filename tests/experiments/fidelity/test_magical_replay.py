@@ -70,7 +70,7 @@ def test_the_command_prints_figures_as_json(tmp_path, capsys, monkeypatch):
     _demo(tmp_path / "demo-x-007.pkl.gz", [1, 1])
     monkeypatch.setattr(replay.envs, "make", lambda *_, **__: None)
     places = np.zeros((2, 1, 2, 6, 2))
-    monkeypatch.setattr(replay, "_replay", lambda *_: (places, np.array([[1.0], [0.5]])))
+    monkeypatch.setattr(replay, "replay", lambda *_: (places, np.array([[1.0], [0.5]])))
     assert replay.main([str(tmp_path), "--moved", "1", "--iterations", "10"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["options"] == {"substeps": None, "iterations": 10}
