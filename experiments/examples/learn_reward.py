@@ -1,6 +1,8 @@
 """Learns a reward from recorded boxes and saves it: recordings in, one file out.
 
 python -m gril_jax.experiments.examples.learn_reward reward.npz      about 15 seconds
+
+Kendall's tau on recordings that it has not seen should be above 0.95.
 """
 
 import sys

@@ -1,6 +1,8 @@
 """The reward in plain JAX: many rollouts at once, and a gradient.
 
 python -m gril_jax.experiments.examples.plain_jax reward.npz
+
+With the reward of `learn_reward`, robots that push end at about 0 and those that wander near -1.
 """
 
 import sys

@@ -86,8 +86,9 @@ def test_the_rejax_example_learns(file):
     _needs("gymnax", "rejax")
     from gril_jax.experiments.examples import rejax_ppo
 
-    before, after = rejax_ppo.main(file, steps=120_000, echo=lambda _: None)
-    assert after > before + 0.3
+    before, after = rejax_ppo.main(file, echo=lambda _: None)
+    assert before < -20
+    assert after > -13.5
 
 
 # --- brax's resets, which do not reset `info`
