@@ -185,8 +185,9 @@ class SuiteTask:
         ]
         pose = data.pose[bodies].astype(np.float64)
         return scenes.outlines(
-            self.robot, named, self.arena, pose, regions, robot_first=self.robot_first
-        )
+            self.robot, named, self.arena, pose, regions, robot_first=self.robot_first,
+            original=True,
+        )  # fmt: skip
 
     def _scatter(self, block: int, holds: Holds, others: tuple[int, ...]) -> Place:
         """Puts a block anywhere where a stage holds."""

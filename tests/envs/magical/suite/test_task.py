@@ -10,8 +10,11 @@ import pytest
 from gril_jax.envs.magical.simulator import from_magical
 from gril_jax.envs.magical.suite import state as states
 from gril_jax.envs.planar.shapes import NOTHING
+from gril_jax.experiments.pipeline import filming
+from support import scenes
 
 from gril_jax import envs
+from gril_jax.demos.vision.video import read_video
 
 TASKS = (
     "move_to_corner", "move_to_region", "find_dupe", "fix_colour", "cluster_colour",
@@ -188,3 +191,37 @@ def test_the_score_of_boxes_is_the_score_of_the_state(name):
     score, of_boxes = jax.jit(jax.vmap(both))(jnp.asarray(places, jnp.float32))
     np.testing.assert_allclose(score, of_boxes)
     assert len(set(np.asarray(score).tolist())) > 1
+
+
+# ---------------------------------------------------------------- pictures
+
+
+def test_only_the_corner_s_block_is_painted_over_the_robot():
+    grey, red = (162, 163, 175), (245, 129, 165)
+    for name, fill, later in (("move_to_corner", red, True), ("find_dupe", red, False)):
+        env, begun = _begun(name, "demo")
+        fills = [o.fill for o in env.outlines(jax.tree.map(lambda f: f[0], begun.data))]
+        assert (fills.index(fill) > fills.index(grey)) == later
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_demo_starts_look_like_the_first_frames_of_the_films(name):
+    """But for lines, eyes and what compression blurs: fills agree where both are one colour."""
+    path = scenes.shared_data() / "magical_suite" / name.replace("_", "-") / "000.mp4"
+    if not path.is_file():
+        pytest.skip(f"{path} is not there")
+    env, begun = _begun(name, "demo")
+    data = jax.tree.map(lambda f: np.asarray(f[:1]), begun.data)
+    ours = np.asarray(list(filming.outlines(env, data)))[0].astype(int)
+    theirs = read_video(path)[0].astype(int)
+    assert (np.abs(ours - theirs).max(axis=-1) > 48).mean() < 0.04
+    for outline in env.outlines(jax.tree.map(lambda f: f[0], data))[1:]:
+        if outline.rim is None:
+            continue
+        same = (ours == outline.fill).all(axis=-1)
+        inner = same & np.roll(same, 3, 0) & np.roll(same, -3, 0)
+        inner &= np.roll(inner, 3, 1) & np.roll(inner, -3, 1)
+        if inner.sum() > 50:
+            off = np.abs(theirs[inner] - outline.fill).max(axis=-1)
+            assert np.median(off) <= 4
+            assert (off > 24).mean() < 0.05
