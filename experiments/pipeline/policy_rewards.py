@@ -6,14 +6,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Array, Float, Int, UInt8
 
 from gril_jax import envs, reward
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import REWARDS, find
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.encoders.ensemble import num_members
-from gril_jax.errors import ConfigError
+from gril_jax.errors import ConfigError, DemoError
 from gril_jax.pretraining import pretrain
 from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward.latent_goal import RewardParams
@@ -53,19 +53,41 @@ def _begins_at_frames(config: RunConfig) -> bool:
 
 
 def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
-    """Frames of the demonstrations, evenly over all of them; without these, the shapes."""
+    """Frames of the demonstrations, evenly over all of them, with the objects in the task's order;
+    without these, the shapes."""
+    label = _labels(config)
     if demos is None:
-        env = setup.make_env(config.env, training=False)
-        num = len(jax.eval_shape(env.reset, jax.random.key(0)).objects.label)
-        boxes = jnp.zeros((_NUM_FRAMES, num, 2))
-        return starts.Frames(boxes, boxes, jnp.zeros((_NUM_FRAMES, num), bool))
+        boxes = jnp.zeros((_NUM_FRAMES, len(label), 2))
+        return starts.Frames(boxes, boxes, jnp.zeros((_NUM_FRAMES, len(label)), bool))
     hyper = setup.pretrain_hyper(config)
     static = setup.pretrain_config(config, int(demos.label.max()) + 1)
     active = jax.jit(lambda demos: pretrain.activity_bits(demos, hyper, static))(demos)
+    order = np.array([_in_the_order_of(label, film) for film in np.asarray(demos.label)])
     film, frame = np.nonzero(np.arange(demos.center.shape[1]) < np.asarray(demos.length)[:, None])
     every = np.linspace(0, len(film) - 1, _NUM_FRAMES).round().astype(int)
     film, frame = film[every], frame[every]
-    return starts.Frames(*(jnp.asarray(x)[film, frame] for x in (demos.center, demos.size, active)))
+    at = film[:, None], frame[:, None], order[film]
+    return starts.Frames(*(jnp.asarray(x)[at] for x in (demos.center, demos.size, active)))
+
+
+def _labels(config: RunConfig) -> Int[np.ndarray, "N"]:
+    """The classes of the task's objects, in its order."""
+    env = setup.make_env(config.env, training=False)
+    return np.asarray(jax.jit(lambda key: env.reset(key).objects.label)(jax.random.key(0)))
+
+
+def _in_the_order_of(
+    task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]
+) -> Int[np.ndarray, "N"]:
+    """Where a film has the objects of a task; objects of one class keep the film's order."""
+    if sorted(task) != sorted(film):
+        raise DemoError(
+            "training cannot begin at frames of the demonstrations, which show other objects than "
+            "the task has: video_starts must be 0"
+        )
+    order = np.empty(len(task), int)
+    order[np.argsort(task, kind="stable")] = np.argsort(film, kind="stable")
+    return order
 
 
 def _form(config: RunConfig) -> RewardForm:
