@@ -31,15 +31,15 @@ _NUM_FRAMES = 2048  # that training may begin at
 def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
     """The reward as the algorithms take it."""
     found = _form(config).function(config, env)
-    return starts.with_frames(found) if _begins_at_frames(config) else found
+    return starts.with_frames(found) if begins_at_frames(config) else found
 
 
 def parameters(
-    config: RunConfig, learned: RewardParams, demos: DemoBatch | None, num_classes: int
+    config: RunConfig, learned: RewardParams | None, demos: DemoBatch | None, num_classes: int
 ) -> Any:
     """Its parameters, from a learned reward and its demonstrations; without these, the shapes."""
     found = _form(config).parameters(config, learned, demos, num_classes)
-    return starts.WithFrames(found, _frames(config, demos)) if _begins_at_frames(config) else found
+    return starts.WithFrames(found, _frames(config, demos)) if begins_at_frames(config) else found
 
 
 def blank(config: RunConfig, env: envs.Env) -> Any:
@@ -48,7 +48,8 @@ def blank(config: RunConfig, env: envs.Env) -> Any:
     return parameters(config, setup.blank_reward(config, classes), None, classes)
 
 
-def _begins_at_frames(config: RunConfig) -> bool:
+def begins_at_frames(config: RunConfig) -> bool:
+    """True if training episodes may begin at frames of the demonstrations."""
     return getattr(config, config.run.algorithm).video_starts > 0
 
 
