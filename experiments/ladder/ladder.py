@@ -95,7 +95,7 @@ def _panels(names: list[str], found: list[Curve]) -> Figure:
             success = np.stack([[0.0, *curve.scores["success_sampled"]] for curve in curves])
             draw_spread(panel, steps, success, number=number, label=reward)
         panel.set(title=f"level {level}", ylim=(-0.03, 1.03))
-    drawn.supxlabel("env steps of each policy, millions", fontsize=10)
+        panel.set_xlabel("million env steps")
     panels[0].set_ylabel("success, sampled actions")
     shown = {
         label: line

@@ -1,5 +1,6 @@
 """The reward that trains a policy: built from the configuration, with its parameters."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +15,7 @@ from gril_jax.config.tables import REWARDS, find
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.encoders.ensemble import num_members
 from gril_jax.errors import ConfigError, DemoError
+from gril_jax.graphs import activity
 from gril_jax.pretraining import pretrain
 from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward.latent_goal import RewardParams
@@ -60,15 +62,20 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
     if demos is None:
         boxes = jnp.zeros((_NUM_FRAMES, len(label), 2))
         return starts.Frames(boxes, boxes, jnp.zeros((_NUM_FRAMES, len(label)), bool))
-    hyper = setup.pretrain_hyper(config)
-    static = setup.pretrain_config(config, int(demos.label.max()) + 1)
-    active = jax.jit(lambda demos: pretrain.activity_bits(demos, hyper, static))(demos)
+    active = jax.jit(jax.vmap(functools.partial(activity.trajectory, **_activity_rule(config))))(
+        demos.center, demos.size
+    )
     order = np.array([_in_the_order_of(label, film) for film in np.asarray(demos.label)])
     film, frame = np.nonzero(np.arange(demos.center.shape[1]) < np.asarray(demos.length)[:, None])
     every = np.linspace(0, len(film) - 1, _NUM_FRAMES).round().astype(int)
     film, frame = film[every], frame[every]
     at = film[:, None], frame[:, None], order[film]
     return starts.Frames(*(jnp.asarray(x)[at] for x in (demos.center, demos.size, active)))
+
+
+def _activity_rule(config: RunConfig) -> dict[str, Any]:
+    pool = config.pool
+    return dict(tau=pool.tau, window=pool.window, smoothing=pool.smoothing, noise=pool.noise)
 
 
 def _labels(config: RunConfig) -> Int[np.ndarray, "N"]:

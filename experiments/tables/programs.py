@@ -257,11 +257,12 @@ def _parameters(
     config: RunConfig, found: TrainedReward | None, demos: Callable[[RunConfig], DemoBatch]
 ) -> Any:
     """The parameters of a policy's reward, learned or not."""
-    if found is not None:
-        return policy_rewards.parameters(config, found.params, found.demos, found.num_classes)
-    if policy_rewards.begins_at_frames(config):
-        return policy_rewards.parameters(config, None, demos(config), 0)
-    return ()
+    frames = policy_rewards.begins_at_frames(config)
+    if found is None and not frames:
+        return ()
+    params, num_classes = (found.params, found.num_classes) if found else (None, 0)
+    shown = demos(config) if frames else found.demos
+    return policy_rewards.parameters(config, params, shown, num_classes)
 
 
 def _by_start(where: Sequence[str], scores: training.Scores) -> dict[str, Any]:
