@@ -115,7 +115,8 @@ def stray(edges: Edges, window: int, jitter: float = 0.0) -> Bool[np.ndarray, "T
 
 def away(edges: Edges, longest: int, jitter: float = 0.0) -> Bool[np.ndarray, "T N"]:
     """Sightings between a jump and one back, of at most `longest` frames: of something else, as
-    where two identities are exchanged for a moment. A jump is one of place or of size."""
+    where two identities are exchanged for a moment. A jump is one of place or of size; the second
+    need not lead back where there is a gap of more frames on one side."""
     found = np.zeros(edges.shape[:2], bool)
     for each in range(edges.shape[1]):
         at = np.flatnonzero(~np.isnan(edges[:, each, 0]))
@@ -131,7 +132,9 @@ def away(edges: Edges, longest: int, jitter: float = 0.0) -> Bool[np.ndarray, "T
 
         jumps = np.flatnonzero(other(slice(None, -1), slice(1, None))).tolist()
         for one, two in itertools.pairwise(jumps):
-            if at[two] - at[one] <= longest and not other(one, two + 1):
+            back = not other(one, two + 1)
+            gap = max(at[one + 1] - at[one], at[two + 1] - at[two]) > longest
+            if at[two] - at[one + 1] < longest and (back or gap):
                 found[at[one + 1 : two + 1], each] = True
     return found
 

@@ -217,5 +217,9 @@ def test_sightings_of_another_between_a_jump_and_one_back_are_left_out():
     assert np.flatnonzero(off[:, 1]).tolist() == [*range(60, 66)]
     assert not away(edges, 3)[60:66].any()
     assert not away(true, 9).any()
+    hidden = true.copy()
+    hidden[30:60, 1] = np.nan
+    hidden[60:64, 1] += [0.0, 200.0, 0.0, 200.0]
+    assert np.flatnonzero(away(hidden, 9)[:, 1]).tolist() == [*range(60, 64)]
     edges[66:, 0] += 300.0  # it stays there: it has been moved out of sight
     assert not away(edges, 9)[66:85].any()
