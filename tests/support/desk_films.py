@@ -71,7 +71,7 @@ def story(seed, recipe="mug", *, arm=False):
     def go(to, seconds, carried=None):
         nonlocal hand, place
         count, begin, lead = max(3, round(seconds * FPS)), hand, place.copy()
-        pause = rng.integers(count) if rng.uniform() < 0.3 else 0
+        pause = round(rng.uniform(0.3, 0.6) * count) if rng.uniform() < 0.3 else 0
         bow, pace = rng.normal(0, 25, 2), rng.integers(3)
         for step in range(1, count + 1):
             share = step / count
