@@ -74,6 +74,19 @@ def test_what_few_show_is_dropped_and_what_one_lacks_is_placed_where_its_level_i
     assert np.abs(found.frames[1, :3] - ends[1]).max() <= 8
 
 
+def test_a_trace_with_as_many_ends_as_the_others_keeps_its_own_whatever_their_rewards():
+    reward, length, ends = _batch()
+    reward = np.array(reward)
+    reward[0, ends[0][0] - 25 : ends[0][1] - 15] = -0.85  # its first plateau lies lower
+    found = agreed(jnp.asarray(reward), length, patience=TWENTY)
+    own = np.asarray(alone(jnp.asarray(reward), length, smoothing=15, patience=TWENTY))
+    assert (own >= 0).sum(axis=1).tolist() == [3] * 8
+    np.testing.assert_array_equal(found.frames[:, :3], own[:, :3])
+    assert bool(found.found[:, :3].all())
+    assert found.support[:3].tolist() == [1, 1, 1]
+    assert int(found.frames[0, 0]) < ends[0][0]
+
+
 def test_ends_increase_where_one_falls_short_of_a_level_and_then_jumps():
     reward, length, ends = _batch()
     reward = np.array(reward)
