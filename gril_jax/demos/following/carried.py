@@ -14,6 +14,7 @@ from jaxtyping import Float
 _LONGEST = 10.0  # seconds that an object may be hidden for
 _MOVED = 0.1  # diagonals of its box: what is found nearer has not been carried
 _OFF = 0.35  # diagonals that hand and object may differ by in how far they went
+_OFF_HAND = 0.1  # the same in diagonals of the hand's box, which is not told better
 _SOONER = (
     0.05  # diagonals that a carry shorter by a second outweighs: a hand rests before and after
 )
@@ -57,12 +58,14 @@ def carry(
     frames = np.arange(len(hand))
     seconds = (frames[None] - frames[:, None]) / fps
     possible = _touches(hand, before)[:, None] & _touches(hand, after)[None] & (seconds > 0)
+    most = max(_OFF, _OFF_HAND * np.nanmedian(np.linalg.norm(hand[:, 2:] - hand[:, :2], axis=1))
+               / diagonal)  # fmt: skip
     found = []
     for place in _parts(hand):
         off = np.linalg.norm(place[None] - place[:, None] - way, axis=-1) / diagonal
         speed = np.linalg.norm(np.gradient(place, axis=0), axis=1) * fps / diagonal
         cost = off + _SOONER * seconds + _RESTING * (speed[:, None] + speed[None])
-        cost = np.where(possible & (off < _OFF), cost, np.inf)
+        cost = np.where(possible & (off < most), cost, np.inf)
         begin, end = np.unravel_index(np.argmin(cost), cost.shape)
         found.append((cost[begin, end], Carry(int(begin), int(end), float(off[begin, end]), place)))
     least, one = min(found, key=lambda pair: pair[0])

@@ -14,7 +14,8 @@ from jaxtyping import Bool, Float
 _SHORT = 0.15  # share of a side that must lack for its box to be cut
 _STRIP = 0.35  # share of a side; what is shorter says too little
 _DEVIATIONS = 4.0  # of the jitter, which the same takes of a small box
-_NEAR = 0.1  # sides that an edge may be off the hand's and yet be cut by it
+_NEAR = 0.1  # sides that a box may be off the hand's and yet be cut by it
+_EVEN = 1e-6  # pixels; where the hand goes beyond no edge, both are as far from the middle
 _FREE = 9  # sightings without a hand, before and after, whose sides are the usual ones
 
 
@@ -65,11 +66,10 @@ def _completed(box, hand, usual, jitter) -> Float[np.ndarray, "4"]:
     if (lack > (1 - _STRIP) * usual).any():
         return np.full(4, np.nan)
     short = lack > np.maximum(_SHORT * usual, _DEVIATIONS * jitter)
-    off = _NEAR * usual + 2 * jitter
-    cut = [(hand[:2] - off <= edge) & (edge <= hand[2:] + off) for edge in (low, high)]
-    share = np.where(cut[0] == cut[1], 0.5, cut[0])  # of what lacks, at the low edge
-    lack = np.where(short, lack, 0.0)
-    return np.concatenate([low - share * lack, high + (1 - share) * lack])
+    beyond = np.maximum([low - hand[:2], hand[2:] - high], 0)  # of each edge, how far the hand goes
+    share = (beyond + _EVEN) / (beyond + _EVEN).sum(axis=0)
+    lack = np.where(short, lack, 0.0) * share
+    return np.concatenate([low - lack[0], high + lack[1]])
 
 
 def _beside(
