@@ -140,6 +140,7 @@ def _dress(model: mujoco.MjModel, data: mujoco.MjData, env: Tabletop, start: Sta
     _put(model, data, start.data.motion.qpos, np.asarray(start.data.fixtures))
     boxes = jax.device_get(jax.jit(env.world_boxes)(start.data))
     owner = np.full(model.ngeom, _SCENERY, np.int8)
+    colours = (*_COLOURS[:3], *(env.task.colours or _COLOURS[3:]))  # three parts of the robot
     model.geom_rgba[:] = (*_ARM, 1)
     model.geom_rgba[model.geom_bodyid == 0] = (*_TABLE, 1)
     for index, name in enumerate(env.classes):
@@ -148,7 +149,7 @@ def _dress(model: mujoco.MjModel, data: mujoco.MjData, env: Tabletop, start: Sta
             raise ValueError(f"no body of the scene is named after {name!r}")
         shapes = np.flatnonzero(model.geom_bodyid == body)
         owner[shapes] = index
-        model.geom_rgba[shapes] = (*_COLOURS[index % len(_COLOURS)], 1)
+        model.geom_rgba[shapes] = (*colours[index % len(colours)], 1)
         flat = shapes[model.geom_type[shapes] == _BOX]
         if len(flat) < 2:
             only = int(flat[0]) if len(flat) else int(shapes[0])
