@@ -1,13 +1,13 @@
 """A scripted expert for rubbish in the bin, and the ways in which its demonstrations fail.
 
-  "success"           the rubbish is taken and let go above the bin
-  "tomato instead"    a tomato is thrown in
-  "tomato too"        a tomato, then the rubbish
-  "rubbish beside"    the rubbish is let go beside the bin
-  "never gripped"     the hand closes above the rubbish and goes to the bin without it
-  "held above"        the rubbish is held over the bin and not let go
-  "knocked away"      the rubbish is struck out of its place
-  "stops early"       a success that breaks off at some moment
+"success"           the rubbish is taken and let go above the bin
+"tomato instead"    a tomato is thrown in
+"tomato too"        a tomato, then the rubbish
+"rubbish beside"    the rubbish is let go beside the bin
+"never gripped"     the hand closes above the rubbish and goes to the bin without it
+"held above"        the rubbish is held over the bin and not let go
+"knocked away"      the rubbish is struck out of its place
+"stops early"       a success that breaks off at some moment
 """
 
 import numpy as np

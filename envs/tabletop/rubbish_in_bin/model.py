@@ -32,7 +32,9 @@ def scene() -> Additions:
     basket = mjcf.fixed("bin", *shapes, mjcf.wires(INSIDE, HEIGHT))
     rubbish = mjcf.loose("rubbish", mjcf.box("rubbish", (0, 0, 0), RUBBISH_HALF, 0.05))
     tomatoes = "".join(
-        mjcf.loose(name, f'<geom name="{name}" size="{RADIUS}" mass="0.1"/>', joint='damping="3e-4"')
+        mjcf.loose(
+            name, f'<geom name="{name}" size="{RADIUS}" mass="0.1"/>', joint='damping="3e-4"'
+        )
         for name in _TOMATOES
     )
     return Additions(basket + rubbish + tomatoes, _pairs())

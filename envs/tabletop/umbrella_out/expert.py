@@ -1,12 +1,12 @@
 """A scripted expert for umbrella out, and the ways in which its demonstrations fail.
 
-  "success"          the umbrella is taken at its crook, lifted out and held aside
-  "lifted halfway"   it is lifted a little, and held in the stand
-  "let go"           it is lifted halfway and let go
-  "never gripped"    the hand goes up without having closed
-  "beside it"        the hand closes beside the crook, and goes up without the umbrella
-  "pushed over"      closed fingers push it to another wall of the stand
-  "stops early"      a success that breaks off at some moment
+"success"          the umbrella is taken at its crook, lifted out and held aside
+"lifted halfway"   it is lifted a little, and held in the stand
+"let go"           it is lifted halfway and let go
+"never gripped"    the hand goes up without having closed
+"beside it"        the hand closes beside the crook, and goes up without the umbrella
+"pushed over"      closed fingers push it to another wall of the stand
+"stops early"      a success that breaks off at some moment
 """
 
 import numpy as np
@@ -70,8 +70,8 @@ def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:
 def _shows(run: Run) -> bool:
     """True if positions alone show that an episode without success is of its kind of failure."""
     pose = run.qpos[:, _UMBRELLA : _UMBRELLA + 7]
-    tip, top = pose[:, 2], run.boxes.position[:, -1]
-    leant = np.linalg.norm((top - pose[:, :3])[-1, :2] - (top - pose[:, :3])[0, :2])
+    tip, lean = pose[:, 2], (run.boxes.position[:, -1] - pose[:, :3])[:, :2]
+    leant = np.linalg.norm(lean[-1] - lean[0])
     lifted = tip.max() > _ALOFT
     hand = run.boxes.position[:, 2]
     off = np.linalg.norm(hand[:, :2] - run.boxes.position[:, -1, :2], axis=1)[hand[:, 2].argmin()]
