@@ -28,15 +28,7 @@ from . import expert, model
 
 CHEST = (0.50, -0.16, 0.0)  # x, y, yaw; the item is on its middle
 # Tool centre point (0.50, 0.12, 0.50), fingers along x, leaning.
-HOME = (
-    -0.02630000002682209,
-    -0.03480000048875809,
-    0.44919997453689575,
-    -1.6901999711990356,
-    -0.462799996137619,
-    1.4428999423980713,
-    2.7677998542785645,
-)
+HOME = (0.2356, -0.0317, 0.1934, -1.6894, -0.4705, 1.4392, -0.3679)
 _TILT = float(np.radians(-30))
 _ENOUGH = 0.18  # metres: where the progress of the first stage ends
 # The middle of the drawer's front from the chest's, in its sizes: open. And the item's from the
