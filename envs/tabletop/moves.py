@@ -106,12 +106,15 @@ def stroke(hand: Hand, points, *, speed: float, yaw: float) -> None:
         hand.move(point, speed=speed, yaw=yaw)
 
 
-def knock(hand: Hand, place, pace: Pace, way, *, height: float = 0.03, reach: float = 0.12) -> None:
+def knock(
+    hand: Hand, place, pace: Pace, way, *, height: float = 0.03, reach: float = 0.12,
+    grip: float = CLOSED, yaw: float | None = None,
+) -> None:  # fmt: skip
     """Strikes what is at a place (x, y) along a direction (x, y), from 13 cm before it."""
     way = np.asarray(way) / np.linalg.norm(way)
-    hand.grip = CLOSED
+    hand.grip = grip
     behind = place[:2] - 0.13 * way
-    hand.move((*behind, pace.arc), speed=pace.speed)
+    hand.move((*behind, pace.arc), speed=pace.speed, yaw=yaw)
     hand.move((*behind, height), speed=0.3)
     hand.move((*(place[:2] + reach * way), height), speed=0.45)
     hand.move((*hand.place[:2], pace.arc), speed=pace.speed)

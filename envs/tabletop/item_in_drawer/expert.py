@@ -29,6 +29,7 @@ _TAKE = 0.004  # the tool centre point above the middle of the item
 _ABOVE = 0.43  # height from which the hand goes down to the item
 OPEN = 0.12  # metres: the drawer counts as open
 _SHUT = 0.03
+_NARROW = -0.2  # of the gripper: the item does not pass between the fingers
 
 
 def _at(hand: Hand, *point: float) -> np.ndarray:
@@ -56,7 +57,7 @@ def _pull(hand: Hand, rng: np.random.Generator, pace: Pace, *, by: float) -> Non
 def _shut(hand: Hand, pace: Pace) -> None:
     """Pushes the drawer shut at its handle."""
     _, bar, height = model.BAR
-    away = bar + float(hand.qpos[_SLIDE]) + 0.07
+    away = bar + float(hand.qpos[_SLIDE]) + 0.05
     ways = ((away, pace.arc), (away, height), (bar + 0.012, height), (away, height + 0.1))
     moves.stroke(hand, [_at(hand, 0.0, *way) for way in ways], speed=0.2, yaw=_yaw(hand))
 
@@ -82,7 +83,7 @@ def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:
     """Plays the script of a kind, from its beginning to its end."""
     pace = moves.draw_pace(rng, (0.48, 0.55))
     pauses = rng.integers(0, 10, 3)
-    beside = (rng.uniform(-0.05, 0.1), rng.uniform(0.52, 0.56), 0.05)
+    beside = (rng.uniform(-0.12, -0.02), rng.uniform(0.46, 0.49), 0.05)
     hand.rest(int(pauses[0]))
     if kind == "wrong order":
         _take(hand, pace)
@@ -95,9 +96,10 @@ def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:
     if kind == "closed again":
         _shut(hand, pace)
     elif kind == "item knocked off":
-        angle = moves.yaw_of(hand.fixtures[0, 3:]) + rng.choice([0, -np.pi / 2])
-        place, way = moves.pose(hand, _ITEM), (np.cos(angle), np.sin(angle))
-        moves.knock(hand, place, pace, way, height=model.TOP + 0.02, reach=0.2)
+        back = moves.yaw_of(hand.fixtures[0, 3:]) - np.pi / 2 + rng.uniform(-0.2, 0.2)
+        place, way = moves.pose(hand, _ITEM), (np.cos(back), np.sin(back))
+        high, yaw = model.TOP + 0.02, _yaw(hand)
+        moves.knock(hand, place, pace, way, height=high, reach=0.2, grip=_NARROW, yaw=yaw)
     elif kind in ("success", EARLY, "item outside"):
         _take(hand, pace)
         hand.rest(int(pauses[2]))

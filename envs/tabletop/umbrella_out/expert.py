@@ -72,7 +72,7 @@ def _shows(run: Run) -> bool:
     pose = run.qpos[:, _UMBRELLA : _UMBRELLA + 7]
     tip, lean = pose[:, 2], (run.boxes.position[:, -1] - pose[:, :3])[:, :2]
     leant = np.linalg.norm(lean[-1] - lean[0])
-    lifted = tip.max() > _ALOFT
+    lifted = tip.max() > _ALOFT * (1 + (run.kind == "pushed over"))  # a push lifts it a little
     hand = run.boxes.position[:, 2]
     off = np.linalg.norm(hand[:, :2] - run.boxes.position[:, -1, :2], axis=1)[hand[:, 2].argmin()]
     marks = {
