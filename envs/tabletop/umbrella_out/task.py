@@ -26,7 +26,7 @@ STAND = (0.55, -0.10, 0.0)  # x, y, yaw
 _RISE = 0.0006  # metres: the tip's height at the start, as it is round
 # The umbrella's middle from the stand's, in its sizes: out, and clearly so. How far aside it is
 # held does not matter.
-_OUT, _CLEARLY = Area((-5.0, 1.1), (7.0, 5.0)), Area((-1.0, 1.5), (2.0, 2.0))
+_OUT, _CLEARLY = Area((-5.0, 0.8), (7.0, 5.0)), Area((-0.3, 1.0), (1.5, 1.4))
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:
