@@ -1,5 +1,6 @@
 """The wheel holds what the repository tracks, under one name, and works on its own."""
 
+import json
 import os
 import re
 import shutil
@@ -100,22 +101,35 @@ def test_the_wheel_adds_one_name_and_one_command(wheel):
     assert metadata["Requires-Python"] == "<3.14,>=3.11"
 
 
-def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
-    site = tmp_path / "site"
+@pytest.fixture(scope="module")
+def site(wheel, tmp_path_factory):
+    """A folder with the wheel's files, as they would be installed."""
+    folder = tmp_path_factory.mktemp("site")
     with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(site)
-    code = (
-        "import sys\n"
-        "sys.meta_path = [f for f in sys.meta_path if 'editable' not in str(f).lower()]\n"
+        archive.extractall(folder)
+    return folder
+
+
+WITHOUT_THE_CHECKOUT = (
+    "import sys\nsys.meta_path = [f for f in sys.meta_path if 'editable' not in str(f).lower()]\n"
+)
+
+
+def _installed(site):
+    """Environment variables with which Python finds the wheel's files."""
+    paths = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH")]))
+    return os.environ | {"PYTHONPATH": paths, "JAX_PLATFORMS": "cpu"}
+
+
+def test_the_wheel_works_without_the_checkout(site, tmp_path):
+    code = WITHOUT_THE_CHECKOUT + (
         "import gril_jax, gril_jax.envs, gril_jax.config.files as c\n"
         "print(gril_jax.__file__, gril_jax.envs.__file__, c.load('quickstart').ppo.num_timesteps)\n"
     )
-    paths = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH")]))
-    environment = os.environ | {"PYTHONPATH": paths, "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,
-        env=environment,
+        env=_installed(site),
         capture_output=True,
         text=True,
     )
@@ -124,6 +138,40 @@ def test_the_wheel_works_without_the_checkout(wheel, tmp_path):
     assert Path(package).parent == site / "gril_jax"
     assert Path(envs).parent == site / "gril_jax" / "envs"
     assert steps == "10000000"
+
+
+PROJECTS = {"my_task": "my_task", "gymnax_task": "herd", "mjx_task": "slide"}
+
+
+@pytest.mark.slow  # two minutes each
+@pytest.mark.parametrize("project", PROJECTS)
+def test_a_project_that_was_copied_out_learns_its_task(site, tmp_path, project):
+    """From films alone, with the wheel and nothing of the checkout."""
+    task, own = PROJECTS[project], ROOT / "experiments" / "examples" / project
+    for file in own.iterdir():
+        if file.suffix in (".py", ".yaml", ".xml"):
+            shutil.copy(file, tmp_path)
+    assert sum(len(file.read_text().splitlines()) for file in tmp_path.iterdir()) < 150
+    where = {"cwd": tmp_path, "capture_output": True, "text": True}
+    options = {k: v for k, v in _installed(site).items() if k != "XLA_FLAGS"}  # the tests' own
+    options |= {"XDG_STATE_HOME": str(tmp_path / "state")}
+
+    def python(code, *args):
+        line = [sys.executable, "-c", WITHOUT_THE_CHECKOUT + code, *args]
+        done = subprocess.run(line, **where, env=options)
+        assert done.returncode == 0, done.stderr[-2000:]
+
+    gril = "from gril_jax.cli.main import main\nsys.exit(main(sys.argv[1:]))"
+    films = ()
+    if (tmp_path / "make_films.py").exists():
+        python("sys.path.insert(0, '')\nimport runpy\nsys.argv = ['make_films.py']\n"
+               "runpy.run_path('make_films.py', run_name='__main__')")  # fmt: skip
+        films = ("--demos", "mine")
+    python(gril, "train", f"{task}.yaml", "--task", f"{task}.py:make", *films, "--out", "run")
+    found = json.loads((tmp_path / "run" / "results.json").read_text())
+    assert found["success"] >= 0.9
+    assert found["success_random"] < 0.1
+    assert found["given"].startswith("level A: ")
 
 
 @pytest.mark.parametrize("name", ["envs", "configs", "experiments"])

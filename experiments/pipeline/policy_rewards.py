@@ -1,19 +1,21 @@
 """The reward that trains a policy: built from the configuration, with its parameters."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Array, Float, Int, UInt8
 
 from gril_jax import envs, reward
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import REWARDS, find
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.encoders.ensemble import num_members
-from gril_jax.errors import ConfigError
+from gril_jax.errors import ConfigError, DemoError
+from gril_jax.graphs import activity
 from gril_jax.pretraining import pretrain
 from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward.latent_goal import RewardParams
@@ -31,15 +33,15 @@ _NUM_FRAMES = 2048  # that training may begin at
 def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
     """The reward as the algorithms take it."""
     found = _form(config).function(config, env)
-    return starts.with_frames(found) if _begins_at_frames(config) else found
+    return starts.with_frames(found) if begins_at_frames(config) else found
 
 
 def parameters(
-    config: RunConfig, learned: RewardParams, demos: DemoBatch | None, num_classes: int
+    config: RunConfig, learned: RewardParams | None, demos: DemoBatch | None, num_classes: int
 ) -> Any:
     """Its parameters, from a learned reward and its demonstrations; without these, the shapes."""
     found = _form(config).parameters(config, learned, demos, num_classes)
-    return starts.WithFrames(found, _frames(config, demos)) if _begins_at_frames(config) else found
+    return starts.WithFrames(found, _frames(config, demos)) if begins_at_frames(config) else found
 
 
 def blank(config: RunConfig, env: envs.Env) -> Any:
@@ -48,24 +50,52 @@ def blank(config: RunConfig, env: envs.Env) -> Any:
     return parameters(config, setup.blank_reward(config, classes), None, classes)
 
 
-def _begins_at_frames(config: RunConfig) -> bool:
+def begins_at_frames(config: RunConfig) -> bool:
+    """True if training episodes may begin at frames of the demonstrations."""
     return getattr(config, config.run.algorithm).video_starts > 0
 
 
 def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
-    """Frames of the demonstrations, evenly over all of them; without these, the shapes."""
+    """Frames of the demonstrations, evenly over all of them, with the objects in the task's order;
+    without these, the shapes."""
+    label = _labels(config)
     if demos is None:
-        env = setup.make_env(config.env, training=False)
-        num = len(jax.eval_shape(env.reset, jax.random.key(0)).objects.label)
-        boxes = jnp.zeros((_NUM_FRAMES, num, 2))
-        return starts.Frames(boxes, boxes, jnp.zeros((_NUM_FRAMES, num), bool))
-    hyper = setup.pretrain_hyper(config)
-    static = setup.pretrain_config(config, int(demos.label.max()) + 1)
-    active = jax.jit(lambda demos: pretrain.activity_bits(demos, hyper, static))(demos)
+        boxes = jnp.zeros((_NUM_FRAMES, len(label), 2))
+        return starts.Frames(boxes, boxes, jnp.zeros((_NUM_FRAMES, len(label)), bool))
+    active = jax.jit(jax.vmap(functools.partial(activity.trajectory, **_activity_rule(config))))(
+        demos.center, demos.size
+    )
+    order = np.array([_in_the_order_of(label, film) for film in np.asarray(demos.label)])
     film, frame = np.nonzero(np.arange(demos.center.shape[1]) < np.asarray(demos.length)[:, None])
     every = np.linspace(0, len(film) - 1, _NUM_FRAMES).round().astype(int)
     film, frame = film[every], frame[every]
-    return starts.Frames(*(jnp.asarray(x)[film, frame] for x in (demos.center, demos.size, active)))
+    at = film[:, None], frame[:, None], order[film]
+    return starts.Frames(*(jnp.asarray(x)[at] for x in (demos.center, demos.size, active)))
+
+
+def _activity_rule(config: RunConfig) -> dict[str, Any]:
+    pool = config.pool
+    return dict(tau=pool.tau, window=pool.window, smoothing=pool.smoothing, noise=pool.noise)
+
+
+def _labels(config: RunConfig) -> Int[np.ndarray, "N"]:
+    """The classes of the task's objects, in its order."""
+    env = setup.make_env(config.env, training=False)
+    return np.asarray(jax.jit(lambda key: env.reset(key).objects.label)(jax.random.key(0)))
+
+
+def _in_the_order_of(
+    task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]
+) -> Int[np.ndarray, "N"]:
+    """Where a film has the objects of a task; objects of one class keep the film's order."""
+    if sorted(task) != sorted(film):
+        raise DemoError(
+            "training cannot begin at frames of the demonstrations, which show other objects than "
+            "the task has: video_starts must be 0"
+        )
+    order = np.empty(len(task), int)
+    order[np.argsort(task, kind="stable")] = np.argsort(film, kind="stable")
+    return order
 
 
 def _form(config: RunConfig) -> RewardForm:

@@ -22,6 +22,7 @@ from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.runs import covered, hosts, run_dir
 from gril_jax.runs.progress import Progress
+from gril_jax.types import DemoBatch
 
 from . import measures as table_measures
 from . import programs as table_programs
@@ -101,8 +102,11 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
         if hosts.is_first():
             _write(table, run, results.read(table, run.path, settings), last=False)
 
+    def shown(config: RunConfig) -> DemoBatch:
+        return gather(config).batch("train")
+
     def train(program, compiled) -> None:
-        done = learn_policies(program, compiled, learned, run, progress, echo)
+        done = learn_policies(program, compiled, learned, shown, run, progress, echo)
         saved = (run.path / "policies" / program.name).glob("*/manifest.json")
         run.finish_phase(program.name, done, sorted(saved))
         written()

@@ -14,12 +14,14 @@ from gril_jax.experiments.pipeline.starts import distinct, evaluated_from
 from jax.sharding import Mesh
 
 from gril_jax.compilation import ahead, memory, sharding
+from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.rl import training
 from gril_jax.runs import hosts, loop
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
+from gril_jax.types import DemoBatch
 
 from .counted import Counted
 from .rewards import TrainedReward, keys, learns, reward_key, stack
@@ -196,11 +198,14 @@ def learn_policies(
     program: Program,
     ready: Ready,
     rewards: Mapping[Hashable, TrainedReward],
+    demos: Callable[[RunConfig], DemoBatch],
     run: RunDir,
     progress: Progress,
     echo: Callable[[str], None],
 ) -> dict[str, Any]:
     """Trains a program's policies; their scores during training are rows of metrics.jsonl.
+
+    `demos` are the demonstrations of a configuration, for training that begins at their frames.
 
     In these `success` is with deterministic actions in the first of the tasks, `success_sampled`
     with sampled ones, and `success_layout` and `success_layout_sampled` are those in "layout".
@@ -208,12 +213,7 @@ def learn_policies(
     rows, algorithm = program.rows, program.algorithm
     configs = [row.config for row in rows]
     learned = [rewards[reward_key(one)] if learns(one) else None for one in configs]
-    each = [
-        policy_rewards.parameters(one, found.params, found.demos, found.num_classes)
-        if found
-        else ()
-        for one, found in zip(configs, learned, strict=True)
-    ]
+    each = [_parameters(one, found, demos) for one, found in zip(configs, learned, strict=True)]
     # Each process has learned rewards; rounding may have driven them apart.
     params = sharding.place(ready.layout, hosts.same_everywhere(stack(each)))
     hyper, keys = _arguments(program, ready.layout)
@@ -251,6 +251,18 @@ def learn_policies(
         "taus": [found and found.tau for found in learned],
         "starts": {variant: found._asdict() for variant, found in starts(program).items()},
     }
+
+
+def _parameters(
+    config: RunConfig, found: TrainedReward | None, demos: Callable[[RunConfig], DemoBatch]
+) -> Any:
+    """The parameters of a policy's reward, learned or not."""
+    frames = policy_rewards.begins_at_frames(config)
+    if found is None and not frames:
+        return ()
+    params, num_classes = (found.params, found.num_classes) if found else (None, 0)
+    shown = demos(config) if frames else found.demos
+    return policy_rewards.parameters(config, params, shown, num_classes)
 
 
 def _by_start(where: Sequence[str], scores: training.Scores) -> dict[str, Any]:

@@ -43,9 +43,13 @@ def reward_key(config: RunConfig) -> Hashable:
     return task_key(config), parts, config.run.seed
 
 
+# What policies alone are given: neither demonstrations nor encoders depend on it.
+_OF_POLICIES = {"reward", "observation", "varied_starts", "on_the_way", "facing"}
+
+
 def task_key(config: RunConfig) -> Hashable:
-    """The task without its own reward, on which neither demonstrations nor encoders depend."""
-    return tuple(value for name, value in vars(config.env).items() if name != "reward")
+    """The task that demonstrations and encoders depend on."""
+    return tuple(value for name, value in vars(config.env).items() if name not in _OF_POLICIES)
 
 
 def keys(seeds: Sequence[int], stream: int):

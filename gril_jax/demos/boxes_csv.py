@@ -1,6 +1,7 @@
 """Object boxes from a CSV file, in place of colour detection.
 
-Any detector can write the file; its first line names the columns, in any order:
+Any detector can write the file; its first line names the columns, in any order, and further ones
+are ignored:
 
     frame,class,x_min,y_min,x_max,y_max
     0,robot,29.0,136.5,136.0,249.0
@@ -80,7 +81,8 @@ class BoxesFileDetector:
 
     def _parse(self, rows, num_frames: int) -> _Boxes:
         header = [cell.strip() for cell in next(rows, [])]
-        if sorted(header) != sorted(COLUMNS):
+        columns = [cell for cell in header if cell in COLUMNS]
+        if sorted(columns) != sorted(COLUMNS):
             raise DemoError(
                 f"{self.path}, line 1: the columns must be {','.join(COLUMNS)}, "
                 f"not {','.join(header)[:200] or 'an empty line'}."
@@ -88,10 +90,10 @@ class BoxesFileDetector:
         boxes: _Boxes = {}
         for row in filter(None, rows):
             where = f"{self.path}, line {rows.line_num}"
-            if len(row) != len(COLUMNS):
+            if len(row) != len(header):
                 raise DemoError(
-                    f"{where}: {len(row)} cells where {len(COLUMNS)} are needed "
-                    f"({','.join(header)})."
+                    f"{where}: {len(row)} cells where {len(header)} are needed "
+                    f"({','.join(header)[:200]})."
                 )
             frame, class_name, box = self._row(dict(zip(header, row, strict=True)), where)
             if frame >= num_frames:

@@ -1,8 +1,10 @@
 """Training starts beside the task's own: moments of the policy's own episodes, and of videos.
 
-Own moments (level B of help) are what running episodes have come to. Of a few of them the one with
-the largest reward is taken, so that training goes on where the policy has come furthest by what it
-is paid for; no state is read that the policy did not reach itself.
+Own moments (level B of help) are what running episodes have come to. They are taken evenly over the
+range of their rewards, so that few that have come far count as much as many that have not, and of
+equal ones those more often whose objects lie like in no other, as in Go-Explore (Ecoffet et al.
+2021). A moment may follow others that began in this way, so that a search grows longer than an
+episode. No state is read that the policy did not reach itself.
 
 Moments of videos (level V) are frames of the demonstrations: the task places its objects where the
 boxes lie, by its `place(center, size, key)`, and draws what boxes do not show.
@@ -10,7 +12,7 @@ boxes lie, by its `place(center, size, key)`, and draws what boxes do not show.
 Both shares fall linearly to 0, which they have reached when a tenth of training is left: in the end
 the policy learns from the task's own starts alone.
 
-Shapes use B for environments, R for new starts and F for frames.
+Shapes use B for environments, R for new starts and F for frames; L and S are those of a block.
 """
 
 from typing import Any, NamedTuple
@@ -23,7 +25,7 @@ from . import blocks
 from .episodes import Episodes, EpisodeState, reset_where
 from .rewards import AnyReward, Reward, as_reward
 
-_CANDIDATES = 4  # episodes among which the one with the largest reward is taken
+_ALIKE = 0.05  # of the range of rewards: moments whose rewards differ less are alike
 _UNTIL = 0.9  # of training
 
 
@@ -94,31 +96,53 @@ def of_own(
     """
     worth = jax.vmap(lambda one: _worth(episodes, reward_params, one))(running)
     parts = blocks.count(len(worth))
-    lanes = len(worth) // parts
-    keys = jax.random.split(key, 2)
-    shape = (parts, len(fresh.time) // parts)
-    some = jax.random.randint(keys[0], (*shape, _CANDIDATES), 0, lanes)
-    wanted = jax.random.uniform(keys[1], shape) < share
     before = blocks.split((running, worth, fresh), parts)
-    return blocks.join(jax.vmap(_replaced)(*before, some, wanted))
+    keys = jax.random.split(key, parts)
+    return blocks.join(jax.vmap(lambda *of: _replaced(*of, share))(*before, keys))
 
 
 def _replaced(
     running: EpisodeState,
     worth: Float[Array, "L"],
     fresh: EpisodeState,
-    some: Int[Array, "S C"],
-    wanted: Bool[Array, "S"],
+    key: PRNGKeyArray,
+    share: Float[Array, ""] | float,
 ) -> EpisodeState:
-    """The fresh starts of one block of L environments, S of them with C candidates each."""
-    best = jnp.take_along_axis(some, jnp.argmax(worth[some], axis=1)[:, None], axis=1)[:, 0]
-    own = jax.tree.map(lambda x: x[best], running)
+    """The fresh starts of one block of L environments."""
+    keys, count = jax.random.split(key, 3), len(fresh.time)
+    which = taken(
+        keys[0], worth, running.state.objects.center, jax.random.uniform(keys[1], (count,))
+    )
+    own = jax.tree.map(lambda x: x[which], running)
     own = own._replace(time=jnp.zeros_like(own.time), varied=jnp.ones_like(own.varied))
+    wanted = jax.random.uniform(keys[2], (count,)) < share
     return jax.vmap(reset_where)(wanted, own, fresh)
 
 
+def taken(
+    key: PRNGKeyArray,
+    worth: Float[Array, "L"],
+    center: Float[Array, "L N 2"],
+    where: Float[Array, "S"],
+) -> Int[Array, "S"]:
+    """Moments whose rewards are about `where` of the way from the least reward to the largest.
+
+    Of those alike it draws with probabilities in proportion to how far the objects lie, summed,
+    from where they do in the moment most like it. Rewards that are not finite are left out.
+    """
+    known = jnp.isfinite(worth)
+    least = jnp.min(jnp.where(known, worth, jnp.inf))
+    most = jnp.max(jnp.where(known, worth, -jnp.inf))
+    off = jnp.abs(worth - (least + where * (most - least))[:, None])
+    off = jnp.where(known, off, jnp.inf)
+    alike = off <= jnp.maximum(off.min(axis=1, keepdims=True), _ALIKE * (most - least))
+    apart = jnp.sqrt(jnp.sum((center[:, None] - center) ** 2, axis=-1)).sum(axis=-1)
+    alone = jnp.min(jnp.where(jnp.eye(len(worth), dtype=bool), jnp.inf, apart), axis=1)
+    odds = jnp.log(jnp.where(jnp.isfinite(alone), alone, 0.0) + 1e-6)
+    return jax.random.categorical(key, jnp.where(alike, odds, -jnp.inf), axis=1)
+
+
 def _worth(episodes: Episodes, reward_params: Any, episode: EpisodeState) -> Float[Array, ""]:
-    """The reward of the moment that an episode has come to; least where it is not finite."""
+    """The reward of the moment that an episode has come to."""
     memory, active = episode.reward_memory, episode.memory.active
-    reward = episodes.reward.step(reward_params, memory, episode.state, active)[1]
-    return jnp.where(jnp.isfinite(reward), reward, -jnp.inf)
+    return episodes.reward.step(reward_params, memory, episode.state, active)[1]

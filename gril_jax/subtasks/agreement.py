@@ -10,8 +10,10 @@ way from where its trace begins to where it ends, if some have further to go tha
 
 takes what `gril_jax.subtasks.transitions` finds in each trace, keeps what most have at the same
 reward or share, whichever they agree on better, and where a trace lacks it, marks the frame at
-which that is reached. Patience is how long a plateau must be. No label is used. Everything can be
-jitted. Shapes use B for demonstrations, T for frames, M for boundaries and P for patiences.
+which that is reached. A trace that shows as many ends by itself as are agreed on keeps its own
+if none is at twice as different a reward. Patience is how long a plateau must be. No label is used.
+Everything can be jitted. Shapes use B for demonstrations, T for frames, M for boundaries and P for
+patiences.
 """
 
 import jax
@@ -52,7 +54,7 @@ def agreed_boundaries(
     """
     trace = _smoothed(reward, length, smoothing)
     own = each_alone(reward, length, prominence=prominence, smoothing=smoothing, patience=patience)
-    return _common(trace, own, length, prominence, support)
+    return _settled(trace, own, _common(trace, own, length, prominence, support), prominence)
 
 
 def _smoothed(reward, length, smoothing):
@@ -64,8 +66,22 @@ def _common(trace, own, length, prominence, support) -> SharedBoundaries:
     scales = jnp.stack([trace, _way(trace, length, prominence)])
     both = jax.vmap(lambda scale: _shared(scale, own, length, prominence, support))(scales)
     better = jnp.argmax(jax.vmap(_alike, in_axes=(None, 0))(own, both))
-    one = jax.tree.map(lambda x: x[better], both)
-    return one._replace(level=_mean_there(trace, one))
+    return jax.tree.map(lambda x: x[better], both)
+
+
+def _settled(trace, own: Int[Array, "B M"], shared: SharedBoundaries, near) -> SharedBoundaries:
+    """The boundaries, those of traces that have as many by themselves as found there, unless one
+    is further than twice `near` from the others' mean reward: then it is another one."""
+    there = jnp.take_along_axis(trace, jnp.maximum(own, 0), axis=1)
+    off = jnp.abs(there - _mean_there(trace, shared)) * shared.kept
+    as_many = jnp.sum(own >= 0, axis=1) == jnp.sum(shared.kept)
+    theirs = (as_many & (off < 2 * near).all(axis=1))[:, None] & shared.kept
+    found = shared.found | theirs
+    share = jnp.where(shared.kept, jnp.mean(found, axis=0), 0.0).astype(shared.support.dtype)
+    shared = shared._replace(
+        frames=jnp.where(theirs, own, shared.frames), found=found, support=share
+    )
+    return shared._replace(level=_mean_there(trace, shared))
 
 
 def _way(trace, length, least):
@@ -136,7 +152,8 @@ def agreed_stages(
     def agreement(patience):
         own = each_alone(reward, length, **rule, patience=patience)
         common = _common(trace, own, length, prominence, support)
-        return jnp.where(jnp.sum(common.kept) >= 2, _alike(own, common), 0.0), common
+        alike = jnp.where(jnp.sum(common.kept) >= 2, _alike(own, common), 0.0)
+        return alike, _settled(trace, own, common, prominence)
 
     alike, each = jax.lax.map(agreement, patiences)
     best = jnp.argmax(alike)

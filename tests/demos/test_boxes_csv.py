@@ -48,6 +48,12 @@ def test_columns_may_come_in_any_order_with_spaces_blank_lines_and_a_byte_order_
     np.testing.assert_array_equal(plain.size, detect(tmp_path, text).size)
 
 
+def test_further_columns_are_ignored(tmp_path):
+    plain = detect(tmp_path, HEADER + GOAL + "0,cup,1,2,3,4\n")
+    text = HEADER.replace("\n", ",confidence,note\n") + "0,goal,0,0,10,10,1,a\n0,cup,1,2,3,4,,\n"
+    np.testing.assert_array_equal(plain.center, detect(tmp_path, text).center)
+
+
 def test_a_vocabulary_without_goal_needs_no_goal(tmp_path):
     assert detect(tmp_path, HEADER + "0,cup,1,2,3,4\n", ("cup",)).label.tolist() == [0]
 

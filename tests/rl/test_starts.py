@@ -49,21 +49,44 @@ def test_without_a_share_the_fresh_starts_stay_what_they_are(fresh):
         assert bool(jnp.array_equal(a, b))
 
 
-def test_each_is_the_best_paid_of_its_candidates_and_of_its_own_block(fresh):
-    """The candidates are drawn once more here, and the best one is found by a loop."""
+def test_moments_stay_in_their_own_block(fresh):
+    """The first half of the starts is the first block's, the second the second's."""
     running = _running(512)
-    found = _mixed(running, fresh, 1.0)
-    parts = blocks.count(512)
-    lanes, each = 512 // parts, 64 // parts
-    assert parts == 2
-    key = jax.random.split(jax.random.key(3), 2)[0]
-    some = np.asarray(jax.random.randint(key, (parts, each, 4), 0, lanes))
-    places = np.asarray(running.state.data.where[:, 0])
-    for start in range(64):
-        block = start // each
-        among = block * lanes + some[block, start % each]
-        best = max(among, key=lambda lane: places[lane] if places[lane] >= 0 else -np.inf)
-        assert float(found.state.data.where[start, 0]) == places[best]
+    assert blocks.count(512) == 2
+    places = np.asarray(running.state.data.where[:, 0]).tolist()
+    found = np.asarray(_mixed(running, fresh, 1.0).state.data.where[:, 0])
+    lanes = np.array([places.index(x) for x in found])
+    assert (lanes[:32] < 256).all()
+    assert (lanes[32:] >= 256).all()
+
+
+def _taken(worth, center, where, seed=0):
+    return np.asarray(starts.taken(jax.random.key(seed), *map(jnp.float32, (worth, center, where))))
+
+
+def test_a_few_that_have_come_far_are_taken_as_often_as_many_that_have_not():
+    worth = np.concatenate([np.linspace(0, 0.1, 240), np.linspace(0.1, 1.0, 16)])
+    center = np.random.default_rng(0).normal(size=(256, 3, 2))
+    where = np.linspace(0, 1, 200)
+    found = worth[_taken(worth, center, where)]
+    step = 0.9 / 15  # between those that have come far
+    assert np.abs(found - where).max() <= 0.05 + step / 2 + 1e-6
+
+
+def test_of_moments_alike_those_are_taken_that_lie_apart():
+    """Of a crowd and one alone 2 lengths off, all paid alike, that one in 2 of 2 + 7 x 0.1."""
+    center = np.zeros((8, 1, 2))
+    center[:7, 0, 0] = 0.1 * np.arange(7)
+    center[7, 0, 0] = 2.6
+    found = _taken(np.ones(8), center, np.full(4000, 0.5))
+    np.testing.assert_allclose((found == 7).mean(), 2 / 2.7, atol=0.03)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_moment_without_a_finite_reward_is_not_taken(bad):
+    worth = np.array([0.0, bad, 1.0, bad])
+    found = _taken(worth, np.random.default_rng(0).normal(size=(4, 2, 2)), np.linspace(0, 1, 50))
+    assert set(found.tolist()) == {0, 2}
 
 
 def test_a_moment_keeps_its_memories_and_begins_a_new_clock(fresh):

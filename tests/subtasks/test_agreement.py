@@ -74,6 +74,33 @@ def test_what_few_show_is_dropped_and_what_one_lacks_is_placed_where_its_level_i
     assert np.abs(found.frames[1, :3] - ends[1]).max() <= 8
 
 
+def test_a_trace_with_as_many_ends_as_the_others_keeps_its_own_at_rewards_not_far_off():
+    reward, length, ends = _batch()
+    reward = np.array(reward)
+    reward[0, ends[0][0] - 25 : ends[0][1] - 15] = -0.85  # its first plateau lies lower
+    found = agreed(jnp.asarray(reward), length, patience=TWENTY)
+    own = np.asarray(alone(jnp.asarray(reward), length, smoothing=15, patience=TWENTY))
+    assert (own >= 0).sum(axis=1).tolist() == [3] * 8
+    np.testing.assert_array_equal(found.frames[:, :3], own[:, :3])
+    assert bool(found.found[:, :3].all())
+    assert found.support[:3].tolist() == [1, 1, 1]
+    assert int(found.frames[0, 0]) < ends[0][0]
+
+
+def test_as_many_ends_of_which_one_is_another_are_not_kept():
+    reward, length, ends = _batch()
+    reward = np.array(reward)
+    first, second = ends[0][:2]
+    reward[0, first : second + 1] = np.linspace(-0.7, -0.4, second + 1 - first)  # no plateau
+    reward[0, :8] = -3.0  # and a step before anything has been done
+    own = np.asarray(alone(jnp.asarray(reward), length, smoothing=15, patience=TWENTY))
+    assert (own[0] >= 0).sum() == 3
+    assert own[0, 0] < 10
+    found = agreed(jnp.asarray(reward), length, patience=TWENTY)
+    assert abs(int(found.frames[0, 0]) - first) <= 8
+    assert not bool(found.found[0, 0])
+
+
 def test_ends_increase_where_one_falls_short_of_a_level_and_then_jumps():
     reward, length, ends = _batch()
     reward = np.array(reward)

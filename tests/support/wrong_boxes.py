@@ -22,6 +22,9 @@ WRONG = {
     "CSV with a short row": ("a.csv", f"{HEAD}\n0,cup,1,1\n", "line 2: 4 cells where 6"),
     "CSV with NaN": ("a.csv", f"{HEAD}\n0,cup,1,1,nan,9\n", "line 2: x_max must be a number"),
     "CSV with infinity": ("a.csv", f"{HEAD}\n0,cup,1,1,inf,9\n", "line 2: x_max must be a number"),
+    "CSV, a box of 10^29 pixels": (
+        "a.csv", f"{HEAD}\n0,cup,1,1,1e29,9\n", "line 2: x_max is 1e+29, but a.mp4 is 200 x 100"
+    ),
     "CSV with words": ("a.csv", f"{HEAD}\n0,cup,left,1,9,9\n", "line 2: x_min must be a number"),
     "CSV turned over": ("a.csv", f"{HEAD}\n0,cup,9,1,1,9\n", "line 2: a box needs x_min < x_max"),
     "CSV beyond the film": ("a.csv", f"{HEAD}\n5,cup,1,1,9,9\n", "line 2: frame 5 is beyond a,"),
@@ -51,6 +54,7 @@ WRONG = {
     "XML without boxes": ("a.xml", XML.format(""), "holds no box"),
     "JSON cut short": ("a.json", '{"images": [\n', "line 2: not JSON"),
     "JSON, nested deeply": ("a.json", "[" * 100_000, "nested too deeply"),
+    "JSON, number without end": ("a.json", "[" + "9" * 5000 + "]", "or a number has thousands of"),
     "COCO without categories": ("a.json", "{}", "the field 'categories' is missing"),
     "COCO of no image": (
         "a.json", COCO % '{"image_id": 7, "category_id": 1, "bbox": [1, 1, 8, 8]}',
@@ -68,6 +72,6 @@ WRONG = {
     "Label Studio, no key": ("a.json", STUDIO % '"value": {"labels": ["a"]}', "'sequence' is"),
     "YOLO without a number": ("a/boxes.txt", "0 0.5 0.5 0.1 0.1", "must end with"),
     "YOLO in pixels": ("a/a_1.txt", "0 50 50 10 10", "line 1: lengths must be shares"),
-    "YOLO, empty folder": ("a/readme.md", "", "holds no NAME"),
+    "YOLO, empty folder": ("a/readme.md", "", "holds no file like NAME_1.txt"),
     "YOLO, unknown class": ("a/a_1.txt", "7 0.5 0.5 0.1 0.1", "line 1: class 7 is not among the 2"),
 }  # fmt: skip

@@ -187,10 +187,11 @@ class MatchRegions:
         """A start with everything where its box lies, in the order of `objects`, and at rest.
 
         Boxes do not show angles, which are drawn; a robot that could not stand there at any of
-        those drawn, as one that holds a block, stands somewhere else. For variants with the blocks'
-        own shapes and colours.
+        those drawn, as one that holds a block, stands somewhere else. S4 counts from a start of the
+        task, as it would had the episode begun there. For variants with the blocks' own shapes and
+        colours.
         """
-        key_robot, key_angle, key_there = jax.random.split(key, 3)
+        key_robot, key_angle, key_there, key_start = jax.random.split(key, 4)
         radii = jnp.asarray(RADII)[jnp.asarray(self._shape)]
         angle = jax.random.uniform(key_angle, (len(radii), 1), minval=-jnp.pi, maxval=jnp.pi)
         blocks = jnp.concatenate([center[2:], angle], axis=1)
@@ -198,8 +199,12 @@ class MatchRegions:
         there, taken = layouts.place_robot(key_there, *scene, arena=self.arena, at=center[1])
         elsewhere, _ = layouts.place_robot(key_robot, *scene, arena=self.arena)
         robot = layouts.robot_pose(self.robot, jnp.where(taken, elsewhere, there))
-        pose = jnp.concatenate([robot, blocks])
-        return self.reset_to(pose, jnp.zeros_like(pose), goal=jnp.concatenate([center[0], size[0]]))
+        pose, still = jnp.concatenate([robot, blocks]), jnp.zeros((len(blocks) + self._parts, 3))
+        begun = starts.places(
+            key_start, self.variant, self.blocks, robot=self.robot, radii=radii, arena=self.arena
+        )
+        start, goal = begun.blocks[: self.num_targets], jnp.concatenate([center[0], size[0]])
+        return self.reset_to(pose, still, goal=goal, start=start)
 
     def clearance(self, pose: Float[Array, "E 3"]) -> Float[Array, ""]:
         """Gap between the robot and the nearest block or wall, for the task's own shapes."""

@@ -185,6 +185,15 @@ def _table1(known: ModuleType, args: list[str], quick: bool, load: Loader):
     return config, {"rows": rows}
 
 
+def _ladder(known: ModuleType, args: list[str], quick: bool, load: Loader):
+    name, steps = positional(args), whole_number(args, "--steps-per-encoder", None)
+    rows = known.with_steps(_rows_taken(known, args), steps)
+    require_left_to_options(args, known.paths())
+    config = load(name or "match_regions", args)
+    known.check(config)
+    return config, {"rows": rows}
+
+
 def _table2(known: ModuleType, args: list[str], quick: bool, load: Loader):
     from gril_jax.experiments.tables.rows import require_learned
 
@@ -226,6 +235,15 @@ VERBS = (
         "trains all encoders for N gradient steps, instead of each as its row says. --quick makes "
         "two rows with two seeds of the configuration quickstart.",
         _table1,
+    ),
+    _table(
+        "ladder",
+        "the same policies given less and less help beside the videos; --resume RUN",
+        "Train policies with rewards of several kinds, each at four levels of help: the task's own "
+        "starts alone (A), also moments that the policy itself has reached (B) or that the videos "
+        "show (V), and what only somebody who knows the goal can give (C). --seeds N of each (5); "
+        "--rows names some, such as 'ours at level V'. --steps-per-encoder N as in table1.",
+        _ladder,
     ),
     _table(
         "table2",

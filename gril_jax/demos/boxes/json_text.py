@@ -19,7 +19,10 @@ def load(path: Path) -> Any:
     except json.JSONDecodeError as error:
         raise DemoError(f"{path}, line {error.lineno}: not JSON ({error.msg}).") from None
     except (ValueError, RecursionError):
-        raise DemoError(f"{path}: not JSON that can be read; it is nested too deeply.") from None
+        raise DemoError(
+            f"{path}: not JSON that can be read; it is nested too deeply, or a number has "
+            "thousands of digits."
+        ) from None
 
 
 def field(

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from gril_jax.errors import DemoError
 
 _LARGEST = 1e30  # pixels; beyond it, float32 would overflow
+_AWAY = 100  # sides of the picture that an edge may lie outside of it
 _LONGEST = 60  # letters of a class name
 _BYTES = 1 << 28  # of a file of boxes; a long film's has some megabytes
 
@@ -124,6 +125,12 @@ def box(
             f"{where}: a box needs x_min < x_max and y_min < y_max, not {low_x:g}, {high_x:g} and "
             f"{low_y:g}, {high_y:g}."
         )
+    for place, edge in zip(places, (low_x, low_y, high_x, high_y), strict=True):
+        if abs(edge) > _AWAY * max(film.width, film.height):
+            raise DemoError(
+                f"{where}: {place} is {edge:g}, but {film.path.name} is {film.width} x "
+                f"{film.height} pixels."
+            )
     sure = number(confidence, "confidence", where)
     identity = None if track is None or track == "" else str(track).strip()[:_LONGEST]
     return Box(frame, class_name(name, where), (low_x, low_y, high_x, high_y), sure, identity,

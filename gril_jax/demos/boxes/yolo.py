@@ -30,7 +30,7 @@ def read(path: Path, film: Film) -> list[Box]:
             raise DemoError(f"{file}: {files[frame].name} is of frame {frame}, too.")
         files[frame] = file
     if not files:
-        raise DemoError(f"{path}: the folder of boxes holds no NAME_1.txt, NAME_2.txt, ...")
+        raise DemoError(f"{path}: the folder of boxes holds no file like NAME_1.txt.")
     file, names = names_beside(folder, film.path)
     first = 0 if 0 in files else 1
     rows = [

@@ -13,11 +13,13 @@ from jaxtyping import Bool, Float
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
+from . import covered
 from .carried import carry, places
 
 _AROUND = 0.3  # seconds that a sighting is compared with, and that boxes are smoothed over
 _OFF = 0.35  # diagonals of the box from the middle of those: a sighting of something else
 _DEVIATIONS = 6.0  # of the jitter, which the same takes of a small box
+_GROWS = 0.4  # logarithm of the ratio of two sizes that are of two objects
 _LONE = 2  # sightings with none around them that may be of something else
 _BRIDGED = 1.0  # seconds of a gap that is bridged in a line; in a longer one the last box stays
 _STILL = 0.3  # pixels of jitter that need no smoothing
@@ -55,13 +57,15 @@ def mended(
     """
     jitter = jitter_of(edges) if jitter is None else jitter
     window = _odd(_AROUND * fps, least=5)
+    bridged = round(_BRIDGED * fps)
+    edges = covered.whole(edges, closed(edges, bridged), hands, jitter)
     off = stray(edges, window, jitter)
+    off |= away(np.where(off[..., None], np.nan, edges), window, jitter)
     off |= lone(np.where(off[..., None], np.nan, edges), window)
     edges = np.where(off[..., None], np.nan, edges)
     seen = ~np.isnan(edges[..., 0])
     if smoothing is None:
         smoothing = _odd(_AROUND * fps, least=3) if jitter > _STILL else 1
-    bridged = round(_BRIDGED * fps)
     edges, carried = with_carries(edges, _smooth(closed(edges, bridged), smoothing), hands, fps)
     whole = _smooth(closed(edges, bridged), smoothing)
     return Mended(whole, seen, jitter, int(off.sum()), smoothing, carried)
@@ -107,6 +111,32 @@ def stray(edges: Edges, window: int, jitter: float = 0.0) -> Bool[np.ndarray, "T
     filled = np.where(np.isnan(sides).all(axis=0), 1.0, sides)
     diagonal = np.linalg.norm(np.nanmedian(filled, axis=0), axis=-1)
     return away > np.maximum(_OFF * diagonal, _DEVIATIONS * jitter)
+
+
+def away(edges: Edges, longest: int, jitter: float = 0.0) -> Bool[np.ndarray, "T N"]:
+    """Sightings between a jump and one back, of at most `longest` frames: of something else, as
+    where two identities are exchanged for a moment. A jump is one of place or of size; the second
+    need not lead back where there is a gap of more frames on one side."""
+    found = np.zeros(edges.shape[:2], bool)
+    for each in range(edges.shape[1]):
+        at = np.flatnonzero(~np.isnan(edges[:, each, 0]))
+        if len(at) < 3:
+            continue
+        low, high = edges[at, each, :2], edges[at, each, 2:]
+        center, size = (low + high) / 2, np.linalg.norm(high - low, axis=-1)
+        far = max(_OFF * float(np.median(size)), _DEVIATIONS * jitter)
+
+        def other(i, j, center=center, size=size, far=far):
+            apart = np.linalg.norm(center[i] - center[j], axis=-1) > far
+            return apart | (np.abs(np.log(size[i] / size[j])) > _GROWS)
+
+        jumps = np.flatnonzero(other(slice(None, -1), slice(1, None))).tolist()
+        for one, two in itertools.pairwise(jumps):
+            back = not other(one, two + 1)
+            gap = max(at[one + 1] - at[one], at[two + 1] - at[two]) > longest
+            if at[two] - at[one + 1] < longest and (back or gap):
+                found[at[one + 1 : two + 1], each] = True
+    return found
 
 
 def lone(edges: Edges, window: int) -> Bool[np.ndarray, "T N"]:

@@ -5,7 +5,7 @@ import pytest
 
 from gril_jax.demos.boxes.record import Box
 from gril_jax.demos.following.identities import in_order, linked, objects_at_once
-from gril_jax.demos.following.mending import closed, jitter_of, lone, mended, stray
+from gril_jax.demos.following.mending import away, closed, jitter_of, lone, mended, stray
 from gril_jax.demos.following.sort import overlap, tracked
 
 FRAMES = 60
@@ -181,3 +181,45 @@ def test_a_lone_sighting_elsewhere_is_left_out_and_the_first_ones_stay():
     assert (found.off, found.carried) == (1, 1)
     assert np.abs(found.edges[:, 0] - true[:, 0]).max() < 6
     assert not lone(true, 9).any()
+
+
+def test_an_arm_that_reaches_into_the_picture_carries_by_its_hand():
+    """Its box ends at the picture's edge, so that its middle goes half as far as the hand."""
+    edges, true = carried_out_of_sight()
+    edges[:, 1, 0] = 0.0
+    found = mended(edges, 30.0, hands=[1])
+    assert found.carried == 1
+    assert np.abs(found.edges[:, 0] - true[:, 0]).max() < 6
+
+
+def test_of_two_ways_to_explain_a_gap_the_hand_stood_still_where_it_let_go():
+    """It brings the object and leaves the same way: the object was not taken along at the end."""
+    at = np.arange(180) / 30.0
+    way = lambda begin: (x := np.clip((at - begin) / 0.8, 0, 1)) * x * (3 - 2 * x)  # noqa: E731
+    thing = 100.0 + 90.0 * way(1.5)
+    hand = 100.0 + 90.0 * way(1.5) + 110.0 * way(3.5)
+    boxes = np.stack([np.stack([x - half, np.full(180, 200.0 - half), x + half,
+                                np.full(180, 200.0 + half)], axis=1)
+                      for x, half in ((thing, 20.0), (hand, 80.0))], axis=1)  # fmt: skip
+    seen = boxes.copy()
+    seen[(at > 0.3) & (hand - thing < 95), 0] = np.nan
+    found = mended(seen, 30.0, hands=[1])
+    assert found.carried == 1
+    assert np.abs(found.edges[:, 0] - boxes[:, 0]).max() < 6
+
+
+def test_sightings_of_another_between_a_jump_and_one_back_are_left_out():
+    edges, true = path()
+    edges[60:66, [0, 1]] = edges[60:66, [1, 0]]
+    edges[90:94, 0] = true[90:94, 0] + np.array([-40.0, -40.0, 40.0, 40.0])  # where it lies, larger
+    off = away(edges, 9)
+    assert np.flatnonzero(off[:, 0]).tolist() == [*range(60, 66), *range(90, 94)]
+    assert np.flatnonzero(off[:, 1]).tolist() == [*range(60, 66)]
+    assert not away(edges, 3)[60:66].any()
+    assert not away(true, 9).any()
+    hidden = true.copy()
+    hidden[30:60, 1] = np.nan
+    hidden[60:64, 1] += [0.0, 200.0, 0.0, 200.0]
+    assert np.flatnonzero(away(hidden, 9)[:, 1]).tolist() == [*range(60, 64)]
+    edges[66:, 0] += 300.0  # it stays there: it has been moved out of sight
+    assert not away(edges, 9)[66:85].any()

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from support.kinematic_demos import kinematic_demos
 from support.probes import Probe
 
 from gril_jax.config import PPOConfig, RunConfig, RunSettings
-from gril_jax.errors import ConfigError
+from gril_jax.errors import ConfigError, DemoError
 from gril_jax.reward.latent_goal import RewardParams
 
 FRAMES = 140
@@ -23,25 +24,45 @@ def _latents(num):
     return 3 - sum(np.clip((frames - end + 12) / 12, 0, 1) for end in ENDS)
 
 
+def _films(config, length):
+    """Short films with the task's objects, which each has in another order; and these orders."""
+    env = setup.make_env(config.env, training=False)
+    label = np.asarray(env.reset(jax.random.key(0)).objects.label)
+    orders = np.array(
+        [np.random.default_rng(b).permutation(len(label)) for b in range(len(length))]
+    )
+    demos = kinematic_demos(0, len(length), num_objects=len(label), max_length=20)
+    demos = demos._replace(length=jnp.asarray(length), label=jnp.asarray(label[orders]))
+    return demos, np.argsort(orders, axis=1)
+
+
 def test_frames_to_begin_at_are_those_of_the_videos_with_what_has_moved_in_them():
-    """Evenly over all frames, none of the padding, in order of videos and time."""
-    demos = kinematic_demos(0, 6, num_objects=4, max_length=20)
+    """Evenly over all frames, none of the padding, in order of videos and time, and each object
+    where the task has it."""
     length = np.array([20, 7, 1, 20, 13, 20])
-    demos = demos._replace(length=jnp.asarray(length))
     config = RunConfig(ppo=PPOConfig(video_starts=0.5))
+    demos, place = _films(config, length)
     learned = RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))
-    made = policy_rewards.parameters(config, learned, demos, 4)
+    made = policy_rewards.parameters(config, learned, demos, 18)
     assert made.reward is learned
-    shown = np.concatenate([np.asarray(demos.center)[b, :n] for b, n in enumerate(length)])
+    center = np.asarray(demos.center)
+    shown = np.concatenate([center[b, :n][:, place[b]] for b, n in enumerate(length)])
     every = np.linspace(0, len(shown) - 1, 2048).round().astype(int)
     np.testing.assert_array_equal(made.frames.center, shown[every])
     first, last = made.frames.active[0], made.frames.active[every < 20][-1]
     assert not first.any()
     assert last.any()
-    env = setup.make_env(config.env, training=False)
-    blank = policy_rewards.blank(config, env)
-    num = 2 + len(env.blocks)
+    blank = policy_rewards.blank(config, setup.make_env(config.env, training=False))
+    num = center.shape[2]
     assert [x.shape for x in blank.frames] == [(2048, num, 2), (2048, num, 2), (2048, num)]
+
+
+def test_films_of_other_objects_are_nothing_to_begin_at():
+    config = RunConfig(ppo=PPOConfig(video_starts=0.5))
+    learned = RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))
+    demos = kinematic_demos(0, 4, num_objects=4, max_length=20)
+    with pytest.raises(DemoError, match="show other objects than the task has: video_starts"):
+        policy_rewards.parameters(config, learned, demos, 4)
 
 
 def test_a_task_that_cannot_place_boxes_is_refused_frames_to_begin_at():

@@ -1,0 +1,1 @@
+"""Rewards at every level of help that a learner can be given beside the videos."""
