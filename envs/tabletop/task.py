@@ -272,7 +272,9 @@ class Tabletop:
         seen = [*zip(*jax.tree.map(np.asarray, found), strict=True)]
         away = [np.linalg.norm(place - np.array(self.camera.place)) for place, *_ in seen]
         shapes = [boxes.outline(self.camera, *thing) for thing in seen]
-        return [Outline(shapes[i], self._colour(i), (30, 30, 30)) for i in np.argsort(away)[::-1]]
+        return [
+            Outline(shapes[i], self._colour(int(i)), (30, 30, 30)) for i in np.argsort(away)[::-1]
+        ]
 
     def _colour(self, index: int) -> tuple[int, int, int]:
         own = index - len(_ROBOT)
