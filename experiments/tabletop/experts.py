@@ -20,8 +20,8 @@ from pathlib import Path
 import jax
 import numpy as np
 import tyro
-from gril_jax.envs.base import Env
 from gril_jax.envs.checks import check_counts
+from gril_jax.envs.stages import Stages
 from gril_jax.envs.tabletop.entry import Entry
 from gril_jax.experiments.fidelity.physics_parity import printed
 
@@ -48,23 +48,23 @@ class _Options:
     """Folder of demonstration sets, each named after its task; a task without one has none."""
 
 
-def seen_for_good(env: Env, center: np.ndarray, size: np.ndarray) -> np.ndarray:
+def seen_for_good(stages: Stages, center: np.ndarray, size: np.ndarray) -> np.ndarray:
     """The frames from which on each stage is seen until the end; -1 where it is not at the end.
 
     Boxes are those of T frames, (T, N, 2); stages count by themselves, in any order.
     """
-    held = jax.vmap(lambda c, s: [stage.holds(c, s) for stage in env.stages.stages])
+    held = jax.vmap(lambda c, s: [stage.holds(c, s) for stage in stages.stages])
     held = np.stack(jax.device_get(jax.jit(held)(center, size)), axis=1)
     last_missing = len(held) - 1 - held[::-1].argmin(axis=0)
     times = np.where(held.all(axis=0), 0, last_missing + 1)
     return np.where(held[-1], times, -1)
 
 
-def agreement(env: Env, films: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> dict:
+def agreement(stages: Stages, films: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> dict:
     """How stages as seen agree with true ones in films: (centre, size, true frame of each)."""
     gaps, found = [], []
     for center, size, true in films:
-        seen = seen_for_good(env, center, size)
+        seen = seen_for_good(stages, center, size)
         gap = np.where(seen < 0, np.inf, np.abs(seen - true))
         gaps.append(gap)
         found.append(bool((gap <= NEAR).all()))
@@ -102,10 +102,14 @@ def measure(name: str, *, starts: int, failures: int, seed: int, sets: Path | No
         "median_frames": float(np.median([len(run.qpos) for run in good])),
         "seconds_an_episode": round(seconds, 3),
         "failures_as_meant": {"of": min(failures, starts), **meant},
-        "stages_by_whole_boxes": agreement(env, [(r.center, r.size, r.stage_time) for r in good]),
+        "stages_by_whole_boxes": agreement(
+            env.stages, [(r.center, r.size, r.stage_time) for r in good]
+        ),
     }
     if sets is not None and (sets / name).is_dir():
-        found["stages_by_detected_boxes"] = agreement(env, _films(sets / name, env.stage_names))
+        found["stages_by_detected_boxes"] = agreement(
+            env.stages, _films(sets / name, env.stage_names)
+        )
     return found
 
 
