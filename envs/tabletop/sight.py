@@ -57,7 +57,12 @@ def share_that_holds(task: Stages, center: Float[Array, "N 2"], size: Float[Arra
     return jnp.mean(jnp.stack(held).astype(jnp.float32))
 
 
+def share_in_order(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
+    """True progress of a task that must be done in order: what comes too early does not count."""
+    return jnp.mean(task.done(center, size).astype(jnp.float32))
+
+
 def share_without_faults(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
-    """The same, with all of it lost over a fault."""
+    """The share of the stages that hold, each by itself, with all of it lost over a fault."""
     share = share_that_holds(task, center, size)
     return jnp.where(task.faulty(center, size).any(), 0.0, share)
