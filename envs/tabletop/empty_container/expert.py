@@ -24,7 +24,7 @@ _FIRST = 9  # the first position after the arm's
 _TRAY, _BIN, _OTHER = range(3)  # of the fixtures
 _ABOVE, _ALOFT = 0.15, 0.1  # metres: the hand over a block; a block that is carried
 _DEPTH = 0.018
-_ALONG = (-0.06, 0.0, 0.06)  # the bin's x at which each block is let go, across it
+_ALONG = (-0.06, 0.0, 0.06)  # the bin's x at which blocks are let go, across it: any at any
 
 
 def _take(hand: Hand, rng: np.random.Generator, pace: Pace, block: int) -> None:
@@ -52,12 +52,13 @@ def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:
     pace = moves.draw_pace(rng, (0.19, 0.28))
     astray = kind in ("wrong bin", "block beside", "back in the tray")
     missed = int(rng.integers(0, 3)) if astray else None
+    along = rng.permutation(_ALONG)
     count = {"two blocks": 2, "one block": 1}.get(kind, 3)
     for block in range(count):
         hand.rest(int(rng.integers(0, 8)) * int(rng.random() < 0.4))
         _take(hand, rng, pace, block)
         height = rng.uniform(0.065, 0.08)
-        spot = (_ALONG[block] + rng.uniform(-0.008, 0.008), rng.uniform(-0.008, 0.008), height)
+        spot = (along[block] + rng.uniform(-0.008, 0.008), rng.uniform(-0.008, 0.008), height)
         if block != missed:
             _put(hand, pace, _BIN, *spot)
         elif kind == "wrong bin":
