@@ -10,9 +10,11 @@ demonstration sets by the tasks' names, also from the boxes of the detector in t
 film agrees if each of its stages is seen for good within `NEAR` frames of when it first truly held.
 """
 
+import functools
 import pkgutil
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,6 +34,7 @@ TASKS = (
     "empty_container",
 )  # fmt: skip
 NEAR = 20  # frames: a second
+_SAME = 1024  # frames: lengths of films are made up to a multiple
 
 
 @dataclass(frozen=True)
@@ -53,11 +56,17 @@ def seen_for_good(stages: Stages, center: np.ndarray, size: np.ndarray) -> np.nd
 
     Boxes are those of T frames, (T, N, 2); stages count by themselves, in any order.
     """
-    held = jax.vmap(lambda c, s: [stage.holds(c, s) for stage in stages.stages])
-    held = np.stack(jax.device_get(jax.jit(held)(center, size)), axis=1)
+    rows = np.minimum(np.arange(-len(center) % _SAME + len(center)), len(center) - 1)
+    found = _held(stages)(center[rows], size[rows])  # of few lengths, as each is compiled
+    held = np.stack(jax.device_get(found), axis=1)[: len(center)]
     last_missing = len(held) - 1 - held[::-1].argmin(axis=0)
     times = np.where(held.all(axis=0), 0, last_missing + 1)
     return np.where(held[-1], times, -1)
+
+
+@functools.lru_cache(maxsize=8)
+def _held(stages: Stages) -> Callable:
+    return jax.jit(jax.vmap(lambda c, s: [stage.holds(c, s) for stage in stages.stages]))
 
 
 def agreement(stages: Stages, films: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> dict:
