@@ -33,6 +33,11 @@ TASKS = {
     "cluster_shape": "gril_jax.envs.magical.suite:CLUSTER_SHAPE",
     "make_line": "gril_jax.envs.magical.suite:MAKE_LINE",
     "shoes_in_box": "gril_jax.envs.tabletop.shoes_in_box:SPEC",
+    "rubbish_in_bin": "gril_jax.envs.tabletop.rubbish_in_bin:SPEC",
+    "umbrella_out": "gril_jax.envs.tabletop.umbrella_out:SPEC",
+    "item_in_drawer": "gril_jax.envs.tabletop.item_in_drawer:SPEC",
+    "shoes_out_of_box": "gril_jax.envs.tabletop.shoes_out_of_box:SPEC",
+    "empty_container": "gril_jax.envs.tabletop.empty_container:SPEC",
 }
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .frames import Frame, about_z, small_turn
+from .frames import Frame, about_z, compose, small_turn
 
 LINK_OFFSETS = (
     (0.0, 0.0, 0.333), (0.0, 0.0, 0.0), (0.0, -0.316, 0.0), (0.0825, 0.0, 0.0),
@@ -116,6 +116,12 @@ def reach(q: Float[Array, "7"], goal: Frame, *, rest: Float[Array, "7"]) -> Floa
     return q
 
 
+def _leaning(tilt: float) -> Float[Array, "3 3"]:
+    """A turn about y by which a hand that points down points along x, too."""
+    c, s = np.cos(tilt), np.sin(tilt)
+    return jnp.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]], jnp.float32)
+
+
 def aim(
     target: Float[Array, "8"],
     q: Float[Array, "7"],
@@ -123,6 +129,7 @@ def aim(
     *,
     rest: Float[Array, "7"],
     dt: float,
+    tilt: float = 0.0,
 ) -> Float[Array, "8"]:
     """The servos' next targets: seven joints (rad) and the opening of a finger (metres).
 
@@ -130,7 +137,8 @@ def aim(
     vertical (0.1 rad); the hand points straight down. It is ManiSkill's pd_ee_delta_pose without
     tilts, and slower because the real arm could not follow. The last number is the gripper: -1
     closes it and presses, 1 opens it to 8 cm. Aims move from the last aims, not from the measured
-    joints, so that a resting action holds the arm still.
+    joints, so that a resting action holds the arm still. With a `tilt` (rad) the hand leans by that
+    much, its fingers pointing forward along its x axis.
 
     `target` are the last ones, `q` the measured joints; the action is in [-1, 1]. Where the hand
     leaves it free, the arm keeps near to its posture of rest. In the `dt` seconds of a control step
@@ -138,7 +146,8 @@ def aim(
     """
     arm, now = target[:7], tcp(target[:7])
     yaw = jnp.arctan2(now.rotation[1, 0], now.rotation[0, 0]) + TURN_STEP * action[3]
-    goal = Frame(now.position + MOVE_STEP * action[:3], about_z(yaw) * _DOWN)
+    turn = compose(about_z(yaw), _leaning(tilt)) if tilt else about_z(yaw)
+    goal = Frame(now.position + MOVE_STEP * action[:3], turn * _DOWN)
     wanted = reach(arm, goal, rest=rest)
     limit = JOINT_SPEED * dt
     wanted = arm + jnp.clip(wanted - arm, -limit, limit)

@@ -61,7 +61,8 @@ class Hand:
             return
         action = np.clip(action, -1, 1).astype(np.float32)
         arm = self._data.qpos[:7].astype(np.float32)
-        aim, tool = _aim(self._target, arm, action, self._rest, dt=self.env.physics.dt)
+        dt, tilt = self.env.physics.dt, self.env.task.tilt
+        aim, tool = _aim(self._target, arm, action, self._rest, dt=dt, tilt=tilt)
         self._target = np.asarray(aim)
         self.place, self.yaw = _pose(tool)
         self._data.ctrl[:] = self._target
@@ -108,14 +109,14 @@ class Hand:
 _tool = jax.jit(lambda target: kinematics.tcp(target[:7]))
 
 
-@functools.partial(jax.jit, static_argnames="dt")
-def _aim(target, arm, action, rest, dt):
+@functools.partial(jax.jit, static_argnames=("dt", "tilt"))
+def _aim(target, arm, action, rest, dt, tilt):
     """The controller's aims, and what they make of the tool centre point."""
-    target = kinematics.aim(target, arm, action, rest=rest, dt=dt)
+    target = kinematics.aim(target, arm, action, rest=rest, dt=dt, tilt=tilt)
     return target, kinematics.tcp(target[:7])
 
 
 def _pose(tool: Frame) -> tuple[np.ndarray, float]:
-    """Position, and yaw of a hand that points down."""
+    """Position, and yaw of a hand that points down, leaning or not."""
     x, y, _ = np.asarray(tool.rotation)[:, 0]
     return np.asarray(tool.position), float(np.arctan2(y, x))

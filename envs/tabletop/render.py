@@ -2,8 +2,8 @@
 
 OpenGL comes through EGL (a graphics card, or Mesa in software) or OSMesa; the environment variable
 MUJOCO_GL may name one of them. What is painted is what a graph has: each thing is the box that the
-task says it is, unless it is made of several, and each robot node likewise. The rest of the arm and
-the table are scenery.
+task says it is, unless it is a ball or made of several, and each robot node likewise. The rest of
+the arm and the table are scenery.
 """
 
 import copy
@@ -23,6 +23,7 @@ from .boxes import Boxes, Camera
 _BACKENDS = ("egl", "osmesa")
 _FLAGS = mujoco.mjtRndFlag
 _BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
+_BALL = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 _UNSEEN = 5  # a group of geoms that is not painted
 _SCENERY = -1
 _TABLE, _ARM = (0.62, 0.5, 0.38), (0.93, 0.93, 0.94)
@@ -136,10 +137,11 @@ def _put(model: mujoco.MjModel, data: mujoco.MjData, qpos, fixtures: np.ndarray)
 
 
 def _dress(model: mujoco.MjModel, data: mujoco.MjData, env: Tabletop, start: State) -> np.ndarray:
-    """Turns shapes into coloured boxes of the objects; returns each geom's object."""
+    """Turns shapes into coloured boxes of the objects, balls apart; returns each geom's object."""
     _put(model, data, start.data.motion.qpos, np.asarray(start.data.fixtures))
     boxes = jax.device_get(jax.jit(env.world_boxes)(start.data))
     owner = np.full(model.ngeom, _SCENERY, np.int8)
+    colours = (*_COLOURS[:3], *(env.task.colours or _COLOURS[3:]))  # three parts of the robot
     model.geom_rgba[:] = (*_ARM, 1)
     model.geom_rgba[model.geom_bodyid == 0] = (*_TABLE, 1)
     for index, name in enumerate(env.classes):
@@ -148,9 +150,10 @@ def _dress(model: mujoco.MjModel, data: mujoco.MjData, env: Tabletop, start: Sta
             raise ValueError(f"no body of the scene is named after {name!r}")
         shapes = np.flatnonzero(model.geom_bodyid == body)
         owner[shapes] = index
-        model.geom_rgba[shapes] = (*_COLOURS[index % len(_COLOURS)], 1)
+        model.geom_rgba[shapes] = (*colours[index % len(colours)], 1)
         flat = shapes[model.geom_type[shapes] == _BOX]
-        if len(flat) < 2:
+        a_ball = len(shapes) == 1 and model.geom_type[shapes[0]] == _BALL
+        if len(flat) < 2 and not a_ball:
             only = int(flat[0]) if len(flat) else int(shapes[0])
             model.geom_group[shapes[shapes != only]] = _UNSEEN
             _make_box(model, data, only, body, Boxes(*(x[index] for x in boxes)))

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from gril_jax.envs.panda.frames import quaternion_about_z
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
@@ -36,6 +37,9 @@ class Footprint(NamedTuple):
 
     place: Float[Array, "*N 3"]  # x, y (metres), yaw (rad)
     half: Float[Array, "*N 2"]  # half extents along their own axes, metres
+
+
+NOTHING = Footprint(np.zeros((0, 3), np.float32), np.zeros((0, 2), np.float32))
 
 
 def apart(a: Footprint, b: Footprint) -> Bool[Array, ""]:

@@ -64,6 +64,12 @@ class Task(NamedTuple):
     episode_length: int
     by_boxes: Callable[..., Stages]
     """(classes, half_extent=) -> the stages as seen in a picture, for audits of rewards."""
+    tilt: float = 0.0
+    """By how much the hand leans, rad; see `panda.kinematics.aim`."""
+    colours: tuple[tuple[float, float, float], ...] = ()
+    """Of the things, RGB from 0 to 1; empty: any."""
+    max_contacts: int = 24
+    """Most contacts that a substep resolves, unless the environment is told otherwise."""
 
 
 class TabletopData(NamedTuple):
@@ -98,7 +104,7 @@ class Tabletop:
       substeps: physics steps a control step.
       iterations, ls_iterations: of the contact solver and its line search. With 4 and 6 three
         of a thousand episodes of random actions were not finite on a GPU.
-      max_contacts: most contacts that a substep resolves; the deepest count.
+      max_contacts: most contacts that a substep resolves; the deepest count. None: the task's.
       impl, worlds: what computes the physics, and for how many environments at most; see
         `physics.Physics`.
 
@@ -123,11 +129,12 @@ class Tabletop:
         substeps: int = 10,
         iterations: int = 6,
         ls_iterations: int = 8,
-        max_contacts: int = 24,
+        max_contacts: int | None = None,
         impl: str = "jax",
         worlds: int = 4096,
     ):
         length = task.episode_length if episode_length is None else episode_length
+        max_contacts = task.max_contacts if max_contacts is None else max_contacts
         check_known("reward", reward, REWARDS)
         check_known("impl", impl, physics.IMPLEMENTATIONS)
         check_shares(jitter=jitter, varied_starts=varied_starts)
@@ -205,7 +212,7 @@ class Tabletop:
         action = jnp.clip(action, -1.0, 1.0)
         target = kinematics.aim(
             before.target, before.motion.qpos[:7], action,
-            rest=jnp.asarray(self._home), dt=self.physics.dt,
+            rest=jnp.asarray(self._home), dt=self.physics.dt, tilt=self.task.tilt,
         )  # fmt: skip
         motion = self.physics.step(before.motion, target, before.fixtures)
         changed = dict(motion=motion, target=target, action=action, time=before.time + 1)
@@ -266,6 +273,12 @@ class Tabletop:
         away = [np.linalg.norm(place - np.array(self.camera.place)) for place, *_ in seen]
         shapes = [boxes.outline(self.camera, *thing) for thing in seen]
         return [
-            Outline(shapes[i], _COLOURS[i % len(_COLOURS)], (30, 30, 30))
-            for i in np.argsort(away)[::-1]
+            Outline(shapes[i], self._colour(int(i)), (30, 30, 30)) for i in np.argsort(away)[::-1]
         ]
+
+    def _colour(self, index: int) -> tuple[int, int, int]:
+        own = index - len(_ROBOT)
+        if own < 0 or not self.task.colours:
+            return _COLOURS[index % len(_COLOURS)]
+        red, green, blue = (int(255 * x) for x in self.task.colours[own])
+        return red, green, blue

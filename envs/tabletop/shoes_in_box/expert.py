@@ -1,25 +1,21 @@
 """A scripted expert for shoes in the box, and the ways in which its demonstrations fail.
 
-It plays in C MuJoCo (`tabletop.hand`): about 0.15 s an episode on a CPU. Grasps are of friction, so
-each episode is judged by the task itself, from recorded positions, and the script only proposes.
-
-  "success"            lid, then both shoes in either order
-  "lid only"           the lid, then nothing
-  "one shoe"           the lid and one shoe
-  "shoe outside"       the other shoe is let go beside the box
-  "lid closed again"   the lid is pushed shut when one shoe is in, or none
-  "stops early"        a success that breaks off at some moment
-  "wrong order"        a shoe is put on the closed lid before that is opened
-  "shoe knocked away"  a shoe is struck out of reach, the other put in
+"success"            lid, then both shoes in either order
+"lid only"           the lid, then nothing
+"one shoe"           the lid and one shoe
+"shoe outside"       the other shoe is let go beside the box
+"lid closed again"   the lid is pushed shut when one shoe is in, or none
+"stops early"        a success that breaks off at some moment
+"wrong order"        a shoe is put on the closed lid before that is opened
+"shoe knocked away"  a shoe is struck out of reach, the other put in
 """
 
 import numpy as np
-from gril_jax.envs.base import State
-from gril_jax.envs.checks import check_known
 from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.tabletop.hand import Hand
-from gril_jax.envs.tabletop.recorded import LIMIT, Run, cut, judge
-from gril_jax.envs.tabletop.task import Tabletop
+from gril_jax.envs.tabletop.moves import wander
+from gril_jax.envs.tabletop.recorded import Run
+from gril_jax.envs.tabletop.script import Script
 from jaxtyping import Bool, Float
 
 from . import model, moves
@@ -27,51 +23,10 @@ from .moves import Style, draw_style
 
 KINDS = ("success", "lid only", "one shoe", "shoe outside", "lid closed again", "stops early",
          "wrong order", "shoe knocked away")  # fmt: skip
-_AFTER = 10  # moments kept after success
 _SHUT, _OPENED = 0.1, 1.571  # rad, of the lid
 _OFF_TABLE = 0.1  # metres: the centre of a carried shoe
 _ON_LID = (0.17, 0.25)  # metres: the centre of a shoe that lies on the closed lid
 _FAR = 0.1  # metres
-
-
-def play(env: Tabletop, start: State, seed: int | tuple[int, ...], kind: str = "success") -> Run:
-    """Plays one episode; that of a success ends half a second after it.
-
-    `start` is of the task's `reset`; the seed is of the style and of what a failure leaves open. A
-    script can miss its aim: check `as_meant`.
-
-    Raises:
-      ValueError: the kind is none of `KINDS`.
-    """
-    rng = np.random.default_rng(seed)
-    hand = perform(env, start, rng, kind)
-    run = judge(env, start, kind, hand)
-    length = len(run.qpos)
-    if run.success.any():
-        first = int(run.success.argmax())
-        length = min(length, first + 1 + _AFTER)
-        if kind == "stops early":
-            length = max(10, int(first * rng.uniform(0.15, 0.95)))
-    return cut(run, length)
-
-
-def perform(env: Tabletop, start: State, rng: np.random.Generator, kind: str = "success") -> Hand:
-    """The hand after an episode that nobody has judged yet; arguments and errors as for `play`."""
-    check_known("kind", kind, KINDS)
-    style, hand = draw_style(rng), Hand(env, start, limit=LIMIT)
-    hand.rest(style.pauses[0])
-    _follow(hand, style, rng, kind)
-    hand.rest(_AFTER)
-    return hand
-
-
-def as_meant(run: Run) -> bool:
-    """True if an episode succeeds, or fails, as its kind says."""
-    if run.succeeded or run.kind == "success":
-        return run.succeeded and run.kind == "success"
-    shoes = run.boxes.position[:, -2:]
-    lid, box = run.qpos[:, panda_model.DOFS], run.fixtures[0, :2]
-    return shows(run.kind, shoes, lid, run.stages[-1, 1:], box)
 
 
 def _put(hand: Hand, style: Style, number: int, *, where=None) -> None:
@@ -82,8 +37,10 @@ def _put(hand: Hand, style: Style, number: int, *, where=None) -> None:
     moves.release(hand, style, pause=style.pauses[3 + number])
 
 
-def _follow(hand: Hand, style: Style, rng: np.random.Generator, kind: str) -> None:
+def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:
     """Plays the script of a kind, from its beginning to its end."""
+    style = draw_style(rng)
+    hand.rest(style.pauses[0])
     if kind == "wrong order":
         _put(hand, style, 0, where=(*style.drops[0][:2], 0.2))
     moves.open_lid(hand, style)
@@ -101,9 +58,7 @@ def _follow(hand: Hand, style: Style, rng: np.random.Generator, kind: str) -> No
     if kind == "shoe outside":
         _put(hand, style, 1, where=(rng.uniform(-0.12, 0.12), rng.uniform(0.2, 0.26), 0.1))
     if kind in ("lid only", "one shoe", "shoe outside"):
-        goal = (rng.uniform(0.4, 0.55), rng.uniform(-0.15, 0.25), rng.uniform(0.3, 0.45))
-        hand.move(goal, speed=style.carry_speed)  # anywhere above the table
-        hand.rest(int(rng.integers(5, 40)))
+        wander(hand, rng, style.pace)
 
 
 def shows(
@@ -134,3 +89,13 @@ def shows(
         "shoe knocked away": left and (away[~inside] > _FAR).all(),
     }
     return bool(marks[kind])
+
+
+def _shows(run: Run) -> bool:
+    shoes = run.boxes.position[:, -2:]
+    lid, box = run.qpos[:, panda_model.DOFS], run.fixtures[0, :2]
+    return shows(run.kind, shoes, lid, run.stages[-1, 1:], box)
+
+
+SCRIPT = Script(KINDS, _follow, _shows)
+play, perform, as_meant = SCRIPT.play, SCRIPT.perform, SCRIPT.as_meant

@@ -8,7 +8,9 @@ pauses control steps.
 from typing import NamedTuple
 
 import numpy as np
-from gril_jax.envs.tabletop.hand import CLOSED, OPEN, Hand
+from gril_jax.envs.tabletop import moves
+from gril_jax.envs.tabletop.hand import Hand
+from gril_jax.envs.tabletop.moves import Pace
 from jaxtyping import Float
 
 _HINGE, _FIRST_SHOE = 9, 10  # positions of the joints after the arm's
@@ -37,6 +39,11 @@ class Style(NamedTuple):
     again: tuple[bool, bool]  # whether each shoe is put down once and taken again
     drops: tuple[tuple[float, float, float], ...]  # where each shoe is let go, in the box's frame
     grip: tuple[float, float]  # where each shoe is taken, along it from its middle
+
+    @property
+    def pace(self) -> Pace:
+        """How things are carried."""
+        return Pace(self.carry_speed, self.arc, self.detour)
 
 
 def draw_style(rng: np.random.Generator) -> Style:
@@ -74,10 +81,12 @@ def out_of_box(hand: Hand, point) -> Float[np.ndarray, "3"]:
 
 def shoe_place(hand: Hand, shoe: int) -> tuple[Float[np.ndarray, "3"], float]:
     """A shoe's place in the world, and the fingers' turn for it: at most a quarter turn."""
-    pose = hand.qpos[_FIRST_SHOE + 7 * shoe : _FIRST_SHOE + 7 * (shoe + 1)]
-    w, x, y, z = pose[3:]
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return pose[:3].copy(), float((yaw + np.pi / 2) % np.pi - np.pi / 2)
+    pose = moves.pose(hand, _joint(shoe))
+    return pose[:3], moves.folded(moves.yaw_of(pose[3:]))
+
+
+def _joint(shoe: int) -> int:
+    return _FIRST_SHOE + 7 * shoe
 
 
 def open_lid(hand: Hand, style: Style) -> None:
@@ -98,70 +107,45 @@ def close_lid(hand: Hand, style: Style) -> None:
 
 def _along(hand: Hand, path, x: float, *, speed: float) -> None:
     """Moves along (y, z) with closed fingers."""
-    hand.grip = CLOSED
-    for y, z in path:
-        hand.move(out_of_box(hand, (x, y, z)), speed=speed, yaw=box_yaw(hand))
+    points = [out_of_box(hand, (x, y, z)) for y, z in path]
+    moves.stroke(hand, points, speed=speed, yaw=box_yaw(hand))
 
 
-def holds(hand: Hand, shoe: int) -> bool:
-    """True if a shoe is off the ground and with the hand."""
-    place, _ = shoe_place(hand, shoe)
-    return bool(place[2] > 0.1 and np.linalg.norm(place - hand.place) < 0.1)
+def holds(hand: Hand, shoe: int, *, above: float = 0.1) -> bool:
+    """True if a shoe's centre is above a height, by default off the ground, and with the hand."""
+    return moves.holds(hand, _joint(shoe), above=above)
 
 
-def take(hand: Hand, style: Style, shoe: int) -> None:
-    """Takes a shoe from the table and lifts it; tries again once if it slips."""
+def take(hand: Hand, style: Style, shoe: int, *, above: float = _ABOVE, aloft: float = 0.1) -> None:
+    """Takes a shoe and lifts it beyond a height of `aloft`; tries again once if it slips.
+
+    The hand goes down to it from `above`.
+    """
     for _ in range(2):
-        _grasp(hand, style, shoe)
-        if style.again[shoe] and holds(hand, shoe):  # think again: down with it, and once more
-            here = hand.place.copy()
-            hand.move((*here[:2], 0.06), speed=style.carry_speed)
-            hand.move((*here[:2], _TAKE + 0.005), speed=0.15)
-            hand.open()
-            hand.move((*here[:2], 0.12), speed=style.carry_speed)
-            _grasp(hand, style, shoe)
-        if holds(hand, shoe):
+        _grasp(hand, style, shoe, above)
+        if style.again[shoe] and holds(hand, shoe, above=aloft):  # down with it, and once more
+            moves.put_back(hand, style.pace, depth=_TAKE, up=above - 0.08)
+            _grasp(hand, style, shoe, above)
+        if holds(hand, shoe, above=aloft):
             return
 
 
-def _grasp(hand: Hand, style: Style, shoe: int) -> None:
+def _grasp(hand: Hand, style: Style, shoe: int, above: float) -> None:
     place, yaw = shoe_place(hand, shoe)
     spot = place[:2] + style.grip[shoe] * np.array([np.cos(yaw), np.sin(yaw)])
-    hand.grip = OPEN
-    if hand.place[2] < _ABOVE:
-        hand.move((*hand.place[:2], style.arc), speed=style.carry_speed)
-    hand.move((*spot, _ABOVE), speed=style.carry_speed, yaw=yaw)
-    hand.move((*spot, _TAKE), speed=min(0.25, style.carry_speed))
-    hand.rest(3)
-    hand.close()
-    hand.move((*spot, style.arc), speed=style.carry_speed)
+    moves.grasp(hand, spot, style.pace, depth=_TAKE, above=above, yaw=yaw)
 
 
 def carry(hand: Hand, style: Style, where) -> None:
     """Moves over the box, or another place in its frame, and down to it."""
-    goal = out_of_box(hand, where)
-    above = np.array([*goal[:2], style.arc])
-    middle = (hand.place + above) / 2 + [*style.detour, 0.02]
-    hand.move(middle, speed=style.carry_speed)
-    hand.move(above, speed=style.carry_speed, yaw=box_yaw(hand))
-    hand.move(goal, speed=min(0.25, style.carry_speed))
-    hand.rest(3)
+    moves.carry(hand, out_of_box(hand, where), style.pace, yaw=box_yaw(hand))
 
 
 def release(hand: Hand, style: Style, *, pause: int = 0) -> None:
     """Opens the gripper and moves up."""
-    hand.rest(pause)
-    hand.open()
-    hand.move((*hand.place[:2], style.arc), speed=style.carry_speed)
+    moves.release(hand, style.pace, pause=pause)
 
 
 def knock(hand: Hand, style: Style, shoe: int, way) -> None:
     """Strikes a shoe with closed fingers, along a direction (x, y) of the world, by 20 cm."""
-    place, _ = shoe_place(hand, shoe)
-    way = np.asarray(way) / np.linalg.norm(way)
-    hand.grip = CLOSED
-    behind = place[:2] - 0.13 * way
-    hand.move((*behind, style.arc), speed=style.carry_speed)
-    hand.move((*behind, 0.03), speed=0.3)
-    hand.move((*(place[:2] + 0.12 * way), 0.03), speed=0.45)
-    hand.move((*hand.place[:2], style.arc), speed=style.carry_speed)
+    moves.knock(hand, shoe_place(hand, shoe)[0], style.pace, way)

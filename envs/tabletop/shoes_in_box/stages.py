@@ -15,10 +15,11 @@ itself; the lid comes first in the order in which they are done.
 
 import jax
 import jax.numpy as jnp
-from gril_jax.envs.stages import Stage, Stages, free_place
+from gril_jax.envs.stages import Stage, Stages
+from gril_jax.envs.tabletop.sight import ROBOTS, Area, placed, relative, share_that_holds
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-ROBOTS, BOX, LID, SHOES = (0, 1, 2), 3, 4, (5, 6)
+BOX, LID, SHOES = 3, 4, (5, 6)
 
 # Angle of the hinge, rad; middle of the lid's box, in sizes of the box; its width and height, as
 # shares of those when it is closed. Up to 0.1 rad a box changes less than a layout varies.
@@ -32,26 +33,28 @@ LID_CURVE = (
 _OPEN = 1.571  # rad
 _AT_REST, _ASIDE = (2.4, 2.6), 0.05  # where an open lid lies, rad, and how exactly
 # Middles of shoes on the box's floor: where they count, and where they clearly do.
-_INSIDE = ((-0.32, -0.30), (0.32, 0.20))
-_CLEARLY = ((-0.22, -0.20), (0.22, 0.10))
+_INSIDE = Area((-0.32, -0.30), (0.32, 0.20))
+_CLEARLY = Area((-0.22, -0.20), (0.22, 0.10))
 
 
 def stages(things: tuple[str, ...], *, half_extent: float) -> Stages:
     """The stages of the task in a picture |x|, |y| <= `half_extent`; `things` name the objects."""
+    return of_shoes(things, "in", _INSIDE, _CLEARLY, half_extent=half_extent)
+
+
+def of_shoes(
+    things: tuple[str, ...], where: str, area: Area, clearly: Area, *, half_extent: float
+) -> Stages:
+    """The stages of a task that opens the lid and brings both shoes into an area."""
     lid = Stage(f"{things[LID]} open", (LID,), _lid_open, _open_lid)
+    shoes = (
+        placed(f"{things[i]} {where}", i, BOX, area, clearly, others=SHOES, after=(lid.name,))
+        for i in SHOES
+    )
     return Stages(
-        (lid, *(_inside(shoe, things[shoe], lid) for shoe in SHOES)), movable=(LID, *SHOES),
-        robots=ROBOTS, half_extent=half_extent, score=_share_that_holds, sizes=_sizes,
+        (lid, *shoes), movable=(LID, *SHOES), robots=ROBOTS, half_extent=half_extent,
+        score=share_that_holds, sizes=_sizes,
     )  # fmt: skip
-
-
-def _share_that_holds(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
-    held = [stage.holds(center, size) for stage in task.stages]
-    return jnp.mean(jnp.stack(held).astype(jnp.float32))
-
-
-def _relative(index: int, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
-    return (center[index] - center[BOX]) / size[BOX]
 
 
 def _curve():
@@ -62,7 +65,7 @@ def _curve():
 def _nearest(center, size):
     """The curve's point nearest to the lid: its segment, and its share along it."""
     _, middle, _ = _curve()
-    place = _relative(LID, center, size)
+    place = relative(LID, BOX, center, size)
     way = middle[1:] - middle[:-1]
     share = jnp.sum((place - middle[:-1]) * way, axis=1) / jnp.sum(way**2, axis=1)
     share = jnp.clip(share, 0.0, 1.0)
@@ -94,20 +97,3 @@ def _open_lid(
     place = jnp.stack([jnp.interp(at, angles, middle[:, axis]) for axis in range(2)])
     place += jax.random.uniform(key_aside, (2,), minval=-_ASIDE, maxval=_ASIDE)
     return center.at[LID].set(center[BOX] + place * size[BOX])
-
-
-def _inside(shoe: int, name: str, lid: Stage) -> Stage:
-    def holds(center, size):
-        low, high = jnp.array(_INSIDE)
-        place = _relative(shoe, center, size)
-        return ((place > low) & (place < high)).all()
-
-    def within(center, size):
-        low, high = center[BOX] + jnp.array(_INSIDE) * size[BOX]
-        return low, high
-
-    def place(key, center, size):
-        low, high = center[BOX] + jnp.array(_CLEARLY) * size[BOX]
-        return free_place(key, shoe, center, size, low=low, high=high, others=SHOES)
-
-    return Stage(f"{name} in", (shoe,), holds, place, (lid.name,), within)

@@ -7,7 +7,7 @@ import pytest
 from gril_jax.envs import registry
 from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.shoes_in_box import expert
-from gril_jax.envs.tabletop.shoes_in_box.task import shoes_in_box, task
+from gril_jax.envs.tabletop.shoes_in_box.task import TASK, shoes_in_box
 from gril_jax.envs.tabletop.task import Tabletop
 from gril_jax.experiments.pipeline import setup
 
@@ -27,7 +27,7 @@ def found(plain):
 @pytest.fixture(scope="module")
 def begun(found):
     """Many starts, all of them within an episode."""
-    env = Tabletop(task(), varied_starts=1.0, moments=found)
+    env = Tabletop(TASK, varied_starts=1.0, moments=found)
     return jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(1), 256))
 
 
@@ -59,13 +59,13 @@ def test_an_episode_takes_over_where_things_are_and_what_has_been_done(found, be
 
 
 def test_what_was_done_before_is_not_paid_again(begun):
-    done = sum(begun.metrics[f"stage {name}"] for name in task().stages)
+    done = sum(begun.metrics[f"stage {name}"] for name in TASK.stages)
     assert (begun.reward <= (done + 1) / 3 + 1e-6).all()  # each bonus would be 1
 
 
 def test_the_rest_of_the_episodes_begin_as_the_task_does(plain, found):
     keys = jax.random.split(jax.random.key(2), 256)
-    half = Tabletop(task(), varied_starts=0.5, moments=found)
+    half = Tabletop(TASK, varied_starts=0.5, moments=found)
     drawn = jax.jit(jax.vmap(half.reset))(keys)
     moved = drawn.moved.any(axis=1)
     assert 0.4 < moved.mean() < 0.6
@@ -75,7 +75,7 @@ def test_the_rest_of_the_episodes_begin_as_the_task_does(plain, found):
     assert moved[varied].any()
     assert not moved[~varied].any()
     assert not own.metrics["varied"].any()
-    none = jax.jit(jax.vmap(Tabletop(task(), moments=found).reset))(keys)
+    none = jax.jit(jax.vmap(Tabletop(TASK, moments=found).reset))(keys)
     jax.tree.map(np.testing.assert_array_equal, own, none)
 
 
@@ -108,6 +108,6 @@ def test_only_training_has_varied_starts_and_they_must_come_from_somewhere(monke
     setup.make_env(config, training=False)
     assert [options["varied_starts"] for options in asked] == [0.3, 0.0]
     with pytest.raises(ValueError, match=r"varied_starts is 0\.3, but there are no moments"):
-        Tabletop(task(), varied_starts=0.3)
+        Tabletop(TASK, varied_starts=0.3)
     with pytest.raises(ValueError, match=r"varied_starts is 2\.0, but must be between 0 and 1"):
-        Tabletop(task(), varied_starts=2.0)
+        Tabletop(TASK, varied_starts=2.0)

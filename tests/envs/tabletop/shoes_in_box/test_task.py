@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop.shoes_in_box import model, task
+from gril_jax.envs import tabletop
+from gril_jax.envs.tabletop.shoes_in_box import model
 from gril_jax.envs.tabletop.start import Start
 from support import tabletop_scenes as scenes
 
@@ -23,7 +24,7 @@ SHOES = {
     "out": (0.48, 0.14, 0.025), "far": (0.48, 0.27, 0.025), "in": (0.46, -0.19, 0.025),
     "beside": (0.52, -0.11, 0.026), "on top": (0.46, -0.19, 0.075), "above": (0.46, -0.19, 0.14),
 }  # fmt: skip
-ASIDE = np.array(task._HOME, np.float32)
+ASIDE = np.array(tabletop.HOME, np.float32)
 
 
 @functools.cache
