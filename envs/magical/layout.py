@@ -24,6 +24,7 @@ COLOURS = ("green", "blue", "yellow", "red")
 CLASSES = ("goal", "robot", *(f"{c} {s}" for c in COLOURS for s in SHAPES))
 RADII = np.array([0.156, 0.1525, 0.138, 0.12], np.float32)  # of star, square, pentagon, circle
 _CANDIDATES = 64
+_BESIDE = 0.6  # furthest from the place at which a robot is to stand
 _FACING = (0.55, 0.75, 0.4)  # distances from which a robot faces a point, and rad off it
 _DYNAMICS = Strengths((3.2, 5.5), (0.7, 1.5), (2.5, 4.5), (1.0, 1.8), (0.07, 0.15))
 
@@ -96,11 +97,13 @@ def place_robot(
     at: Float[Array, "2"] | None = None,
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
     """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere, a
-    little before a point and about `facing` it, or `at` a place. Returns it, and True if there was
-    none."""
+    little before a point and about `facing` it, or `at` a place or beside it, as near as one of
+    those drawn. Returns it, and True if there was none."""
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
     if at is not None:
-        poses = poses.at[:, :2].set(at)
+        away = jnp.linspace(0.0, 1.0, len(poses))[:, None] ** 2 * _BESIDE
+        way = poses[:, :2] / jnp.linalg.norm(poses[:, :2], axis=1, keepdims=True)
+        poses = poses.at[:, :2].set(at + away * way)
     if facing is not None:  # around it, from candidates with x and y in [-1, 1]
         nearest, furthest, aside = _FACING
         angle = poses[:, 2]

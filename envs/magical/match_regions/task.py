@@ -186,8 +186,8 @@ class MatchRegions:
     ) -> State:
         """A start with everything where its box lies, in the order of `objects`, and at rest.
 
-        Boxes do not show angles, which are drawn; a robot that could not stand there at any of
-        those drawn, as one that holds a block, stands somewhere else. S4 counts from a start of the
+        Boxes do not show angles, which are drawn; a robot that could not stand there at those
+        drawn, as one that holds a block, stands as near as it can. S4 counts from a start of the
         task, as it would had the episode begun there. For variants with the blocks' own shapes and
         colours.
         """
