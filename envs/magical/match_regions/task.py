@@ -203,7 +203,7 @@ class MatchRegions:
         begun = starts.places(
             key_start, self.variant, self.blocks, robot=self.robot, radii=radii, arena=self.arena
         )
-        start, goal = begun.blocks[: self.num_targets], jnp.concatenate([center[0], size[0]])
+        start, goal = begun.blocks[: self.num_targets, :2], jnp.concatenate([center[0], size[0]])
         return self.reset_to(pose, still, goal=goal, start=start)
 
     def clearance(self, pose: Float[Array, "E 3"]) -> Float[Array, ""]:

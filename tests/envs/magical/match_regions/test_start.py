@@ -237,5 +237,5 @@ def test_a_robot_that_holds_a_block_is_put_beside_it(jittered):
     placed = jax.jit(jax.vmap(env.place))(center, state.objects.size, keys)
     away = np.linalg.norm(placed.objects.center[:, 1] - center[:, 1], axis=1)
     assert away.min() > 0.1
-    assert np.quantile(away, 0.9) < 0.5
+    assert np.median(away) < 0.45  # the block of the task is in a corner
     assert (_clearances(env, placed)[:, 0] > 0).all()
