@@ -73,7 +73,7 @@ def _settled(trace, own: Int[Array, "B M"], shared: SharedBoundaries, near) -> S
     """The boundaries, those of traces that have as many by themselves as found there, unless one
     is further than twice `near` from the others' mean reward: then it is another one."""
     there = jnp.take_along_axis(trace, jnp.maximum(own, 0), axis=1)
-    off = jnp.abs(there - _mean_there(trace, shared)) * shared.kept
+    off = jnp.where(shared.kept, jnp.abs(there - _mean_there(trace, shared)), 0.0)
     as_many = jnp.sum(own >= 0, axis=1) == jnp.sum(shared.kept)
     theirs = (as_many & (off < 2 * near).all(axis=1))[:, None] & shared.kept
     found = shared.found | theirs
