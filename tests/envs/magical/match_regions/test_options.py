@@ -37,7 +37,10 @@ def test_a_wrong_option_is_one_sentence_that_names_it(options, words):
 
 
 def test_an_unknown_task_is_one_sentence_with_the_known_ones():
-    expected = r"did you mean 'match_regions'\?\): the tasks are match_regions, .*shoes_in_box, .*empty_container, and any"
+    expected = (
+        r"did you mean 'match_regions'\?\): the tasks are match_regions, .*shoes_in_box, "
+        r".*empty_container, and any"
+    )
     with pytest.raises(ValueError, match=expected):
         envs.make("match_region")
 
