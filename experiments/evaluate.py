@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs import Env
 from gril_jax.envs.registry import Starts
-from gril_jax.experiments.pipeline import filming, policy_setup, setup
+from gril_jax.experiments.pipeline import filming, policy_setup, setup, stages
 from gril_jax.experiments.pipeline.starts import Group, draw, evaluated_from, with_first
 from jaxtyping import PRNGKeyArray
 
@@ -99,7 +99,7 @@ def play(
     # Through the host it loses its weak types, or the program would be compiled once more.
     untrained = jax.device_get(policy_setup.fresh_policy(config, algorithm, keys[1]))
     random = player.play(player.many, untrained, keys[2], deterministic=False)
-    _film(env, means, episodes, folder)
+    _film(env, means, player.reward_params, episodes, folder)
     phase.update(2)
     return found | {
         "score": float(means.score[:episodes].mean()),
@@ -145,6 +145,9 @@ def _trained(
         "variant": many.variant,
         "eval_episodes": len(many.start),
     }
+    shares = stages.finished(player.reward_params, means.remembered[: len(many.start)])
+    if shares:
+        found["stages_finished"] = shares
     if elsewhere is not None:
         there = player.play(elsewhere, policy, key, deterministic=True)
         found["elsewhere_success"] = elsewhere.share(there.success)
@@ -154,11 +157,13 @@ def _trained(
     return found, means
 
 
-def _film(env: Env, played: Evaluation, episodes: int, folder: Path) -> None:
-    """Writes the film of the first success, if there is one, and the numbers of all episodes."""
+def _film(env: Env, played: Evaluation, params: Any, episodes: int, folder: Path) -> None:
+    """Writes the film of the first success, if there is one, and the numbers of all episodes; a
+    film of a policy that sees a chain of subtasks says which one it is at."""
     names = ("reward", "success", "score")
     arrays = {name: np.asarray(getattr(played, name))[:episodes] for name in names}
     shown = int(np.argmax(arrays["success"]))
     film = filming.episode(env, jax.tree.map(lambda x: x[shown], played.states))
+    film = filming.with_captions(film, stages.in_words(params, played.remembered[shown]))
     video.write_video(folder / "rollout.mp4", film, env.control_hz)
     np.savez(folder / "rollouts.npz", **arrays, shown=shown)

@@ -21,6 +21,7 @@ from gril_jax.experiments.pipeline import (
     policy_rewards,
     policy_setup,
     setup,
+    stages,
 )
 from gril_jax.experiments.pipeline.given import given
 from gril_jax.experiments.pipeline.starts import evaluated_from
@@ -108,6 +109,8 @@ def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrat
         steps = run.config.pretrain.steps
         saved = checkpoint.save_part(run.path, "policy_reward", steps, params)
         run.dir.finish_phase("policy_reward", {}, [saved])
+        if said := stages.note(run.config, params):
+            run.echo(said)
     return policy_setup.policy_reward(run.path, run.config, env)
 
 

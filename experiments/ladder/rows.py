@@ -40,6 +40,8 @@ REWARDS: dict[str, dict[str, Any]] = {
     "GraphIRL": TABLE1["GraphIRL without robot"],
     "the paper's form": TABLE1["ours without robot"],
     "ours": TABLE1["ours audited and denser"],
+    "ours with sub-policies": TABLE1["ours audited and denser"]
+    | {"run.reward": "stages", "ppo.sub_policies": 2},
 }
 _BETWEEN = " at level "
 

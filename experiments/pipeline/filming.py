@@ -5,7 +5,9 @@ everywhere else, as the outlines of the objects.
 """
 
 import contextlib
+from collections.abc import Sequence
 
+import cv2
 import jax
 import numpy as np
 from gril_jax.envs import Env, State
@@ -32,6 +34,20 @@ def episode(env: Env, states: State) -> UInt8[np.ndarray, "T P P 3"]:
         frames = np.stack([renderer.frame(*moment) for moment in places])
     nothing = (frames == 0).all(axis=-1, keepdims=True)  # all that is there has some light
     return np.where(nothing, np.uint8(env.background), frames)
+
+
+def with_captions(
+    film: UInt8[np.ndarray, "T P P 3"], captions: Sequence[str]
+) -> UInt8[np.ndarray, "T P P 3"]:
+    """The film with a line of text in each frame, or as it is if there are none."""
+    if not captions:
+        return film
+    film = np.ascontiguousarray(film)
+    for frame, text in zip(film, captions, strict=True):
+        for colour, width in (((255, 255, 255), 4), ((0, 0, 0), 1)):  # legible on any ground
+            cv2.putText(frame, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, width,
+                        cv2.LINE_AA)  # fmt: skip
+    return film
 
 
 def outlines(env: Env, data) -> UInt8[np.ndarray, "T P P 3"]:

@@ -18,6 +18,7 @@ from gril_jax.errors import ConfigError, DemoError
 from gril_jax.graphs import activity
 from gril_jax.pretraining import pretrain
 from gril_jax.reward import chain as subtask_chain
+from gril_jax.reward import staircase
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl import rewards, starts
 from gril_jax.subtasks import agreement
@@ -140,7 +141,9 @@ def _of_shaped(config, learned, demos, num_classes):
 
 def _subtasks(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
     encoder = setup.encoder_config(config, len(env.classes))
-    return rewards.subtasks(encoder, robots=robots(env), alpha=config.pool.alpha)
+    return rewards.subtasks(
+        encoder, robots=robots(env), alpha=config.pool.alpha, by=config.run.reward_offset
+    )
 
 
 def _of_subtasks(config, learned, demos, num_classes):
@@ -154,20 +157,39 @@ def _of_subtasks(config, learned, demos, num_classes):
 
 def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):
     """The subtasks on which the demonstrations agree, in their order."""
+    members = num_members(setup.encoder_config(config, num_classes))
+    latents, found = _agreed(config, learned, demos, num_classes)
+    # Where a demonstration does not show an end by itself, its latent is not the goal's.
+    ends = jnp.where(found.found, found.frames, -1)[:, :_MOST]
+    kept = found.kept[:_MOST]
+    make = jax.jit(subtask_chain.from_latents, static_argnames="members")
+    return make(latents, ends, demos.length, kept=kept, members=members)
+
+
+def _agreed(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):
+    """The demonstrations' latents, and the ends of stages on which they agree."""
     static = setup.pretrain_config(config, num_classes)
-    hyper, members = setup.pretrain_hyper(config), num_members(static.encoder)
+    hyper = setup.pretrain_hyper(config)
 
     @jax.jit
-    def make(learned, demos):
+    def find(learned, demos):
         latents = pretrain.embed(learned.encoder, demos, hyper, static)
         profiles = reward.latent_reward(learned, latents)
-        _, found = agreement.agreed_stages(profiles, demos.length)
-        # Where a demonstration does not show an end by itself, its latent is not the goal's.
-        ends = jnp.where(found.found, found.frames, -1)[:, :_MOST]
-        kept = found.kept[:_MOST]
-        return subtask_chain.from_latents(latents, ends, demos.length, kept=kept, members=members)
+        return latents, agreement.agreed_stages(profiles, demos.length)[1]
 
-    return make(learned, demos)
+    return find(learned, demos)
+
+
+def _stages(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
+    encoder = setup.encoder_config(config, len(env.classes))
+    return rewards.stages(encoder, robots=robots(env), by=config.run.reward_offset)
+
+
+def _of_stages(config, learned, demos, num_classes):
+    if demos is None:
+        return learned, staircase.Staircase(jnp.zeros(_MOST), jnp.zeros((), jnp.int32))
+    _, found = _agreed(config, learned, demos, num_classes)
+    return learned, staircase.from_levels(found.level[:_MOST], found.kept[:_MOST])
 
 
 ENVIRONMENTAL = RewardForm(lambda *_: rewards.environmental, lambda *_: ())
@@ -181,3 +203,4 @@ SUM = RewardForm(
 )
 SHAPED = RewardForm(lambda config, env: rewards.shaped(_learned(config, env)), _of_shaped)
 SUBTASKS = RewardForm(_subtasks, _of_subtasks)
+STAGES = RewardForm(_stages, _of_stages)

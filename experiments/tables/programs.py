@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup
+from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup, stages
 from gril_jax.experiments.pipeline.starts import distinct, evaluated_from
 from jax.sharding import Mesh
 
@@ -214,6 +214,9 @@ def learn_policies(
     configs = [row.config for row in rows]
     learned = [rewards[reward_key(one)] if learns(one) else None for one in configs]
     each = [_parameters(one, found, demos) for one, found in zip(configs, learned, strict=True)]
+    for said in dict.fromkeys(map(stages.note, configs, each)):
+        if said:
+            echo(said)
     # Each process has learned rewards; rounding may have driven them apart.
     params = sharding.place(ready.layout, hosts.same_everywhere(stack(each)))
     hyper, keys = _arguments(program, ready.layout)

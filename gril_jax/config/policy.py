@@ -53,6 +53,9 @@ class PPOConfig:
     falls to 0, reached when a tenth of training is left."""
     video_starts: float = field(default=0.0, metadata=between(0, 1))
     """Share of training episodes that begin where a frame of the videos shows things; likewise."""
+    sub_policies: int = field(default=1, metadata=between(1, 8))
+    """Number of sub-policies with networks of their own, one for each stage of the learned reward
+    (with run.reward stages or subtasks)."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""

@@ -30,13 +30,14 @@ class RunSettings:
     """Algorithm that trains the policy; its options are in the section of its name."""
     reward: Literal[*REWARDS] = "learned"
     """Reward of the policy: the learned one, the task's own, the chain of the learned subtasks, the
-    first two together, or the task's own with the learned one as its potential."""
+    learned one in its stages, the first two together, or the task's own with the learned one as its
+    potential."""
     reward_weights: tuple[float, float] = field(
         default=(1.0, 0.1), metadata=rule(lambda x: all(map(isfinite, x)), "two finite numbers")
     )
     """Weights of the learned and of the task's own reward in their sum, or in the shaped one."""
     reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
-    """Constant added to the learned reward if that is the whole reward. With 1 it starts at about 0
+    """Constant added to the learned reward if that is all, also in stages or as a chain. With 1 it starts at about 0
     instead of -1: no policy is better or worse for it, but some are found sooner."""
     audit: int = field(default=0, metadata=at_least(0))
     """Gradient ascents of the audit that follows training, 0 for none; `gril audit` has its own."""
@@ -157,6 +158,14 @@ def _check_sizes(config: RunConfig) -> None:
             raise ConfigError(
                 f"env.worlds is {env.worlds}, but must be at least {path}, which is {number}"
             )
+    staged = [name for name, one in REWARDS.items() if one.staged]
+    if config.ppo.sub_policies > 1 and (
+        config.run.algorithm != "ppo" or config.run.reward not in staged
+    ):
+        raise ConfigError(
+            f"ppo.sub_policies is {config.ppo.sub_policies}, but must be 1 unless run.algorithm is "
+            f"'ppo' and run.reward is {alternatives(staged)}, whose stages sub-policies act in"
+        )
     if demos.path is None and pretrain.num_videos > demos.num:
         raise ConfigError(
             f"pretrain.num_videos is {pretrain.num_videos}, but must be at most demos.num, "

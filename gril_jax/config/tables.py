@@ -37,6 +37,8 @@ class Reward(NamedTuple):
     """Takes a learned reward."""
     pictures: bool = False
     """Does as well with an encoder of pictures."""
+    staged: bool = False
+    """Tells a policy how many stages are finished, in which sub-policies act."""
 
 
 class Algorithm(NamedTuple):
@@ -68,7 +70,8 @@ _FORMS = "gril_jax.experiments.pipeline.policy_rewards"
 REWARDS = {
     "learned": Reward(f"{_FORMS}.LEARNED", pictures=True),
     "environmental": Reward(f"{_FORMS}.ENVIRONMENTAL", learns=False, pictures=True),
-    "subtasks": Reward(f"{_FORMS}.SUBTASKS"),
+    "subtasks": Reward(f"{_FORMS}.SUBTASKS", staged=True),
+    "stages": Reward(f"{_FORMS}.STAGES", staged=True),
     "sum": Reward(f"{_FORMS}.SUM", pictures=True),
     "shaped": Reward(f"{_FORMS}.SHAPED"),
 }

@@ -142,5 +142,15 @@ def own_start(results: Mapping[str, Any]) -> str | None:
 def sentences(results: Mapping[str, Any]) -> list[str]:
     """A line for each rate, and one for the task's own start."""
     lines = [f"{_NAMES[field]}: {rate}" for field, rate in rates(results).items()]
+    lines += [f"stages finished, as the learned reward tells them: {text}" for text in _stages(results)]
     own = own_start(results)
     return lines + ([f"the task's own start: {own}"] if own else [])
+
+
+def _stages(results: Mapping[str, Any]) -> list[str]:
+    """A phrase of the shares of episodes that finished each stage, if there are stages."""
+    shares = results.get("stages_finished") or []
+    if not isinstance(shares, list) or not all(isinstance(x, float | int) for x in shares):
+        raise RunError(f"{WHERE}: stages_finished must be numbers, not {shares!r:.40}")
+    phrase = ", ".join(f"{i} in {100 * share:.1f}%" for i, share in enumerate(shares, 1))
+    return [phrase] if phrase else []

@@ -28,6 +28,7 @@ class Evaluation(NamedTuple):
     success: Float[Array, "E"]  # at the end of the episode
     success_ever: Float[Array, "E"]  # at some moment of it
     score: Float[Array, "E"]  # at the end
+    remembered: Float[Array, "E T K"]  # what the policy sees of the reward's memory, after a step
 
 
 @functools.partial(jax.jit, static_argnums=(0,), static_argnames=("episodes",))
@@ -65,10 +66,11 @@ def evaluate(
 
     def move(running, key):
         running, result = jax.vmap(one)(running, jax.random.split(key, episodes), means)
-        return running, (running.state, result)
+        seen = jax.vmap(lambda one: of.reward.observe(one.reward_memory))(running)
+        return running, (running.state, result, seen)
 
     steps = jax.random.split(key, of.env.episode_length)
-    _, (states, results) = jax.lax.scan(move, begun, steps)
+    _, (states, results, seen) = jax.lax.scan(move, begun, steps)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), begun.state, states)
     success = results.metrics["success"]
     return Evaluation(
@@ -77,4 +79,5 @@ def evaluate(
         success=success[-1],
         success_ever=success.max(axis=0),
         score=results.metrics["score"][-1],
+        remembered=jnp.swapaxes(seen, 0, 1),
     )

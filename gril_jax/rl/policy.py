@@ -36,18 +36,23 @@ def fresh_weights(key: PRNGKeyArray, *networks: Any) -> list[Any]:
     Kernels are uniform in +-sqrt(3 / inputs), the default of brax (LeCun et al. 1998), and biases
     are 0. The key is consumed.
     """
-    shapes, tree = jax.tree.flatten([jax.eval_shape(network.init, key) for network in networks])
-    sizes = (math.prod(x.shape) if x.ndim > 1 else 0 for x in shapes)
+    every = [jax.eval_shape(network.init, key) for network in networks]
+    named, tree = jax.tree.flatten_with_path(every)
+    shapes = [shape for _, shape in named]
+    biases = [path[-1].key == "bias" for path, _ in named]
+    sizes = (
+        0 if bias else math.prod(x.shape) for bias, x in zip(biases, shapes, strict=True)
+    )
     ends = list(itertools.accumulate(sizes))
     unit = jax.random.uniform(key, (ends[-1],), minval=-1.0)
 
-    def weights(shape, end):
-        if shape.ndim == 1:
+    def weights(shape, end, bias):
+        if bias:
             return jnp.zeros(shape.shape, shape.dtype)
         drawn = unit[end - math.prod(shape.shape) : end].reshape(shape.shape)
         return (math.sqrt(3 / shape.shape[-2]) * drawn).astype(shape.dtype)
 
-    return jax.tree.unflatten(tree, map(weights, shapes, ends))
+    return jax.tree.unflatten(tree, map(weights, shapes, ends, biases))
 
 
 def observed(

@@ -26,6 +26,7 @@ from .agent import Agent, Sizes
 from .episodes import Environment
 from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
 from .rewards import AnyReward
+from .sub_policies import of_stages
 
 Number = Float[Array, ""] | float
 
@@ -39,6 +40,7 @@ class Static(Sizes):
     hidden: tuple[int, ...] = PPOConfig.hidden
     num_minibatches: int = PPOConfig.num_minibatches  # a divisor of `num_envs`
     num_epochs: int = PPOConfig.num_epochs
+    sub_policies: int = PPOConfig.sub_policies  # with networks of their own, one for each stage
 
 
 class Hyper(NamedTuple):
@@ -77,10 +79,15 @@ class PPO(Agent):
     def __init__(self, env: Environment, reward: AnyReward, static: Static):
         self.static = static
         super().__init__(env, reward, static, static.num_epochs * (static.num_minibatches + 1))
-        self.networks = networks.make_ppo_networks(
+        one = networks.make_ppo_networks(
             self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,
         )  # fmt: skip
+        self.networks = dataclasses.replace(
+            one,
+            policy_network=of_stages(one.policy_network, static.sub_policies),
+            value_network=of_stages(one.value_network, static.sub_policies),
+        )
         self._make_policy = networks.make_inference_fn(self.networks)
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:

@@ -17,7 +17,7 @@ from gril_jax.encoders import encoder, resnet
 from gril_jax.encoders.encoder import GraphConfig, PixelConfig
 from gril_jax.graphs.scene import SceneGraph, scene_graph
 from gril_jax.reward import chain as subtask_chain
-from gril_jax.reward import shaping
+from gril_jax.reward import shaping, staircase
 from gril_jax.reward.latent_goal import latent_goal_reward
 
 # (parameters, environment state, activity bits (N,)) -> reward of this moment.
@@ -131,12 +131,14 @@ def subtasks(
     robots: Sequence[int] = (),
     mode: subtask_chain.Mode = "continuous",
     alpha: Float[Array, ""] | float = PoolConfig.alpha,
+    by: float = 0.0,
 ) -> Reward:
     """Chain of latent goals (`gril_jax.reward.chain`), one for each stage of the task.
 
     Its parameters are a pair: the encoder's, and the chain's. The policy sees the share of the
     subtasks that are finished, since the reward depends on it. `alpha` is the weight of an active
-    node in the pooling, as when the goals were found; `robots` are those of `learned`.
+    node in the pooling, as when the goals were found; `robots` are those of `learned`, and `by` is
+    the constant of `offset`.
     """
     scene = _scene(config, robots)
 
@@ -146,10 +148,33 @@ def subtasks(
         latent = encoder.apply(encoder_params, scene(state, active), config, alpha=alpha)
         progress, reward = subtask_chain.step(chain, progress, latent, mode=mode)
         share = progress.index / jnp.maximum(chain.count, 1)
-        return (progress, share.astype(jnp.float32)), reward
+        return (progress, share.astype(jnp.float32)), reward + by
 
     return Reward(
         init=lambda: (subtask_chain.init(), jnp.zeros(())),
+        step=step,
+        observe=lambda memory: memory[1][None],
+    )
+
+
+def stages(
+    config: GraphConfig, *, robots: Sequence[int] = (), by: float = 0.0
+) -> Reward:
+    """The learned reward in the stages in which it climbs (`gril_jax.reward.staircase`).
+
+    Its parameters are a pair: those of `learned`, and the staircase. The policy sees the share of
+    the stages that are finished. `robots` are those of `learned`, `by` is that of `offset`.
+    """
+    reward = learned(config, robots=robots)
+
+    def step(params, memory, state, active):
+        own, stairs = params
+        progress, paid = staircase.step(stairs, memory[0], reward(own, state, active))
+        share = progress.index / jnp.maximum(stairs.count, 1)
+        return (progress, share.astype(jnp.float32)), paid + by
+
+    return Reward(
+        init=lambda: (staircase.init(), jnp.zeros(())),
         step=step,
         observe=lambda memory: memory[1][None],
     )

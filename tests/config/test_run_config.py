@@ -150,6 +150,15 @@ def test_pixels_refuse_what_needs_boxes(path, value, right):
     assert str(caught.value) == sentence
 
 
+def test_sub_policies_need_a_chain_of_subtasks():
+    ppo = PPOConfig(sub_policies=2)
+    chained = RunSettings(reward="subtasks")
+    assert RunConfig(ppo=ppo, run=chained).ppo.sub_policies == 2
+    for run in (RunSettings(), dataclasses.replace(chained, algorithm="sac")):
+        with pytest.raises(ConfigError, match=r"ppo\.sub_policies is 2, but must be 1 unless"):
+            RunConfig(ppo=ppo, run=run)
+
+
 def test_pixels_learn_a_reward_of_a_task_without_pictures_for_a_policy():
     config = RunConfig(env=EnvConfig(name="shoes_in_box"), encoder=EncoderOptions(kind="pixels"))
     assert config.encoder.precision == "float32"

@@ -98,6 +98,12 @@ def _export_reward(args: list[str]) -> Work:
 def _export_policy(args: list[str]) -> Work:
     about = "Write a run's policy as an npz file that needs NumPy alone."
     folder, out, config = _export("policy", args, about)
+    if config.run.algorithm == "ppo" and config.ppo.sub_policies > 1:
+        raise RunError(
+            f"the policy of {folder} is {config.ppo.sub_policies} sub-policies, chosen by the "
+            "learned reward's stages, but a policy file holds one network: train with "
+            "--ppo.sub-policies 1"
+        )
 
     def work() -> None:
         with heavy_imports(config, devices=True):
