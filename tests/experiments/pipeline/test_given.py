@@ -3,10 +3,14 @@
 import dataclasses
 
 import pytest
+from gril_jax.envs.tabletop import entry
+from gril_jax.envs.tabletop.shoes_in_box import task as shoes_in_box
+from gril_jax.experiments.pipeline import setup
 from gril_jax.experiments.pipeline.given import given, of_all
 
 from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.config.files import load
+from gril_jax.types import DemoBatch
 
 
 def _config(**env):
@@ -52,10 +56,36 @@ def test_starts_that_training_chooses_are_levels_b_and_v(ppo, env, level, words)
     assert words in str(given(config))
 
 
+def test_states_of_an_expert_are_played_for_level_c_alone(monkeypatch):
+    """Training tasks as a run makes them: only varied starts have the expert recorded. Films bring
+    boxes and their classes to a learner, and no states."""
+    played = []
+
+    def marked(env, perform):
+        played.append(env)
+        raise LookupError
+
+    monkeypatch.setattr(entry, "moments", marked)
+    fresh = entry.Entry(shoes_in_box.TASK, shoes_in_box.ENTRY.script)
+    monkeypatch.setattr(setup, "build", lambda name, options: fresh.make(**options))
+    for starts in ({}, {"own_starts": 0.5}, {"video_starts": 0.5}):
+        own = EnvConfig(name="shoes_in_box", varied_starts=0.0)
+        config = RunConfig(env=own, ppo=PPOConfig(**starts))
+        setup.make_env(config.env, training=True)
+    assert not played
+    with pytest.raises(LookupError):
+        setup.make_env(EnvConfig(name="shoes_in_box", varied_starts=0.7), training=True)
+    assert DemoBatch._fields == ("center", "size", "label", "is_robot", "present", "length")
+
+
 def test_the_reward_is_named_beside_the_level():
     assert given(_config()).reward == "learned from videos"
     own = RunConfig(env=EnvConfig(reward="sparse"), run=RunSettings(reward="environmental"))
     assert given(own).reward == "the task's own (sparse)"
+    staged = RunConfig(run=RunSettings(reward="stages"), ppo=PPOConfig(sub_policies=3))
+    assert given(staged).reward == (
+        "learned from videos, in its stages, each with a sub-policy of its own (3)"
+    )
 
 
 def test_rows_that_are_given_the_same_are_told_once():

@@ -6,13 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup
+from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup, stages
 from support.kinematic_demos import kinematic_demos
 from support.probes import Probe
 
 from gril_jax.config import PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.reward.staircase import Staircase
 
 FRAMES = 140
 ENDS = (35, 75, 115)
@@ -86,3 +87,46 @@ def test_a_chain_has_the_goals_on_which_demonstrations_agree(monkeypatch):
     np.testing.assert_allclose(chain.goals[:3, 0], [2, 1, 0], atol=0.1)
     np.testing.assert_allclose(chain.scale[:3], 1, rtol=0.1)  # each step is one long
     assert np.isfinite(np.asarray(chain.radius)).all()
+
+
+def test_stages_end_where_demonstrations_agree_that_the_reward_stands_still(monkeypatch):
+    """At three quarters of each step of three, and in episodes the index follows the reward."""
+    latents = jnp.asarray(_latents(6)[..., None], jnp.float32)
+    monkeypatch.setattr(policy_rewards.pretrain, "embed", lambda *_: latents)
+    config = RunConfig(run=dataclasses.replace(RunSettings(), reward="stages"))
+    learned = RewardParams({}, jnp.zeros(1), jnp.float32(1 / 3), jnp.float32(1.0))
+    demos = kinematic_demos(0, 6, num_objects=4, max_length=20)
+    demos = demos._replace(length=jnp.full(6, FRAMES))
+    same, stairs = policy_rewards.parameters(config, learned, demos, 4)
+    assert same is learned
+    assert int(stairs.count) == 3
+    np.testing.assert_allclose(stairs.least[:3], [-0.75, -5 / 12, -1 / 12], atol=0.03)
+    params = learned, stairs
+    assert stages.stages(params) is stairs
+    shares = jnp.array([[[0.0], [1 / 3]], [[1.0], [1.0]]])
+    assert stages.finished(params, shares) == [1.0, 0.5, 0.5]
+    assert stages.in_words(params, shares[0]) == ["stage 1 of 3", "stage 1 of 3", "stage 2 of 3"]
+    assert stages.in_words(params, shares[1])[-1] == "all stages done"
+
+
+@pytest.mark.parametrize(
+    ("count", "sub_policies", "said"),
+    [
+        (2, 2, None),
+        (3, 1, None),
+        (1, 2, "agree on no stages: one policy learns from one goal, and 1 of 2 sub-policies"),
+        (3, 2, "agree on 3 stages, which 2 sub-policies share out: --ppo.sub-policies 3 gives"),
+    ],
+)
+def test_stages_that_do_not_fit_the_sub_policies_are_said(count, sub_policies, said):
+    run, ppo = RunSettings(reward="stages"), PPOConfig(sub_policies=sub_policies)
+    stairs = Staircase(jnp.zeros(8), jnp.int32(count))
+    found = stages.note(RunConfig(run=run, ppo=ppo), (None, stairs))
+    assert found is said is None or said in found
+
+
+def test_rewards_without_stages_have_no_word_of_them():
+    for params in ((), RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))):
+        assert stages.stages(params) is None
+        assert stages.finished(params, jnp.zeros((2, 3, 0))) == []
+        assert stages.in_words(params, jnp.zeros((3, 0))) == []
