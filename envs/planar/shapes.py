@@ -19,10 +19,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .plane import Vec, heading, where
+from .robots import unit_inertia
 
 SHAPES = ("star", "square", "pentagon", "circle")
 NOTHING = len(SHAPES)  # in the place of an index: no block
 SIZE = 0.12  # every block's area is about pi SIZE^2
+_MASS = 0.01  # for which inertias are given
 
 
 class BlockShape(NamedTuple):
@@ -46,34 +48,37 @@ def _five(points: np.ndarray) -> Vec:
     return Vec(*points[np.minimum(np.arange(5), len(points) - 1)].T)
 
 
-def _polygon(count: int, circumradius: float, first: float, radius: float, inertia: float):
+def _polygon(count: int, circumradius: float, first: float, radius: float) -> BlockShape:
     """A regular polygon; `radius` rounds its corners outwards."""
     apothem = circumradius * math.cos(math.pi / count)
     half = circumradius * math.sin(math.pi / count)
     normals = _five(_ring(count, 1.0, first + math.pi / count))
     corners = _five(_ring(count, circumradius, first))
     rim = Vec(apothem, 0.0), Vec(apothem, half), Vec(1.0, 0.0)
+    inertia = _MASS * unit_inertia(_ring(count, circumradius, first))
     return BlockShape(normals, *rim, corners, radius, 1.0 / inertia)
 
 
-def _star(inertia: float) -> BlockShape:
+def _star() -> BlockShape:
     tip, notch, half = 1.3 * SIZE, 0.65 * SIZE, math.pi / 5
     start, end = Vec(tip, 0.0), Vec(notch * math.cos(half), notch * math.sin(half))
     out = np.array([end.y - start.y, start.x - end.x])
     tips = _five(_ring(5, 1.0))
-    return BlockShape(
-        tips, start, end, Vec(*(out / np.linalg.norm(out))), tips * tip, 0.0, 1.0 / inertia
-    )
+    out = Vec(*(out / np.linalg.norm(out)))
+    inertia = _MASS * unit_inertia(_ring(5, tip))  # that of its hull
+    return BlockShape(tips, start, end, out, tips * tip, 0.0, 1.0 / inertia)
 
 
 _HALF_SQUARE = math.sqrt(math.pi) * SIZE / 2
+_PENTAGON = SIZE * math.sqrt(2 * math.pi / (5 * math.sin(2 * math.pi / 5)))
+_CIRCLE = 2 / (_MASS * SIZE**2)
 _NONE = Vec(0.0, 0.0)
-_TABLE = {  # of one block each; inertias for a mass of 0.01, as the original computes them
-    "star": _star(9.365e-5),
-    "square": _polygon(4, _HALF_SQUARE * math.sqrt(2), math.pi / 4, 0.0021, 7.540e-5),
-    "pentagon": _polygon(5, 0.1379, math.pi / 2, 0.0, 7.322e-5),
+_TABLE = {  # of one block each
+    "star": _star(),
+    "square": _polygon(4, _HALF_SQUARE * math.sqrt(2), math.pi / 4, 0.02 * _HALF_SQUARE),
+    "pentagon": _polygon(5, _PENTAGON, math.pi / 2, 0.0),
     "circle": BlockShape(
-        _five(_ring(5, 1.0)), _NONE, _NONE, Vec(1.0, 0.0), _five(np.zeros((5, 2))), SIZE, 1 / 7.2e-5
+        _five(_ring(5, 1.0)), _NONE, _NONE, Vec(1.0, 0.0), _five(np.zeros((5, 2))), SIZE, _CIRCLE
     ),
 }
 _ABSENT = _TABLE["circle"]._replace(radius=-1e3)
