@@ -103,12 +103,10 @@ def outline(name: str) -> np.ndarray:
     return corners[: 4 if name == "square" else 5]
 
 
-def signed_distance(shape: BlockShape, point: Vec, middle: Vec | None = None) -> tuple[Array, Vec]:
+def signed_distance(shape: BlockShape, point: Vec) -> tuple[Array, Vec]:
     """Signed distance of points to the blocks' rims, negative inside, and the outward unit normal.
 
-    Points (..., B) are in the frames of the B blocks, as is the middle (B,) of the body that they
-    belong to. Given that, points inside a block leave through the face that it is beyond, rather
-    than through the nearest, which near a corner may be another one.
+    Points (..., B) are in the frames of the B blocks.
     """
     along = jnp.full_like(point.x, -jnp.inf)
     nearest = Vec(jnp.zeros_like(along), jnp.zeros_like(along))
@@ -117,44 +115,23 @@ def signed_distance(shape: BlockShape, point: Vec, middle: Vec | None = None) ->
         dot = direction.dot(point)
         nearest = where(dot > along, direction, nearest)
         along = jnp.maximum(dot, along)
-    across = nearest.cross(point)
-    side = jnp.where(across < 0, -1.0, 1.0)
-    if middle is not None:
-        nearest, along, side = _towards(shape, point, middle, nearest, along, side)
-        across = nearest.cross(point)
+    return arm_distance(shape, point, nearest)
 
+
+def arm_distance(shape: BlockShape, point: Vec, direction: Vec) -> tuple[Array, Vec]:
+    """As `signed_distance`, to the part of the rim in one of `directions`: a star's arm."""
+    across = direction.cross(point)
+    side = jnp.where(across < 0, -1.0, 1.0)
     rim = shape.rim_end - shape.rim_start
-    folded = Vec(along, across * side) - shape.rim_start
+    folded = Vec(direction.dot(point), across * side) - shape.rim_start
     line = shape.rim_out.dot(folded)  # beyond the segment's line
     share = jnp.clip(folded.dot(rim) / jnp.maximum(rim.dot(rim), 1e-12), 0.0, 1.0)
     gap = folded - rim * share
     far = jnp.sqrt(gap.dot(gap) + 1e-14)
     outside = line > 1e-6
     normal = where(outside, gap * (1.0 / far), shape.rim_out)
-    normal = Vec(normal.x, normal.y * side).out_of(nearest)
+    normal = Vec(normal.x, normal.y * side).out_of(direction)
     return jnp.where(outside, far, line) - shape.radius, normal
-
-
-def _towards(shape: BlockShape, point: Vec, middle: Vec, nearest: Vec, along: Array, side: Array):
-    """The sector into which a point inside a block is folded, given the middle of its body.
-
-    A polygon's sectors are its faces. A star's are its arms, which are right as they are, but an
-    arm has two sides.
-    """
-    polygon = (shape.rim_out.y == 0.0) & (shape.rim_end.y > 0.0)
-    best, face = jnp.full_like(along, -jnp.inf), nearest
-    for k in range(5):
-        direction = shape.directions[k]
-        both = jnp.minimum(direction.dot(point), direction.dot(middle))
-        face = where(both > best, direction, face)
-        best = jnp.maximum(both, best)
-    inside = polygon & (along < shape.rim_start.x)
-    nearest = where(inside, face, nearest)
-    along = jnp.where(inside, face.dot(point), along)
-    folded = Vec(along, jnp.abs(nearest.cross(point))) - shape.rim_start
-    within = ~polygon & (shape.rim_out.dot(folded) < 0.0)
-    side = jnp.where(nearest.cross(point) < 0, -1.0, 1.0)
-    return nearest, along, jnp.where(within, jnp.where(nearest.cross(middle) < 0, -1.0, 1.0), side)
 
 
 def extents(
