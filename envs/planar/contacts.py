@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .plane import Vec, fence, heading, where
-from .polygons import FAR, Meeting, box_polygon, is_star, meet, nearest_arms, pieces
+from .polygons import FAR, Meeting, box_polygon, is_round, is_star, meet, nearest_arms, pieces
 from .robots import Box, Part
 from .shapes import BlockShape, arm_distance
 
@@ -136,7 +136,8 @@ def _deeper(a: Contacts, b: Contacts) -> Contacts:
 def between_blocks(shapes: BlockShape, blocks: Frames) -> list[Contacts]:
     """Layers k = 1 ... B - 1: the first point of block i (first) with i + k mod B (second).
 
-    So each pair occurs twice: what is the first point in one order is the second in the other.
+    So each pair occurs twice: what is the first point in one order is the second in the other,
+    which a circle has not.
     """
     ahead = range(1, len(shapes.radius))
     if not ahead:
@@ -151,10 +152,14 @@ def between_blocks(shapes: BlockShape, blocks: Frames) -> list[Contacts]:
     a = pieces(shapes, mine).placed(blocks.heading, away)
     found = fence(meet(a, pieces(others, theirs).placed(there.heading)))
     best, first = jnp.minimum(*found.gaps), _points(found)[0]
-    best = [best[0], jnp.where(is_star(shapes), best[1], FAR), jnp.where(is_star(others), best[2], FAR)]
+    stars = (True, is_star(shapes), is_star(others))
+    best = [jnp.where(star, gap, FAR) for star, gap in zip(stars, best, strict=True)]
     tried = [jax.tree.map(lambda f, k=k: f[k], first) for k in range(3)]
     chosen = _pick(best[1] < best[0], tried[1], tried[0])
     chosen = _pick(best[2] < jnp.minimum(*best[:2]), tried[2], chosen)
+    index = np.arange(len(shapes.radius))
+    back = np.array([index + k >= len(index) for k in ahead])  # the pair's second time
+    chosen = _off(chosen, back & (is_round(shapes) | is_round(others)))
     return [jax.tree.map(lambda f, k=k: f[k - 1], chosen) for k in ahead]
 
 

@@ -155,7 +155,7 @@ def _of_pair(
         met = meet(a, piece(shapes, j, theirs[1], there, middle))
         if wp.min(met.gaps[0], met.gaps[1]) < wp.min(best.gaps[0], best.gaps[1]):
             best = met
-    if best.gaps[0] > 0.0:
+    if best.gaps[0] > 0.0 or (i > j and (a.count == 1 or b.count == 1)):
         return count
     friction = BLOCK_FRICTION * BLOCK_FRICTION
     touch = Touch(best.gaps[0], best.normal, best.first)
