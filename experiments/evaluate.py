@@ -6,6 +6,7 @@ has a single one.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,10 +57,13 @@ def main(
     episodes: int = 256,
     seed: int = 0,
     variant: str | None = None,
+    engine: str | None = None,
     echo: Callable[[str], None] = print,
 ) -> dict[str, Any]:
     """Evaluates the policy of a finished run; the folder is only read. Returns what it prints."""
     config = run_dir.read_config(folder)
+    if engine is not None:
+        config = replace(config, env=replace(config.env, engine=engine))
     env = setup.make_env(config.env, training=False, variant=variant)
     algorithm = policy_setup.make_algorithm(config, env)
     policy = policy_setup.restore_policy(folder, config, algorithm)

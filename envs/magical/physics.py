@@ -10,13 +10,16 @@ pupils    of the robot's eyes turn on soft springs. They are light, but they cal
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from gril_jax.envs.planar.impulses import Bodies, Motion
 from gril_jax.envs.planar.joints import Aims
 from gril_jax.envs.planar.physics import Physics
-from gril_jax.envs.planar.plane import Vec
+from gril_jax.envs.planar.plane import Vec, where
 from jaxtyping import Array, Float
 
 _ON_PLACE = 1e-6  # arena units: a finger nearer than this is where it should be
+HELD = np.array([[1.0, 0.0], [3.0, 1.0]]) / np.sqrt([[1.0], [10.0]])  # where it is then held:
+# of all directions those that the original's rounding chooses in the Demo start of MatchRegions
 _STIFFNESS, _DAMPING, _PUPIL = 0.1, 3e-3, 0.002  # of a pupil's spring; the pupil's inertia
 
 
@@ -38,9 +41,10 @@ class Gripping(NamedTuple):
 
 
 def _directions(aim: Aims, dt: float) -> Vec:
-    """Unit vectors from where each finger should be to where it is; zero if it is there."""
+    """Unit vectors from where each finger should be to where it is; `HELD` if it is there."""
     off = jnp.sqrt(aim.pivot.dot(aim.pivot) + 1e-20)  # over dt
-    return aim.pivot * jnp.where(off * dt > _ON_PLACE, -1.0 / off, 0.0)
+    held = Vec(*HELD.T.astype(np.float32))
+    return where(off * dt > _ON_PLACE, aim.pivot * (-1.0 / off), held)
 
 
 def _kick(parts: Motion, which: int, n: Vec, leverage, j, torque, bodies: Bodies) -> Motion:

@@ -3,10 +3,12 @@
 A layer holds, for every block at once, the contact with one part of the robot, with another block,
 or with a wall. Contacts that are not there are switched off by their gap: nothing is sorted,
 gathered or sized at run time. Two flat sides that meet have two points, which lie in two layers.
+What touches, and where, is `polygons`' affair.
 
 `fence` keeps XLA from repeating a search for every field of its result.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -15,11 +17,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .plane import Vec, fence, heading, where
+from .polygons import FAR, Meeting, box_polygon, is_round, is_star, meet, nearest_arms, pieces
 from .robots import Box, Part
-from .shapes import BlockShape, signed_distance
-
-_FAR = 1e3
-_MIDDLE = 1e-6  # arena units; a circle that lies on a side would else change layers by rounding
+from .shapes import BlockShape, arm_distance
 
 
 class Frames(NamedTuple):
@@ -44,7 +44,7 @@ class Contacts(NamedTuple):
 
 def _deepest(candidates: Contacts, allowed: Array | None = None) -> Contacts:
     """The deepest allowed one of K candidates."""
-    gap = candidates.gap if allowed is None else jnp.where(allowed, candidates.gap, _FAR)
+    gap = candidates.gap if allowed is None else jnp.where(allowed, candidates.gap, FAR)
     best = Contacts(gap[0], candidates.normal[0], candidates.second[0])
     for k in range(1, len(gap)):
         deeper = gap[k] < best.gap
@@ -56,94 +56,111 @@ def _deepest(candidates: Contacts, allowed: Array | None = None) -> Contacts:
     return fence(best)
 
 
+def layers_of(part: Part) -> int:
+    """Number of layers that `with_part` has for a part."""
+    return 2 * max(len(part.boxes), 1)
+
+
 def with_part(part: Part, at: Frames, shapes: BlockShape, blocks: Frames) -> list[Contacts]:
-    """Layers of a robot's part (first) with the blocks (second): one for a disc, two for boxes.
-
-    Of two, one holds the deepest point right of the block's middle, the other the one left of it.
-    """
-    offset = blocks.center - at.center
+    """Two layers of a disc (first), or of each of a part's boxes, with the blocks (second)."""
+    away = at.center - blocks.center
     if not part.boxes:
-        distance, out = signed_distance(shapes, (-offset).into(blocks.heading))
+        return _with_disc(part.radius, away, shapes, blocks)
+    to_box = _stack([_nearest(box, at, away) for box in part.boxes])
+    arms = _stack(nearest_arms(shapes, to_box.into(blocks.heading)))
+    stars = pieces(shapes, arms).placed(blocks.heading)
+    boxes = jax.tree.map(lambda *f: np.stack(f, -1), *map(box_polygon, part.boxes))
+    boxes = jax.tree.map(lambda f: f[..., None, :, None], boxes)  # sides, arms, boxes, blocks
+    found = fence(meet(boxes.placed(at.heading, away), stars))
+    layers = []
+    for k in range(len(part.boxes)):
+        near, far = (jax.tree.map(lambda f, arm=arm, k=k: f[arm, k], found) for arm in (0, 1))
+        layers += _two(near, far, is_star(shapes))
+    return layers
+
+
+def _stack(vectors: Sequence[Vec]) -> Vec:
+    return jax.tree.map(lambda *f: jnp.stack(f), *vectors)
+
+
+def _with_disc(radius: float, away: Vec, shapes: BlockShape, blocks: Frames) -> list[Contacts]:
+    """A layer of the blocks, or of the nearest arm of stars, and one of the next arm."""
+    point, layers = away.into(blocks.heading), []
+    for arm in nearest_arms(shapes, point):
+        distance, out = arm_distance(shapes, point, arm)
         out = out.out_of(blocks.heading)
-        touch = -(offset + out * distance)
-        return [fence(Contacts(distance - part.radius, -out, touch))]
-    found = [*_corners_in_boxes(part.boxes, at, offset, shapes, blocks)]
-    found.append(_part_in_blocks(part, at, offset, shapes, blocks))
-    candidates = fence(jax.tree.map(lambda *f: jnp.concatenate(f), *found))
-    local = candidates.second.into(at.heading)
-    # Along the longer side of the part: x for a stick, y for a finger.
-    right = (local.x if part.boxes[0].half[0] > part.boxes[0].half[1] else local.y) >= -_MIDDLE
-    return [_deepest(candidates, side) for side in (right, ~right)]
+        layers.append(fence(Contacts(distance - radius, -out, away - out * distance)))
+    gap = jnp.where(is_star(shapes), layers[1].gap, FAR)
+    return [layers[0], layers[1]._replace(gap=gap)]
 
 
-def _corners_in_boxes(boxes, at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames):
-    """Contacts of each corner of each block with each box, (5, B) each."""
-    corners = shapes.corners.out_of(blocks.heading)
-    local, middle = (corners + offset).into(at.heading), offset.into(at.heading)
-    for box in boxes:
-        distance, out = _box_distance(box, local, middle)
-        out = out.out_of(at.heading)
-        yield Contacts(distance - shapes.radius, out, corners - out * shapes.radius)
-
-
-def _part_in_blocks(part: Part, at: Frames, offset: Vec, shapes: BlockShape, blocks: Frames):
-    """Contacts of each of the part's corners with each block, (C, B)."""
-    corners = part.corners.astype(np.float32)
-    point = Vec(corners[:, :1], corners[:, 1:]).out_of(at.heading) - offset
-    tip = np.float32(part.boxes[-1].center)  # a finger's forearm has all its corners
-    middle = Vec(tip[0], tip[1]).out_of(at.heading) - offset
-    gap, out = signed_distance(shapes, point.into(blocks.heading), middle.into(blocks.heading))
-    out = out.out_of(blocks.heading)
-    return Contacts(gap, -out, point - out * gap)
-
-
-def _box_distance(box: Box, point: Vec, middle: Vec) -> tuple[Array, Vec]:
-    """Signed distance of a block's corners to a rectangle, and its outward normal.
-
-    A corner inside leaves through the face that it came in by: the one beyond which most of the
-    way from the corner to the block's middle lies. The nearest face may be another one, above all
-    at the ends of a thin box, and would let the block through.
-    """
+def _nearest(box: Box, at: Frames, away: Vec) -> Vec:
+    """The ways (B,) from the blocks' centres to the nearest point of a box."""
     tilt = Vec(np.float32(np.cos(box.angle)), np.float32(np.sin(box.angle)))
     centre = Vec(np.float32(box.center[0]), np.float32(box.center[1]))
-    local, middle = (point - centre).into(tilt), (middle - centre).into(tilt)
-    side = Vec(_sign(middle.x), _sign(middle.y))
-    dx, dy = jnp.abs(local.x) - box.half[0], jnp.abs(local.y) - box.half[1]
-    corner = Vec(jnp.maximum(dx, 0.0), jnp.maximum(dy, 0.0))
-    far = jnp.sqrt(corner.dot(corner) + 1e-14)
-    outside = far > 1e-6
-    in_x, in_y = local.x * side.x - box.half[0], local.y * side.y - box.half[1]
-    reach_x = jnp.minimum(in_x, jnp.abs(middle.x) - box.half[0])
-    reach_y = jnp.minimum(in_y, jnp.abs(middle.y) - box.half[1])
-    wide = reach_x > reach_y
-    out = where(
-        outside,
-        Vec(corner.x * _sign(local.x), corner.y * _sign(local.y)) * (1.0 / far),
-        Vec(jnp.where(wide, side.x, 0.0), jnp.where(wide, 0.0, side.y)),
-    )
-    return jnp.where(outside, far, jnp.where(wide, in_x, in_y)), out.out_of(tilt)
+    local = ((-away).into(at.heading) - centre).into(tilt)
+    half = box.half
+    nearest = Vec(jnp.clip(local.x, -half[0], half[0]), jnp.clip(local.y, -half[1], half[1]))
+    return (nearest - local).out_of(tilt).out_of(at.heading)
 
 
-def _sign(x: Array) -> Array:
-    return jnp.where(x < 0, -1.0, 1.0)
+def _two(near: Meeting, far: Meeting, star: Array) -> list[Contacts]:
+    """Of the points with two arms the two that count: the deeper of each, if both touch."""
+    first, second = _points(near)
+    other = [_off(c, ~star) for c in _points(far)]
+    deepest, others = _deeper(first, second), _deeper(*other)
+    one, two = deepest.gap <= 0.0, others.gap <= 0.0
+    both, only = one & two, two & ~one
+    return [
+        fence(_pick(both, deepest, _pick(only, other[0], first))),
+        fence(_pick(both, others, _pick(only, other[1], second))),
+    ]
+
+
+def _points(met: Meeting) -> list[Contacts]:
+    return [Contacts(gap, met.normal, q) for gap, q in zip(met.gaps, met.points, strict=True)]
+
+
+def _off(contacts: Contacts, which: Array) -> Contacts:
+    return contacts._replace(gap=jnp.where(which, FAR, contacts.gap))
+
+
+def _pick(which: Array, a: Contacts, b: Contacts) -> Contacts:
+    return Contacts(jnp.where(which, a.gap, b.gap), *map(where, [which] * 2, a[1:], b[1:]))
+
+
+def _deeper(a: Contacts, b: Contacts) -> Contacts:
+    return _pick(a.gap <= b.gap, a, b)
 
 
 def between_blocks(shapes: BlockShape, blocks: Frames) -> list[Contacts]:
-    """Layers k = 1 ... B - 1: the deepest corner of block i (first) in block i + k mod B (second).
+    """Layers k = 1 ... B - 1: the first point of block i (first) with i + k mod B (second).
 
-    So each pair occurs twice, once with the corners of either block.
+    So each pair occurs twice: what is the first point in one order is the second in the other,
+    which a circle has not.
     """
-    corners = fence(shapes.corners.out_of(blocks.heading))
-    layers = []
-    for k in range(1, len(shapes.radius)):
-        moved = lambda f, k=k: jnp.roll(f, -k, axis=-1)  # noqa: E731
-        other, faces = jax.tree.map(moved, (blocks, shapes))
-        point = corners - (other.center - blocks.center)
-        distance, out = signed_distance(faces, point.into(other.heading))
-        out = out.out_of(other.heading)
-        found = Contacts(distance - shapes.radius, -out, point - out * distance)
-        layers.append(_deepest(fence(found)))
-    return layers
+    ahead = range(1, len(shapes.radius))
+    if not ahead:
+        return []
+    moved = lambda f: jnp.stack([jnp.roll(f, -k, axis=-1) for k in ahead], axis=-2)  # noqa: E731
+    there, others = jax.tree.map(moved, (blocks, shapes))
+    away = blocks.center - there.center
+    mine = nearest_arms(shapes, (-away).into(blocks.heading))
+    theirs = nearest_arms(others, away.into(there.heading))
+    mine, theirs = (_stack([arms[k] for k in order]) for arms, order in
+                    ((mine, (0, 1, 0)), (theirs, (0, 0, 1))))  # fmt: skip
+    a = pieces(shapes, mine).placed(blocks.heading, away)
+    found = fence(meet(a, pieces(others, theirs).placed(there.heading)))
+    best, first = jnp.minimum(*found.gaps), _points(found)[0]
+    stars = (True, is_star(shapes), is_star(others))
+    best = [jnp.where(star, gap, FAR) for star, gap in zip(stars, best, strict=True)]
+    tried = [jax.tree.map(lambda f, k=k: f[k], first) for k in range(3)]
+    chosen = _pick(best[1] < best[0], tried[1], tried[0])
+    chosen = _pick(best[2] < jnp.minimum(*best[:2]), tried[2], chosen)
+    index = np.arange(len(shapes.radius))
+    back = np.array([index + k >= len(index) for k in ahead])  # the pair's second time
+    chosen = _off(chosen, back & (is_round(shapes) | is_round(others)))
+    return [jax.tree.map(lambda f, k=k: f[k - 1], chosen) for k in ahead]
 
 
 def walls(

@@ -225,7 +225,7 @@ class Physics:
 
     def _none(self) -> _Impulses:
         parts, blocks = len(self.robot.parts), self.num_blocks
-        layers = sum(2 if p.boxes else 1 for p in self.robot.parts) + max(blocks - 1, 0)
+        layers = sum(map(touching.layers_of, self.robot.parts)) + max(blocks - 1, 0)
         sizes = [blocks] * layers + [parts] * 4 + [blocks] * 4
         zero, some, pair = jnp.zeros(()), jnp.zeros(blocks), jnp.zeros(2)
         fingers = jointing.FingerImpulses(Vec(pair, pair), pair, pair)

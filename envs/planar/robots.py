@@ -67,11 +67,31 @@ def _finger(side: int) -> Part:
     root = _THICKNESS / 2 * np.array([[-side, 0.0], [side, 0.0]])
     outline = np.array([root[1], elbow, tips[0], tips[1], crook, root[0]])
     corners = np.array([elbow, tips[0], tips[1]])
-    return Part(0.125, 0.005, 5.0, 0.0, (upper, fore), corners, outline)
+    rims = np.concatenate([_rim(upper), _rim(fore)])
+    return Part(0.125, 0.125 * unit_inertia(rims), 5.0, 0.0, (upper, fore), corners, outline)
 
 
-def _stick(name: str, width: float, inertia: float) -> Robot:
+def _rim(box: Box) -> np.ndarray:
+    """Corners (4, 2) of a box in its part's frame, from the right one at its far end."""
+    c, s = math.cos(box.angle), math.sin(box.angle)
+    local = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(box.half)
+    return local @ np.array([[c, s], [-s, c]]) + np.array(box.center)
+
+
+def unit_inertia(corners: np.ndarray) -> float:
+    """Moment of inertia about the origin of a polygon (V, 2) of mass 1, counter-clockwise.
+
+    A finger's is that of the corners of both its boxes in a row, as the original computes it.
+    """
+    following = np.roll(corners, -1, axis=0)
+    area = corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]
+    squares = (corners * (corners + following) + following**2).sum(axis=1)
+    return float((area * squares).sum() / (6 * area.sum()))
+
+
+def _stick(name: str, width: float) -> Robot:
     box = Box((0.0, 0.0), (width / 2, 0.05), 0.0)
+    inertia = (width**2 + 0.1**2) / 12
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(box.half)
     return Robot(name, (Part(1.0, inertia, 0.5, 0.0, (box,), corners, corners),))
 
@@ -81,9 +101,9 @@ _RING = 0.2 * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 _BASE = Part(1.0, 0.020, 0.5, 0.2, (), np.zeros((1, 2)), _RING)
 _ROBOTS = {
     "gripper": Robot("gripper", (_BASE, _finger(-1), _finger(1))),
-    "short": _stick("short", 0.30, 0.00833),
-    "medium": _stick("medium", 0.60, 0.03083),
-    "long": _stick("long", 1.60, 0.21417),
+    "short": _stick("short", 0.30),
+    "medium": _stick("medium", 0.60),
+    "long": _stick("long", 1.60),
 }
 ROBOTS = tuple(_ROBOTS)
 

@@ -19,10 +19,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .plane import Vec, heading, where
+from .robots import unit_inertia
 
 SHAPES = ("star", "square", "pentagon", "circle")
 NOTHING = len(SHAPES)  # in the place of an index: no block
 SIZE = 0.12  # every block's area is about pi SIZE^2
+_MASS = 0.01  # for which inertias are given
 
 
 class BlockShape(NamedTuple):
@@ -46,34 +48,37 @@ def _five(points: np.ndarray) -> Vec:
     return Vec(*points[np.minimum(np.arange(5), len(points) - 1)].T)
 
 
-def _polygon(count: int, circumradius: float, first: float, radius: float, inertia: float):
+def _polygon(count: int, circumradius: float, first: float, radius: float) -> BlockShape:
     """A regular polygon; `radius` rounds its corners outwards."""
     apothem = circumradius * math.cos(math.pi / count)
     half = circumradius * math.sin(math.pi / count)
     normals = _five(_ring(count, 1.0, first + math.pi / count))
     corners = _five(_ring(count, circumradius, first))
     rim = Vec(apothem, 0.0), Vec(apothem, half), Vec(1.0, 0.0)
+    inertia = _MASS * unit_inertia(_ring(count, circumradius, first))
     return BlockShape(normals, *rim, corners, radius, 1.0 / inertia)
 
 
-def _star(inertia: float) -> BlockShape:
+def _star() -> BlockShape:
     tip, notch, half = 1.3 * SIZE, 0.65 * SIZE, math.pi / 5
     start, end = Vec(tip, 0.0), Vec(notch * math.cos(half), notch * math.sin(half))
     out = np.array([end.y - start.y, start.x - end.x])
     tips = _five(_ring(5, 1.0))
-    return BlockShape(
-        tips, start, end, Vec(*(out / np.linalg.norm(out))), tips * tip, 0.0, 1.0 / inertia
-    )
+    out = Vec(*(out / np.linalg.norm(out)))
+    inertia = _MASS * unit_inertia(_ring(5, tip))  # that of its hull
+    return BlockShape(tips, start, end, out, tips * tip, 0.0, 1.0 / inertia)
 
 
 _HALF_SQUARE = math.sqrt(math.pi) * SIZE / 2
+_PENTAGON = SIZE * math.sqrt(2 * math.pi / (5 * math.sin(2 * math.pi / 5)))
+_CIRCLE = 2 / (_MASS * SIZE**2)
 _NONE = Vec(0.0, 0.0)
-_TABLE = {  # of one block each; inertias for a mass of 0.01, as the original computes them
-    "star": _star(9.365e-5),
-    "square": _polygon(4, _HALF_SQUARE * math.sqrt(2), math.pi / 4, 0.0021, 7.540e-5),
-    "pentagon": _polygon(5, 0.1379, math.pi / 2, 0.0, 7.322e-5),
+_TABLE = {  # of one block each
+    "star": _star(),
+    "square": _polygon(4, _HALF_SQUARE * math.sqrt(2), math.pi / 4, 0.02 * _HALF_SQUARE),
+    "pentagon": _polygon(5, _PENTAGON, math.pi / 2, 0.0),
     "circle": BlockShape(
-        _five(_ring(5, 1.0)), _NONE, _NONE, Vec(1.0, 0.0), _five(np.zeros((5, 2))), SIZE, 1 / 7.2e-5
+        _five(_ring(5, 1.0)), _NONE, _NONE, Vec(1.0, 0.0), _five(np.zeros((5, 2))), SIZE, _CIRCLE
     ),
 }
 _ABSENT = _TABLE["circle"]._replace(radius=-1e3)
@@ -98,12 +103,10 @@ def outline(name: str) -> np.ndarray:
     return corners[: 4 if name == "square" else 5]
 
 
-def signed_distance(shape: BlockShape, point: Vec, middle: Vec | None = None) -> tuple[Array, Vec]:
+def signed_distance(shape: BlockShape, point: Vec) -> tuple[Array, Vec]:
     """Signed distance of points to the blocks' rims, negative inside, and the outward unit normal.
 
-    Points (..., B) are in the frames of the B blocks, as is the middle (B,) of the body that they
-    belong to. Given that, points inside a block leave through the face that it is beyond, rather
-    than through the nearest, which near a corner may be another one.
+    Points (..., B) are in the frames of the B blocks.
     """
     along = jnp.full_like(point.x, -jnp.inf)
     nearest = Vec(jnp.zeros_like(along), jnp.zeros_like(along))
@@ -112,44 +115,23 @@ def signed_distance(shape: BlockShape, point: Vec, middle: Vec | None = None) ->
         dot = direction.dot(point)
         nearest = where(dot > along, direction, nearest)
         along = jnp.maximum(dot, along)
-    across = nearest.cross(point)
-    side = jnp.where(across < 0, -1.0, 1.0)
-    if middle is not None:
-        nearest, along, side = _towards(shape, point, middle, nearest, along, side)
-        across = nearest.cross(point)
+    return arm_distance(shape, point, nearest)
 
+
+def arm_distance(shape: BlockShape, point: Vec, direction: Vec) -> tuple[Array, Vec]:
+    """As `signed_distance`, to the part of the rim in one of `directions`: a star's arm."""
+    across = direction.cross(point)
+    side = jnp.where(across < 0, -1.0, 1.0)
     rim = shape.rim_end - shape.rim_start
-    folded = Vec(along, across * side) - shape.rim_start
+    folded = Vec(direction.dot(point), across * side) - shape.rim_start
     line = shape.rim_out.dot(folded)  # beyond the segment's line
     share = jnp.clip(folded.dot(rim) / jnp.maximum(rim.dot(rim), 1e-12), 0.0, 1.0)
     gap = folded - rim * share
     far = jnp.sqrt(gap.dot(gap) + 1e-14)
     outside = line > 1e-6
     normal = where(outside, gap * (1.0 / far), shape.rim_out)
-    normal = Vec(normal.x, normal.y * side).out_of(nearest)
+    normal = Vec(normal.x, normal.y * side).out_of(direction)
     return jnp.where(outside, far, line) - shape.radius, normal
-
-
-def _towards(shape: BlockShape, point: Vec, middle: Vec, nearest: Vec, along: Array, side: Array):
-    """The sector into which a point inside a block is folded, given the middle of its body.
-
-    A polygon's sectors are its faces. A star's are its arms, which are right as they are, but an
-    arm has two sides.
-    """
-    polygon = (shape.rim_out.y == 0.0) & (shape.rim_end.y > 0.0)
-    best, face = jnp.full_like(along, -jnp.inf), nearest
-    for k in range(5):
-        direction = shape.directions[k]
-        both = jnp.minimum(direction.dot(point), direction.dot(middle))
-        face = where(both > best, direction, face)
-        best = jnp.maximum(both, best)
-    inside = polygon & (along < shape.rim_start.x)
-    nearest = where(inside, face, nearest)
-    along = jnp.where(inside, face.dot(point), along)
-    folded = Vec(along, jnp.abs(nearest.cross(point))) - shape.rim_start
-    within = ~polygon & (shape.rim_out.dot(folded) < 0.0)
-    side = jnp.where(nearest.cross(point) < 0, -1.0, 1.0)
-    return nearest, along, jnp.where(within, jnp.where(nearest.cross(middle) < 0, -1.0, 1.0), side)
 
 
 def extents(

@@ -90,7 +90,7 @@ def warm(
         velocity[0] = velocity[0] - wp.vec3(0.0, 0.0, weights[0][1] * spring)
         for f in range(2):
             torque = wp.where(aim.limit[f] == 0.0, 0.0, fingers.limit[f]) + fingers.motor[f]
-            push = direction(aim.pivot[f], dt) * fingers.pin[f]
+            push = direction(aim.pivot[f], f, dt) * fingers.pin[f]
             pin(velocity, f, aim.arm[f], push, torque, weights)
 
 

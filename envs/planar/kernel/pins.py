@@ -53,12 +53,12 @@ def damped(
 
 @wp.func
 @no_type_check
-def direction(off: wp.vec2, dt: float) -> wp.vec2:
-    """Unit vector from where a finger should be to where it is; zero if it is there."""
+def direction(off: wp.vec2, f: int, dt: float) -> wp.vec2:
+    """Unit vector from where finger f should be to where it is; `magical.physics.HELD` if there."""
     far = wp.sqrt(wp.dot(off, off) + 1.0e-20)
     if far * dt > ON_PLACE:
         return off * (-1.0 / far)
-    return wp.vec2(0.0, 0.0)
+    return wp.where(f == 0, wp.vec2(1.0, 0.0), wp.vec2(0.9486832980505138, 0.31622776601683794))
 
 
 @wp.func
@@ -68,7 +68,7 @@ def pinned(
     weights: wp.array(dtype=wp.vec2), strength: float, dt: float,
 ) -> wp.vec3:  # fmt: skip
     """Solves pin, stop and motor of one finger; returns their summed impulses."""
-    arm, n, none = aim.arm[f], direction(aim.pivot[f], dt), wp.vec2(0.0, 0.0)
+    arm, n, none = aim.arm[f], direction(aim.pivot[f], f, dt), wp.vec2(0.0, 0.0)
     base, finger, inertia = velocity[0], velocity[1 + f], weights[0][1]
     between = plane(finger) - plane(base) - turned(arm) * base[2]
     leverage = cross(arm, n)

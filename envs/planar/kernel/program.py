@@ -9,6 +9,7 @@ from typing import no_type_check
 
 import warp as wp
 from gril_jax.envs.planar import robots
+from gril_jax.envs.planar.contacts import layers_of
 
 from .fingers import NONE, PINS, Fingers, recalled, remember, solve, warm
 from .outlines import Part, Shapes
@@ -114,7 +115,7 @@ def control_step(robot: str, blocks: int, kind: int) -> wp.Kernel:
     """The kernel for a robot (of `robots.ROBOTS`), a number of blocks and a kind of `fingers`."""
     described = robots.robot(robot).parts
     parts, bodies, table_of_parts = len(described), len(described) + blocks, numbers(described)
-    layers = sum(2 if part.boxes else 1 for part in described) + blocks - 1
+    layers = sum(map(layers_of, described)) + blocks - 1
     most = blocks * layers + 4 * bodies
     contacts = 2 * most
 
@@ -136,7 +137,7 @@ def control_step(robot: str, blocks: int, kind: int) -> wp.Kernel:
         heading = wp.zeros(shape=bodies, dtype=wp.vec2)
         weights = wp.zeros(shape=bodies, dtype=wp.vec2)
         rows, old = wp.zeros(shape=most, dtype=Row), wp.zeros(shape=most, dtype=wp.vec2i)
-        lefts, table = wp.zeros(shape=blocks, dtype=Touch), wp.zeros(shape=blocks, dtype=wp.vec3)
+        others, table = wp.zeros(shape=blocks, dtype=Touch), wp.zeros(shape=blocks, dtype=wp.vec3)
         body = wp.zeros(shape=parts, dtype=Part)
 
         shapes = Shapes(directions[lane], corners[lane], rims[lane], sizes[lane])
@@ -165,7 +166,7 @@ def control_step(robot: str, blocks: int, kind: int) -> wp.Kernel:
             if kind == PINS:
                 fingers.pupils = swung(fingers.pupils, moving[0][2] + shift[0][2], dt)
             _move(at, before, moving, shift, heading, bodies, dt, 1.0 - ahead)
-            count = find_rows(body, shapes, scene, at, heading, weights, kept, lefts, rows)
+            count = find_rows(body, shapes, scene, at, heading, weights, kept, others, rows)
             _forget(kept, contacts, old, known)
             aim = aims_of(before, at, heading[0], moving[0][2], command, kind != NONE)
             drive, fingers = _solve(

@@ -8,10 +8,10 @@ from typing import no_type_check
 
 import warp as wp
 
-from .outlines import Part, Shapes, block_distance, box_distance, into, out_of
+from .outlines import Part, Shapes, arm_distance, into, out_of
+from .polygons import box_polygon, meet, nearest_arms, piece, star, to_box
 from .rows import Row, Touch, append, deeper, nothing, prepared
 
-MIDDLE = wp.constant(1.0e-6)
 BLOCK_FRICTION = wp.constant(0.5)
 WALL_FRICTION = wp.constant(0.8)
 
@@ -37,42 +37,52 @@ def _between(pose: wp.array(dtype=wp.vec3), first: int, second: int) -> wp.vec2:
 
 @wp.func
 @no_type_check
-def _box_on_block(
-    part: Part, at: wp.vec2, offset: wp.vec2, shapes: Shapes, b: int, heading: wp.vec2
-):
-    """The contacts of a part of boxes, its heading `at`, with block b, `offset` away.
-
-    Of two, one is right of the block's middle along the part's longer side, the other left of it.
-    """
-    right, left = nothing(), nothing()
-    axis = wp.where(part.upper[2] > part.upper[3], 0, 1)
-    radius, middle = shapes.sizes[b, 0], into(offset, at)
-    for k in range(5):
-        corner = out_of(shapes.corners[b, k], heading)
-        local = into(corner + offset, at)
-        for box in range(part.boxes):
-            if box == 0:
-                distance, out = box_distance(part.upper, wp.vec2(1.0, 0.0), local, middle)
-            else:
-                distance, out = box_distance(part.fore, part.tilt, local, middle)
-            out = out_of(out, at)
-            second = corner - out * radius
-            if into(second, at)[axis] >= -MIDDLE:
-                right = deeper(right, distance - radius, out, second)
-            else:
-                left = deeper(left, distance - radius, out, second)
-    tip = wp.where(part.boxes > 1, part.fore, part.upper)
-    middle = into(out_of(wp.vec2(tip[0], tip[1]), at) - offset, heading)
-    for k in range(part.corners):
-        point = out_of(wp.vec2(part.ends[2 * k], part.ends[2 * k + 1]), at) - offset
-        gap, out = block_distance(shapes, b, into(point, heading), middle, True, 0.0)
+def _disc_on_block(radius: float, offset: wp.vec2, shapes: Shapes, b: int, heading: wp.vec2):
+    """The contacts of a disc with block b, `offset` away, or with the nearest arms of a star."""
+    point = into(-offset, heading)
+    arms = nearest_arms(shapes, b, point)
+    distance, out = arm_distance(shapes, b, arms[0], point, radius)
+    out = out_of(out, heading)
+    first = Touch(distance - radius, -out, -(offset + out * distance))
+    second = nothing()
+    if star(shapes, b):
+        distance, out = arm_distance(shapes, b, arms[1], point, radius)
         out = out_of(out, heading)
-        second = point - out * gap
-        if into(second, at)[axis] >= -MIDDLE:
-            right = deeper(right, gap, -out, second)
-        else:
-            left = deeper(left, gap, -out, second)
-    return right, left
+        second = Touch(distance - radius, -out, -(offset + out * distance))
+    return first, second
+
+
+@wp.func
+@no_type_check
+def _box_on_block(
+    box: wp.vec4, tilt: wp.vec2, at: wp.vec2, offset: wp.vec2, shapes: Shapes, b: int,
+    heading: wp.vec2,
+):  # fmt: skip
+    """The contacts of a box, its part's heading `at`, with block b, `offset` away from the part."""
+    first, second, reach = nothing(), nothing(), shapes.sizes[b, 2]
+    way = to_box(box, tilt, into(offset, at))
+    if wp.dot(way, way) > reach * reach:
+        return first, second
+    polygon = box_polygon(box, tilt, at, -offset)
+    arms = nearest_arms(shapes, b, into(out_of(way, at), heading))
+    met = meet(polygon, piece(shapes, b, arms[0], heading, wp.vec2(0.0, 0.0)))
+    first = Touch(met.gaps[0], met.normal, met.first)
+    second = Touch(met.gaps[1], met.normal, met.second)
+    if star(shapes, b):
+        met = meet(polygon, piece(shapes, b, arms[1], heading, wp.vec2(0.0, 0.0)))
+        third = Touch(met.gaps[0], met.normal, met.first)
+        fourth = Touch(met.gaps[1], met.normal, met.second)
+        if wp.min(met.gaps[0], met.gaps[1]) <= 0.0:
+            if wp.min(first.gap, second.gap) <= 0.0:  # the deeper of each arm
+                if second.gap < first.gap:
+                    first = second
+                second = third
+                if fourth.gap < third.gap:
+                    second = fourth
+            else:
+                first = third
+                second = fourth
+    return first, second
 
 
 @wp.func
@@ -81,34 +91,39 @@ def _of_part(
     p: int, layer: int, parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene,
     pose: wp.array(dtype=wp.vec3), heading: wp.array(dtype=wp.vec2),
     weights: wp.array(dtype=wp.vec2), memory: wp.array(dtype=float),
-    lefts: wp.array(dtype=Touch), rows: wp.array(dtype=Row), count: int,
+    others: wp.array(dtype=Touch), rows: wp.array(dtype=Row), count: int,
 ) -> int:  # fmt: skip
-    """Appends the rows of one part with the blocks: a layer of a disc, two of boxes."""
+    """Appends the rows of one part with the blocks: two layers of a disc or of each box."""
     part = parts[p]
     n = wp.int32(count)
-    friction, wide = part.friction * BLOCK_FRICTION, scene.blocks
-    for b in range(scene.blocks):
-        body = scene.parts + b
-        offset = _between(pose, p, body)
-        lefts[b] = nothing()
-        near = part.reach + shapes.sizes[b, 2]
-        if wp.dot(offset, offset) <= near * near:
-            touch = nothing()
-            if part.boxes == 0:
-                point = into(-offset, heading[body])
-                distance, out = block_distance(shapes, b, point, point, False, part.radius)
-                out = out_of(out, heading[body])
-                touch = Touch(distance - part.radius, -out, -(offset + out * distance))
-            else:
-                touch, left = _box_on_block(part, heading[p], offset, shapes, b, heading[body])
-                lefts[b] = left
-            if touch.gap <= 0.0:
-                row = prepared(touch, p, body, friction, scene.rate, pose, weights)
-                n = append(rows, n, row, layer, 2 * wide * layer + b, wide, memory)
-    for b in range(scene.blocks):
-        if lefts[b].gap <= 0.0:
-            row = prepared(lefts[b], p, scene.parts + b, friction, scene.rate, pose, weights)
-            n = append(rows, n, row, layer + 1, 2 * wide * (layer + 1) + b, wide, memory)
+    friction, wide, above = part.friction * BLOCK_FRICTION, scene.blocks, wp.int32(layer)
+    for box in range(wp.max(part.boxes, 1)):
+        for b in range(scene.blocks):
+            body = scene.parts + b
+            offset = _between(pose, p, body)
+            others[b] = nothing()
+            near = part.reach + shapes.sizes[b, 2]
+            if wp.dot(offset, offset) <= near * near:
+                if part.boxes == 0:
+                    touch, other = _disc_on_block(part.radius, offset, shapes, b, heading[body])
+                elif box == 0:
+                    touch, other = _box_on_block(
+                        part.upper, wp.vec2(1.0, 0.0), heading[p], offset, shapes, b, heading[body]
+                    )
+                else:
+                    touch, other = _box_on_block(
+                        part.fore, part.tilt, heading[p], offset, shapes, b, heading[body]
+                    )
+                others[b] = other
+                if touch.gap <= 0.0:
+                    row = prepared(touch, p, body, friction, scene.rate, pose, weights)
+                    n = append(rows, n, row, above, 2 * wide * above + b, wide, memory)
+        above += 1
+        for b in range(scene.blocks):
+            if others[b].gap <= 0.0:
+                row = prepared(others[b], p, scene.parts + b, friction, scene.rate, pose, weights)
+                n = append(rows, n, row, above, 2 * wide * above + b, wide, memory)
+        above += 1
     return n
 
 
@@ -120,23 +135,31 @@ def _of_pair(
     weights: wp.array(dtype=wp.vec2), memory: wp.array(dtype=float),
     rows: wp.array(dtype=Row), count: int,
 ) -> int:  # fmt: skip
-    """Appends the row of block i's deepest corner in block j, if there is one."""
+    """Appends the row of the first point of block i with block j, if there is one."""
     first, second, wide = scene.parts + i, scene.parts + j, scene.blocks
     offset = _between(pose, first, second)
     near = shapes.sizes[i, 2] + shapes.sizes[j, 2]
     if wp.dot(offset, offset) > near * near:
         return count
-    best, radius = nothing(), shapes.sizes[i, 0]
-    for k in range(5):
-        point = out_of(shapes.corners[i, k], heading[first]) - offset
-        inside = into(point, heading[second])
-        distance, out = block_distance(shapes, j, inside, inside, False, radius)
-        out = out_of(out, heading[second])
-        best = deeper(best, distance - radius, -out, point - out * distance)
-    if best.gap > 0.0:
+    at, there, middle = heading[first], heading[second], wp.vec2(0.0, 0.0)
+    mine = nearest_arms(shapes, i, into(offset, at))
+    theirs = nearest_arms(shapes, j, into(-offset, there))
+    a = piece(shapes, i, mine[0], at, -offset)
+    b = piece(shapes, j, theirs[0], there, middle)
+    best = meet(a, b)
+    if star(shapes, i):
+        met = meet(piece(shapes, i, mine[1], at, -offset), b)
+        if wp.min(met.gaps[0], met.gaps[1]) < wp.min(best.gaps[0], best.gaps[1]):
+            best = met
+    if star(shapes, j):
+        met = meet(a, piece(shapes, j, theirs[1], there, middle))
+        if wp.min(met.gaps[0], met.gaps[1]) < wp.min(best.gaps[0], best.gaps[1]):
+            best = met
+    if best.gaps[0] > 0.0 or (i > j and (a.count == 1 or b.count == 1)):
         return count
     friction = BLOCK_FRICTION * BLOCK_FRICTION
-    row = prepared(best, first, second, friction, scene.rate, pose, weights)
+    touch = Touch(best.gaps[0], best.normal, best.first)
+    row = prepared(touch, first, second, friction, scene.rate, pose, weights)
     return append(rows, count, row, layer, 2 * wide * layer + i, wide, memory)
 
 
@@ -199,15 +222,15 @@ def find_rows(
     parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene,
     pose: wp.array(dtype=wp.vec3), heading: wp.array(dtype=wp.vec2),
     weights: wp.array(dtype=wp.vec2), memory: wp.array(dtype=float),
-    lefts: wp.array(dtype=Touch), rows: wp.array(dtype=Row),
+    others: wp.array(dtype=Touch), rows: wp.array(dtype=Row),
 ) -> int:  # fmt: skip
     """Lists all that touches, with the impulses in `memory`; returns how many rows there are."""
     count, layer, wide = wp.int32(0), wp.int32(0), scene.blocks
     for p in range(scene.parts):
         count = _of_part(
-            p, layer, parts, shapes, scene, pose, heading, weights, memory, lefts, rows, count
+            p, layer, parts, shapes, scene, pose, heading, weights, memory, others, rows, count
         )
-        layer += wp.where(parts[p].boxes > 0, 2, 1)
+        layer += 2 * wp.max(parts[p].boxes, 1)
     for k in range(1, wide):
         for i in range(wide):
             count = _of_pair(

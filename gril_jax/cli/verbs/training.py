@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from gril_jax.config import Variant
 from gril_jax.config.command_line import RunFolder, parse
@@ -98,6 +98,8 @@ class _Eval:
     variant: Variant | None = None
     """Variant of the task to start in. None is as a run evaluates itself: from the variant that has
     many starts, from the one that starts elsewhere, and from the task's own start if it has one."""
+    engine: Literal["kernel", "impulse", "mjx"] | None = None
+    """Physics solver to play in, of MatchRegions and MAGICAL's tasks; None is the run's own."""
     task: str | None = None
     """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
 

@@ -71,7 +71,7 @@ def test_a_finger_gets_pin_then_stop_then_motor(f, limit):
     np.testing.assert_allclose(sums, [pin, stop, motor], rtol=1e-4, atol=1e-6)
 
 
-def test_a_finger_on_its_place_has_no_direction_and_its_gradient_is_finite():
+def test_a_finger_on_its_place_is_held_along_a_fixed_direction_and_its_gradient_is_finite():
     def length(off):
         zero = jnp.zeros(())
         aim = Aims(Vec(zero, zero), zero, pivot=Vec(off, off))
@@ -79,7 +79,8 @@ def test_a_finger_on_its_place_has_no_direction_and_its_gradient_is_finite():
         return (n.x + n.y).sum()
 
     value, slope = jax.value_and_grad(length)(jnp.zeros(2))
-    assert value == 0
+    assert value == pytest.approx(physics.HELD.sum())
+    np.testing.assert_allclose(np.linalg.norm(physics.HELD, axis=1), 1.0)
     assert np.isfinite(slope).all()
 
 
