@@ -23,6 +23,7 @@ from gril_jax.config.reward import LossConfig
 from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import DemoBatch
 
+_INTO = 0.9  # share of the ends in a thing's box from which on it is what they are brought into
 _STRAY = 0.05  # a class of which more than this share of ends lies in a box is no intruder
 # Where a centre may be anywhere in a box, what is due rises as this power of how far the object's
 # own box sticks out, in halves of it, and is due in full at this many: most of it near the edge,
@@ -220,9 +221,22 @@ def _references(offset, both, box, has, moves):
     spread = jnp.where(both[..., None], (offset - middle) ** 2, 0.0).sum(axis=(0, 3)) / seen
     possible = both.any(axis=0) & ~moves & ~jnp.eye(len(moves), dtype=bool)
     # Of equal spreads, as in a single layout, the largest box is the better reference.
+    side = (
+        jnp.sum(jnp.where(has[..., None], box, 0.0), axis=0)
+        / jnp.maximum(has.sum(axis=0), 1).astype(box.dtype)[:, None]
+    )
     mean_box = jnp.sum(jnp.where(has[..., None], box, 0.0), axis=(0, 2))
-    spread = (spread + 1e-3) / jnp.maximum(mean_box, 1e-6)
-    return jnp.argmin(jnp.where(possible, spread, jnp.inf), axis=1), possible.any(axis=1)
+    shares = (spread + 1e-3) / jnp.maximum(mean_box, 1e-6)
+    best = jnp.argmin(jnp.where(possible, shares, jnp.inf), axis=1)
+    # What demonstrations bring into one thing belongs there, even if it lies at about the same
+    # share of a larger thing beside that, which turns with it.
+    lengths = jnp.sqrt(spread) * jnp.sqrt(jnp.sum(side**2, axis=1))
+    around = jnp.where(both, (jnp.abs(offset) <= 0.5).all(axis=-1), False).sum(axis=0)
+    into = possible & (around >= _INTO * jnp.maximum(both.sum(axis=0), 1))
+    inner = jnp.argmin(jnp.where(into, lengths, jnp.inf), axis=1)
+    own = jnp.arange(len(moves))
+    closer = into[own, inner] & (lengths[own, inner] < lengths[own, best])
+    return jnp.where(closer, inner, best), possible.any(axis=1)
 
 
 def _box(offset, known, turned, tails):

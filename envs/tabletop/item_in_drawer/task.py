@@ -34,7 +34,7 @@ _ENOUGH = 0.18  # metres: where the progress of the first stage ends
 # The middle of the drawer's front from the chest's, in its sizes: open. And the item's from the
 # drawer's front: in it, and clearly.
 # A turned chest has another box: 12 cm are seen as 0.65 to 0.96, 0.81 in the median.
-_OPEN, _WIDE = Area((0.78, -0.4), (1.5, 0.5)), Area((0.9, -0.05), (1.1, 0.1))
+_OPEN, _WIDE = Area((0.7, -0.4), (1.5, 0.5)), Area((0.9, -0.05), (1.1, 0.1))
 # Where the rail lets the front be, shut to wide open: means over 256 starts, and how far aside of
 # them a start's own rail may be.
 _RAIL, _ASIDE = ((0.496, 0.039), (1.071, 0.033)), (0.14, 0.19)
