@@ -71,6 +71,9 @@ class Stages:
     sizes: Callable[[Points, Points], Points] = lambda center, size: size
     """(centre, size at the start) -> sizes of the boxes there, differentiable; a lid, for example,
     has another box when it is open."""
+    possible: Callable[[Points, Points], Points] = lambda center, size: center
+    """(centre, size at the start) -> the nearest centres that mechanics allow; a drawer, for
+    example, stays on its rail. Whoever makes up states asks it."""
 
     def __post_init__(self):
         if not self.stages:
@@ -129,7 +132,7 @@ class Stages:
             holds = lambda c, stage=stage: stage.holds(c, size)  # noqa: E731
             center = free_place(
                 key_stage, index, center, size, low=low, high=high, others=self.movable,
-                allowed=holds,
+                allowed=holds, possible=self.possible,
             )  # fmt: skip
         return center
 
@@ -150,11 +153,13 @@ class Stages:
         *,
         allowed: Allowed | None = None,
     ) -> Points:
-        """Moves one object anywhere on the plane, clear of the movable ones if possible."""
+        """Moves one object to any place that it can have, clear of the movable ones if there is
+        one."""
         limit = self.limit(size)[index]
         return free_place(
-            key, index, center, size, low=-limit, high=limit, others=self.movable, allowed=allowed
-        )
+            key, index, center, size, low=-limit, high=limit, others=self.movable, allowed=allowed,
+            possible=self.possible,
+        )  # fmt: skip
 
     def limit(self, size: Points) -> Points:
         """The centres' greatest distance from the middle: |x|, |y| at most this."""
@@ -171,19 +176,24 @@ def free_place(
     high: Float[Array, "2"],
     others: tuple[int, ...],
     allowed: Allowed | None = None,
+    possible: Callable[[Points, Points], Points] | None = None,
 ) -> Points:
     """Centres with one object moved to a place sampled uniformly between `low` and `high`.
 
-    Of 64 places the first is taken that is `allowed`, given the centres with the object moved, and
+    Each place becomes the nearest that is `possible` (`Stages.possible`). Of 64 of them the first
+    is taken that is `allowed`, given the centres with the object moved, and
     where the object, as a disc of its mean width, touches none of the others; if there is none, the
     allowed one that overlaps least. Its own index among the others is passed over.
     """
     places = jax.random.uniform(key, (_CANDIDATES, 2), minval=low, maxval=high)
+    moved = jax.vmap(lambda place: center.at[index].set(place))(places)
+    if possible is not None:
+        moved = jax.vmap(lambda c: possible(c, size))(moved)
+        places = moved[:, index]
     radius, which = size.mean(axis=1) / 2, jnp.array(others, jnp.int32)
     apart = jnp.sqrt(jnp.sum((places[:, None] - center[which]) ** 2, axis=2))
     overlap = jnp.where(which == index, 0.0, radius[index] + radius[which] - apart)
     overlap = jnp.max(overlap, axis=1, initial=0.0)
-    moved = jax.vmap(lambda place: center.at[index].set(place))(places)
     if allowed is not None:
         overlap = jnp.where(jax.vmap(allowed)(moved), overlap, jnp.inf)
     return moved[jnp.argmin(overlap)]

@@ -24,7 +24,7 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import DemoError
 from gril_jax.pretraining import pretrain
 from gril_jax.pretraining.contrast import displaced
-from gril_jax.pretraining.final_places import FinalPlaces, final_places
+from gril_jax.pretraining.final_places import FinalPlaces
 from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.data import read_finished
 from gril_jax.runs import run_dir
@@ -98,8 +98,7 @@ def _measure(config, params, demos, num_classes, scenes, seed) -> dict[str, Any]
     """The measures, as plain numbers; shares are of the range from first to last frames."""
     static, hyper = setup.pretrain_config(config, num_classes), setup.pretrain_hyper(config)
     train, held = demos.batch("train"), demos.batch("validation")
-    how = dict(turned=static.turn_scenes, anywhere_inside=static.anywhere_inside)
-    places = final_places(train, num_classes, **how)
+    places = pretrain.places(train, num_classes, static)
     bits = pretrain.activity_bits(held, hyper, static)
     pay = jax.jit(jax.vmap(functools.partial(scene_reward(static.encoder), params)))
     movable = held.present & ~held.is_robot
@@ -108,7 +107,8 @@ def _measure(config, params, demos, num_classes, scenes, seed) -> dict[str, Any]
     touched = pay(begin._replace(active=begin.active | movable))
     spread = jnp.maximum(jnp.mean(last - first), 1e-6)
     made = _amiss(jax.random.key(seed), held, end, places, scenes, static.encoder.length_unit)
-    due = -due_rewards(places, made, near=hyper.near, idle_cost=hyper.idle_cost)
+    paid = dict(near=hyper.near, idle_cost=hyper.idle_cost, clear=static.clear)
+    due = -due_rewards(places, made, **paid)
     paid, amiss = np.asarray(pay(made)), np.asarray(due) > _AMISS
     if not amiss.any():
         paid, amiss = np.full(1, float(jnp.mean(first))), np.ones(1, bool)

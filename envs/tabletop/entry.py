@@ -13,11 +13,14 @@ from .task import Tabletop, Task
 
 
 class Entry:
-    """A task and its scripted expert; what is compiled for one environment serves as long as it."""
+    """A task and its scripted expert; what is compiled for one environment serves as long as it.
+
+    `moments()` are those within the expert's episodes, at which training may begin.
+    """
 
     def __init__(self, task: Task, script: Script):
         self.task, self.script = task, script
-        self._moments = functools.cache(self._recorded)
+        self.moments = functools.cache(self._recorded)
         self._demonstrated = functools.lru_cache(maxsize=1)(self.make)
 
     def make(self, *, varied_starts: float = 0.0, **options) -> Tabletop:
@@ -26,7 +29,7 @@ class Entry:
         `varied_starts` is the share of the episodes that begin within one of a scripted expert,
         which is played first (10 s on 2 CPU cores).
         """
-        found = self._moments() if varied_starts else None
+        found = self.moments() if varied_starts else None
         return Tabletop(self.task, varied_starts=varied_starts, moments=found, **options)
 
     def _recorded(self) -> Moments:

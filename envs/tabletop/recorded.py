@@ -11,7 +11,7 @@ from gril_jax.envs.base import State
 from jaxtyping import Bool, Float, Int
 
 from . import reward as rewards
-from .boxes import Boxes, project
+from .boxes import Boxes
 from .hand import Hand
 from .start import Moments
 from .task import Tabletop
@@ -64,7 +64,7 @@ def _judge(env: Tabletop) -> Callable:
             view, boxes = env.view(moment), env.world_boxes(moment)
             progress = env.task.progress(view, env.task.boxes(view))
             record = rewards.record(record, progress, time)
-            seen = boxes, *project(env.camera, boxes), progress.done, record.success
+            seen = boxes, *env.picture_boxes(moment), progress.done, record.success
             return record, seen
 
         blank = rewards.no_record(len(env.stage_names))

@@ -31,6 +31,34 @@ def corners(area: Area, to: int, center: Float[Array, "N 2"], size: Float[Array,
     return center[to] + jnp.array(area.low) * size[to], center[to] + jnp.array(area.high) * size[to]
 
 
+def nearest_on(way: Float[Array, "P 2"], place: Float[Array, "2"]):
+    """The point of a way of straight pieces that is nearest to a place: its piece, and its share
+    along it, from 0 to 1."""
+    along = way[1:] - way[:-1]
+    share = jnp.sum((place - way[:-1]) * along, axis=1) / jnp.sum(along**2, axis=1)
+    share = jnp.clip(share, 0.0, 1.0)
+    away = jnp.sum((way[:-1] + share[:, None] * along - place) ** 2, axis=1)
+    piece = jnp.argmin(away)
+    return piece, share[piece]
+
+
+def on_rail(thing: int, to: int, way, aside: tuple[float, float]):
+    """A `Stages.possible` for a thing that another one guides: it stays about a way, which is told
+    from the middle of the other and in its sizes, at most so far aside along each axis.
+
+    A start turns and moves both, so that one way serves all starts but for that much.
+    """
+
+    def possible(center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
+        points, place = jnp.array(way), relative(thing, to, center, size)
+        piece, share = nearest_on(points, place)
+        there = points[piece] + share * (points[piece + 1] - points[piece])
+        held = there + jnp.clip(place - there, -jnp.array(aside), jnp.array(aside))
+        return center.at[thing].set(center[to] + held * size[to])
+
+    return possible
+
+
 def placed(
     name: str, thing: int, to: int, area: Area, clearly: Area, *, others: tuple[int, ...],
     after: tuple[str, ...] = (),

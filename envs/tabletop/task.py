@@ -64,6 +64,8 @@ class Task(NamedTuple):
     episode_length: int
     by_boxes: Callable[..., Stages]
     """(classes, half_extent=) -> the stages as seen in a picture, for audits of rewards."""
+    seen: Callable[[View, Boxes], Boxes] = lambda view, things: things
+    """(view, boxes) -> boxes of what can be seen of the things, where one hides in another."""
     tilt: float = 0.0
     """By how much the hand leans, rad; see `panda.kinematics.aim`."""
     colours: tuple[tuple[float, float, float], ...] = ()
@@ -231,10 +233,18 @@ class Tabletop:
 
     def world_boxes(self, data: TabletopData) -> Boxes:
         """Boxes in space of left finger, right finger, hand, and the task's objects."""
+        return self._with_robot(data, self.task.boxes(self.view(data)))
+
+    def picture_boxes(self, data: TabletopData) -> tuple[Float[Array, "N 2"], Float[Array, "N 2"]]:
+        """Centres and sizes of the same boxes in the picture, of what can be seen of them."""
+        view = self.view(data)
+        seen = self.task.seen(view, self.task.boxes(view))
+        return boxes.project(self.camera, self._with_robot(data, seen))
+
+    def _with_robot(self, data: TabletopData, things: Boxes) -> Boxes:
         hand, *fingers = _hand(data.motion)
         tips = [boxes.box(finger, *panda_model.TIP_BOX) for finger in fingers]
         own = boxes.stacked([*tips, boxes.box(hand, *panda_model.HAND_BOX)])
-        things = self.task.boxes(self.view(data))
         return Boxes(*(jnp.concatenate(x) for x in zip(own, things, strict=True)))
 
     def _observe(self, before: TabletopData, data: TabletopData) -> State:
@@ -243,7 +253,7 @@ class Tabletop:
         things = self.task.boxes(view)
         progress = self.task.progress(view, things)
         data = data._replace(record=rewards.record(before.record, progress, data.time))
-        center, size = boxes.project(self.camera, self.world_boxes(data))
+        center, size = self.picture_boxes(data)
         count = len(self.classes)
         change = data.action - before.action
         done, success = progress.done.astype(jnp.float32), data.record.success.astype(jnp.float32)

@@ -22,7 +22,6 @@ from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.pretraining import pretrain
-from gril_jax.pretraining.final_places import final_places
 from gril_jax.pretraining.hard_negatives import choose, due_rewards
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl.evaluate import begin, evaluate
@@ -121,15 +120,13 @@ def _overestimated(
     hyper, static = setup.pretrain_hyper(config), setup.pretrain_config(config, num_classes)
     latents = pretrain.embed(earlier.learned.encoder, played, *own)
     paid = reward.latent_reward(earlier.learned, latents)
-    how = dict(turned=static.turn_scenes, anywhere_inside=static.anywhere_inside)
-    places = jax.jit(final_places, static_argnums=1, static_argnames=[*how])(
-        demos, num_classes, **how
-    )
+    places = jax.jit(pretrain.places, static_argnums=1)(demos, num_classes, static)
     still = played.label[:, None], played.is_robot[:, None]
     label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)
     bits = pretrain.activity_bits(played, hyper, static)
     scenes = Scene(played.center, played.size, label, is_robot, bits)
-    due = due_rewards(places, scenes, near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch)
+    costs = dict(near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch, clear=static.clear)
+    due = due_rewards(places, scenes, **costs)
     chosen = choose(scenes, paid, due, num=_EACH)
     known = np.asarray(chosen.known)
     return jax.tree.map(lambda x: np.asarray(x)[known], chosen.scenes)

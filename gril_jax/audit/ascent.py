@@ -5,7 +5,8 @@ states whose true progress is 0, along the reward's own gradient, to the best-pa
 progress 0. Half of them are random ones, half are on the brink of success: targets stand just
 outside of where they would count. What it finds need not be reachable: blocks may overlap each
 other and the robot, which leaves out no state that physics allows; they have the sizes that the
-task says of them there, and stay on the plane.
+task says of them there, and stay on the plane, and where the task's mechanics allow, such as on
+their rails.
 
 An object either moves, and then its activity bit is set, or rests where the episode began, and then
 its bit is drawn at random. Shapes use N for objects and A for ascents.
@@ -81,13 +82,13 @@ def search(
             steepness = jnp.sqrt(jnp.sum(slope**2, axis=1, keepdims=True) + 1e-20)
             step = jnp.where(moves[:, None] & jnp.isfinite(slope), length * slope / steepness, 0.0)
             goal = jnp.clip(center + step, -limit, limit)
-            return (_without_progress(task, start, center, goal), keep(best, center, paid)), None
+            return (_towards(task, start, center, goal), keep(best, center, paid)), None
 
         def leg(best, of):
             key, lengths, aside = of
             there = best[0] + aside * jax.random.normal(key, best[0].shape)
             there = jnp.clip(jnp.where(moves[:, None], there, best[0]), -limit, limit)
-            there = _without_progress(task, start, best[0], there)
+            there = _towards(task, start, best[0], there)
             (_, best), _ = jax.lax.scan(climb, (there, best), lengths)
             return best, None
 
@@ -112,7 +113,7 @@ def _begin(key, task, start, limit):
     moves = able & (jax.random.uniform(keys[1], able.shape) < share)
     anywhere = jax.random.uniform(keys[2], start.center.shape, minval=-limit, maxval=limit)
     goal = jnp.where(moves[:, None], anywhere, start.center)
-    center = _without_progress(task, start, start.center, goal)
+    center = _towards(task, start, start.center, goal)
     brink = jax.random.bernoulli(keys[4])
     success = task.fulfil(keys[5], center, start.size)
     center = jnp.where(brink, _brink(task, start, center, success), center)
@@ -134,7 +135,19 @@ def _brink(task, start, outside, success):
         return (jnp.where(nothing, middle, low), jnp.where(nothing, high, middle)), None
 
     (share, _), _ = jax.lax.scan(halve, (jnp.float32(0), jnp.float32(1)), length=_HALVINGS)
-    return outside + share * (success - outside)
+    return _if_possible(task, start, outside, outside + share * (success - outside))
+
+
+def _towards(task, start, center, goal):
+    """Moves towards `goal` without progress, and only to where the scene's mechanics allow."""
+    goal = task.possible(goal, start.size)
+    return _if_possible(task, start, center, _without_progress(task, start, center, goal))
+
+
+def _if_possible(task, start, center, there):
+    """The nearest possible centres to `there`; these ones if there would be progress."""
+    there = task.possible(there, start.size)
+    return jnp.where(task.progress(there, start.size) <= 0, there, center)
 
 
 def _without_progress(task, start, center, goal):

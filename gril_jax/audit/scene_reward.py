@@ -39,6 +39,7 @@ class StagedTask(Protocol):
     robots: tuple[int, ...]
     half_extent: float  # world units
     sizes: Callable[..., Any]
+    possible: Callable[..., Any]  # the nearest centres that the scene's mechanics allow
     progress: Callable[..., Any]  # from 0 to 1
     limit: Callable[..., Any]
     arrange: Callable[..., Any]

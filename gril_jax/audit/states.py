@@ -169,7 +169,8 @@ def _detour(key, task, start, stage, chain, level) -> Float[Array, "G N 2"]:
     over = jnp.where(moved, anywhere, chain[level])
     share = jnp.arange(1, _FRAMES + 1)[:, None, None] / (_FRAMES + 1)
     away = chain[level] + share * (over - chain[level])
-    return jnp.concatenate([away, over[None], over + share * (chain[level + 1] - over)])
+    way = jnp.concatenate([away, over[None], over + share * (chain[level + 1] - over)])
+    return jax.vmap(lambda center: task.possible(center, start.size))(way)
 
 
 def _random(key, task, start) -> Float[Array, "G N 2"]:

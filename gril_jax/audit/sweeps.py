@@ -58,5 +58,6 @@ def pushed(task: StagedTask, start: Scene, *, side: int) -> tuple[Scene, Bool[Ar
 
 
 def _scene(task, start, center):
+    center = task.possible(center, start.size)
     size = task.sizes(center, start.size)
     return start._replace(center=center, size=size, active=activity_bits(start, center))

@@ -47,6 +47,11 @@ class LossConfig:
     centre; if False it belongs where demonstrations leave it. They do not show which."""
     idle_cost: float = field(default=0.5, metadata=at_least(0))
     """Cost of an intruding object relative to that of an object out of place."""
+    clear: float = field(default=0.0, metadata=at_least(0))
+    """Distance in halves of its box, from where demonstrations leave others, at which an intruder
+    costs nothing; it costs in full where they do. 0: in full only half its box deep in there."""
+    tails: float = field(default=0.1, metadata=between(0, 0.4))
+    """Share of the ends of an object that the box of its final places leaves out on each side."""
     touch: float = field(default=0.0, metadata=between(0, 1))
     """Share of the cost of an object to be moved that vanishes once it has been touched."""
     tail: float = field(default=1.0, metadata=at_least(0))

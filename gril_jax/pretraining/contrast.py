@@ -166,7 +166,7 @@ def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Arr
     hyper, counted = judge.hyper, present & ~scene.is_robot
     due = misplacement(
         judge.places, scene.center, scene.size, scene.label, counted, scene.active,
-        near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch,
+        near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch, clear=judge.config.clear,
     )  # fmt: skip
     latent = _latent(judge.params, scene, present, hyper, judge.config)
     return safe_norm(latent - judge.goal) / hyper.span - due

@@ -23,7 +23,7 @@ from gril_jax.config.reward import LossConfig
 from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import DemoBatch
 
-_TAIL = 0.1  # share of the ends that the box leaves out on each side: mishaps and overhangs
+_INTO = 0.9  # share of the ends in a thing's box from which on it is what they are brought into
 _STRAY = 0.05  # a class of which more than this share of ends lies in a box is no intruder
 # Where a centre may be anywhere in a box, what is due rises as this power of how far the object's
 # own box sticks out, in halves of it, and is due in full at this many: most of it near the edge,
@@ -60,9 +60,16 @@ def has_moved(
 
 
 def final_places(
-    demos: DemoBatch, num_classes: int, *, turned: bool = False, anywhere_inside: bool = False
+    demos: DemoBatch,
+    num_classes: int,
+    *,
+    turned: bool = False,
+    anywhere_inside: bool = False,
+    tails: float = LossConfig.tails,
 ) -> FinalPlaces:
     """Computes the places in which successful demonstrations leave objects.
+
+    A box leaves out the share `tails` of the ends on each side: mishaps and overhangs.
 
     With `turned`, scenes may be turned and mirrored: a box then has the square's symmetries. With
     `anywhere_inside`, a box that lies within its reference's is taken to mean all of that one:
@@ -84,7 +91,7 @@ def final_places(
     reference, found = _references(offset, both, box, has, moves)
     chosen = jnp.take_along_axis(offset, reference[None, :, None, None], axis=2)[:, :, 0]
     known = jnp.take_along_axis(both, reference[None, :, None], axis=2)[..., 0]  # (B, C)
-    low, high = _box(chosen, known, turned)
+    low, high = _box(chosen, known, turned, tails)
     within = anywhere_inside & moves & found & ((low >= -0.5) & (high <= 0.5)).all(axis=1)
     low, high = (jnp.where(within[:, None], side, x) for side, x in ((-0.5, low), (0.5, high)))
 
@@ -126,6 +133,25 @@ def intrusion(
     return jnp.where(places.intruder[label], jnp.maximum(depth, 0.0), 0.0)
 
 
+def crowding(
+    places: FinalPlaces,
+    center: Float[Array, "N 2"],
+    size: Float[Array, "N 2"],
+    label: Int[Array, "N"],
+    *,
+    clear: float,
+) -> Float[Array, "N"]:
+    """Nearness of each object that does not belong there to the box of a class: 1 in it, 0 from
+    `clear` halves of its own box away on. A box's own reference does not crowd it."""
+    low, high, found = _boxes(places, center, size, label)
+    away = safe_norm(center[:, None] - jnp.clip(center[:, None], low, high))  # (N, C)
+    half = jnp.maximum(safe_norm(size) / 2, 1e-6)[:, None]
+    near = jnp.clip(1.0 - away / (clear * half), 0.0, 1.0)
+    own = label[:, None] == places.reference
+    near = jnp.where(found & ~own, near, 0.0).max(axis=1)
+    return jnp.where(places.intruder[label], near, 0.0)
+
+
 def misplacement(
     places: FinalPlaces,
     center: Float[Array, "N 2"],
@@ -137,6 +163,7 @@ def misplacement(
     near: Float[Array, ""] | float = LossConfig.near,
     idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
     touch: Float[Array, ""] | float = LossConfig.touch,
+    clear: float = LossConfig.clear,
 ) -> Float[Array, ""]:
     """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning.
 
@@ -155,6 +182,7 @@ def misplacement(
       near: that share; what is almost in place is far from done.
       idle_cost: what an intruder costs, by the same rule, as a share of 1 / K.
       touch: share of the cost of what is to be placed that is gone once it has been moved at all.
+      clear: above 0, an intruder costs in proportion to `crowding` at this distance instead.
     """
     half = jnp.maximum(safe_norm(size) / 2, 1e-6)
     due = counted & places.placed[label]
@@ -163,8 +191,11 @@ def misplacement(
     out = jnp.where(places.within[label], _out(places, center, size, label), out)
     cost = near * out + (1.0 - near) * away / places.journey
     cost = (1.0 - touch) * cost + jnp.where(active, 0.0, touch)
-    depth = intrusion(places, center, size, label)
-    cost = jnp.where(due, cost, idle_cost * jnp.minimum(depth / half, 1.0))
+    if clear:
+        amiss = crowding(places, center, size, label, clear=clear)
+    else:
+        amiss = jnp.minimum(intrusion(places, center, size, label) / half, 1.0)
+    cost = jnp.where(due, cost, idle_cost * amiss)
     return jnp.sum(jnp.where(counted, cost, 0.0)) / jnp.maximum(jnp.sum(due), 1).astype(cost.dtype)
 
 
@@ -190,20 +221,33 @@ def _references(offset, both, box, has, moves):
     spread = jnp.where(both[..., None], (offset - middle) ** 2, 0.0).sum(axis=(0, 3)) / seen
     possible = both.any(axis=0) & ~moves & ~jnp.eye(len(moves), dtype=bool)
     # Of equal spreads, as in a single layout, the largest box is the better reference.
+    side = (
+        jnp.sum(jnp.where(has[..., None], box, 0.0), axis=0)
+        / jnp.maximum(has.sum(axis=0), 1).astype(box.dtype)[:, None]
+    )
     mean_box = jnp.sum(jnp.where(has[..., None], box, 0.0), axis=(0, 2))
-    spread = (spread + 1e-3) / jnp.maximum(mean_box, 1e-6)
-    return jnp.argmin(jnp.where(possible, spread, jnp.inf), axis=1), possible.any(axis=1)
+    shares = (spread + 1e-3) / jnp.maximum(mean_box, 1e-6)
+    best = jnp.argmin(jnp.where(possible, shares, jnp.inf), axis=1)
+    # What demonstrations bring into one thing belongs there, even if it lies at about the same
+    # share of a larger thing beside that, which turns with it.
+    lengths = jnp.sqrt(spread) * jnp.sqrt(jnp.sum(side**2, axis=1))
+    around = jnp.where(both, (jnp.abs(offset) <= 0.5).all(axis=-1), False).sum(axis=0)
+    into = possible & (around >= _INTO * jnp.maximum(both.sum(axis=0), 1))
+    inner = jnp.argmin(jnp.where(into, lengths, jnp.inf), axis=1)
+    own = jnp.arange(len(moves))
+    closer = into[own, inner] & (lengths[own, inner] < lengths[own, best])
+    return jnp.where(closer, inner, best), possible.any(axis=1)
 
 
-def _box(offset, known, turned):
+def _box(offset, known, turned, tails):
     """Box of the offsets (B, C, 2) of each class, without their tails."""
     offset = jnp.where(known[..., None], offset, jnp.nan)
     if turned:
         both_axes = jnp.concatenate([offset, offset[..., ::-1]])
-        high = jnp.nanquantile(jnp.abs(both_axes), 1.0 - 2.0 * _TAIL, axis=0)
+        high = jnp.nanquantile(jnp.abs(both_axes), 1.0 - 2.0 * tails, axis=0)
         low = -high
     else:
-        low, high = jnp.nanquantile(offset, jnp.array([_TAIL, 1.0 - _TAIL]), axis=0)
+        low, high = jnp.nanquantile(offset, jnp.array([tails, 1.0 - tails]), axis=0)
     return jnp.nan_to_num(low), jnp.nan_to_num(high)
 
 

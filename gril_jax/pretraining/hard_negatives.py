@@ -39,13 +39,14 @@ def due_rewards(
     near: Float[Array, ""] | float = LossConfig.near,
     idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
     touch: Float[Array, ""] | float = LossConfig.touch,
+    clear: float = LossConfig.clear,
 ) -> Float[Array, "*S"]:
     """Minus the misplacement of each scene: at most 0; options as in `misplacement`."""
 
     def one(scene):
         return -misplacement(
             places, scene.center, scene.size, scene.label, ~scene.is_robot, scene.active,
-            near=near, idle_cost=idle_cost, touch=touch,
+            near=near, idle_cost=idle_cost, touch=touch, clear=clear,
         )  # fmt: skip
 
     for _ in scenes.active.shape[:-1]:

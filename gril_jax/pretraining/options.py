@@ -82,6 +82,10 @@ class Static(PixelStatic):
     """Steps of each copy towards where it is overestimated most."""
     anywhere_inside: bool = LossConfig.anywhere_inside
     """Count an object as in place anywhere in the box that demonstrations bring it into."""
+    tails: float = LossConfig.tails
+    """Share of the ends of an object that the box of its final places leaves out on each side."""
+    clear: float = LossConfig.clear
+    """Distance in halves of its box at which what does not belong there costs nothing."""
 
     def __post_init__(self):
         super().__post_init__()

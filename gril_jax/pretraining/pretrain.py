@@ -33,7 +33,7 @@ from gril_jax.types import DemoBatch
 from . import batch as pretrain_batch
 from . import contrast as pretrain_contrast
 from . import loss as pretrain_loss
-from .final_places import final_places
+from .final_places import FinalPlaces, final_places
 from .options import Hyper, Static
 
 # Adam without its step size, which is traced; norms are clipped against rare long steps.
@@ -95,6 +95,14 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
     return TrainState(params, _OPTIMIZER.init(params), key, jnp.zeros((), jnp.int32))
 
 
+def places(demos: DemoBatch, num_classes: int, config: Static) -> FinalPlaces:
+    """The final places of the demonstrations, as the options have it."""
+    return final_places(
+        demos, num_classes, turned=config.turn_scenes, anywhere_inside=config.anywhere_inside,
+        tails=config.tails,
+    )  # fmt: skip
+
+
 @jax.jit
 def step(
     state: TrainState, demos: DemoBatch, hyper: Hyper, config: Static, pool: Scene | None = None
@@ -105,13 +113,10 @@ def step(
     leaves (P, N, ...); they teach distances as copies do, also where `config.copies` is 0.
     """
     active = activity_bits(demos, hyper, config)
-    places = None
+    ends = None
     apart_too = config.copies > 0 or pool is not None
     if apart_too:
-        classes = config.encoder.num_classes
-        places = final_places(
-            demos, classes, turned=config.turn_scenes, anywhere_inside=config.anywhere_inside
-        )
+        ends = places(demos, config.encoder.num_classes, config)
 
     def update(state, _):
         key, batch_key, turn_key, touch_key = jax.random.split(state.key, 4)
@@ -135,7 +140,7 @@ def step(
             if apart_too:
                 copy_key = jax.random.fold_in(batch_key, 3)
                 apart = pretrain_contrast.contrast(
-                    params.encoder, copy_key, batch, bits, places, hyper, config, pool
+                    params.encoder, copy_key, batch, bits, ends, hyper, config, pool
                 )
                 total = total + hyper.contrast * apart
             values = (parts.consistency, parts.reconstruction, apart)

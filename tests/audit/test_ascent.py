@@ -1,5 +1,6 @@
 """The adversary finds what a reward pays most for among states without progress."""
 
+import dataclasses
 import functools
 
 import jax
@@ -68,3 +69,18 @@ def test_a_reward_that_is_no_number_is_kept_and_shown():
     found = _search()(jnp.array([9.0, 0.0]))
     assert jnp.isnan(found.reward).all()
     assert jnp.isfinite(found.scene.center).all()
+
+
+def test_it_stays_where_mechanics_allow():
+    """Shoe A is on a rail: states off it pay more, and no ascent ends there."""
+
+    def possible(center, size):
+        return center.at[2, 1].set(START[2, 1])
+
+    railed = dataclasses.replace(TASK, possible=possible)
+    found = jax.jit(
+        lambda p: search(_near, p, jax.random.key(0), railed, start(), ascents=20, steps=40)
+    )(jnp.array([-0.3, 0.4]))
+    np.testing.assert_allclose(found.scene.center[:, 2, 1], START[2, 1], atol=1e-6)
+    best = found.scene.center[jnp.argmax(found.reward)]
+    np.testing.assert_allclose(best[2, 0], -0.3, atol=0.02)

@@ -8,6 +8,7 @@ import pytest
 from gril_jax.pretraining.final_places import (
     FinalPlaces,
     astray,
+    crowding,
     final_places,
     intrusion,
     misplacement,
@@ -208,3 +209,53 @@ def test_demonstrations_that_move_nothing_place_nothing(demos, learn):
     assert isinstance(places, FinalPlaces)
     assert not places.placed.any()
     assert _cost(places, _scene((0.9, 0.9))) == 0
+
+
+def test_an_intruder_that_must_keep_clear_costs_by_its_distance(places):
+    """Against a loop over the box's nearest point."""
+    low, high = (np.asarray(x)[BLOCK] for x in (places.low, places.high))
+    size, clear = np.array([0.2, 0.2]), 2.0
+    half = np.linalg.norm(size) / 2
+    for idle in np.random.default_rng(0).uniform(-0.9, 0.9, (40, 2)):
+        scene = _scene((0, 0), idle=idle)
+        box = [low * 2 * HALF, high * 2 * HALF]
+        away = np.linalg.norm(idle - np.clip(idle, *box))
+        expected = max(0.0, 1 - away / (clear * half))
+        found = np.asarray(crowding(places, *scene, clear=clear))
+        np.testing.assert_allclose(found[IDLE], expected, atol=1e-5)
+        assert found[[REGION, ROBOT, BLOCK]].tolist() == [0, 0, 0]
+        assert _cost(places, scene, idle_cost=1.0, clear=clear) == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("tails", [0.02, 0.25])
+def test_a_box_leaves_out_the_tails_that_it_is_told(demos, tails):
+    found = jax.jit(lambda d: final_places(d, 5, tails=tails))(demos)
+    last = np.asarray(demos.center[:, 1])
+    offset = (last[:, BLOCK] - last[:, REGION]) / (2 * HALF)
+    np.testing.assert_allclose(found.low[BLOCK], np.quantile(offset, tails, axis=0), atol=1e-3)
+    np.testing.assert_allclose(found.high[BLOCK], np.quantile(offset, 1 - tails, axis=0), atol=1e-3)
+
+
+def test_what_is_brought_into_a_thing_belongs_there_and_not_beside_a_larger_one():
+    """A tray and a bin that turn together: of the tray's size, blocks' places differ less."""
+    rng, num = np.random.default_rng(0), 100
+    turn = rng.uniform(-0.4, 0.4, num)
+    away = 0.25 * np.stack([np.sin(turn), -np.cos(turn)], axis=1)
+    tray = rng.uniform(-0.1, 0.1, (num, 2))
+    tray_class, bin_class, block = range(3)
+    last = np.stack([tray, tray + away, tray + away + rng.uniform(-0.06, 0.06, (num, 2))], axis=1)
+    first = last.copy()
+    first[:, block] = tray + rng.uniform(-0.1, 0.1, (num, 2))
+    sizes = np.array([[0.55, 0.55], [0.2, 0.2], [0.07, 0.07]])
+    demos = DemoBatch(
+        center=jnp.asarray(np.stack([first, last], axis=1), jnp.float32),
+        size=jnp.asarray(np.tile(sizes, (num, 2, 1, 1)), jnp.float32),
+        label=jnp.tile(jnp.arange(3), (num, 1)),
+        is_robot=jnp.zeros((num, 3), bool),
+        present=jnp.ones((num, 3), bool),
+        length=jnp.full(num, 2),
+    )
+    found = jax.jit(lambda d: final_places(d, 3))(demos)
+    assert int(found.reference[block]) == bin_class
+    assert bool(found.placed[block])
+    assert not np.asarray(found.placed)[[tray_class, bin_class]].any()

@@ -29,7 +29,9 @@ LAYOUT = (  # tray, bin, other bin, blocks: x, y, yaw
 )  # fmt: skip
 _SHARE = 0.75  # of the ranges by which things on other tasks' tables are moved: walls are near
 _BELOW = 0.06  # metres: of a centre; two blocks may lie on each other
-_INSIDE, _CLEARLY = Area((-0.5, -0.45), (0.5, 0.42)), Area((-0.3, -0.25), (0.3, 0.2))
+# Where the middle of a block in the bin is seen, and where that of one that lies across it clearly
+# is: it is longer than half the bin's width.
+_INSIDE, _CLEARLY = Area((-0.5, -0.45), (0.5, 0.42)), Area((-0.15, -0.22), (0.19, 0.2))
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:

@@ -34,7 +34,10 @@ _ENOUGH = 0.18  # metres: where the progress of the first stage ends
 # The middle of the drawer's front from the chest's, in its sizes: open. And the item's from the
 # drawer's front: in it, and clearly.
 # A turned chest has another box: 12 cm are seen as 0.65 to 0.96, 0.81 in the median.
-_OPEN, _WIDE = Area((0.78, -0.4), (1.5, 0.5)), Area((0.9, -0.1), (1.15, 0.2))
+_OPEN, _WIDE = Area((0.7, -0.4), (1.5, 0.5)), Area((0.9, -0.05), (1.1, 0.1))
+# Where the rail lets the front be, shut to wide open: means over 256 starts, and how far aside of
+# them a start's own rail may be.
+_RAIL, _ASIDE = ((0.496, 0.039), (1.071, 0.033)), (0.14, 0.19)
 _INSIDE, _CLEARLY = Area((-1.9, -0.4), (-0.4, 0.3)), Area((-1.3, -0.15), (-0.75, 0.0))
 
 
@@ -76,10 +79,7 @@ def _progress(view: View, things: Boxes) -> StageProgress:
 
 
 def stages(things: tuple[str, ...], *, half_extent: float) -> Stages:
-    """The stages as seen in a picture, where an item before a shut drawer looks as if it were in.
-
-    The drawer's rail is not known here: audits make up drawers that have left it.
-    """
+    """The stages as seen in a picture, where an item before a shut drawer looks to be in it."""
     chest, drawer, item = range(sight.FIRST, len(things))
     pulled = sight.placed("drawer open", drawer, chest, _OPEN, _WIDE, others=(drawer,))
     put = sight.placed(
@@ -87,7 +87,7 @@ def stages(things: tuple[str, ...], *, half_extent: float) -> Stages:
     )
     return Stages(
         (pulled, put), movable=(drawer, item), robots=sight.ROBOTS, half_extent=half_extent,
-        score=sight.share_in_order,
+        score=sight.share_in_order, possible=sight.on_rail(drawer, chest, _RAIL, _ASIDE),
     )  # fmt: skip
 
 

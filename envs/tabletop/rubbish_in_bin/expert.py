@@ -24,6 +24,7 @@ KINDS = ("success", "tomato instead", "tomato too", "rubbish beside", "never gri
 _FIRST = 9  # the first position after the arm's
 _ABOVE = 0.16  # height from which the hand goes down to something
 _TAKE = (0.02, 0.03)  # height of the tool centre point that holds rubbish, or a tomato
+_AMID = 0.04  # metres: how far from the middle of the bin something is let go, along each axis
 _ALOFT, _FAR = 0.1, 0.05  # metres: of what is carried, and of what was struck
 _RUBBISH, _TOMATOES = 4, (5, 6)  # among the environment's classes
 
@@ -43,7 +44,7 @@ def _take(hand: Hand, rng: np.random.Generator, pace: Pace, thing: int) -> None:
 
 def _bring(hand: Hand, rng: np.random.Generator, pace: Pace, *, aside=(0.0, 0.0)) -> None:
     """Carries over the bin, or aside of its middle."""
-    spot = rng.uniform(-0.025, 0.025, 2) + aside
+    spot = rng.uniform(-_AMID, _AMID, 2) + aside
     height = rng.uniform(0.24, 0.28) if not any(aside) else 0.08
     bin_ = hand.fixtures[0]
     moves.carry(hand, moves.out_of(bin_, (*spot, height)), pace, yaw=moves.yaw_of(bin_[3:]))

@@ -30,7 +30,7 @@ PLACES = ((0.55, 0.12, 0.0), (0.55, -0.01, 0.0), (0.56, 0.25, 0.0))  # the first
 _BELOW = 0.10  # metres: of the centre of what is in the bin
 _HALVES = (model.RUBBISH_HALF, *[(model.RADIUS,) * 3] * 2)
 # Where the middle of what lies in the bin is seen, and where it clearly is.
-_INSIDE, _CLEARLY = Area((-0.32, -0.4), (0.32, 0.02)), Area((-0.15, -0.27), (0.15, -0.12))
+_INSIDE, _CLEARLY = Area((-0.32, -0.4), (0.32, 0.02)), Area((-0.1, -0.26), (0.2, -0.1))
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:

@@ -16,6 +16,7 @@ itself; the lid comes first in the order in which they are done.
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.stages import Stage, Stages
+from gril_jax.envs.tabletop import sight
 from gril_jax.envs.tabletop.sight import ROBOTS, Area, placed, relative, share_that_holds
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
@@ -32,6 +33,7 @@ LID_CURVE = (
 )  # fmt: skip
 _OPEN = 1.571  # rad
 _AT_REST, _ASIDE = (2.4, 2.6), 0.05  # where an open lid lies, rad, and how exactly
+_GUIDED = (0.125, 0.125)  # how far a start's own curve is aside of the mean one
 # Middles of shoes on the box's floor: where they count, and where they clearly do.
 _INSIDE = Area((-0.32, -0.30), (0.32, 0.20))
 _CLEARLY = Area((-0.22, -0.20), (0.22, 0.10))
@@ -54,6 +56,7 @@ def of_shoes(
     return Stages(
         (lid, *shoes), movable=(LID, *SHOES), robots=ROBOTS, half_extent=half_extent,
         score=share_that_holds, sizes=_sizes,
+        possible=sight.on_rail(LID, BOX, [middle for _, middle, _ in LID_CURVE], _GUIDED),
     )  # fmt: skip
 
 
@@ -64,14 +67,7 @@ def _curve():
 
 def _nearest(center, size):
     """The curve's point nearest to the lid: its segment, and its share along it."""
-    _, middle, _ = _curve()
-    place = relative(LID, BOX, center, size)
-    way = middle[1:] - middle[:-1]
-    share = jnp.sum((place - middle[:-1]) * way, axis=1) / jnp.sum(way**2, axis=1)
-    share = jnp.clip(share, 0.0, 1.0)
-    away = jnp.sum((middle[:-1] + share[:, None] * way - place) ** 2, axis=1)
-    segment = jnp.argmin(away)
-    return segment, share[segment]
+    return sight.nearest_on(_curve()[1], relative(LID, BOX, center, size))
 
 
 def _between(values, segment, share):

@@ -207,6 +207,15 @@ def _table2(known: ModuleType, args: list[str], quick: bool, load: Loader):
     return config, {"rows": known.usable(config, echo) if every else rows}
 
 
+def _table3(known: ModuleType, args: list[str], quick: bool, load: Loader):
+    name, steps = positional(args), whole_number(args, "--steps-per-encoder", None)
+    rows, sets = known.with_steps(_rows_taken(known, args), steps), take(args, "--sets")
+    require_left_to_options(args, known.paths())
+    config = known.with_sets(load(name or "tabletop", args), sets)
+    known.check(config, rows)
+    return config, {"rows": rows}
+
+
 VERBS = (
     _table(
         "ablate",
@@ -253,5 +262,14 @@ VERBS = (
         "failure: the paper's Table II. --quick makes two seeds of the rows without pictures from "
         "fewer demonstrations.",
         _table2,
+    ),
+    _table(
+        "table3",
+        "policies for the long tasks at the table, with rewards of all kinds; --resume RUN",
+        "Train policies for each of the long tasks at the table with rewards of several kinds, "
+        "--seeds N of each (5); --rows names some, such as 'ours on umbrella_out'. --sets FOLDER "
+        "has a set for each task, in a folder of its name; without it they are made. "
+        "--steps-per-encoder N as in table1.",
+        _table3,
     ),
 )

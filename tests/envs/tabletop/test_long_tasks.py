@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from gril_jax.envs.tabletop.boxes import project
 from gril_jax.envs.tabletop.physics import mjx
 from gril_jax.envs.tabletop.script import EARLY
 from support import tabletop_scenes as scenes
@@ -212,3 +213,37 @@ def test_an_episode_of_extreme_actions_is_finite_in_mjx(name):
         state = step(state, jax.random.choice(key, jnp.array([-1.0, 1.0]), (env.action_size,)))
         leaves = [x for x in jax.tree.leaves(state) if jnp.issubdtype(x.dtype, jnp.floating)]
         assert all(jnp.isfinite(leaf).all() for leaf in leaves)
+
+
+def test_of_an_umbrella_in_its_stand_the_part_above_the_rim_is_seen():
+    env, start = _env("umbrella_out"), _start("umbrella_out", 0)
+    look = jax.jit(lambda data: (*env.picture_boxes(data), env.world_boxes(data)))
+
+    def lifted(height):
+        motion = start.data.motion
+        qpos = motion.qpos.copy()
+        qpos[11] += height
+        center, size, boxes = look(start.data._replace(motion=motion._replace(qpos=qpos)))
+        return np.asarray(center)[4], np.asarray(size)[4], jax.tree.map(lambda x: x[4:5], boxes)
+
+    _, whole, boxes = lifted(0.3)
+    np.testing.assert_allclose(whole, project(env.camera, boxes)[1][0], rtol=1e-5)
+    heights = [lifted(height)[1][1] for height in (0.0, 0.05, 0.1, 0.15)]
+    assert heights[0] < 0.35 * whole[1]
+    assert (np.diff(heights) > 0.03).all()
+
+
+def test_the_stages_of_a_drawer_keep_it_on_its_rail():
+    """Shut and open drawers of the simulator are where the rail says that they can be."""
+    env = _env("item_in_drawer")
+    boxes = jax.jit(jax.vmap(env.picture_boxes))
+
+    def off(travel):
+        motion = _starts("item_in_drawer").data.motion
+        qpos = motion.qpos.copy()
+        qpos[:, 9] = travel
+        data = _starts("item_in_drawer").data._replace(motion=motion._replace(qpos=qpos))
+        center, size = boxes(data)
+        return np.abs(jax.vmap(env.stages.possible)(center, size) - center).max()
+
+    assert max(off(travel) for travel in (0.0, 0.1, 0.22)) < 1e-5

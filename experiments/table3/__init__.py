@@ -1,0 +1,1 @@
+"""The long tasks of the table, each with rewards of all kinds."""
