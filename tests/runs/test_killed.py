@@ -8,48 +8,13 @@ import pytest
 from support import new_task
 from support.killed import killer
 from support.run_folders import differing
+from support.tiny_runs import VERBS, command
 
-_TASK = "reach_task:SPEC"
-_TINY = (
-    *("--env.name", _TASK, "--env.episode-length", "12", "--encoder.width", "8"),
-    *("--encoder.latent", "4", "--encoder.rounds", "1", "--demos.num", "4"),
-    *("--demos.num-validation", "2", "--demos.num-failures", "1", "--pretrain.num-videos", "3"),
-    *("--pretrain.num-frames", "6", "--pretrain.copies", "0", "--pretrain.ascents", "0"),
-    *("--run.checkpoint-every", "0", "--out", "run"),
-)
-_STEPS = ("--pretrain.steps", "40")
-_POLICY = (
-    *("--ppo.num-envs", "8", "--ppo.unroll-length", "4", "--ppo.num-timesteps", "320"),
-    *("--ppo.num-minibatches", "2", "--ppo.hidden", "8", "--run.eval-episodes", "4"),
-    *("--run.updates-per-chunk", "1", "--run.evaluations", "0"),
-)
-_TWO = ("--seeds", "2")
-_AUDIT = ("--starts", "2", "--ascents", "4")
-_ROWS = ("--rows", "environmental,ours without robot", "--steps-per-encoder", "40")
-# Steps of the first rows of Table I and of soundness are the row's, or the configuration's.
-VERBS = {
-    "quickstart": ("quickstart", *_TINY, *_STEPS, *_POLICY, "--run.audit", "4"),
-    "train": ("train", *_TINY, *_STEPS, *_POLICY),
-    "pretrain": ("pretrain", *_TINY, *_STEPS),
-    "sweep": (
-        "sweep", *_TINY, *_STEPS, *_POLICY, *_TWO, "--reward", "learned,environmental",
-    ),
-    "table1": ("table1", *_TINY, *_POLICY[:-2], *_TWO, *_AUDIT, *_ROWS),
-    "soundness": ("soundness", *_TINY, *_STEPS, *_POLICY, *_TWO, *_AUDIT, "--rows", "paper"),
-}  # fmt: skip
-# Steps that a row sets for itself are not given, nor are copies that all rows of a table set.
-_OF_ROWS = ("--pretrain.copies", "--pretrain.ascents")
 KILLS = {"quickstart": 20, "train": 20, "pretrain": 20, "sweep": 14, "table1": 13, "soundness": 13}
+# One that is killed after its results leaves its id in the lock, which nobody holds then; pages and
+# figures of tables have seconds.
+_MAY_DIFFER = {"lock", "sweep.png", "figure2.png"}
 _A_CHAIN = 7  # kills of one run, at the most
-
-
-def command(verb):
-    """A small run of a verb."""
-    args = [*VERBS[verb]]
-    for option in _OF_ROWS if verb in ("table1", "soundness") else ():
-        at = args.index(option)
-        del args[at : at + 2]
-    return args
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +34,10 @@ def chain(killed, verb, folder, draw, most, kills):
         if not (path / "config.yaml").exists():  # no run yet
             shutil.rmtree(path, ignore_errors=True)
             args = command(verb)
-        elif (path / "results.json").exists():
-            args = ["report", "run"]  # it has finished, but for its page
+        elif (path / "results.json").exists():  # it has finished, but for its page
+            if not (path / "reward").exists():  # which tables do not have
+                break
+            args = ["report", "run"]
         change = draw.randrange(1, most) if count < kills else 0
         done = killed.run(folder, args, change=change, delay_s=draw.choice((0, 0.01, 0.1)))
         assert "Traceback" not in done.err, done.err
@@ -93,7 +60,7 @@ def test_a_run_that_is_killed_again_and_again_leaves_the_folder_of_one_that_is_n
     while count < KILLS[verb]:
         folder = tmp_path / str(chains)
         count += chain(killed, verb, folder, draw, most, min(_A_CHAIN, KILLS[verb] - count))
-        assert differing(whole / "run", folder / "run") == [], (verb, chains)
+        assert {*differing(whole / "run", folder / "run")} <= _MAY_DIFFER, (verb, chains)
         shutil.rmtree(folder)
         chains += 1
         print(f"{verb}: {count} kills in {chains} chains", flush=True)

@@ -114,8 +114,8 @@ class Ended(NamedTuple):
 class Killer:
     """Runs command lines whose own folder is `out`, in folders."""
 
-    def __init__(self, process: subprocess.Popen, out: str):
-        self._process, self._out = process, out
+    def __init__(self, process: subprocess.Popen, path: Path, out: str):
+        self._process, self._out, self.path = process, out, path
 
     def run(
         self,
@@ -162,7 +162,7 @@ def killer(path: Path, out: str = "run") -> Iterator[Killer]:
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment,
     )  # fmt: skip
     try:
-        yield Killer(process, out)
+        yield Killer(process, path, out)
     finally:
         process.stdin.close()
         process.wait()
