@@ -25,7 +25,7 @@ from gril_jax.types import DemoBatch
 from ..pipeline import setup
 from ..pipeline.demonstrations import Demonstrations
 from ..tables.curves import learning_curves
-from ..tables.measures import Measure, audit, stacked
+from ..tables.measures import Measure, audit, audited_tasks, stacked
 from ..tables.results import Found, Table
 from ..tables.rewards import TrainedReward
 from ..tables.written import by_row
@@ -91,6 +91,11 @@ def _measures(config, settings: Settings, demos):
     return [audit(config.env, STARTS[:1], **work), profiles(demos)]
 
 
+def _plan(rows, settings: Settings, programs):
+    audited_tasks(rows[0].config.env)  # refuses what cannot be audited
+    return programs(rows, starts=STARTS)
+
+
 def _summary(found: Found) -> dict[str, Any]:
     rows: dict[str, dict[str, float]] = {}
     for name in SUCCESS:
@@ -113,7 +118,7 @@ TABLE = Table(
     picture="figure2.png",
     page=page,
     settings=Settings,
-    plan=lambda rows, settings, programs: programs(rows, starts=STARTS),
+    plan=_plan,
     policy=policy,
     measured={"audit": REWARD[2:], "profiles": REWARD[1:2]},
     measures=_measures,

@@ -1,7 +1,7 @@
 """`gril VERB`: the command line.
 
 The command line is read, and every path on it looked at, before anything heavy is imported. Exit
-codes: 0 done, 1 failed at work, 2 a wrong command line, 130 interrupted by Ctrl-C, 143 by SIGTERM.
+codes: 0 done, 1 failed at work, 2 a wrong command line, 128 and the number of a signal that came.
 """
 
 import errno

@@ -146,7 +146,7 @@ def import_films(
     save_demo_set(
         out_dir, demos(), task=task, classes=plan.classes, half_extent=extent, fps=plan.fps,
         source=f"{len(films)} films of {folder.resolve().name}", robots=robots, unit=unit,
-        noise=noise or None, smoothing=_MEDIAN if noise else 1,
+        noise=noise or None, smoothing=_MEDIAN if noise else 1, preset="veryfast",
     )  # fmt: skip
     return Import(found, plan.fps, unit, extent, noise)
 

@@ -43,12 +43,14 @@ def save_demo_set(
     fps: float,
     source: str,
     robots: Sequence[str] | None = None,
+    preset: str = "medium",
     **known: Any,
 ) -> None:
     """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
     Demonstrations are consumed one at a time, so that a generator need hold only one video; the
-    other arguments are as in `DemoSet`, of which `known` may have `unit`, `noise` and `smoothing`.
+    other arguments are as in `DemoSet`, of which `known` may have `unit`, `noise` and `smoothing`;
+    `preset` is as in `write_video`.
 
     Raises:
       DemoError: the folder holds something else, also beside an older set, a demonstration is
@@ -74,7 +76,8 @@ def save_demo_set(
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
-        entries = [_write(part, str(where), i, demo, classes, fps) for i, demo in enumerate(demos)]
+        given = (classes, fps, preset)
+        entries = [_write(part, str(where), i, demo, *given) for i, demo in enumerate(demos)]
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
         header = {
@@ -114,7 +117,13 @@ def _move_into_place(part: pathlib.Path, folder: pathlib.Path) -> None:
 
 
 def _write(
-    part: pathlib.Path, where: str, number: int, demo: Demo, classes: Sequence[str], fps: float
+    part: pathlib.Path,
+    where: str,
+    number: int,
+    demo: Demo,
+    classes: Sequence[str],
+    fps: float,
+    preset: str,
 ) -> dict[str, Any]:
     """Writes the files of a demonstration; returns its entry in the header, a `DemoEntry`."""
     where = f"{where}, demonstration {demo.name!r}"
@@ -122,7 +131,7 @@ def _write(
         raise DemoError(f"{where}: outcome {demo.outcome!r} is not one of {', '.join(OUTCOMES)}.")
     check_tracks(demo.tracks, len(demo.frames), len(demo.tracks.label), classes, where)
     video, tracks = f"{number:03d}.mp4", f"{number:03d}.npz"
-    write_video(part / video, demo.frames, fps)
+    write_video(part / video, demo.frames, fps, preset=preset)
     np.savez_compressed(part / tracks, **demo.tracks._asdict())
     return {
         "name": demo.name,

@@ -1,4 +1,4 @@
-"""Handles SIGTERM and Ctrl-C as requests to stop at a safe point."""
+"""Handles SIGTERM, SIGHUP and Ctrl-C as requests to stop at a safe point."""
 
 import _thread
 import contextlib
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from gril_jax.errors import GrilError
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last as a terminal is closed
 _SOON = 0.01  # seconds
 
 
@@ -18,7 +18,7 @@ class Interrupted(GrilError):
 
     def __init__(self, sentence: str, number: int):
         super().__init__(sentence)
-        self.exit_code = 128 + number  # 130 for SIGINT, 143 for SIGTERM, as in shells
+        self.exit_code = 128 + number  # 130 for SIGINT, as in shells
 
 
 class Notice:
@@ -29,9 +29,10 @@ class Notice:
 
 @contextlib.contextmanager
 def noticed() -> Iterator[Notice]:
-    """Notes the first SIGINT or SIGTERM; a second one acts as if this handler were absent.
+    """Notes the first signal of these; a second one acts as if this handler were absent.
 
-    In any thread but the main one, where Python takes no handlers, signals act as ever.
+    One that the process ignores, as under nohup, stays ignored. In any thread but the main one,
+    where Python takes no handlers, signals act as ever.
     """
     notice = Notice()
     if threading.current_thread() is not threading.main_thread():
@@ -42,7 +43,8 @@ def noticed() -> Iterator[Notice]:
         notice.number = number
         restore()
 
-    before = {number: signal.signal(number, note) for number in _SIGNALS}
+    heeded = [n for n in _SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, note) for number in heeded}
 
     def restore() -> None:
         for number, handler in before.items():

@@ -93,7 +93,7 @@ def run_chunks(
         the phase goes on; the last state is always saved, and then it alone stays.
 
     Raises:
-      Interrupted: SIGINT or SIGTERM came; the state is saved.
+      Interrupted: SIGINT, SIGTERM or SIGHUP came; the state is saved.
       RunError: the disk is full or not writable; the last good checkpoint stays.
     """
     state, done, before_s = begun

@@ -79,7 +79,7 @@ class RunDir:
         return rows
 
     def _with_clocks(self, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-        return times.with_clocks(rows, self.times.rows, self.times.file)
+        return times.with_clocks(rows, self.times.read(), self.times.file)
 
     def log(self, **metrics: Any) -> None:
         """Appends one line of metrics; arrays become lists, non-finite numbers become null.

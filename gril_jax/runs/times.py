@@ -39,7 +39,7 @@ class Times:
         self.file, self.said = file, ""
         with writing(file.parent):
             data = file.read_bytes() if file.exists() else b""
-            self.rows, self._last, end, fault = _checked(data)
+            _, self._last, end, fault = _checked(data)
             if fault:
                 file.with_name(f"{FILE}.damaged").write_bytes(data)
             if end < len(data):
@@ -52,7 +52,7 @@ class Times:
 
     def expect(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Notes that times are lost if there are none of one of these rows."""
-        lacking = _first_lacking(rows, self.rows)
+        lacking = _first_lacking(rows, self.read())
         if lacking is not None:
             self._lose(f"it has no times of line {lacking} of metrics.jsonl")
 
@@ -60,11 +60,14 @@ class Times:
         self.said = f"{self.file} is damaged ({fault}): the run goes on without the times lost"
         self.append(lost=fault)
 
+    def read(self) -> list[Row]:
+        """The lines so far, from the file: a long run has millions."""
+        with writing(self.file.parent):
+            return _checked(self.file.read_bytes())[0]
+
     def append(self, **fields: Any) -> None:
         """Adds a line."""
-        row = plain(fields)
-        line, self._last = _line(row, self._last)
-        self.rows.append(row)
+        line, self._last = _line(plain(fields), self._last)
         with writing(self.file.parent):
             self._stream.write(line)
             self._stream.flush()

@@ -24,7 +24,7 @@ def _as_in_a_terminal():
     signal.signal(signal.SIGINT, before)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_first_signal_is_noted_and_nothing_is_raised(number):
     with noticed() as notice:
         assert notice.number is None
@@ -38,6 +38,18 @@ def test_the_second_signal_acts_as_ever():
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         assert notice.number == signal.SIGTERM
+
+
+def test_what_is_ignored_stays_ignored():
+    """As the end of the terminal under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with noticed() as notice:
+            signal.raise_signal(signal.SIGHUP)
+        assert notice.number is None
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_handlers_come_back_whatever_happened():

@@ -1,6 +1,7 @@
 """A task as another package may bring it: a folder with an entry and its code, and a YAML file."""
 
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 TASK = """
@@ -65,6 +66,15 @@ SPEC = """
         make="reach_task.task:Reach", demonstrate="reach_task.task:demonstrate", rewards=("near",)
     )
 """
+# What makes it a task that every verb takes: a puck that moves by itself, stages, and rewards of
+# the names that Table I asks for.
+AUDITED = (
+    ('"robot")', '"puck")'),
+    ("jnp.array([False, True])", "jnp.zeros(2, bool)"),
+    ("stages = None", "stages = put_inside((1,), 0, robots=(), half_extent=1.0)"),
+    ("Outline, State\n", "Outline, State\n    from gril_jax.envs.stages import put_inside\n"),
+    ('("near",)', '("near", "S4", "V5", "sparse")'),
+)
 CONFIG = """
     env: {name: reach, episode_length: 12}
     demos: {num: 4, num_validation: 2, num_failures: 1}
@@ -75,11 +85,14 @@ CONFIG = """
 """
 
 
-def write(folder: Path) -> Path:
-    """Writes the task into a folder, which has to be on Python's path; gives its configuration."""
+def write(folder: Path, changes: Sequence[tuple[str, str]] = ()) -> Path:
+    """Writes the task into a folder, which has to be on Python's path, with words changed to
+    others; gives its configuration."""
     package = folder / "reach_task"
     package.mkdir()
-    (package / "__init__.py").write_text(textwrap.dedent(SPEC))
-    (package / "task.py").write_text(textwrap.dedent(TASK))
+    for name, text in (("__init__.py", SPEC), ("task.py", TASK)):
+        for old, new in changes:
+            text = text.replace(old, new)
+        (package / name).write_text(textwrap.dedent(text))
     (folder / "reach.yaml").write_text(textwrap.dedent(CONFIG))
     return folder / "reach.yaml"

@@ -1,0 +1,217 @@
+"""Full disks, folders that must not be written, no descriptors left, closed output, signals.
+
+Each ends in one sentence or is said, and what was cut off goes on to the folder of a run that
+nothing disturbed.
+"""
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from support import new_task
+from support.killed import killer
+from support.run_folders import differing
+from support.tiny_runs import command
+
+_ARGS = command("pretrain")
+_AGAIN = ("pretrain", "--resume", "run")
+_NOBODY = 65534
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    """What runs command lines on a task as small as can be."""
+    folder = tmp_path_factory.mktemp("task")
+    new_task.write(folder, new_task.AUDITED)
+    with killer(folder) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def whole(killed, tmp_path_factory):
+    """The folder of a run that nothing disturbed, and how often it changed its files."""
+    folder = tmp_path_factory.mktemp("whole")
+    assert killed.run(folder, _ARGS).code == 0
+    return folder / "run", killed.changes(folder)
+
+
+def _goes_on(killed, folder, whole):
+    """A run that was cut off comes to the same folder as one that was not."""
+    path = folder / "run"
+    args = _AGAIN
+    if (path / "results.json").exists():
+        args = ("report", "run")
+    elif not (path / "config.yaml").exists():
+        shutil.rmtree(path, ignore_errors=True)
+        args = _ARGS
+    done = killed.run(folder, args)
+    assert done.code == 0, done
+    left = {*differing(whole[0], path)}
+    assert left <= {"lock"}, left
+
+
+def _said(done, words):
+    """A command ended in one sentence of its own."""
+    assert "Traceback" not in done.err, done.err
+    assert done.code in (1, 2), done
+    assert done.sentence.startswith("gril: "), done.err
+    assert done.sentence.endswith("."), done.err
+    assert any(word in done.sentence for word in words), done.err
+
+
+_LEAST, _MOST = 600, 60_000  # bytes
+
+
+@pytest.mark.slow
+def test_files_that_must_not_grow_end_in_a_sentence_and_the_run_goes_on(killed, whole, tmp_path):
+    draw, ends = random.Random(0), []
+    for number in range(8):
+        folder = tmp_path / str(number)
+        most = int(_LEAST * (_MOST / _LEAST) ** draw.random())
+        done = killed.run(folder, _ARGS, limits={"FSIZE": most})
+        ends.append(done.code)
+        if done.code:
+            _said(done, ("no space left", "the disk is full"))
+        _goes_on(killed, folder, whole)
+    assert 1 in ends
+
+
+@pytest.mark.slow
+def test_a_full_disk_ends_in_a_sentence_and_the_run_goes_on(killed, whole, tmp_path):
+    """A disk of its own that is too small at first: needs root."""
+    ends = []
+    for kilobytes in (16, 40, 80, 160, 320, 640):
+        folder = tmp_path / str(kilobytes)
+        folder.mkdir()
+        disk = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "none", str(folder)]
+        if os.getuid() or subprocess.run(disk, capture_output=True).returncode:
+            pytest.skip("no disk can be mounted here")
+        try:
+            done = killed.run(folder, _ARGS)
+            ends.append(done.code)
+            more = ["mount", "-o", "remount,size=64m", str(folder)]
+            subprocess.run(more, check=True)
+            if done.code:
+                _said(done, ("no space left", "the disk is full"))
+            _goes_on(killed, folder, whole)
+        finally:
+            subprocess.run(["umount", "-l", str(folder)], check=True)
+    assert 1 in ends
+
+
+@pytest.mark.slow
+def test_a_folder_that_must_not_be_written_is_a_sentence(killed, whole, tmp_path):
+    if os.getuid():
+        pytest.skip("only root can become somebody who may not write")
+    folder = tmp_path / "mine"
+    killed.run(folder, ["--version"])
+    for path in (*tmp_path.parents, tmp_path, folder):
+        if str(path).startswith("/tmp/"):
+            path.chmod(path.stat().st_mode | 0o055)
+    done = killed.run(folder, _ARGS, user=_NOBODY)
+    _said(done, ("run cannot be written to (Permission denied)",))
+    assert not (folder / "run").exists()
+    assert killed.run(folder, _ARGS, change=whole[1] // 2).code == -signal.SIGKILL
+    done = killed.run(folder, _AGAIN, user=_NOBODY)
+    _said(done, ("Permission denied",))
+    _goes_on(killed, folder, whole)
+
+
+@pytest.mark.slow
+def test_without_descriptors_a_run_ends_in_a_sentence_and_goes_on(killed, whole, tmp_path):
+    ends = []
+    for most in (7, 8, 9, 10, 12, 16, 24, 40):
+        folder = tmp_path / str(most)
+        done = killed.run(folder, _ARGS, limits={"NOFILE": most})
+        ends.append(done.code)
+        if done.code:
+            _said(done, ("Too many open files", "too many open files"))
+        _goes_on(killed, folder, whole)
+    assert 1 in ends
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stdout", ["closed", "full", "gone"])
+def test_output_that_nobody_can_read_loses_nothing(killed, whole, tmp_path, stdout):
+    done = killed.run(tmp_path, _ARGS, stdout=stdout)
+    assert "Traceback" not in done.err, done.err
+    assert done.code in (0, 1), done
+    _goes_on(killed, tmp_path, whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "signals",
+    [
+        (signal.SIGTERM,), (signal.SIGHUP,), (signal.SIGINT,), (signal.SIGINT,) * 2,
+        (signal.SIGTERM, signal.SIGINT),
+    ],
+    ids=["SIGTERM", "SIGHUP", "SIGINT", "SIGINT twice", "SIGTERM and SIGINT"],
+)  # fmt: skip
+def test_signals_at_any_moment_lose_nothing(killed, whole, tmp_path, signals):
+    draw, codes = random.Random(0), []
+    for number in range(4):
+        folder = tmp_path / str(number)
+        change = draw.randrange(1, whole[1])
+        done = killed.run(folder, _ARGS, change=change, signals=signals)
+        codes.append(done.code)
+        assert "Traceback" not in done.err, done.err
+        # Saved and said; or, in work that a resumed run does again, ended as signals end programs.
+        assert done.code in (0, 128 + signals[0], 130, -signals[0]), done
+        if done.code > 0:
+            assert done.sentence.startswith("gril: "), done.err
+        _goes_on(killed, folder, whole)
+    assert any(codes)
+
+
+_TWICE = """
+import sys
+from gril_jax.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_in_one_folder_do_not_disturb_each_other(killed, whole, tmp_path):
+    folder = tmp_path / "both"
+    assert killed.run(folder, _ARGS, change=whole[1] // 3).code == -signal.SIGKILL
+    environment = os.environ | {"PYTHONPATH": str(killed.path), "JAX_PLATFORMS": "cpu"}
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", _TWICE, *_AGAIN],
+            cwd=folder, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    said = [process.communicate(timeout=600) for process in both]
+    codes = sorted(process.returncode for process in both)
+    assert codes == [0, 2], said
+    loser = next(err for (_, err), one in zip(said, both, strict=True) if one.returncode)
+    assert "is being written by process" in loser or "has finished" in loser, loser
+    assert differing(whole[0], folder / "run") == []
+
+
+@pytest.mark.slow
+def test_memory_of_a_long_run_is_flat(killed, tmp_path):
+    """Resident memory after a quarter of a run of thousands of chunks, and at its end."""
+    args = [*command("train"), "--ppo.num-timesteps", "320000"]
+    environment = os.environ | {"PYTHONPATH": str(killed.path), "JAX_PLATFORMS": "cpu"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", _TWICE, *args, "--run.checkpoint-every", "5"],
+        cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    rows, found = tmp_path / "run" / "metrics.jsonl", []
+    while process.poll() is None:
+        if rows.exists():
+            with open(f"/proc/{process.pid}/statm") as file:
+                pages = int(file.read().split()[1])
+            found.append((rows.read_bytes().count(b"\n"), pages * os.sysconf("SC_PAGE_SIZE")))
+        time.sleep(0.5)
+    assert process.returncode == 0
+    early, late = (min(x for n, x in found if n >= least) for least in (2500, 9000))
+    assert late - early < 3 * 2**20, (early, late)
