@@ -110,13 +110,16 @@ def disarray(
     idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
     touch: Float[Array, ""] | float = LossConfig.touch,
 ) -> Float[Array, ""]:
-    """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning.
+    """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning, and
+    at most 2.
 
     Of each object that is out of place, and of each distance out of its range, the share `near` is
     due as soon as it is out by half a box; the rest grows in proportion. Arguments are those of
     `gril_jax.pretraining.final_places.misplacement`.
     """
     cost = _cost(goal, center, size, label, counted, near, idle_cost) / goal.scale
+    # Worse than a beginning is at most 2: what lies near the ends is what must be told apart.
+    cost = jnp.where(cost > 1.0, 2.0 - 1.0 / jnp.maximum(cost, 1.0), cost)
     due = counted & goal.always[label]
     untouched = (due & ~active).sum() / jnp.maximum(due.sum(), 1).astype(jnp.float32)
     return (1.0 - touch) * cost + touch * untouched

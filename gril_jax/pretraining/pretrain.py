@@ -33,6 +33,8 @@ from gril_jax.types import DemoBatch
 from . import batch as pretrain_batch
 from . import contrast as pretrain_contrast
 from . import loss as pretrain_loss
+from .arrangement import arrangement
+from .contrast import Ends
 from .final_places import final_places
 from .options import Hyper, Static
 
@@ -108,10 +110,7 @@ def step(
     places = None
     apart_too = config.copies > 0 or pool is not None
     if apart_too:
-        classes = config.encoder.num_classes
-        places = final_places(
-            demos, classes, turned=config.turn_scenes, anywhere_inside=config.anywhere_inside
-        )
+        places = _ends(demos, config)
 
     def update(state, _):
         key, batch_key, turn_key, touch_key = jax.random.split(state.key, 4)
@@ -149,6 +148,21 @@ def step(
     return jax.lax.scan(update, state, length=config.updates)
 
 
+def _ends(demos: DemoBatch, config: Static) -> Ends:
+    """What counts as done, from the last frames."""
+    classes = config.encoder.num_classes
+    if config.ends == "places":
+        return final_places(
+            demos, classes, turned=config.turn_scenes, anywhere_inside=config.anywhere_inside
+        )
+    if len(config.words) != classes:
+        raise ConfigError(
+            f"words has {len(config.words)} entries, but the encoder has {classes} classes; with "
+            "ends 'arrangement' it must have one of each."
+        )
+    return arrangement(demos, config.words)
+
+
 @jax.jit
 def embed(params: Params, demos: DemoBatch, hyper: Hyper, config: Static) -> Float[Array, "B T D"]:
     """The latent of every frame of every demonstration, padding included; one at a time in memory.
@@ -181,9 +195,20 @@ def evaluate(
       High values say that demonstrations are ordered, not that a reward is safe to optimise.
     """
     latents = embed(params, demos, hyper, config)
-    bits = activity_bits(train, hyper, config)
-    learned = reward.from_demos(params, train, config.encoder, alpha=hyper.alpha, active=bits)
+    learned = learned_reward(params, train, hyper, config)
     return figures(learned, latents, demos.length)
+
+
+def learned_reward(
+    params: Params, train: DemoBatch, hyper: Hyper, config: Static
+) -> RewardParams:
+    """The reward of an encoder: its goal is the mean of the training demonstrations' last latents,
+    or `config.goals` of them."""
+    bits = activity_bits(train, hyper, config)
+    goal = "mean" if config.goals == 1 else config.goals
+    return reward.from_demos(
+        params, train, config.encoder, alpha=hyper.alpha, active=bits, goal=goal
+    )
 
 
 def figures(
