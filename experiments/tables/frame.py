@@ -107,6 +107,7 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
 
     def train(program, compiled) -> None:
         done = learn_policies(program, compiled, learned, shown, run, progress, echo)
+        finish(program, run)
         saved = (run.path / "policies" / program.name).glob("*/manifest.json")
         run.finish_phase(program.name, done, sorted(saved))
         written()
@@ -116,7 +117,8 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
         ready = table_programs.get_ready(free, jax.devices(), pool)
         wanted = table_rewards.get_ready(rows, gather, pool)
         ready |= table_programs.get_ready(others, jax.devices(), pool)
-        measures = [] if demos is None else table.measures(config, settings, demos)
+        measures = table.measures(config, settings, demos)
+        finish = table.after(left, settings, pool)
         needs = functools.partial(table_rewards.needed, wanted)
         ahead.carry_out(
             table_rewards.tasks(wanted, learned, run, progress, echo)

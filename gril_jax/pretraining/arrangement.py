@@ -25,7 +25,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.config.reward import LossConfig
@@ -196,7 +195,7 @@ def _distances(goal: Arrangement, first, last, label, counted) -> Arrangement:
 
 def _quantiles(goal: Arrangement, center, label, counted):
     """Quantiles (K, Q) of the distances between what moves, by kind of pairs, and their number."""
-    one, other = np.triu_indices(len(label), 1)
+    one, other = jnp.triu_indices(len(label), 1)
     distance = safe_norm(center[one] - center[other])
     there = counted & goal.moves[label]
     words = goal.words[label]

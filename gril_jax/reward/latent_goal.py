@@ -25,7 +25,6 @@ from typing import Literal, NamedTuple, TypedDict, Unpack
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gril_jax.config.encoder import PoolConfig
@@ -173,7 +172,7 @@ def from_latents(
             raise ConfigError(
                 f"goal is {goal}; it must be from 1 to {len(last)}, the demonstrations."
             )
-        goal = last[np.linspace(0, len(last) - 1, goal).round().astype(int)]
+        goal = last[jnp.linspace(0, len(last) - 1, goal).round().astype(jnp.int32)]
     _check_goal(goal, last.shape[-1])
     one = jnp.ones((), jnp.float32)
     unscaled = RewardParams(encoder_params, goal, one, jnp.asarray(alpha, jnp.float32))
