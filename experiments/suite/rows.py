@@ -20,6 +20,11 @@ _REWARDS: dict[str, dict[str, Any]] = {
     SCORE: {"run.reward": "environmental", "run.reward_offset": 0.0},
 }
 _FILMS = "*.pkl.gz", "*.mp4"
+# Steps of a task's policies, as shares of the configuration's: long tasks take longer to learn.
+_STEPS = {
+    "move_to_region": 0.5, "move_to_corner": 0.5, "fix_colour": 0.5, "make_line": 2.0,
+    "cluster_shape": 2.0, "cluster_colour": 2.0,
+}  # fmt: skip
 HOW = (
     "clone https://github.com/qxcv/magical-data, whose folders, such as find-dupe, hold the films "
     "as they were published"
@@ -37,22 +42,24 @@ def parts(row: str) -> tuple[str, str]:
     return task, reward
 
 
-def rows(sets: Path, tasks: tuple[str, ...] = TASKS, rewards=(LEARNED, SCORE)) -> Rows:
-    """The rows of these tasks, whose demonstration sets are in a folder."""
+def rows(sets: Path, steps: int) -> Rows:
+    """The rows of all tasks, whose demonstration sets are in a folder; `steps` are those of a
+    policy in a task of middle length."""
     return {
         row_name(task, reward): {
             "env.name": task,
             "env.reward": "sparse",
             "env.observation": "plain",
             "demos.path": str(sets / task),
+            "ppo.num_timesteps": round(_STEPS.get(task, 1.0) * steps),
         }
         | _REWARDS[reward]
-        for reward in rewards
-        for task in tasks
+        for reward in _REWARDS
+        for task in TASKS
     }
 
 
-ROWS = rows(Path("sets"))
+ROWS = rows(Path("sets"), 1)
 
 
 @dataclasses.dataclass(frozen=True)

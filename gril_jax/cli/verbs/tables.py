@@ -210,10 +210,12 @@ def _suite(known: ModuleType, args: list[str], quick: bool, load: Loader):
     sets = Path(take(args, "--sets") or "runs/magical_sets")
     if films is not None:
         existing_folder(films)
-    rows = _rows_taken(known, args)
-    rows = {row: known.rows(sets)[row] for row in rows}
-    require_left_to_options(args, {path for change in rows.values() for path in change})
-    return load("magical_suite", args), {"rows": rows, "films": films}
+    names = [*_rows_taken(known, args)]
+    taken = {path for change in known.ROWS.values() for path in change} - {"ppo.num_timesteps"}
+    require_left_to_options(args, taken)
+    config = load("magical_suite", args)
+    rows = known.rows(sets, config.ppo.num_timesteps)
+    return config, {"rows": {name: rows[name] for name in names}, "films": films}
 
 
 def _table2(known: ModuleType, args: list[str], quick: bool, load: Loader):
