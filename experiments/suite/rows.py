@@ -19,7 +19,7 @@ _REWARDS: dict[str, dict[str, Any]] = {
     LEARNED: {"run.reward": "learned"},
     SCORE: {"run.reward": "environmental", "run.reward_offset": 0.0},
 }
-_FILMS = "*.pkl.gz", "*.mp4"
+FILMS = "*.pkl.gz", "*.mp4"
 # Steps of a task's policies, as shares of the configuration's: long tasks take longer to learn.
 _STEPS = {
     "move_to_region": 0.5, "move_to_corner": 0.5, "fix_colour": 0.5, "make_line": 2.0,
@@ -76,7 +76,7 @@ def films_of(films: Path, task: str) -> Path:
     """The folder of a task's films; a DemoError that says how to get them if there are none."""
     for name in (task.replace("_", "-"), task):
         folder = films / name
-        if any(next(folder.glob(kind), None) for kind in _FILMS):
+        if any(next(folder.glob(kind), None) for kind in FILMS):
             return folder
     raise DemoError(
         f"{films} has no folder {task.replace('_', '-')} with films of the task {task}; {HOW}"
@@ -96,20 +96,3 @@ def check_settings(config: RunConfig, settings: Settings) -> None:
                 f"--films is missing, but must name a folder of films: {HOW}"
             )
         films_of(Path(settings.films), change["env.name"])
-
-
-def prepare(settings: Settings, echo: Any) -> None:
-    """Makes the demonstration sets that are missing, from their films."""
-    from gril_jax.demos.importing import import_magical, import_videos
-
-    for change in settings.rows.values():
-        task, out = change["env.name"], Path(change["demos.path"])
-        if (out / "demos.json").is_file() or settings.films is None:
-            continue
-        folder = films_of(Path(settings.films), task)
-        echo(f"finding the objects in the films of {folder}")
-        out.parent.mkdir(parents=True, exist_ok=True)
-        if next(folder.glob(_FILMS[0]), None):
-            import_magical(folder, out)
-        else:
-            import_videos(folder, out, 1.02, task)

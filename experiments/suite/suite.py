@@ -18,6 +18,8 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
+from gril_jax.demos.importing import import_magical, import_videos
+from gril_jax.demos.magical_pickles import HALF_EXTENT
 from gril_jax.demos.vision.video import write_video
 from gril_jax.report import html
 from gril_jax.report.figures.style import WIDTH, styled
@@ -33,11 +35,26 @@ from ..tables.programs import Program
 from ..tables.results import Found, Table
 from ..tables.written import Column, Line, Section, markdown, mean_range
 from . import rewards, variants
-from .rows import ROWS, Settings, parts
+from .rows import FILMS, ROWS, Settings, films_of, parts
 
 _VARIANTS = ("demo", "jitter", "color", "shape", "layout", "countplus", "dynamics", "all")
 _PLAYED = tuple(f"{what}_{v}" for v in _VARIANTS for what in ("success", "score", "sampled"))
 _COLUMNS = ("row", "seed", *LAST, "steps_80", "seconds", *rewards.FIGURES, *_PLAYED, "clumped_demo")
+
+
+def _prepare(settings: Settings, echo: Callable[[str], None]) -> None:
+    """Makes the demonstration sets that are missing, from their films."""
+    for change in settings.rows.values():
+        task, out = change["env.name"], Path(change["demos.path"])
+        if (out / "demos.json").is_file() or settings.films is None:
+            continue
+        folder = films_of(Path(settings.films), task)
+        echo(f"finding the objects in the films of {folder}")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if next(folder.glob(FILMS[0]), None):
+            import_magical(folder, out)
+        else:
+            import_videos(folder, out, HALF_EXTENT, task)
 
 
 def _policy(curve: Curve) -> dict[str, float]:
@@ -194,6 +211,7 @@ TABLE = Table(
     figure=_figure,
     page_in=_page,
     settings=Settings,
+    prepare=_prepare,
     plan=lambda rows, settings, programs: programs(rows),
     policy=_policy,
     measured={"tau": ("tau",), "audit": rewards.FIGURES, "variants": _PLAYED},

@@ -49,6 +49,7 @@ def make(
     on has both, too. Raises ConfigError if a row's value is out of range, or if a policy does not
     fit into memory.
     """
+    table.prepare(settings, echo)
     rows = with_seeds(table.configs(config, settings), settings.seeds)
     num_classes = len(setup.make_env(config.env, training=False).classes)
     programs = functools.partial(

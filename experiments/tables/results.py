@@ -60,6 +60,7 @@ class Table(NamedTuple):
     page: Callable[[Found, bytes], str] | None = None  # with the figure; both at the end alone
     page_in: Callable[[Found, bytes, Path], str] | None = None  # the same, from the run's folder too
     settings: type[Settings] = Settings
+    prepare: Callable[[Any, Echo], None] = lambda *_: None  # before the run begins, from its settings
     configs: Callable[[RunConfig, Any], Sequence[RunConfig]] = lambda config, settings: [
         changed(config, change) for change in settings.rows.values()
     ]  # one a row

@@ -8,15 +8,15 @@ What is alike in them is found by comparing last frames with first ones, of four
 
     inside, outside  a class is in, or out of, a larger thing that rests, in nearly all ends
     place            ends of a class lie close together in the arena, seen against its journey
-    distances        of all pairs whose class names share their first word (a colour), or not; or
-                     their last one (a shape), or not: their order statistics, as quantiles
+    distances        of all pairs, or of those whose class names share their first word (a colour),
+                     or not; or their last one (a shape), or not: their order statistics, as quantiles
 
-Each has a range over the ends, and a scene within all ranges lacks nothing. Distances count for a
-kind of pairs only if first frames are far out of their range; so nobody says that colours, or
+Each has a range over the ends, and a scene within all ranges lacks nothing. A kind of pairs counts
+only if first frames are far out of its range, and the more the less ends are; so nobody says that colours, or
 shapes, or neither, are what matters. Turned, moved and mirrored arrangements cost the same, and so
 do those whose twins have changed places. Nothing of this needs actions or labels.
 
-Shapes use B for demonstrations, T for frames, N for objects, C for classes, K = 4 for the kinds of
+Shapes use B for demonstrations, T for frames, N for objects, C for classes, K = 5 for the kinds of
 pairs and Q for quantile levels; lengths are world units.
 """
 
@@ -36,7 +36,9 @@ _MOST, _FEW = 0.85, 0.15  # shares of ends that make a rule
 _MOVED = 1 / 3  # share of the demonstrations that must move a class
 _TIGHT = 0.25  # spread of the ends over the journey, at most, of a place that counts
 _FAR = 4.0  # cost of first frames over that of last ones, at least, of distances that count
+_KINDS = 5
 _LEVELS = 11  # quantile levels of distances
+_LEAST = 0.02  # of the cost of first frames: ends whose distances vary less count as these
 _FULL, _POWER = 0.9, 3  # as in `final_places`: due near an edge, where tasks draw their line
 _REACH = 0.5  # arena units over which the rest is due, at least
 
@@ -127,9 +129,9 @@ def disarray(
 def _nothing(words) -> Arrangement:
     count = len(words)
     none, pairs = jnp.zeros(count, bool), jnp.zeros((count, count), bool)
-    places, levels = jnp.zeros((count, 2)), jnp.zeros((4, _LEVELS))
+    places, levels = jnp.zeros((count, 2)), jnp.zeros((_KINDS, _LEVELS))
     return Arrangement(
-        none, none, none, pairs, pairs, none, places, places, jnp.zeros(4), levels, levels,
+        none, none, none, pairs, pairs, none, places, places, jnp.zeros(_KINDS), levels, levels,
         jnp.ones(()), jnp.zeros(count, jnp.int32), words,
     )  # fmt: skip
 
@@ -188,7 +190,7 @@ def _distances(goal: Arrangement, first, last, label, counted) -> Arrangement:
     half = _half_box(goal, last[1][0], label[0], counted[0])
     costs = [jnp.mean(_beyond(goal, x, half, 0.5), axis=(0, 2)) for x in (begins, ends)]
     counts = (costs[0] > _FAR * costs[1]) & (count.min(axis=0) > 0)
-    weight = jnp.where(counts, 1.0 / (costs[1] + 0.05 * costs[0] + 1e-6), 0.0)
+    weight = jnp.where(counts, 1.0 / (costs[1] + _LEAST * costs[0] + 1e-6) ** 2, 0.0)
     weight = weight / jnp.maximum(weight.sum(), 1e-6)
     return goal._replace(weight=weight)
 
@@ -200,7 +202,8 @@ def _quantiles(goal: Arrangement, center, label, counted):
     there = counted & goal.moves[label]
     words = goal.words[label]
     same = (words[one] == words[other]).T  # (2, pairs)
-    kinds = jnp.stack([same[0], ~same[0], same[1], ~same[1]]) & there[one] & there[other]
+    kinds = jnp.stack([same[0] | True, same[0], ~same[0], same[1], ~same[1]])
+    kinds = kinds & there[one] & there[other]
     ordered = jnp.sort(jnp.where(kinds, distance, jnp.inf), axis=1)
     ordered = jnp.where(jnp.isfinite(ordered), ordered, 0.0)
     count = kinds.sum(axis=1)

@@ -72,13 +72,7 @@ def _table(
         settings = dataclasses.replace(usual, **numbers, **chosen)
         if hasattr(known, "check_settings"):
             known.check_settings(config, settings)
-        prepare = getattr(known, "prepare", lambda settings, echo: None)
-
-        def ready() -> Any:
-            prepare(settings, echo)
-            return settings
-
-        return made(name, config, ready)
+        return made(name, config, lambda: settings)
 
     return Verb(f"{name} [CONFIG]", summary, plan)
 
