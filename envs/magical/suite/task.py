@@ -186,6 +186,16 @@ class SuiteTask:
             regions, kinds.region_colour, jnp.stack(strengths), jnp.zeros((), bool),
         ))  # fmt: skip
 
+    def shifted(self, state: State, center: Float[Array, "N 2"]) -> State:
+        """The same state with robot and blocks moved to these centres, in the order of `objects`;
+        angles and speeds stay as they are."""
+        data, listed = state.data, self._order
+        count = len(data.shape)
+        pose = data.pose.at[: self._parts, :2].add(center[0] - data.pose[0, :2])
+        blocks = jnp.zeros((count, 2)).at[listed.blocks].set(center[1 + len(listed.regions) :])
+        pose = pose.at[self._parts : self._parts + count, :2].set(blocks)
+        return self._observe(data._replace(pose=pose))
+
     def step(self, state: State, action: Float[Array, "A"]) -> State:
         """Advances one control step: 1/8 s under a held action."""
         data = state.data
