@@ -23,8 +23,7 @@ from gril_jax.audit.scene_reward import Scene, scene_reward
 from gril_jax.config import RunConfig
 from gril_jax.errors import DemoError
 from gril_jax.pretraining import pretrain
-from gril_jax.pretraining.contrast import displaced
-from gril_jax.pretraining.final_places import FinalPlaces
+from gril_jax.pretraining.contrast import Ends, displaced
 from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.data import read_finished
 from gril_jax.runs import run_dir
@@ -129,7 +128,7 @@ def _frames(demos: DemoBatch, bits, at) -> Scene:
     return Scene(demos.center[rows, at], demos.size[rows, at], *still, bits[rows, at])
 
 
-def _amiss(key, held: DemoBatch, end: Scene, places: FinalPlaces, number: int, unit) -> Scene:
+def _amiss(key, held: DemoBatch, end: Scene, places: Ends, number: int, unit) -> Scene:
     """Ends of films with some objects displaced, leaves (number, N, ...). The key is consumed."""
     extent = jnp.max(jnp.abs(held.center))
     which = jnp.arange(number) % len(held.length)

@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from gril_jax import reward
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import ENCODERS
@@ -61,13 +60,12 @@ def learner(
 
 
 def _of_boxes(config, demos, pool) -> Learner:
-    static = setup.pretrain_config(config, len(demos.demo_set.classes))
+    classes = demos.demo_set.classes
+    static = setup.pretrain_config(config, len(classes), classes)
     init, step = _of_members(static)
 
     def learned(state, data, hyper):
-        bits = pretrain.activity_bits(data[0], hyper, static)
-        encoder = state.params.encoder
-        return reward.from_demos(encoder, data[0], static.encoder, alpha=hyper.alpha, active=bits)
+        return pretrain.learned_reward(state.params.encoder, data[0], hyper, static)
 
     return Learner(
         static,

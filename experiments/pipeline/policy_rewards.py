@@ -66,7 +66,7 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
     active = jax.jit(jax.vmap(functools.partial(activity.trajectory, **_activity_rule(config))))(
         demos.center, demos.size
     )
-    order = np.array([_in_the_order_of(label, film) for film in np.asarray(demos.label)])
+    order = np.array([in_the_order_of(label, film) for film in np.asarray(demos.label)])
     film, frame = np.nonzero(np.arange(demos.center.shape[1]) < np.asarray(demos.length)[:, None])
     every = np.linspace(0, len(film) - 1, _NUM_FRAMES).round().astype(int)
     film, frame = film[every], frame[every]
@@ -85,7 +85,7 @@ def _labels(config: RunConfig) -> Int[np.ndarray, "N"]:
     return np.asarray(jax.jit(lambda key: env.reset(key).objects.label)(jax.random.key(0)))
 
 
-def _in_the_order_of(
+def in_the_order_of(
     task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]
 ) -> Int[np.ndarray, "N"]:
     """Where a film has the objects of a task; objects of one class keep the film's order."""

@@ -6,7 +6,7 @@ import importlib
 import importlib.util
 import inspect
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -20,6 +20,7 @@ from gril_jax.config.task import NO_TASK
 from gril_jax.encoders import encoder, ensemble
 from gril_jax.errors import ConfigError
 from gril_jax.pretraining import pixel_pretrain, pretrain
+from gril_jax.pretraining.arrangement import words_of
 from gril_jax.reward.latent_goal import RewardParams
 
 Kind = TypeVar("Kind")
@@ -101,12 +102,16 @@ def by_name(kind: type[Kind], *sections: Any, **more: Any) -> Kind:
     return kind(**{name: known[name] for name in inspect.signature(kind).parameters})
 
 
-def pretrain_config(config: RunConfig, num_classes: int) -> pretrain.Static:
-    """The static options of training on boxes; `updates` is one call's share of all steps."""
+def pretrain_config(
+    config: RunConfig, num_classes: int, classes: Sequence[str] = ()
+) -> pretrain.Static:
+    """The static options of training on boxes; `updates` is one call's share of all steps. Where
+    ends count by arrangements, training needs the class names, too."""
     require_boxes(config, "training on boxes")
     return by_name(
         pretrain.Static, config.loss, config.pool, config.pretrain,
         encoder=encoder_config(config, num_classes), updates=_updates(config),
+        words=words_of(classes),
     )  # fmt: skip
 
 
@@ -164,11 +169,18 @@ def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
     members = ensemble.num_members(chosen)
     shapes = jax.eval_shape(lambda: encoder.init(jax.random.key(0), chosen))
     blank = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
+    latent = ensemble.latent_size(chosen)
     goal, scale, alpha = (
         np.zeros(shape, np.float32)
-        for shape in (ensemble.latent_size(chosen), members if members > 1 else (), ())
+        for shape in (goal_shape(config, latent), members if members > 1 else (), ())
     )
     return jax.device_put(RewardParams(blank, goal, scale, alpha))  # nothing is compiled
+
+
+def goal_shape(config: RunConfig, latent: int) -> tuple[int, ...]:
+    """The shape of a learned reward's goal: one latent, or a set of them."""
+    several = config.loss.goals > 1 and ENCODERS[config.encoder.kind].boxes
+    return (config.loss.goals, latent) if several else (latent,)
 
 
 def device_in_words() -> str:

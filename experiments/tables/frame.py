@@ -49,6 +49,7 @@ def make(
     on has both, too. Raises ConfigError if a row's value is out of range, or if a policy does not
     fit into memory.
     """
+    table.prepare(settings, echo)
     rows = with_seeds(table.configs(config, settings), settings.seeds)
     num_classes = len(setup.make_env(config.env, training=False).classes)
     programs = functools.partial(
@@ -107,6 +108,7 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
 
     def train(program, compiled) -> None:
         done = learn_policies(program, compiled, learned, shown, run, progress, echo)
+        finish(program, run)
         saved = (run.path / "policies" / program.name).glob("*/manifest.json")
         run.finish_phase(program.name, done, sorted(saved))
         written()
@@ -116,7 +118,8 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
         ready = table_programs.get_ready(free, jax.devices(), pool)
         wanted = table_rewards.get_ready(rows, gather, pool)
         ready |= table_programs.get_ready(others, jax.devices(), pool)
-        measures = [] if demos is None else table.measures(config, settings, demos)
+        measures = table.measures(config, settings, demos)
+        finish = table.after(left, settings, pool)
         needs = functools.partial(table_rewards.needed, wanted)
         ahead.carry_out(
             table_rewards.tasks(wanted, learned, run, progress, echo)

@@ -41,12 +41,13 @@ class Measure(NamedTuple):
     same: Callable[[RunConfig], Hashable] | None = None  # equal for rows that share programs
     # The programs for rewards of boxes, from the shapes of their parameters.
     lower: Callable[[RunConfig, RewardParams], Sequence[jax.stages.Lowered]] | None = None
-    num_classes: int = 0
+    num_classes: int = 0  # 0: those of the row's own task
 
     def compile(self, config: RunConfig, count: int) -> list[jax.stages.Compiled]:
         """The programs for so many rewards."""
         with ahead.tracing():
-            blank = [setup.blank_reward(config, self.num_classes)] * count
+            known = self.num_classes or len(setup.make_env(config.env, training=False).classes)
+            blank = [setup.blank_reward(config, known)] * count
             lowered = self.lower(config, jax.eval_shape(lambda: stack(blank)))
         return [compiled(one) for one in lowered]
 

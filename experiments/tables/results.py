@@ -58,7 +58,9 @@ class Table(NamedTuple):
     figure: Callable[[Found], Figure | None]  # None before there is anything to draw
     picture: str = ""  # the figure's file, if not NAME.png
     page: Callable[[Found, bytes], str] | None = None  # with the figure; both at the end alone
+    page_in: Callable[[Found, bytes, Path], str] | None = None  # the same, from the run's folder too
     settings: type[Settings] = Settings
+    prepare: Callable[[Any, Echo], None] = lambda *_: None  # before the run begins, from its settings
     configs: Callable[[RunConfig, Any], Sequence[RunConfig]] = lambda config, settings: [
         changed(config, change) for change in settings.rows.values()
     ]  # one a row
@@ -66,7 +68,7 @@ class Table(NamedTuple):
     plan: Callable[[list[Row], Any, Callable[..., list[Program]]], list[Program]] = lambda *_: []
     policy: Callable[[Curve], Mapping[str, Any]] = at_the_end  # its numbers in the lines
     measured: Mapping[str, Sequence[str]] = {}  # measure to its numbers in the lines
-    measures: Callable[[RunConfig, Any, Demonstrations], list[Measure]] = lambda *_: []
+    measures: Callable[[RunConfig, Any, Demonstrations | None], list[Measure]] = lambda *_: []
     reference: Callable[[Demonstrations], list[Line]] = lambda demos: []  # lines of no row
     save: Callable[[Path, str, Any], list[Path]] = write_settings  # returns the files
     names: Callable[[Any], Sequence[str]] = lambda settings: [*settings.rows]
@@ -76,6 +78,10 @@ class Table(NamedTuple):
     order: Sequence[str] = ()  # of rows of joined runs; as they are given where empty
     summary: Callable[[Found], Mapping[str, Any]] = lambda found: {}  # in results.json
     one_set: bool = True  # of demonstrations for all rows
+    # What follows the training of a program, from all of them, the settings and a pool of compilers.
+    after: Callable[[Sequence[Program], Any, Any], Callable[[Program, Any], None]] = (
+        lambda *_: lambda *_: None
+    )
 
 
 def read(table: Table, folder: Path, settings: Any) -> Found:
@@ -138,11 +144,14 @@ def write(table: Table, folder: Path, found: Found, *, last: bool = True) -> str
         f"{table.name}.md": f"{text}\n".encode(),
         f"{table.name}.csv": csv(found.lines, table.columns(found.lines)).encode(),
     }
-    figure = table.figure(found) if last or table.page is None else None
+    paged = table.page is not None or table.page_in is not None
+    figure = table.figure(found) if last or not paged else None
     if figure is not None:
         picture = files[table.picture or f"{table.name}.png"] = png(figure)
         if table.page is not None:
             files["report.html"] = table.page(found, picture).encode()
+        if table.page_in is not None:
+            files["report.html"] = table.page_in(found, picture, folder).encode()
     with run_dir.writing(folder):
         for name, contents in files.items():
             (folder / name).write_bytes(contents)

@@ -17,7 +17,7 @@ that are copied, J for the copies of each and P for the scenes of a pool.
 """
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,6 +31,7 @@ from gril_jax.graphs.scene import safe_norm, scene_graph
 from gril_jax.types import DemoBatch
 
 from . import batch
+from .arrangement import Arrangement, disarray
 from .final_places import FinalPlaces, misplacement
 from .options import Hyper, Static
 
@@ -41,6 +42,12 @@ _NEARBY = 0.4  # of the encoder's length units, standard deviation
 _AROUND = 0.8  # in sizes of the reference's box, each way
 _TOUCHED = 0.2  # probability that a bit is set of an object that has not been displaced
 _ASCENT, _LAST = 0.1, 0.025  # length units: the first and the last step of an ascent
+# Where ends are arrangements: how likely an object goes beside another one, all that moves moves as
+# one, and a copied frame is the last one; and how far centres beside each other are apart, in boxes.
+_BESIDE, _AS_ONE, _FINAL = 0.4, 0.25, 0.3
+_APART = 0.7, 2.5
+
+Ends = FinalPlaces | Arrangement  # what counts as done
 
 
 class Copy(NamedTuple):
@@ -57,7 +64,7 @@ def displaced(
     size: Float[Array, "N 2"],
     active: Bool[Array, "N"],
     demo: DemoBatch,
-    places: FinalPlaces,
+    places: Ends,
     extent: Float[Array, ""] | float,
     length_unit: float = EncoderOptions.length_unit,
 ) -> Copy:
@@ -84,7 +91,45 @@ def displaced(
     options = [anywhere, first, swapped, nearby, around]
     place = jnp.clip(jnp.select([which == i for i in range(5)], options), -extent, extent)
     touched = movable & jax.random.bernoulli(keys[7], _TOUCHED, (num,))
+    if isinstance(places, Arrangement):
+        key_beside, key_as_one = jax.random.split(jax.random.fold_in(key, 8))
+        place = _beside(key_beside, place, center, size, others, extent)
+        as_one, moved = _as_one(key_as_one, center, movable & places.moves[demo.label], extent)
+        place, chosen = jnp.where(as_one[:, None], moved, place), chosen | as_one
     return Copy(jnp.where(chosen[:, None], place, center), active | chosen | touched, chosen)
+
+
+def _beside(key: PRNGKeyArray, place, center, size, others, extent) -> Float[Array, "N 2"]:
+    """The places, of which some lie beside another object instead."""
+    keys = jax.random.split(key, 4)
+    num = len(center)
+    other = jax.random.categorical(keys[0], others)
+    turn = jax.random.uniform(keys[1], (num, 1), maxval=2 * jnp.pi)
+    apart = jax.random.uniform(keys[2], (num, 1), minval=_APART[0], maxval=_APART[1])
+    way = jnp.concatenate([jnp.cos(turn), jnp.sin(turn)], axis=1)
+    beside = center[other] + apart * size.mean(axis=1, keepdims=True) * way
+    wanted = jax.random.bernoulli(keys[3], _BESIDE, (num, 1))
+    return jnp.where(wanted, jnp.clip(beside, -extent, extent), place)
+
+
+def _as_one(key: PRNGKeyArray, center, moving, extent):
+    """True for some copies, of all that is moving; and it turned, mirrored and moved as one."""
+    keys = jax.random.split(key, 4)
+    count = jnp.maximum(moving.sum(), 1).astype(center.dtype)
+    middle = jnp.sum(jnp.where(moving[:, None], center, 0.0), axis=0) / count
+    angle = jax.random.uniform(keys[0], (), maxval=2 * jnp.pi)
+    mirror = jax.random.rademacher(keys[1], (), dtype=center.dtype)
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    turned = (center - middle) @ jnp.stack([jnp.stack([c, -mirror * s]), jnp.stack([s, mirror * c])])
+    # Within the arena where it fits, so that nothing is pressed together.
+    low, high = (
+        f(jnp.where(moving[:, None], turned, 0.0), axis=0) for f in (jnp.min, jnp.max)
+    )
+    unit = jax.random.uniform(keys[2], (2,))
+    room = jnp.maximum(2 * extent - (high - low), 0.0)
+    there = turned + (-extent - low + unit * room)
+    wanted = moving & jax.random.bernoulli(keys[3], _AS_ONE)
+    return wanted, jnp.where(wanted[:, None], there, center)
 
 
 def contrast(
@@ -92,7 +137,7 @@ def contrast(
     key: PRNGKeyArray,
     demos: DemoBatch,
     active: Bool[Array, "V T N"],
-    places: FinalPlaces,
+    places: Ends,
     hyper: Hyper,
     config: Static,
     pool: Scene | None = None,
@@ -101,7 +146,7 @@ def contrast(
 
     The made-up scenes are copies of these frames, or come from a pool, or both; of each kind the
     mean is taken by itself. The reward (Eq. 7) has the mean of the batch's last latents as its
-    goal, and `hyper.span` as the latent distance of a reward of -1; were that measured in the
+    goal, or with `config.goals` the nearest of them, of the other videos; and `hyper.span` as the latent distance of a reward of -1; were that measured in the
     batch, a smaller latent space would look like a better one.
 
     Of a pool of scenes, leaves (P, N, ...), V `anchors` are drawn, and turned as videos are. The
@@ -114,10 +159,24 @@ def contrast(
         return _latent(params, scene, demo.present, hyper, config)
 
     last = jax.vmap(final)(demos, active)
-    judge = _Judge(params, jnp.mean(last, axis=0), places, extent, hyper, config)
-    of_video = jax.vmap(functools.partial(_of_video, judge))
-    plain, copies = of_video(jax.random.split(key, len(last)), demos, active)
-    ends = safe_norm(last - judge.goal) / hyper.span
+    if config.goals == 1:
+        goal = jnp.mean(last, axis=0)
+        judge = _Judge(params, goal, places, extent, hyper, config)
+        of_video = jax.vmap(functools.partial(_of_video, judge))
+        plain, copies = of_video(jax.random.split(key, len(last)), demos, active)
+        ends = safe_norm(last - judge.goal) / hyper.span
+    else:
+        # Each video is judged by the ends of the others, as a new one will be.
+        rest = jnp.array([[i for i in range(len(last)) if i != k] for k in range(len(last))])
+        keys = jax.random.split(key, len(last))
+
+        def of_one(key, demo, bits, goals):
+            judge = _Judge(params, goals, places, extent, hyper, config)
+            return _of_video(judge, key, demo, bits)
+
+        plain, copies = jax.vmap(of_one)(keys, demos, active, last[rest])
+        judge = _Judge(params, last, places, extent, hyper, config)
+        ends = jax.vmap(lambda one, goals: _away(one, goals))(last, last[rest]) / hyper.span
     errors = [copies, plain, ends] if config.copies else [plain, ends]
     if pool is not None:
         key_drawn = jax.random.fold_in(key, len(last))  # the videos have 0 to V - 1
@@ -131,8 +190,8 @@ class _Judge(NamedTuple):
     """Everything needed to judge scenes: the current encoder, and the targets of its output."""
 
     params: Params
-    goal: Float[Array, "D"]
-    places: FinalPlaces
+    goal: Float[Array, "D"] | Float[Array, "G D"]
+    places: Ends
     extent: Float[Array, ""]  # places lie within |x|, |y| <= this
     hyper: Hyper
     config: Static
@@ -147,7 +206,11 @@ def _of_video(
 
     def anchor(key):
         key_frame, key_copies = jax.random.split(key)
-        frame = _frame(demo, active, jax.random.randint(key_frame, (), 0, demo.length))
+        at = jax.random.randint(key_frame, (), 0, demo.length)
+        if judge.config.ends == "arrangement":
+            final = jax.random.bernoulli(jax.random.fold_in(key_frame, 0), _FINAL)
+            at = jnp.where(final, demo.length - 1, at)
+        frame = _frame(demo, active, at)
         boxes = frame.center, frame.size, frame.active
 
         def copy(key):
@@ -164,12 +227,27 @@ def _of_video(
 def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Array, ""]:
     """Latent distance from the goal beyond the scene's due cost, in units of the reward."""
     hyper, counted = judge.hyper, present & ~scene.is_robot
-    due = misplacement(
-        judge.places, scene.center, scene.size, scene.label, counted, scene.active,
+    due = cost(
+        judge.places, scene, counted,
         near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch, clear=judge.config.clear,
     )  # fmt: skip
     latent = _latent(judge.params, scene, present, hyper, judge.config)
-    return safe_norm(latent - judge.goal) / hyper.span - due
+    return _away(latent, judge.goal) / hyper.span - due
+
+
+def cost(
+    ends: Ends, scene: Scene, counted: Bool[Array, "N"], *, clear: float, **costs: Any
+) -> Float[Array, ""]:
+    """What a scene lacks: `misplacement` or `disarray`, whose options `costs` and `clear` are."""
+    objects = scene.center, scene.size, scene.label, counted, scene.active
+    if isinstance(ends, Arrangement):
+        return disarray(ends, *objects, **costs)
+    return misplacement(ends, *objects, **costs, clear=clear)
+
+
+def _away(latent: Float[Array, "D"], goal) -> Float[Array, ""]:
+    """The distance of a latent from the goal, or from the nearest of a set."""
+    return jnp.min(safe_norm(latent - goal))
 
 
 def _ascended(

@@ -21,7 +21,7 @@ from gril_jax.audit.scene_reward import Scene
 from gril_jax.config.reward import LossConfig
 from gril_jax.graphs.scene import safe_norm
 
-from .final_places import FinalPlaces, misplacement
+from .contrast import Ends, cost
 
 
 class Chosen(NamedTuple):
@@ -33,7 +33,7 @@ class Chosen(NamedTuple):
 
 
 def due_rewards(
-    places: FinalPlaces,
+    places: Ends,
     scenes: Scene,
     *,
     near: Float[Array, ""] | float = LossConfig.near,
@@ -41,11 +41,11 @@ def due_rewards(
     touch: Float[Array, ""] | float = LossConfig.touch,
     clear: float = LossConfig.clear,
 ) -> Float[Array, "*S"]:
-    """Minus the misplacement of each scene: at most 0; options as in `misplacement`."""
+    """Minus the cost of what each scene lacks: at most 0; options as in `misplacement`."""
 
     def one(scene):
-        return -misplacement(
-            places, scene.center, scene.size, scene.label, ~scene.is_robot, scene.active,
+        return -cost(
+            places, scene, ~scene.is_robot,
             near=near, idle_cost=idle_cost, touch=touch, clear=clear,
         )  # fmt: skip
 

@@ -80,6 +80,12 @@ class Static(PixelStatic):
     """Frames of each video of a batch that are copied."""
     ascents: int = PretrainConfig.ascents
     """Steps of each copy towards where it is overestimated most."""
+    ends: Literal["places", "arrangement"] = LossConfig.ends
+    """What copies are judged by: `gril_jax.pretraining.final_places` or `arrangement`."""
+    goals: int = LossConfig.goals
+    """Goals of the reward: the mean of the last latents, or so many of them."""
+    words: tuple[tuple[int, int], ...] = ()
+    """First and last words of the class names, for arrangements: `arrangement.words_of`."""
     anywhere_inside: bool = LossConfig.anywhere_inside
     """Count an object as in place anywhere in the box that demonstrations bring it into."""
     tails: float = LossConfig.tails
@@ -89,7 +95,7 @@ class Static(PixelStatic):
 
     def __post_init__(self):
         super().__post_init__()
-        require_at_least(self, "pretrain", copies=0, anchors=1, ascents=0, window=1)
+        require_at_least(self, "pretrain", copies=0, anchors=1, ascents=0, window=1, goals=1)
         if self.decoder == "node" and not isinstance(self.encoder, NodeConfig):
             raise ConfigError(
                 f"pretrain.decoder is 'node', but a {type(self.encoder).__name__} encoder has no "

@@ -33,7 +33,9 @@ from gril_jax.types import DemoBatch
 from . import batch as pretrain_batch
 from . import contrast as pretrain_contrast
 from . import loss as pretrain_loss
-from .final_places import FinalPlaces, final_places
+from .arrangement import arrangement
+from .contrast import Ends
+from .final_places import final_places
 from .options import Hyper, Static
 
 # Adam without its step size, which is traced; norms are clipped against rare long steps.
@@ -95,12 +97,19 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
     return TrainState(params, _OPTIMIZER.init(params), key, jnp.zeros((), jnp.int32))
 
 
-def places(demos: DemoBatch, num_classes: int, config: Static) -> FinalPlaces:
-    """The final places of the demonstrations, as the options have it."""
-    return final_places(
-        demos, num_classes, turned=config.turn_scenes, anywhere_inside=config.anywhere_inside,
-        tails=config.tails,
-    )  # fmt: skip
+def places(demos: DemoBatch, num_classes: int, config: Static) -> Ends:
+    """What counts as done, from the last frames of the demonstrations, as the options have it."""
+    if config.ends == "places":
+        return final_places(
+            demos, num_classes, turned=config.turn_scenes, anywhere_inside=config.anywhere_inside,
+            tails=config.tails,
+        )  # fmt: skip
+    if len(config.words) != num_classes:
+        raise ConfigError(
+            f"words has {len(config.words)} entries, but the encoder has {num_classes} classes; "
+            "with ends 'arrangement' it must have one of each."
+        )
+    return arrangement(demos, config.words)
 
 
 @jax.jit
@@ -186,9 +195,20 @@ def evaluate(
       High values say that demonstrations are ordered, not that a reward is safe to optimise.
     """
     latents = embed(params, demos, hyper, config)
-    bits = activity_bits(train, hyper, config)
-    learned = reward.from_demos(params, train, config.encoder, alpha=hyper.alpha, active=bits)
+    learned = learned_reward(params, train, hyper, config)
     return figures(learned, latents, demos.length)
+
+
+def learned_reward(
+    params: Params, train: DemoBatch, hyper: Hyper, config: Static
+) -> RewardParams:
+    """The reward of an encoder: its goal is the mean of the training demonstrations' last latents,
+    or `config.goals` of them."""
+    bits = activity_bits(train, hyper, config)
+    goal = "mean" if config.goals == 1 else config.goals
+    return reward.from_demos(
+        params, train, config.encoder, alpha=hyper.alpha, active=bits, goal=goal
+    )
 
 
 def figures(

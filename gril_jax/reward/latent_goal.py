@@ -36,8 +36,8 @@ from gril_jax.graphs import activity
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.types import DemoBatch, SceneGraph
 
-# How a goal is made: the mean of the last frames, each of them, or the caller's own latents.
-Goal = Literal["mean", "each"] | Float[Array, "D"] | Float[Array, "G D"]
+# How a goal is made: the mean of the last frames, each or so many of them, or the caller's latents.
+Goal = Literal["mean", "each"] | int | Float[Array, "D"] | Float[Array, "G D"]
 
 # A traced softness cannot be refused; below this it counts as this.
 _LEAST_SOFTNESS = 1e-6
@@ -143,8 +143,9 @@ def from_latents(
       first: of the first frames.
       last: of the last frames, with the task done.
       alpha: the pooling weight that they were made with.
-      goal: "mean" of the last latents; "each" of them, as a set of G = B goals; or latents of the
-        caller's own, (D,) for one frame's or (G, D) for a set.
+      goal: "mean" of the last latents; "each" of them, as a set of G = B goals; a number of them, at
+        equal steps in their order; or latents of the caller's own, (D,) for one frame's or (G, D)
+        for a set.
       members: of the ensemble that made them.
 
     Returns:
@@ -155,7 +156,7 @@ def from_latents(
     Raises:
       ShapeError: there is no demonstration, the goal is not of the latents' size, or that is not
         a multiple of the number of members.
-      ConfigError: `goal` is another word.
+      ConfigError: `goal` is another word, or a number of more than there are.
     """
     if 0 in last.shape or first.shape != last.shape:
         raise ShapeError(
@@ -166,6 +167,12 @@ def from_latents(
         if goal not in ("mean", "each"):
             raise ConfigError(f"goal is {goal!r}; it must be 'mean', 'each', or an array.")
         goal = jnp.mean(last, axis=0) if goal == "mean" else last
+    if isinstance(goal, int):
+        if not 1 <= goal <= len(last):
+            raise ConfigError(
+                f"goal is {goal}; it must be from 1 to {len(last)}, the demonstrations."
+            )
+        goal = last[jnp.linspace(0, len(last) - 1, goal).round().astype(jnp.int32)]
     _check_goal(goal, last.shape[-1])
     one = jnp.ones((), jnp.float32)
     unscaled = RewardParams(encoder_params, goal, one, jnp.asarray(alpha, jnp.float32))
@@ -213,7 +220,7 @@ def from_demos(
       ConfigError: the encoder is not one of scene graphs, or `goal` is another word.
     """
     _check_demos(demos, config, active)
-    word, goal = (goal, None) if isinstance(goal, str) else (None, goal)
+    word, goal = (goal, None) if isinstance(goal, (str, int)) else (None, goal)
     options = Options(alpha=alpha, tau=tau, window=window, active=active)
     return _from_demos(encoder_params, demos, config, goal, word=word, **options)
 

@@ -29,5 +29,5 @@ class MoveToRegion(SuiteTask):
         return regions.holds(scene.regions[0], scene.robot).astype(jnp.float32)
 
     def _stages(self) -> Stages:
-        stage = regions.inside(0, self._order.region(0), "robot in the region", ())
-        return Stages((stage,), (), self.arena, self.scored, robots=(0,))
+        stage = regions.inside(0, self._order.region(0), "robot in the region", (0,))
+        return Stages((stage,), (0,), self.arena, self.scored)

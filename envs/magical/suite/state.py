@@ -81,7 +81,8 @@ def objects(data: SuiteData, robot: Robot, listed: Order) -> Objects:
             boxes.robot_size(robot, base[2])[None], regions[:, 2:], sizes[rows]
         ]),
         label=jnp.concatenate(label).astype(jnp.int32),
-        is_robot=jnp.arange(1 + len(regions) + len(blocks)) == 0,
+        # Where a robot is all that can move, it is what counts.
+        is_robot=(jnp.arange(1 + len(regions) + len(blocks)) == 0) & (len(blocks) > 0),
     )  # fmt: skip
 
 

@@ -156,6 +156,46 @@ class SuiteTask:
             start.regions, kinds.region_colour, jnp.stack(strengths), start.unplaced,
         ))  # fmt: skip
 
+    def place(
+        self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
+    ) -> State:
+        """A start with everything where its box lies, in the order of `objects`, and at rest.
+
+        Boxes do not show angles, which are drawn; a robot that could not stand there at those
+        drawn, as one that holds a block, stands as near as it can. For variants with the colours,
+        shapes and forces of Demo.
+        """
+        key_angle, key_there, key_robot = jax.random.split(key, 3)
+        kinds, listed = jax.tree.map(jnp.asarray, self._kinds), self._order
+        count = len(listed.regions)
+        boxes = jnp.concatenate([center, size], axis=1)[1 : 1 + count]
+        regions = jnp.zeros((count, 4)).at[listed.regions].set(boxes)
+        shown = center[1 + count :]
+        angle = jax.random.uniform(key_angle, (len(shown), 1), minval=-jnp.pi, maxval=jnp.pi)
+        blocks = jnp.zeros((len(shown), 3))
+        blocks = blocks.at[listed.blocks].set(jnp.concatenate([shown, angle], axis=1))
+        scene = self.robot, blocks, jnp.asarray(layouts.RADII)[kinds.shape], None
+        there, taken = layouts.place_robot(key_there, *scene, arena=self.arena, at=center[0])
+        elsewhere, _ = layouts.place_robot(key_robot, *scene, arena=self.arena)
+        robot = layouts.robot_pose(self.robot, jnp.where(taken, elsewhere, there))
+        spare = jnp.array([outside(0)] * self._spare).reshape(-1, 3)
+        pose = jnp.concatenate([robot, blocks, spare])
+        strengths = layouts.strengths(key, self._preset, vary=False)
+        return self._observe(SuiteData(
+            pose, jnp.zeros_like(pose), jnp.asarray(self._rest), kinds.shape, kinds.colour,
+            regions, kinds.region_colour, jnp.stack(strengths), jnp.zeros((), bool),
+        ))  # fmt: skip
+
+    def shifted(self, state: State, center: Float[Array, "N 2"]) -> State:
+        """The same state with robot and blocks moved to these centres, in the order of `objects`;
+        angles and speeds stay as they are."""
+        data, listed = state.data, self._order
+        count = len(data.shape)
+        pose = data.pose.at[: self._parts, :2].add(center[0] - data.pose[0, :2])
+        blocks = jnp.zeros((count, 2)).at[listed.blocks].set(center[1 + len(listed.regions) :])
+        pose = pose.at[self._parts : self._parts + count, :2].set(blocks)
+        return self._observe(data._replace(pose=pose))
+
     def step(self, state: State, action: Float[Array, "A"]) -> State:
         """Advances one control step: 1/8 s under a held action."""
         data = state.data

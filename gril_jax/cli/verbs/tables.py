@@ -19,6 +19,7 @@ from .. import own_tasks
 from ..arguments import (
     Work,
     echo,
+    existing_folder,
     positional,
     require_left_to_options,
     run_config,
@@ -69,6 +70,8 @@ def _table(
         }
         config, chosen = choose(known, args, quick, load)
         settings = dataclasses.replace(usual, **numbers, **chosen)
+        if hasattr(known, "check_settings"):
+            known.check_settings(config, settings)
         return made(name, config, lambda: settings)
 
     return Verb(f"{name} [CONFIG]", summary, plan)
@@ -194,6 +197,21 @@ def _ladder(known: ModuleType, args: list[str], quick: bool, load: Loader):
     return config, {"rows": rows}
 
 
+def _suite(known: ModuleType, args: list[str], quick: bool, load: Loader):
+    name, films = positional(args), take(args, "--films")
+    if name not in (None, "magical"):
+        raise ConfigError(f"{name!r} is no suite that is known; it must be magical")
+    sets = Path(take(args, "--sets") or "runs/magical_sets")
+    if films is not None:
+        existing_folder(films)
+    names = [*_rows_taken(known, args)]
+    taken = {path for change in known.ROWS.values() for path in change} - {"ppo.num_timesteps"}
+    require_left_to_options(args, taken)
+    config = load("magical_suite", args)
+    rows = known.rows(sets, config.ppo.num_timesteps)
+    return config, {"rows": {name: rows[name] for name in names}, "films": films}
+
+
 def _table2(known: ModuleType, args: list[str], quick: bool, load: Loader):
     from gril_jax.experiments.tables.rows import require_learned
 
@@ -253,6 +271,15 @@ VERBS = (
         "show (V), and what only somebody who knows the goal can give (C). --seeds N of each (5); "
         "--rows names some, such as 'ours at level V'. --steps-per-encoder N as in table1.",
         _ladder,
+    ),
+    _table(
+        "suite",
+        "all tasks of MAGICAL from films to policies: --films FOLDER; --resume RUN goes on",
+        "For each of MAGICAL's eight tasks: find the objects in its films (--films FOLDER has one "
+        "folder a task; the demonstration sets go to --sets FOLDER), learn a reward, audit it, train "
+        "--seeds N policies (5) in Demo, and play them in every variant from --eval-starts N starts "
+        "(64). --rows names some, such as 'find_dupe from films'.",
+        _suite,
     ),
     _table(
         "table2",

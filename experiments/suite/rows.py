@@ -1,0 +1,98 @@
+"""The rows of a suite: its tasks, each with a learned reward and with the task's own score."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError, DemoError
+
+from ..tables.rows import AuditedSettings, Rows
+
+TASKS = (
+    "move_to_region", "move_to_corner", "fix_colour", "find_dupe", "match_regions", "make_line",
+    "cluster_shape", "cluster_colour",
+)  # fmt: skip
+LEARNED, SCORE = "films", "its score"
+_FROM = " from "
+_REWARDS: dict[str, dict[str, Any]] = {
+    LEARNED: {"run.reward": "learned"},
+    SCORE: {"run.reward": "environmental", "run.reward_offset": 0.0},
+}
+FILMS = "*.pkl.gz", "*.mp4"
+# Steps of a task's policies, as shares of the configuration's: long tasks take longer to learn.
+_STEPS = {
+    "move_to_region": 0.5, "move_to_corner": 0.5, "fix_colour": 0.5, "make_line": 2.0,
+    "cluster_shape": 2.0, "cluster_colour": 2.0,
+}  # fmt: skip
+HOW = (
+    "clone https://github.com/qxcv/magical-data, whose folders, such as find-dupe, hold the films "
+    "as they were published"
+)
+
+
+def row_name(task: str, reward: str) -> str:
+    """The name of a row."""
+    return f"{task}{_FROM}{reward}"
+
+
+def parts(row: str) -> tuple[str, str]:
+    """The task and the reward of a row."""
+    task, _, reward = row.partition(_FROM)
+    return task, reward
+
+
+def rows(sets: Path, steps: int) -> Rows:
+    """The rows of all tasks, whose demonstration sets are in a folder; `steps` are those of a
+    policy in a task of middle length."""
+    return {
+        row_name(task, reward): {
+            "env.name": task,
+            "env.reward": "sparse",
+            "env.observation": "plain",
+            "demos.path": str(sets / task),
+            "ppo.num_timesteps": round(_STEPS.get(task, 1.0) * steps),
+        }
+        | _REWARDS[reward]
+        for reward in _REWARDS
+        for task in TASKS
+    }
+
+
+ROWS = rows(Path("sets"), 1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings(AuditedSettings):
+    """Those of a suite."""
+
+    eval_starts: int = 64
+    """Starts of each variant that finished policies are evaluated from."""
+    films: str | None = None
+    """Folder with a folder of films for each task."""
+
+
+def films_of(films: Path, task: str) -> Path:
+    """The folder of a task's films; a DemoError that says how to get them if there are none."""
+    for name in (task.replace("_", "-"), task):
+        folder = films / name
+        if any(next(folder.glob(kind), None) for kind in FILMS):
+            return folder
+    raise DemoError(
+        f"{films} has no folder {task.replace('_', '-')} with films of the task {task}; {HOW}"
+    )
+
+
+def check_settings(config: RunConfig, settings: Settings) -> None:
+    """Raises, before work starts, if films are missing or settings do not fit."""
+    if config.run.algorithm != "ppo":
+        raise ConfigError(f"run.algorithm is {config.run.algorithm!r}, but must be 'ppo' here")
+    for change in settings.rows.values():
+        made = Path(change["demos.path"]) / "demos.json"
+        if made.is_file():
+            continue
+        if settings.films is None:
+            raise DemoError(
+                f"--films is missing, but must name a folder of films: {HOW}"
+            )
+        films_of(Path(settings.films), change["env.name"])

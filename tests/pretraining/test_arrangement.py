@@ -1,0 +1,150 @@
+"""What ends have in common, found in made-up demonstrations whose rule is known."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gril_jax.pretraining import contrast
+from gril_jax.pretraining.arrangement import Arrangement, arrangement, disarray, words_of
+from gril_jax.types import DemoBatch
+
+CLASSES = ("robot", "red region", "red star", "blue star", "blue square")
+WORDS = words_of(CLASSES)
+LABEL = jnp.array([0, 1, 2, 3, 4, 3])  # a robot, a region, and four blocks, of which two are twins
+SIZE = jnp.array([[0.4, 0.4], [0.6, 0.6]] + [[0.2, 0.2]] * 4)
+BLOCKS = slice(2, 6)
+DEMOS = 12
+
+
+def _demos(ends, region=(3.0, 3.0), begins=None) -> DemoBatch:
+    """Demonstrations of two frames; `ends` and `begins` are the blocks' places, (B, 4, 2)."""
+    drawn = np.random.default_rng(0)
+    if begins is None:
+        begins = np.array([[-0.8, 0.8], [0.8, 0.8], [0.8, -0.7], [-0.1, 0.8]])
+        begins = begins + drawn.uniform(-0.02, 0.02, ends.shape)
+    rest = np.broadcast_to([[0.0, 0.0], region], (len(ends), 2, 2))
+    frames = [np.concatenate([rest, blocks], axis=1) for blocks in (begins, ends)]
+    center = jnp.asarray(np.stack(frames, axis=1), jnp.float32)
+    num = len(ends)
+    return DemoBatch(
+        center, jnp.broadcast_to(SIZE, (num, 2, 6, 2)), jnp.tile(LABEL, (num, 1)),
+        jnp.tile(LABEL == 0, (num, 1)), jnp.ones((num, 6), bool), jnp.full(num, 2),
+    )  # fmt: skip
+
+
+def _line(seed=1):
+    """Four blocks on a line, 0.25 apart, in any order, anywhere and at any angle."""
+    drawn = np.random.default_rng(seed)
+    angle = drawn.uniform(0, np.pi, DEMOS)
+    way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    steps = np.stack([drawn.permutation(4) for _ in range(DEMOS)]) - 1.5
+    return drawn.uniform(-0.4, 0.4, (DEMOS, 1, 2)) + 0.25 * steps[..., None] * way[:, None]
+
+
+def _inside(seed=1):
+    """The red star in the region, all others where they were."""
+    drawn = np.random.default_rng(seed)
+    ends = np.array(_demos(_line()).center[:, 0, BLOCKS])
+    ends[:, 0] = [-0.5, -0.5] + drawn.uniform(-0.15, 0.15, (DEMOS, 2))
+    return ends
+
+
+FOUND = jax.jit(lambda demos: arrangement(demos, WORDS))
+KNOWN = {"inside": _demos(_inside(), (-0.5, -0.5)), "line": _demos(_line())}
+
+
+@functools.cache
+def _goal(name) -> Arrangement:
+    return FOUND(KNOWN[name])
+
+
+@jax.jit
+def _lacks(goal, center):
+    active = jnp.ones(6, bool)
+    return disarray(goal, center, SIZE, LABEL, LABEL != 0, active, near=0.7)
+
+
+def _of(goal, blocks):
+    name = "inside" if goal.inside.any() else "line"
+    return float(_lacks(goal, jnp.concatenate([KNOWN[name].center[0, 0, :2], blocks])))
+
+
+def test_words():
+    assert WORDS == ((0, 0), (1, 2), (1, 3), (4, 3), (4, 5))
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_ends_lack_nothing_and_beginnings_a_whole(name):
+    each = jax.jit(jax.vmap(lambda goal, center: _lacks(goal, center), (None, 0)))
+    begin, end = (np.asarray(each(_goal(name), KNOWN[name].center[:, t])) for t in (0, 1))
+    assert end.mean() < 0.05
+    assert begin.mean() == pytest.approx(1.0, abs=0.3)
+    assert end.max() < 0.3 * begin.min()
+
+
+def test_a_region_holds_what_all_ends_have_in_it_and_keeps_out_the_others():
+    goal = _goal("inside")
+    assert np.flatnonzero(goal.container).tolist() == [1]
+    assert np.argwhere(goal.inside).tolist() == [[2, 1]]
+    assert np.argwhere(goal.outside).tolist() == [[3, 1], [4, 1]]
+    assert not goal.weight.any()  # one block that moves has no distances
+    ends = KNOWN["inside"].center[0, 1, BLOCKS]
+    done, intruded = _of(goal, ends), _of(goal, ends.at[1].set(jnp.array([-0.4, -0.6])))
+    undone = _of(goal, ends.at[0].set(jnp.array([0.3, 0.3])))
+    assert done < 0.1 < intruded
+    assert done < 0.1 < 0.6 < undone
+
+
+def test_a_line_counts_in_any_order_place_and_angle_and_a_clump_does_not():
+    goal = _goal("line")
+    assert (np.asarray(goal.weight) > 0).any()
+    assert not goal.placed.any()
+    assert not goal.inside.any()
+    new = jnp.asarray(_line(seed=7)[0], jnp.float32)
+    mirrored = new[::-1] * jnp.array([-1.0, 1.0])
+    clump = jnp.array([[0.0, 0.0], [0.25, 0.0], [0.0, 0.25], [0.25, 0.25]])
+    assert _of(goal, new) < 0.05
+    assert _of(goal, mirrored) < 0.05
+    assert _of(goal, clump) > 0.1
+
+
+def test_twins_may_change_places():
+    goal, blocks = _goal("line"), jax.random.uniform(jax.random.key(0), (4, 2))
+    assert _of(goal, blocks[jnp.array([0, 3, 2, 1])]) == pytest.approx(_of(goal, blocks), abs=1e-5)
+
+
+def test_a_place_in_the_arena_counts_where_all_ends_are_near():
+    drawn = np.random.default_rng(3)
+    ends = np.array(KNOWN["line"].center[:, 0, BLOCKS])
+    ends[:, 2] = [-0.8, 0.0] + drawn.uniform(-0.05, 0.05, (DEMOS, 2))
+    goal = FOUND(_demos(ends))
+    assert np.flatnonzero(goal.placed).tolist() == [4]
+    away = jnp.asarray(ends[0], jnp.float32).at[2].set(jnp.array([0.0, 0.0]))
+    assert _of(goal, jnp.asarray(ends[0], jnp.float32)) < 0.1 < 0.5 < _of(goal, away)
+
+
+def test_costs_are_bounded_and_have_finite_slopes():
+    goal = _goal("line")
+    same = jnp.zeros((6, 2))  # all objects in one point
+    value, slope = jax.jit(jax.value_and_grad(lambda c: _lacks(goal, c)))(same)
+    assert 0.0 <= float(value) <= 2.0
+    assert np.isfinite(slope).all()
+
+
+def test_what_moves_as_one_keeps_its_distances():
+    center = KNOWN["line"].center[0, 1]
+    moving = jnp.arange(6) >= 2
+    chosen, there = jax.jit(jax.vmap(lambda key: contrast._as_one(key, center, moving, 1.0)))(
+        jax.random.split(jax.random.key(0), 64)
+    )
+    some = np.asarray(chosen.any(axis=1))
+    assert 0 < some.sum() < 64
+    apart = lambda x: jnp.linalg.norm(x[..., :, None, :] - x[..., None, :, :], axis=-1)  # noqa: E731
+    wanted = np.asarray(apart(center[BLOCKS]))
+    for moved in np.asarray(apart(there[:, BLOCKS]))[some]:
+        np.testing.assert_allclose(moved, wanted, atol=1e-4)
+    assert np.abs(np.asarray(there)[some][:, BLOCKS]).max() <= 1.0 + 1e-5
+    assert (np.asarray(there)[:, :2] == np.asarray(center[:2])).all()
