@@ -142,7 +142,7 @@ def own_start(results: Mapping[str, Any]) -> str | None:
 def sentences(results: Mapping[str, Any]) -> list[str]:
     """A line for each rate, and one for the task's own start."""
     lines = [f"{_NAMES[field]}: {rate}" for field, rate in rates(results).items()]
-    lines += [f"stages finished, as the learned reward tells them: {text}" for text in _stages(results)]
+    lines += [f"stages finished, as the learned reward has them: {x}" for x in _stages(results)]
     own = own_start(results)
     return lines + ([f"the task's own start: {own}"] if own else [])
 

@@ -5,8 +5,8 @@
     progress, r = staircase.step(stairs, progress, latent_goal_reward(params, graph, config))
 
 The reward of a long task climbs in steps, and demonstrations agree on the reward at which each step
-ends: that is how stages are discovered (`gril_jax.subtasks.agreement`). So an episode has finished a
-stage once it is paid nearly as much. A chain of goals (`gril_jax.reward.chain`) asks instead how
+ends: that is how stages are discovered (`gril_jax.subtasks.agreement`). So an episode has finished
+a stage once it is paid nearly as much. A chain of goals (`gril_jax.reward.chain`) asks instead how
 near the latent is to where demonstrations were, which a policy that does the same with another
 object, or leaves something else elsewhere, may never be.
 
