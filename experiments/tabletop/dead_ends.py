@@ -1,6 +1,7 @@
 """Dead ends of a table task that a reward pays for: found by pushes, before a policy finds them.
 
     python -m gril_jax.experiments.tabletop.dead_ends reward.npz --task shoes_in_box
+    python -m gril_jax.experiments.tabletop.dead_ends --near 0.5       # before anything is learned
 
 An audit knows what places are worth, and not which of them cannot be left. Here the simulator says
 that. From moments of the scripted expert's episodes a closed hand pushes one thing after another,
@@ -37,7 +38,10 @@ from gril_jax.experiments.fidelity.physics_parity import printed
 from jaxtyping import Float
 
 from gril_jax.audit.scene_reward import Scene, scene_reward
+from gril_jax.config.reward import LossConfig
 from gril_jax.interop.reward_file import load_reward
+from gril_jax.pretraining.final_places import final_places, misplacement
+from gril_jax.types import DemoBatch
 
 Pay = Callable[[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]], float]  # of boxes at rest
 
@@ -45,6 +49,7 @@ _STEP = 0.04  # metres: by how much a thing is moved to see where the reward ris
 _WAYS = 8  # directions of pushes
 _SETTLE = 15  # control steps
 _PACE = moves.Pace(0.35, 0.42, (0.0, 0.0))
+_EPISODES = 30
 _PAID = 0.05  # of the range: a dead end that pays more than this is worth going to
 
 
@@ -180,10 +185,42 @@ def of_boxes(reward: Callable[[Scene], Float[jax.Array, ""]], label: jax.Array) 
     return lambda center, size: float(reward(Scene(center, size, label, robot, rest)))
 
 
+def costs(env: Tabletop, entry: Entry, near: float) -> Pay:
+    """Minus what displaced copies are taught to cost (`misplacement`), with boxes of whole things.
+
+    What belongs where is read from the ends of the expert's successes in `_EPISODES` episodes.
+    """
+    starts = jax.device_get(
+        jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), _EPISODES))
+    )
+    played = (
+        entry.script.play(env, jax.tree.map(lambda x, i=i: x[i], starts), (0, i))
+        for i in range(_EPISODES)
+    )
+    good = [run for run in played if run.succeeded]
+    label, robot = jnp.arange(len(env.classes)), np.isin(np.arange(len(env.classes)), ROBOTS)
+    demos = DemoBatch(
+        *(jnp.stack([x[np.array([0, -1])] for x in part])
+          for part in zip(*((run.center, run.size) for run in good), strict=True)),
+        jnp.tile(label, (len(good), 1)), jnp.tile(robot, (len(good), 1)),
+        jnp.ones((len(good), len(label)), bool), jnp.full(len(good), 2),
+    )  # fmt: skip
+    places = final_places(demos, len(label))
+
+    def pay(scene: Scene) -> Float[jax.Array, ""]:
+        return -misplacement(
+            places, scene.center, scene.size, scene.label, ~scene.is_robot, scene.active, near=near
+        )
+
+    return of_boxes(jax.jit(pay), label)
+
+
 @dataclass(frozen=True)
 class _Options:
-    reward: Annotated[Path, tyro.conf.Positional]
-    """Reward file, of `gril export-reward`."""
+    reward: Annotated[Path | None, tyro.conf.Positional] = None
+    """Reward file, of `gril export-reward`; without it the costs that copies are taught pay."""
+    near: float = LossConfig.near
+    """Of these costs, as `loss.near`."""
     task: str = "shoes_in_box"
     """Task on the table."""
     pushes: int = 100
@@ -200,11 +237,13 @@ def main(argv: list[str] | None = None) -> int:
         check_counts(pushes=options.pushes)
         entry: Entry = pkgutil.resolve_name(f"gril_jax.envs.tabletop.{options.task}.task:ENTRY")
         env = entry.make()
-        found = look(
-            env, entry, pay_of(options.reward, env.classes), pushes=options.pushes,
-            seed=options.seed,
-        )  # fmt: skip
-        return {"task": options.task, "seed": options.seed} | summary(found, 1.0)
+        if options.reward is None:
+            pay, paid_by = costs(env, entry, options.near), f"costs, near {options.near:g}"
+        else:
+            pay, paid_by = pay_of(options.reward, env.classes), options.reward.name
+        found = look(env, entry, pay, pushes=options.pushes, seed=options.seed)
+        about = {"task": options.task, "paid by": paid_by, "seed": options.seed}
+        return about | summary(found, 1.0)
 
     return printed("dead ends", work)
 

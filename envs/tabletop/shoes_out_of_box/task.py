@@ -34,7 +34,7 @@ _LOOSE = (0.002, 0.02, 0.05)  # x, y, yaw by which a shoe may lie elsewhere
 _LOW, _HIGH = (-0.35, 0.18, -1.0), (0.35, 0.60, 0.04)  # beside the box, in its frame
 _AHEAD = 0.06  # metres: height of the point to which a shoe is carried
 # The middles of shoes that lie beside the box: where they count, and where they clearly do.
-_OUT, _CLEARLY = Area((0.5, -0.5), (1.9, 0.25)), Area((0.66, -0.18), (1.3, 0.14))
+_OUT, _CLEARLY = Area((0.5, -0.5), (1.9, 0.2)), Area((0.66, -0.18), (1.3, 0.14))
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:
