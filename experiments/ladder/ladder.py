@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from gril_jax.report.figures.style import WIDTH, styled
 
-from ..tables.counted import of_lines
+from ..tables.counted import of_lines, one_start, solved
 from ..tables.curves import LAST, Curve, draw_spread
 from ..tables.results import Found, Table
 from ..tables.written import Line, column, median_reached
@@ -25,8 +25,10 @@ _COLUMNS = ("row", "seed", *LAST, "steps_80", "tau")
 _REACHED = median_reached(unit=1e-6, digits=2)
 
 
-def _success(name: str) -> Callable[[list[Line]], str]:
+def _success(name: str, *, single: bool = False) -> Callable[[list[Line]], str]:
     def written(lines: list[Line]) -> str:
+        if single:
+            return solved(column(lines, name), len(lines))
         values = 100 * column(lines, name)
         return f"{values.mean():.1f} ({values.min():.1f} to {values.max():.1f})"
 
@@ -46,14 +48,17 @@ def _text(found: Found) -> str:
     counted = {
         sampled: of_lines(known, found.variant, sampled=sampled) for sampled in (False, True)
     }
+    single = one_start(known, found.variant)
+    what = "Who solves" if single else "Success in the last evaluation, deterministic actions, of"
+    how = "deterministic actions" if single else "percent, mean over policies (lowest to highest)"
     return "\n\n".join([
-        "Success in the last evaluation, deterministic actions, percent of "
-        f"{counted[False]}: mean over policies (lowest to highest).",
-        _matrix(known, _success("success")),
-        f"The same with sampled actions, {counted[True]}.",
+        f"{what} {counted[False]}: {how}.",
+        _matrix(known, _success("success", single=single)),
+        f"Success with sampled actions, {counted[True]}: percent, mean over policies (lowest to "
+        "highest).",
         _matrix(known, _success("success_sampled")),
-        "Million env steps of a policy until an evaluation with sampled actions has 80 %: the "
-        "median, and how many got there.",
+        "Million env steps of a policy until an evaluation with sampled actions has a success of "
+        "at least 80 %: the median, and how many got there.",
         _matrix(known, _soon),
     ])  # fmt: skip
 

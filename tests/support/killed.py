@@ -77,11 +77,11 @@ def run(job):
     count = counted(job)
     starve(job)
     code = main(sys.argv[1:])
-    if not any((job["limits"], job["user"], job["stdout"])):
+    if not any((code, job["limits"], job["user"], job["stdout"])):
         sys.stdout.flush()
         with open("changes", "w") as file:
             print(count[0], file=file)
-    threading._shutdown()
+    threading._shutdown()  # waits for threads, as an interpreter does at its end
     os._exit(code)
 
 for line in sys.stdin:
