@@ -71,6 +71,7 @@ def starve(job):
 def run(job):
     os.chdir(job["folder"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whatever started the tests
     for number, name in ((1, "out"), (2, "err")):
         os.dup2(os.open(name, os.O_CREAT | os.O_TRUNC | os.O_WRONLY), number)
     sys.argv = ["gril", *job["args"]]
