@@ -102,7 +102,8 @@ def _summary(found: Found) -> dict[str, Any]:
         for row, values in by_row(found.lines, name).items():
             rows.setdefault(row, {})[name] = sum(values.tolist()) / len(values)
     starts = {variant: counted._asdict() for variant, counted in found.starts.items()}
-    return {"rows": rows, "starts": starts} | dict(found.about)
+    about = {name: x for name, x in found.about.items() if name != "started"}  # no clocks
+    return {"rows": rows, "starts": starts} | about
 
 
 def _figure(found: Found) -> Figure | None:

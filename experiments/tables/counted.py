@@ -58,11 +58,15 @@ def of_lines(lines: Sequence[Line], variant: str = "", *, sampled: bool = False)
     return Counted(played, int(starts[0])).in_words(variant, sampled=sampled)
 
 
+def one_start(lines: Sequence[Line], variant: str = "") -> bool:
+    """True if success is that of a single start, which a policy solves or does not."""
+    return of_lines(lines, variant) == Counted(1, 1).in_words(variant)
+
+
 def success_columns(lines: Sequence[Line], variant: str = "") -> list[Column]:
     """Success with deterministic and with sampled actions; of one start, who solves it."""
     among, played = (of_lines(lines, variant, sampled=sampled) for sampled in (False, True))
-    single = among == Counted(1, 1).in_words(variant)
-    words, write = ("", solved) if single else ("success, ", mean_interval())
+    words, write = ("", solved) if one_start(lines, variant) else ("success, ", mean_interval())
     return [
         Column("success", f"{words}deterministic actions, {among}", write),
         Column("success_sampled", f"success, sampled actions, {played}", mean_interval()),

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from gril_jax.report.figures.style import WIDTH, styled
 
-from .counted import of_lines
+from .counted import of_lines, one_start, solved
 from .curves import Curve, draw_spread
 from .results import Found
 from .written import Line, column, median_reached
@@ -37,20 +37,25 @@ def matrices(found: Found, split: Split, columns: Sequence[str], heading: str) -
     def matrix(write: Callable[[list[Line]], str]) -> str:
         return _matrix(known, split, columns, heading, write)
 
+    single = one_start(known, found.variant)
+    what = "Who solves" if single else "Success in the last evaluation, deterministic actions, of"
+    how = "deterministic actions" if single else "percent, mean over policies (lowest to highest)"
     return "\n\n".join([
-        "Success in the last evaluation, deterministic actions, percent of "
-        f"{counted[False]}: mean over policies (lowest to highest).",
-        matrix(_success("success")),
-        f"The same with sampled actions, {counted[True]}.",
+        f"{what} {counted[False]}: {how}.",
+        matrix(_success("success", single=single)),
+        f"Success with sampled actions, {counted[True]}: percent, mean over policies (lowest to "
+        "highest).",
         matrix(_success("success_sampled")),
-        "Million env steps of a policy until an evaluation with sampled actions has 80 %: the "
-        "median, and how many got there.",
+        "Million env steps of a policy until an evaluation with sampled actions has a success of "
+        "at least 80 %: the median, and how many got there.",
         matrix(_soon),
     ])  # fmt: skip
 
 
-def _success(name: str) -> Callable[[list[Line]], str]:
+def _success(name: str, *, single: bool = False) -> Callable[[list[Line]], str]:
     def written(lines: list[Line]) -> str:
+        if single:
+            return solved(column(lines, name), len(lines))
         values = 100 * column(lines, name)
         return f"{values.mean():.1f} ({values.min():.1f} to {values.max():.1f})"
 

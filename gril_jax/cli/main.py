@@ -40,7 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             work = _plan(args)
             code = 1
             result = work() or 0
-        sys.stdout.flush()  # here, where a pipe that is closed can still be answered for
+        if sys.stdout is not None:  # as where a caller has closed it
+            sys.stdout.flush()  # here, where a pipe that is closed can still be answered for
         return result
     except Interrupted as stop:
         print(f"gril: {stop}.", file=sys.stderr)
@@ -58,10 +59,28 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
+        if (said := _of_the_system(error)) is None:
             raise
-        print(f"gril: {error.filename!s:.60}... is too long for a file's name.", file=sys.stderr)
+        print(f"gril: {said}.", file=sys.stderr)
         return code
+
+
+# What a machine refuses a program that makes no mistake.
+_REFUSED = {
+    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO),
+    *(errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ESTALE, errno.EBADF),
+}
+
+
+def _of_the_system(error: OSError) -> str | None:
+    """A sentence without its full stop on what the system refuses; None for what is a mistake."""
+    if error.errno == errno.ENAMETOOLONG:
+        return f"{error.filename!s:.60}... is too long for a file's name"
+    if error.errno not in _REFUSED:
+        return None
+    if error.filename is None:
+        return f"the machine refuses what is to be written or read ({error.strerror})"
+    return f"{error.filename!s} cannot be written or read ({error.strerror})"
 
 
 def help_page() -> str:

@@ -182,6 +182,11 @@ def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
         low_x, low_y, high_x, high_y = one.edges
         return low_x < film.width and low_y < film.height and high_x > 0 and high_y > 0
 
+    if boxes and max(max(one.edges) for one in boxes) <= 1:
+        raise DemoError(
+            f"{boxes[0].where}: all edges are at most 1, so the boxes seem to be shares of the "
+            f"picture; they must be pixels, and {film.path.name} is {film.width} x {film.height}."
+        )
     kept = [one for one in boxes if inside(one)]
     if 10 * (len(boxes) - len(kept)) > len(boxes):
         first = next(one for one in boxes if not inside(one))

@@ -82,4 +82,5 @@ def heard() -> Iterator[None]:
         yield
     finally:
         over.set()
-        sys.unraisablehook = before
+        if sys.unraisablehook is hook:  # else it is part of what has replaced it
+            sys.unraisablehook = before

@@ -91,7 +91,8 @@ class MetricRows:
         self._count_again()
 
     def _count_again(self) -> None:
-        data = self.file.read_bytes()
+        with writing(self.file.parent):
+            data = self.file.read_bytes()
         self._sha, self._bytes, self._lines = hashlib.sha256(data), len(data), data.count(b"\n")
 
     def close(self) -> None:

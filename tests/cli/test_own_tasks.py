@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from gril_jax.envs.own import files
@@ -180,6 +181,16 @@ def test_a_new_task_keeps_the_contract(folder, capsys):
     assert "kick: classes region, robot, block; 2 actions, 8 observations" in out
     assert "kick.py exists already" in _fault(capsys, "new-task", "kick")
     assert "must be a name such as push_puck" in _fault(capsys, "new-task", "../kick")
+
+
+@pytest.mark.parametrize("name", ["push-puck", "1puck", "class", "../puck", "", "pück"])
+def test_a_new_task_needs_a_name_that_python_takes(folder, capsys, name):
+    before = sorted(Path.cwd().iterdir())
+    assert main.main(["new-task", name]) == 2
+    error = capsys.readouterr().err
+    assert "must be a name such as push_puck" in error or "is empty" in error
+    assert error.count("\n") == 1
+    assert sorted(Path.cwd().iterdir()) == before
 
 
 def test_check_task_fails_where_something_is_missing(folder, capsys):

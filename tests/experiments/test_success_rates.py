@@ -1,10 +1,14 @@
 """Every verb that prints a success rate says beside it how many starts it counts."""
 
+import importlib.util
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from gril_jax.experiments.ladder import ladder
 from gril_jax.experiments.soundness import soundness
+from gril_jax.experiments import tables
 from gril_jax.experiments.sweeps import sweep
 from gril_jax.experiments.table1 import columns as table1
 from gril_jax.experiments.tables.counted import Counted
@@ -32,11 +36,11 @@ def unsaid(text):
     return [x for x in pieces if re.search(RATE, x) and not re.search(SAYS, x)]
 
 
-def _found(columns, counted):
+def _found(columns, counted, row="a row"):
     """Lines of two policies, as a run of a table has them."""
     draw = np.random.default_rng(0)
     lines = [
-        {"row": "a row", "seed": seed} | {name: float(draw.uniform()) for name in columns[2:]}
+        {"row": row, "seed": seed} | {name: float(draw.uniform()) for name in columns[2:]}
         for seed in (0, 1)
     ]
     first = [*counted.values()][:1]
@@ -46,7 +50,7 @@ def _found(columns, counted):
         for one in first:
             line |= {"starts": one.distinct, "episodes": one.episodes}
     curve = Curve(0, 0, None, np.ones(1), np.ones(1), {}, counted)
-    return Found(["a row"], lines, [curve], {}, {"command": "gril"})
+    return Found([row], lines, [curve], {}, {"command": "gril"})
 
 
 def _table1_page(found):
@@ -64,6 +68,7 @@ def _report(folder, results):
 TABLES = {
     "sweep": (sweep.TABLE.text, sweep.TABLE.columns([])),
     "soundness": (soundness.TABLE.text, soundness.TABLE.columns([])),
+    "ladder": (ladder.TABLE.text, ladder.TABLE.columns([])),
     "table1": (table1.text, table1.COLUMNS),
     "report of table1": (_table1_page, table1.COLUMNS),
 }
@@ -74,11 +79,36 @@ OLDER = {k: x for k, x in RESULTS.items() if not re.search("starts|variant|elsew
 @pytest.mark.parametrize("verb", TABLES)
 def test_a_table_says_what_its_success_counts(verb, starts):
     write, columns = TABLES[verb]
-    text = write(_found(columns, starts))
+    rows = ("ours at level A",) if verb == "ladder" else ("a row",)
+    text = write(_found(columns, starts, *rows))
     assert re.search(RATE, text)
     assert unsaid(text) == []
     if not starts:
         assert "number of starts not recorded" in text
+
+
+@pytest.mark.parametrize("verb", ["sweep", "soundness", "ladder"])
+def test_of_a_single_start_a_table_says_who_solves_it(verb):
+    write, columns = TABLES[verb]
+    row = "ours at level A" if verb == "ladder" else "a row"
+    found = _found(columns, {"demo": Counted(1, 1)}, row)
+    for line, success in zip(found.lines, (1.0, 0.0), strict=True):
+        line["success"] = success
+    assert "solved by 1 of 2 policies" in write(found)
+
+
+def test_every_verb_with_policies_is_here():
+    """A table that trains policies has a plan for them."""
+    names = [path.name for path in Path(tables.__file__).parents[1].iterdir() if path.is_dir()]
+    found = set()
+    for name in names:
+        if importlib.util.find_spec(f"gril_jax.experiments.{name}.{name.removesuffix('s')}"):
+            module = importlib.import_module(
+                f"gril_jax.experiments.{name}.{name.removesuffix('s')}"
+            )
+            table = getattr(module, "TABLE", None)
+            found |= {table.name} if table and "success" in table.columns([]) else set()
+    assert found and found <= {*TABLES}
 
 
 @pytest.mark.parametrize("results", [RESULTS, OLDER, RESULTS | {"starts": 1, "success": 1.0}])

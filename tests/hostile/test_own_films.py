@@ -78,6 +78,26 @@ def several(home):
     (home / "films" / "a.csv").write_text(GOOD + more)
 
 
+def shares(home):
+    rows = "".join(f"{t},cup,0.1,0.1,0.2,0.3\n{t},hand,.5,.5,.7,1\n" for t in range(5))
+    (home / "films" / "a.csv").write_text(f"{HEAD}\n{rows}")
+
+
+def named(names):
+    """MOTChallenge's form, with these names beside it."""
+
+    def make(home):
+        gone(home)
+        (home / "films" / "a.txt").write_text("1,1,1,1,9,9,1,1\n2,1,1,1,9,9,1,2\n")
+        (home / "films" / "names.txt").write_text(names)
+
+    return make
+
+
+def broken(home):
+    (home / "broken_detector.py").write_text("def f(:\n")
+
+
 AUTO = ("--boxes", "auto")
 KINDS = {
     "no boxes": (gone, AUTO, "a.mp4: no boxes are beside the film"),
@@ -101,6 +121,33 @@ KINDS = {
         AUTO, "'cup 1' is a class, and also one of several of a class",
     ),
     "a class not of the task": (None, (*AUTO, "--task", "match_regions"), "line 2: class 'cup'"),
+    "semicolons": (
+        boxes(GOOD.replace(",", ";")), AUTO, "a.csv, line 1: the format of the boxes is not known"
+    ),
+    "tabs": (
+        boxes(GOOD.replace(",", "\t")), AUTO, "line 1: the format of the boxes is not known"
+    ),
+    "half a frame": (change("\n3,cup", "\n3.5,cup"), AUTO, "line 8: frame must be a whole number"),
+    "a frame in words": (change("\n3,cup", "\nthird,cup"), AUTO, "line 8: frame must be a whole"),
+    "per cent": (change("3,cup,12,", "3,cup,12%,"), AUTO, "line 8: x_min must be a number, not"),
+    "shares of the picture": (
+        shares, AUTO, "line 2: all edges are at most 1, so the boxes seem to be shares"
+    ),
+    "no name of the robot": (None, (*AUTO, "--robot", ""), "no box is of the robot's class ''"),
+    "a robot too many": (None, (*AUTO, "--robot", "hand", "foot"), "of the robot's class 'foot'"),
+    "boxes of a format's name": (None, ("--boxes", "coco"), "--boxes is 'coco', but must be one"),
+    "jitter that is no number": (None, (*AUTO, "--jitter", "nan"), "--jitter is nan, but must be"),
+    "endless width": (None, (*AUTO, "--half-extent", "inf"), "--half-extent is inf, but must be"),
+    "a frame rate without end": (None, (*AUTO, "--fps", "1e9"), "--fps is 1000000000.0, but must"),
+    "no names": (named(""), AUTO, "a.txt, line 1: class 1 is not among the 0 names of names.txt"),
+    "names that are too few": (named("cup\n"), AUTO, "a.txt, line 2: class 2 is not among the 1"),
+    "a name twice": (
+        named("hand\n\nhand\n"), AUTO, "names.txt, line 3: 'hand' stands in line 1, too"
+    ),
+    "a detector with a mistake": (
+        broken, ("--detector", "broken_detector:f"), "cannot be imported (invalid syntax (broken"
+    ),
+    "a film that is no folder": (None, (*AUTO, "films/a.mp4"), "there is no use for"),
     "no frame rate": (None, (*AUTO, "--fps", "0"), "--fps is 0.0"),
     "a frame rate that is no number": (None, (*AUTO, "--fps", "nan"), "--fps"),
     "no width": (None, (*AUTO, "--half-extent", "0"), "--half-extent is 0.0"),
@@ -136,6 +183,10 @@ FIRST = {
     "a number": ('{"a": [7]}', "box 0: must be an object"),
     "three edges": ('{"a": [{"class": "cup", "box": [1, 1, 9]}]}', "box must be x_min, y_min"),
     "NaN": ('{"a": [{"class": "cup", "box": [1, 1, NaN, 9]}]}', "x_max must be a number"),
+    "a later frame than there is": (
+        '{"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": 99}]}',
+        "t.json, film 'a', box 0: frame 99 is beyond a",
+    ),
     "beyond the picture": (
         '{"a": [{"class": "cup", "box": [1, 1, 999, 9]}]}', "must lie within the picture"
     ),

@@ -110,9 +110,9 @@ def test_a_folder_that_must_not_be_written_is_a_sentence(killed, whole, tmp_path
         pytest.skip("only root can become somebody who may not write")
     folder = tmp_path / "mine"
     killed.run(folder, ["--version"])
-    for path in (*tmp_path.parents, tmp_path, folder):
-        if str(path).startswith("/tmp/"):
-            path.chmod(path.stat().st_mode | 0o055)
+    for path in (*killed.path.parents[:3], *killed.path.rglob("*"), killed.path, *tmp_path.parents[:3],
+                 tmp_path, folder):
+        path.chmod(path.stat().st_mode | 0o055)
     done = killed.run(folder, _ARGS, user=_NOBODY)
     _said(done, ("run cannot be written to (Permission denied)",))
     assert not (folder / "run").exists()

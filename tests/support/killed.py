@@ -71,17 +71,18 @@ def starve(job):
 def run(job):
     os.chdir(job["folder"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whatever started the tests
     for number, name in ((1, "out"), (2, "err")):
         os.dup2(os.open(name, os.O_CREAT | os.O_TRUNC | os.O_WRONLY), number)
     sys.argv = ["gril", *job["args"]]
     count = counted(job)
     starve(job)
     code = main(sys.argv[1:])
-    if not any((job["limits"], job["user"], job["stdout"])):
+    if not any((code, job["limits"], job["user"], job["stdout"])):
         sys.stdout.flush()
         with open("changes", "w") as file:
             print(count[0], file=file)
-    threading._shutdown()
+    threading._shutdown()  # waits for threads, as an interpreter does at its end
     os._exit(code)
 
 for line in sys.stdin:

@@ -1,5 +1,6 @@
 """Verbs for a task of one's own: a skeleton of it, and what is missing in it."""
 
+import keyword
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -57,7 +58,8 @@ class _New:
 def _new(args: list[str]) -> Work:
     about = "Write a task that runs, to be changed, and a test of it."
     given = parse(_New, args, prog="gril new-task", description=about)
-    if not (given.name.isidentifier() and given.name.isascii()):
+    fits = given.name.isidentifier() and given.name.isascii()
+    if not fits or keyword.iskeyword(given.name):
         raise ConfigError(
             f"{given.name!r:.60} must be a name such as push_puck, of letters, digits, _"
         )

@@ -16,9 +16,23 @@ def names_beside(path: Path, film: Path) -> tuple[Path | None, list[str]]:
     places = [film.with_suffix(".names"), *(folder / name for folder in folders for name in FILES)]
     for place in places:
         if place.is_file() and place != path:
-            lines = enumerate(read_text(place).splitlines(), 1)
-            return place, [class_name(x, f"{place}, line {n}") for n, x in lines if x.strip()]
+            return place, _names(place)
     return None, []
+
+
+def _names(file: Path) -> list[str]:
+    found: dict[str, int] = {}
+    for number, line in enumerate(read_text(file).splitlines(), 1):
+        if not line.strip():
+            continue
+        name = class_name(line, f"{file}, line {number}")
+        if name in found:
+            raise DemoError(
+                f"{file}, line {number}: {name!r} stands in line {found[name]}, too, but each "
+                "class needs a name of its own."
+            )
+        found[name] = number
+    return [*found]
 
 
 def named(number: int, first: int, names: list[str], file: Path | None, where: str) -> str:

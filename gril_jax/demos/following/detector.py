@@ -59,7 +59,7 @@ def _found(name: str) -> Callable[[np.ndarray], list[list[tuple]]]:
         sys.path.insert(0, "")  # a file in the folder in which the command was given
     try:
         found = getattr(importlib.import_module(module), function)
-    except (ImportError, AttributeError, ValueError) as error:
+    except (ImportError, AttributeError, ValueError, SyntaxError) as error:
         raise DemoError(f"--detector {name} cannot be imported ({error}).") from error
     if not callable(found):
         raise DemoError(f"--detector {name} is a {type(found).__name__}, but must be a function.")

@@ -13,12 +13,14 @@ back bit for bit, on the default device, and strongly typed.
 
 import contextlib
 import errno
+import functools
 import hashlib
 import logging
 import os
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -210,8 +212,10 @@ def _write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
         for name in _NOTES:
             (path / name).unlink(missing_ok=True)
     except ValueError as error:  # how TensorStore reports what the file system refuses
-        full = re.search("No space|too large|quota", str(error))
-        raise OSError(errno.ENOSPC if full else errno.EIO, str(error).split(": ")[-1]) from None
+        # "...: Too many open files [os_error_code='24'] [tensorstore_spec='{...}']"
+        said = str(error).partition(" [")[0].rpartition(": ")[2]
+        known = re.search(r"os_error_code='(\d+)'", str(error))
+        raise OSError(int(known[1]) if known else errno.EIO, said) from None
 
 
 def _read_arrays(path: Path, entries: list[dict[str, Any]]) -> dict[str, np.ndarray]:
@@ -238,11 +242,21 @@ def _orbax() -> Iterator[ocp.Checkpointer]:
     handler = ocp.PyTreeCheckpointHandler(
         use_ocdbt=False, use_zarr3=False, multiprocessing_options=alone
     )
-    logger = absl_logging.get_absl_logger()
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        with ocp.Checkpointer(handler, multiprocessing_options=alone) as checkpointer:
-            yield checkpointer
-    finally:
-        logger.setLevel(before)
+    loggers = absl_logging.get_absl_logger(), logging.getLogger("asyncio")
+    before, hook = [logger.level for logger in loggers], sys.unraisablehook
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    sys.unraisablehook = functools.partial(_but_for_closed_loops, hook)
+    with ocp.Checkpointer(handler, multiprocessing_options=alone) as checkpointer:
+        yield checkpointer
+    # Not after an error, of which the first is raised: files that were still being written then
+    # have errors of their own, moments later.
+    sys.unraisablehook = hook
+    for logger, level in zip(loggers, before, strict=True):
+        logger.setLevel(level)
+
+
+def _but_for_closed_loops(hook: Callable[[Any], Any], lost: Any) -> None:
+    """Hands on what is lost, but for the error of a file whose checkpoint is given up."""
+    if "Event loop is closed" not in str(lost.exc_value):
+        hook(lost)
