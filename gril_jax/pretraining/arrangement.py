@@ -8,13 +8,14 @@ What is alike in them is found by comparing last frames with first ones, of four
 
     inside, outside  a class is in, or out of, a larger thing that rests, in nearly all ends
     place            ends of a class lie close together in the arena, seen against its journey
-    distances        of all pairs, or of those whose class names share their first word (a colour),
-                     or not; or their last one (a shape), or not: their order statistics, as quantiles
+    distances        between what moves into no container: of all pairs, or of those whose class names
+                     share their first word (a colour), or not, or their last one (a shape), or not;
+                     their order statistics, as quantiles
 
 Each has a range over the ends, and a scene within all ranges lacks nothing. A kind of pairs counts
-only if first frames are far out of its range, and the more the less ends are; so nobody says that colours, or
-shapes, or neither, are what matters. Turned, moved and mirrored arrangements cost the same, and so
-do those whose twins have changed places. Nothing of this needs actions or labels.
+only if first frames are far out of its range, and the more the less ends are; so nobody says that
+colours, or shapes, or neither, are what matters. Turned, moved and mirrored arrangements cost the
+same, and so do those whose twins have changed places. Nothing of this needs actions or labels.
 
 Shapes use B for demonstrations, T for frames, N for objects, C for classes, K = 5 for the kinds of
 pairs and Q for quantile levels; lengths are world units.
@@ -199,7 +200,8 @@ def _quantiles(goal: Arrangement, center, label, counted):
     """Quantiles (K, Q) of the distances between what moves, by kind of pairs, and their number."""
     one, other = jnp.triu_indices(len(label), 1)
     distance = safe_norm(center[one] - center[other])
-    there = counted & goal.moves[label]
+    # What belongs in a container is in its place anywhere there.
+    there = counted & (goal.moves & ~goal.inside.any(axis=1))[label]
     words = goal.words[label]
     same = (words[one] == words[other]).T  # (2, pairs)
     kinds = jnp.stack([same[0] | True, same[0], ~same[0], same[1], ~same[1]])

@@ -293,3 +293,12 @@ def test_latents_goals_and_options_that_do_not_fit_are_refused():
         value(_params(_points(2, 3)), _points(3), softness=0.0)
     with pytest.raises(ConfigError, match="PixelConfig, which takes no boxes"):
         inspect.unwrap(reward.from_demos)({}, _demos(), PixelConfig())
+
+
+def test_a_number_of_goals_are_last_latents_at_equal_steps():
+    last = jnp.arange(10.0).reshape(5, 2)
+    params = reward.from_latents({}, last + 1.0, last, goal=3)
+    assert params.goal.tolist() == last[jnp.array([0, 2, 4])].tolist()
+    for count in (0, 6):
+        with pytest.raises(ConfigError, match="from 1 to 5"):
+            reward.from_latents({}, last, last, goal=count)
