@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gril_jax.experiments import tables
 from gril_jax.experiments.ladder import ladder
 from gril_jax.experiments.soundness import soundness
-from gril_jax.experiments import tables
+from gril_jax.experiments.suite import suite
 from gril_jax.experiments.sweeps import sweep
 from gril_jax.experiments.table1 import columns as table1
+from gril_jax.experiments.table3 import table3
 from gril_jax.experiments.tables.counted import Counted
 from gril_jax.experiments.tables.curves import Curve
 from gril_jax.experiments.tables.results import Found
@@ -69,9 +71,14 @@ TABLES = {
     "sweep": (sweep.TABLE.text, sweep.TABLE.columns([])),
     "soundness": (soundness.TABLE.text, soundness.TABLE.columns([])),
     "ladder": (ladder.TABLE.text, ladder.TABLE.columns([])),
+    "table3": (table3.TABLE.text, table3.TABLE.columns([])),
+    "suite": (suite.TABLE.text, suite.TABLE.columns([])),
     "table1": (table1.text, table1.COLUMNS),
     "report of table1": (_table1_page, table1.COLUMNS),
 }
+ROWS = {
+    "ladder": "ours at level A", "table3": "ours on umbrella_out", "suite": "make_line from films",
+}  # fmt: skip
 OLDER = {k: x for k, x in RESULTS.items() if not re.search("starts|variant|elsewhere|solved", k)}
 
 
@@ -79,19 +86,17 @@ OLDER = {k: x for k, x in RESULTS.items() if not re.search("starts|variant|elsew
 @pytest.mark.parametrize("verb", TABLES)
 def test_a_table_says_what_its_success_counts(verb, starts):
     write, columns = TABLES[verb]
-    rows = ("ours at level A",) if verb == "ladder" else ("a row",)
-    text = write(_found(columns, starts, *rows))
+    text = write(_found(columns, starts, ROWS.get(verb, "a row")))
     assert re.search(RATE, text)
     assert unsaid(text) == []
     if not starts:
         assert "number of starts not recorded" in text
 
 
-@pytest.mark.parametrize("verb", ["sweep", "soundness", "ladder"])
+@pytest.mark.parametrize("verb", ["sweep", "soundness", "ladder", "table3"])
 def test_of_a_single_start_a_table_says_who_solves_it(verb):
     write, columns = TABLES[verb]
-    row = "ours at level A" if verb == "ladder" else "a row"
-    found = _found(columns, {"demo": Counted(1, 1)}, row)
+    found = _found(columns, {"demo": Counted(1, 1)}, ROWS.get(verb, "a row"))
     for line, success in zip(found.lines, (1.0, 0.0), strict=True):
         line["success"] = success
     assert "solved by 1 of 2 policies" in write(found)
@@ -108,7 +113,8 @@ def test_every_verb_with_policies_is_here():
             )
             table = getattr(module, "TABLE", None)
             found |= {table.name} if table and "success" in table.columns([]) else set()
-    assert found and found <= {*TABLES}
+    assert len(found) >= 5
+    assert found <= {*TABLES}
 
 
 @pytest.mark.parametrize("results", [RESULTS, OLDER, RESULTS | {"starts": 1, "success": 1.0}])
