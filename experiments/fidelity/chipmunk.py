@@ -6,6 +6,7 @@ episode must be played on from where it was left.
 """
 
 import collections
+import importlib
 import math
 from typing import Any
 
@@ -27,12 +28,11 @@ def _pymunk() -> Any:
     """The package; ValueError says which is missing."""
     collections.Sequence = collections.abc.Sequence  # type: ignore[attr-defined]  # for pymunk 5
     try:
-        import pymunk
+        return importlib.import_module("pymunk")
     except ImportError as error:
         raise ValueError(
             f"the original's engine needs a package: pip install pymunk==5.6.0 ({error})"
         ) from error
-    return pymunk
 
 
 class _Scene:
