@@ -69,7 +69,7 @@ def is_round(shapes: BlockShape) -> Bool[Array, "*B"]:
 
 
 def nearest_arms(shapes: BlockShape, towards: Vec) -> tuple[Vec, Vec]:
-    """Of `shapes.directions` the nearest to a vector (..., B) in the blocks' frames, and the next."""
+    """Of the directions the nearest to a vector (..., B) in the blocks' frames, and the next."""
     dots = [shapes.directions[k].dot(towards) for k in range(5)]
     first, best = shapes.directions[0], dots[0]
     second, next_best = jax.tree.map(jnp.zeros_like, first), jnp.full_like(best, -jnp.inf)
@@ -84,7 +84,7 @@ def nearest_arms(shapes: BlockShape, towards: Vec) -> tuple[Vec, Vec]:
 
 
 def pieces(shapes: BlockShape, arm: Vec) -> Polygon:
-    """The blocks in their own frames, of a star the arm (..., B) that is named; arrays (5, ..., B)."""
+    """The blocks in their own frames, of a star that arm (..., B); arrays (5, ..., B)."""
     tip, notch, out = shapes.rim_start, shapes.rim_end, shapes.rim_out
     other = lambda v: Vec(v.x, -v.y)  # noqa: E731
     inner = notch.turned() * (1.0 / jnp.sqrt(jnp.maximum(notch.dot(notch), 1e-12)))

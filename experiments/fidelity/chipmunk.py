@@ -6,6 +6,7 @@ episode must be played on from where it was left.
 """
 
 import collections
+import importlib
 import math
 from typing import Any
 
@@ -27,12 +28,11 @@ def _pymunk() -> Any:
     """The package; ValueError says which is missing."""
     collections.Sequence = collections.abc.Sequence  # type: ignore[attr-defined]  # for pymunk 5
     try:
-        import pymunk
+        return importlib.import_module("pymunk")
     except ImportError as error:
         raise ValueError(
             f"the original's engine needs a package: pip install pymunk==5.6.0 ({error})"
         ) from error
-    return pymunk
 
 
 class _Scene:
@@ -105,7 +105,8 @@ class _Scene:
         anchor = tuple(map(float, robots.PIVOTS[k - 1]))
         hinge = pm.PinJoint if self.of.pins else pm.PivotJoint
         low, high = (0.0, _OPEN) if k == 1 else (-_OPEN, 0.0)
-        for joint in (hinge(base, finger, anchor, (0, 0)), pm.RotaryLimitJoint(base, finger, low, high)):
+        held = hinge(base, finger, anchor, (0, 0))
+        for joint in (held, pm.RotaryLimitJoint(base, finger, low, high)):
             joint.error_bias = 0.0
             self.space.add(joint)
         return self._joint(pm.SimpleMotor(base, finger, 0.0), strength, bias=0)
@@ -172,14 +173,16 @@ class Chipmunk:
         """Poses, velocities and memory a control step later, as `Physics.step`."""
         del velocity, shapes
         like = [jax.ShapeDtypeStruct(x.shape, jnp.float32) for x in (pose, pose, memory)]
-        numbers = [jnp.stack([jnp.asarray(x, jnp.float32) for x in f]) for f in (strengths, command)]
+        one = lambda fields: jnp.stack([jnp.asarray(x, jnp.float32) for x in fields])  # noqa: E731
+        numbers = [one(strengths), one(command)]
         return jax.pure_callback(
             self._play, like, pose, memory, *numbers, vmap_method="broadcast_all"
         )
 
     def _play(self, pose, memory, strengths, command):
         lanes = [np.asarray(f) for f in (pose, memory, strengths, command)]
-        flat = [f.reshape(-1, *f.shape[f.ndim - n :]) for f, n in zip(lanes, (2, 1, 1, 1), strict=True)]
+        axes = (2, 1, 1, 1)
+        flat = [f.reshape(-1, *f.shape[f.ndim - n :]) for f, n in zip(lanes, axes, strict=True)]
         new_pose, new_velocity, new_memory = [], [], []
         for at, number, force, order in zip(*flat, strict=True):
             if number[0] == 0:

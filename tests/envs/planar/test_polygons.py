@@ -62,12 +62,13 @@ def _found(case):
 
 
 def _near(row, others):
-    return (np.abs(np.asarray(others).reshape(-1, 5) - row) < [2e-4, 2e-4, 1e-5, 1e-4, 1e-4]).all(axis=1).any()
+    apart = np.abs(np.asarray(others).reshape(-1, 5) - row)
+    return (apart < [2e-4, 2e-4, 1e-5, 1e-4, 1e-4]).all(axis=1).any()
 
 
 @pytest.mark.parametrize("part", [-1, 0, 1, 2])
 def test_contacts_are_chipmunks(part):
-    """All of them; of stars, which it has as six pieces, the deepest, and none that it has not."""
+    """All; of stars, which it has as six pieces, the deepest, and none that it has not."""
     cases = [case for case in CASES if case["part"] == part]
     assert len(cases) >= 8
     for case in cases:
