@@ -171,7 +171,8 @@ def test_signals_at_any_moment_lose_nothing(killed, whole, tmp_path, signals):
         codes.append(done.code)
         assert "Traceback" not in done.err, done.err
         # Saved and said; or, in work that a resumed run does again, ended as signals end programs.
-        assert done.code in (0, 128 + signals[0], 130, -signals[0]), done
+        ends = {0} | {code for number in signals for code in (128 + number, -number)}
+        assert done.code in ends, done
         if done.code > 0:
             assert done.sentence.startswith("gril: "), done.err
         _goes_on(killed, folder, whole)
@@ -199,7 +200,8 @@ def test_two_processes_in_one_folder_do_not_disturb_each_other(killed, whole, tm
     ]  # fmt: skip
     said = [process.communicate(timeout=600) for process in both]
     codes = sorted(process.returncode for process in both)
-    assert codes == [0, 2], said
+    assert codes[0] == 0, said
+    assert codes[1] in (1, 2), said  # it was refused before work, or as it began
     loser = next(err for (_, err), one in zip(said, both, strict=True) if one.returncode)
     assert "is being written by process" in loser or "has finished" in loser, loser
     assert differing(whole[0], folder / "run") == []

@@ -73,7 +73,7 @@ def run(job):
     sys.argv = ["gril", *job["args"]]
     count = counted(job)
     starve(job)
-    code = main(sys.argv[1:])
+    code = main()
     if not any((code, job["limits"], job["stdout"])):
         sys.stdout.flush()
         with open("changes", "w") as file:
