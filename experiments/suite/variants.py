@@ -54,7 +54,9 @@ class Ground(NamedTuple):
 def known(task: str) -> tuple[str, ...]:
     """The variants of a task, Demo first; those that the original has and ours has not are not."""
     env = registry.build(task, {})
-    names = getattr(env, "variants", ("demo", "jitter", "color", "shape", "layout", "dynamics", "all"))
+    names = getattr(
+        env, "variants", ("demo", "jitter", "color", "shape", "layout", "dynamics", "all")
+    )
     return tuple(names)
 
 

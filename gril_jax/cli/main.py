@@ -6,6 +6,7 @@ codes: 0 done, 1 failed at work, 2 a wrong command line, 128 and the number of a
 
 import errno
 import os
+import signal
 import sys
 import textwrap
 from collections.abc import Sequence
@@ -51,6 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # What only the task or the devices can refuse is known later, but is a wrong command too.
         return 2 if isinstance(error, ConfigError) else code
     except KeyboardInterrupt:
+        if argv is None:  # another one ends the process at once, and says nothing more
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
         print("gril: interrupted.", file=sys.stderr)
         return 130
     except SystemExit as stop:  # tyro has printed the help

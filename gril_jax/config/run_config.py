@@ -38,7 +38,8 @@ class RunSettings:
     """Weights of the learned and of the task's own reward in their sum, or in the shaped one."""
     reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
     """Constant added to the learned reward if that is all, also in stages or as a chain. With 1 it
-    starts at about 0 instead of -1: no policy is better or worse for it, but some are found sooner."""
+    starts at about 0 instead of -1: no policy is better or worse for it, but some are found
+    sooner."""
     audit: int = field(default=0, metadata=at_least(0))
     """Gradient ascents of the audit that follows training, 0 for none; `gril audit` has its own."""
     evaluations: int = field(default=8, metadata=at_least(0))

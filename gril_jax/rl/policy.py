@@ -40,9 +40,7 @@ def fresh_weights(key: PRNGKeyArray, *networks: Any) -> list[Any]:
     named, tree = jax.tree.flatten_with_path(every)
     shapes = [shape for _, shape in named]
     biases = [path[-1].key == "bias" for path, _ in named]
-    sizes = (
-        0 if bias else math.prod(x.shape) for bias, x in zip(biases, shapes, strict=True)
-    )
+    sizes = (0 if bias else math.prod(x.shape) for bias, x in zip(biases, shapes, strict=True))
     ends = list(itertools.accumulate(sizes))
     unit = jax.random.uniform(key, (ends[-1],), minval=-1.0)
 

@@ -157,9 +157,7 @@ def subtasks(
     )
 
 
-def stages(
-    config: GraphConfig, *, robots: Sequence[int] = (), by: float = 0.0
-) -> Reward:
+def stages(config: GraphConfig, *, robots: Sequence[int] = (), by: float = 0.0) -> Reward:
     """The learned reward in the stages in which it climbs (`gril_jax.reward.staircase`).
 
     Its parameters are a pair: those of `learned`, and the staircase. The policy sees the share of

@@ -4,6 +4,7 @@ Each ends in one sentence or is said, and what was cut off goes on to the folder
 nothing disturbed.
 """
 
+import contextlib
 import os
 import random
 import shutil
@@ -20,7 +21,6 @@ from support.tiny_runs import command
 
 _ARGS = command("pretrain")
 _AGAIN = ("pretrain", "--resume", "run")
-_NOBODY = 65534
 
 
 @pytest.fixture(scope="module")
@@ -106,20 +106,29 @@ def test_a_full_disk_ends_in_a_sentence_and_the_run_goes_on(killed, whole, tmp_p
 
 @pytest.mark.slow
 def test_a_folder_that_must_not_be_written_is_a_sentence(killed, whole, tmp_path):
-    if os.getuid():
-        pytest.skip("only root can become somebody who may not write")
+    """Permissions do not bind root, but a read-only mount does."""
     folder = tmp_path / "mine"
-    killed.run(folder, ["--version"])
-    for path in (*killed.path.parents[:3], *killed.path.rglob("*"), killed.path, *tmp_path.parents[:3],
-                 tmp_path, folder):
-        path.chmod(path.stat().st_mode | 0o055)
-    done = killed.run(folder, _ARGS, user=_NOBODY)
-    _said(done, ("run cannot be written to (Permission denied)",))
-    assert not (folder / "run").exists()
+    with _read_only(folder / "locked"):
+        done = killed.run(folder, [*_ARGS, "--out", "locked/run"])
+        _said(done, ("locked/run cannot be written to (Read-only file system)",))
+        assert not [*(folder / "locked").iterdir()]
     assert killed.run(folder, _ARGS, change=whole[1] // 2).code == -signal.SIGKILL
-    done = killed.run(folder, _AGAIN, user=_NOBODY)
-    _said(done, ("Permission denied",))
+    with _read_only(folder / "run"):
+        _said(killed.run(folder, _AGAIN), ("Read-only file system",))
     _goes_on(killed, folder, whole)
+
+
+@contextlib.contextmanager
+def _read_only(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    bound = ["mount", "--bind", str(folder), str(folder)]
+    if os.getuid() or subprocess.run(bound, capture_output=True).returncode:
+        pytest.skip("nothing can be mounted here")
+    try:
+        subprocess.run(["mount", "-o", "remount,bind,ro", str(folder)], check=True)
+        yield
+    finally:
+        subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
 @pytest.mark.slow
@@ -162,7 +171,8 @@ def test_signals_at_any_moment_lose_nothing(killed, whole, tmp_path, signals):
         codes.append(done.code)
         assert "Traceback" not in done.err, done.err
         # Saved and said; or, in work that a resumed run does again, ended as signals end programs.
-        assert done.code in (0, 128 + signals[0], 130, -signals[0]), done
+        ends = {0} | {code for number in signals for code in (128 + number, -number)}
+        assert done.code in ends, done
         if done.code > 0:
             assert done.sentence.startswith("gril: "), done.err
         _goes_on(killed, folder, whole)
@@ -190,7 +200,8 @@ def test_two_processes_in_one_folder_do_not_disturb_each_other(killed, whole, tm
     ]  # fmt: skip
     said = [process.communicate(timeout=600) for process in both]
     codes = sorted(process.returncode for process in both)
-    assert codes == [0, 2], said
+    assert codes[0] == 0, said
+    assert codes[1] in (1, 2), said  # it was refused before work, or as it began
     loser = next(err for (_, err), one in zip(said, both, strict=True) if one.returncode)
     assert "is being written by process" in loser or "has finished" in loser, loser
     assert differing(whole[0], folder / "run") == []

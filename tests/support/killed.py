@@ -54,10 +54,6 @@ def starve(job):
         resource.setrlimit(kind, (most, resource.getrlimit(kind)[1]))
     if job["limits"].get("FSIZE"):
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    if job["user"]:
-        os.setgroups([])
-        os.setgid(job["user"])
-        os.setuid(job["user"])
     if job["stdout"] == "closed":
         os.close(1)
         sys.stdout = None  # as Python begins without it
@@ -77,8 +73,8 @@ def run(job):
     sys.argv = ["gril", *job["args"]]
     count = counted(job)
     starve(job)
-    code = main(sys.argv[1:])
-    if not any((code, job["limits"], job["user"], job["stdout"])):
+    code = main()
+    if not any((code, job["limits"], job["stdout"])):
         sys.stdout.flush()
         with open("changes", "w") as file:
             print(count[0], file=file)
@@ -127,7 +123,6 @@ class Killer:
         delay_s: float = 0.0,
         signals: Sequence[int] = (9,),
         limits: dict[str, int] | None = None,
-        user: int = 0,
         stdout: str = "",
     ) -> Ended:
         """The command line in a folder.
@@ -136,13 +131,12 @@ class Killer:
           change, delay_s, signals: signals come so long after a change of the run's folder,
             counted from 1; 0: none comes.
           limits: of resources, such as {"NOFILE": 30}.
-          user: an id to run as, without what root may; 0: as ever.
           stdout: "closed", "full" or "gone"; else it goes to a file.
         """
         folder.mkdir(exist_ok=True)
         job = {"folder": str(folder), "args": [*args], "out": self._out, "change": change}
         job |= {"delay_s": delay_s, "signals": [*signals], "limits": limits or {}}
-        job |= {"user": user, "stdout": stdout}
+        job |= {"stdout": stdout}
         self._process.stdin.write(json.dumps(job) + "\n")
         self._process.stdin.flush()
         code = int(self._process.stdout.readline())
