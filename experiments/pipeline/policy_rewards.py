@@ -84,9 +84,7 @@ def _labels(config: RunConfig) -> Int[np.ndarray, "N"]:
     return np.asarray(jax.jit(lambda key: env.reset(key).objects.label)(jax.random.key(0)))
 
 
-def in_the_order_of(
-    task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]
-) -> Int[np.ndarray, "N"]:
+def in_the_order_of(task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]) -> Int[np.ndarray, "N"]:
     """Where a film has the objects of a task; objects of one class keep the film's order."""
     if sorted(task) != sorted(film):
         raise DemoError(

@@ -62,5 +62,3 @@ def files(folder: str = "rewards") -> Measure:
         return {"files": [f"{config.env.name}-{config.run.seed + i}" for i in range(len(found))]}
 
     return Measure("files", write)
-
-

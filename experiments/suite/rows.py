@@ -92,7 +92,5 @@ def check_settings(config: RunConfig, settings: Settings) -> None:
         if made.is_file():
             continue
         if settings.films is None:
-            raise DemoError(
-                f"--films is missing, but must name a folder of films: {HOW}"
-            )
+            raise DemoError(f"--films is missing, but must name a folder of films: {HOW}")
         films_of(Path(settings.films), change["env.name"])

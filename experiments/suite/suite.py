@@ -114,9 +114,7 @@ def _of_policies(values, count: int) -> str:
 
 
 def _sections() -> list[Section]:
-    played = [
-        Column(f"score_{name}", name.capitalize(), mean_range) for name in _VARIANTS
-    ]
+    played = [Column(f"score_{name}", name.capitalize(), mean_range) for name in _VARIANTS]
     return [
         Section(
             "Rewards: Kendall's tau on films kept aside, and the audit from Demo.",
@@ -138,7 +136,7 @@ def _sections() -> list[Section]:
         ),
         Section("The same policies in all variants: score, deterministic actions.", played),
         Section(
-            "Share of episodes in Demo that end with all blocks in a clump, which counts as a line.",
+            "Share of episodes in Demo that end with all blocks in a clump, which counts, too.",
             [Column("clumped_demo", "in a clump")],
         ),
     ]

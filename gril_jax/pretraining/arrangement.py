@@ -8,9 +8,9 @@ What is alike in them is found by comparing last frames with first ones, of four
 
     inside, outside  a class is in, or out of, a larger thing that rests, in nearly all ends
     place            ends of a class lie close together in the arena, seen against its journey
-    distances        between what moves into no container: of all pairs, or of those whose class names
-                     share their first word (a colour), or not, or their last one (a shape), or not;
-                     their order statistics, as quantiles
+    distances        between what moves into no container: of all pairs, or of those whose class
+                     names share their first word (a colour), or not, or their last one (a shape),
+                     or not; their order statistics, as quantiles
 
 Each has a range over the ends, and a scene within all ranges lacks nothing. A kind of pairs counts
 only if first frames are far out of its range, and the more the less ends are; so nobody says that
@@ -79,9 +79,7 @@ def arrangement(demos: DemoBatch, words: Sequence[tuple[int, int]]) -> Arrangeme
     """Finds what the last frames of successful demonstrations have in common."""
     first = demos.center[:, 0], demos.size[:, 0]
     at_end = demos.length[:, None, None, None] - 1
-    last = tuple(
-        jnp.take_along_axis(x, at_end, axis=1)[:, 0] for x in (demos.center, demos.size)
-    )
+    last = tuple(jnp.take_along_axis(x, at_end, axis=1)[:, 0] for x in (demos.center, demos.size))
     counted = demos.present & ~demos.is_robot
     member = (demos.label[:, :, None] == jnp.arange(len(words))) & counted[..., None]  # (B, N, C)
     has = member.any(axis=1)
@@ -112,8 +110,8 @@ def disarray(
     idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
     touch: Float[Array, ""] | float = LossConfig.touch,
 ) -> Float[Array, ""]:
-    """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning, and
-    at most 2.
+    """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning, at
+    most 2.
 
     Of each object that is out of place, and of each distance out of its range, the share `near` is
     due as soon as it is out by half a box; the rest grows in proportion. Arguments are those of

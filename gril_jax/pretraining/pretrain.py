@@ -199,9 +199,7 @@ def evaluate(
     return figures(learned, latents, demos.length)
 
 
-def learned_reward(
-    params: Params, train: DemoBatch, hyper: Hyper, config: Static
-) -> RewardParams:
+def learned_reward(params: Params, train: DemoBatch, hyper: Hyper, config: Static) -> RewardParams:
     """The reward of an encoder: its goal is the mean of the training demonstrations' last latents,
     or `config.goals` of them."""
     bits = activity_bits(train, hyper, config)

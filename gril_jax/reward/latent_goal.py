@@ -143,9 +143,9 @@ def from_latents(
       first: of the first frames.
       last: of the last frames, with the task done.
       alpha: the pooling weight that they were made with.
-      goal: "mean" of the last latents; "each" of them, as a set of G = B goals; a number of them, at
-        equal steps in their order; or latents of the caller's own, (D,) for one frame's or (G, D)
-        for a set.
+      goal: "mean" of the last latents; "each" of them, as a set of G = B goals; a number of them,
+        at equal steps in their order; or latents of the caller's own, (D,) for one frame's or
+        (G, D) for a set.
       members: of the ensemble that made them.
 
     Returns:

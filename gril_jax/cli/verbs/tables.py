@@ -267,9 +267,9 @@ VERBS = (
         "suite",
         "all tasks of MAGICAL from films to policies: --films FOLDER; --resume RUN goes on",
         "For each of MAGICAL's eight tasks: find the objects in its films (--films FOLDER has one "
-        "folder a task; the demonstration sets go to --sets FOLDER), learn a reward, audit it, train "
-        "--seeds N policies (5) in Demo, and play them in every variant from --eval-starts N starts "
-        "(64). --rows names some, such as 'find_dupe from films'.",
+        "folder a task; the demonstration sets go to --sets FOLDER), learn a reward, audit it, "
+        "train --seeds N policies (5) in Demo, and play them in every variant from --eval-starts N "
+        "starts (64). --rows names some, such as 'find_dupe from films'.",
         _suite,
     ),
     _table(
