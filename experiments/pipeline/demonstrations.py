@@ -100,6 +100,11 @@ def chosen(config: RunConfig, env: Env | None, source: Path) -> Demonstrations:
             f"{source}: {len(good) - held} demonstrations are left to train on, but "
             f"pretrain.num_videos is {config.pretrain.num_videos} and must be at most that"
         )
+    if len(good) - held < config.loss.goals:
+        raise DemoError(
+            f"{source}: {len(good) - held} demonstrations are left to train on, but loss.goals is "
+            f"{config.loss.goals} and must be at most that"
+        )
     names = {
         "train": good[: len(good) - held],
         "validation": good[len(good) - held :],

@@ -1,13 +1,12 @@
-"""Behaviour cloning on human demonstrations with their actions: a baseline that knows more.
+"""Behaviour cloning on human demonstrations with their actions, a baseline that knows more: JSON.
 
     python -m gril_jax.experiments.suite.cloning recorded.json --sets SETS --out cloning.json
 
 Rewards here are learned from films alone; this baseline is also given the recorded actions. They
 are played in our simulator, and after each control step robot and blocks are put where the film has
-them, so that replays do not drift; angles and speeds are the simulator's. Only match_regions, whose
-films are seen in a simulator of another detector, is played without that. A network of the
-observation is trained to name the next of MAGICAL's 18 actions, and plays Demo and every variant.
-Writes JSON.
+them, so that replays do not drift; angles and speeds are the simulator's. Of match_regions, which
+has no such step, they are played without that. A network of the observation is trained to name the
+next of MAGICAL's 18 actions, and plays Demo and every variant.
 
 Shapes use D for demonstrations, T for control steps, F for the pairs of observation and action, O
 for an observation, K for seeds and E for episodes.

@@ -1,9 +1,9 @@
-"""Rewards of one task whose ends are described in several ways: what an arrangement is for.
+"""Rewards of one task whose ends are described in several ways, as JSON.
 
     python -m gril_jax.experiments.suite.ends --sets SETS --task make_line --out make_line.json
 
 Each row changes what counts as done in copies of frames, and whether the goal is the mean of the
-last frames' latents or a set of them; all else is the configuration `magical_suite`. Writes JSON.
+last frames' latents or a set of them; all else is the configuration `magical_suite`.
 """
 
 import json
@@ -71,9 +71,8 @@ def measure(config: RunConfig, seeds: int, *, ascents: int, starts: int) -> dict
     learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
     states = {"demo": setup.make_env(config.env, training=False, variant="demo")}
     on = ground(states, starts=starts)
-    audited = audit_program(
-        setup.encoder_config(config, len(env.classes)), on.task, ascents=ascents
-    )
+    encoder = setup.encoder_config(config, len(env.classes))
+    audited = audit_program(encoder, on.task, ascents=ascents)
     step, found = None, []
     for seed in range(seeds):
         key = jax.random.fold_in(jax.random.key(seed), 0)

@@ -136,8 +136,7 @@ def _sections() -> list[Section]:
         ),
         Section("The same policies in all variants: score, deterministic actions.", played),
         Section(
-            "Share of episodes in Demo that end with all blocks in a clump, which counts as a "
-            "line.",
+            "Share of episodes in Demo that end with all blocks in a clump, which counts, too.",
             [Column("clumped_demo", "in a clump")],
         ),
     ]

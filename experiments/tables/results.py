@@ -58,13 +58,9 @@ class Table(NamedTuple):
     figure: Callable[[Found], Figure | None]  # None before there is anything to draw
     picture: str = ""  # the figure's file, if not NAME.png
     page: Callable[[Found, bytes], str] | None = None  # with the figure; both at the end alone
-    page_in: Callable[[Found, bytes, Path], str] | None = (
-        None  # the same, from the run's folder too
-    )
+    page_in: Callable[[Found, bytes, Path], str] | None = None  # the same, from its folder too
     settings: type[Settings] = Settings
-    prepare: Callable[[Any, Echo], None] = lambda *_: (
-        None
-    )  # before the run begins, from its settings
+    prepare: Callable[[Any, Echo], None] = lambda *_: None  # before a run, from its settings
     configs: Callable[[RunConfig, Any], Sequence[RunConfig]] = lambda config, settings: [
         changed(config, change) for change in settings.rows.values()
     ]  # one a row
@@ -82,7 +78,7 @@ class Table(NamedTuple):
     order: Sequence[str] = ()  # of rows of joined runs; as they are given where empty
     summary: Callable[[Found], Mapping[str, Any]] = lambda found: {}  # in results.json
     one_set: bool = True  # of demonstrations for all rows
-    # What follows a program's training, from all programs, the settings and a pool of compilers.
+    # What follows the training of a program, from all of them, the settings and a compilers' pool.
     after: Callable[[Sequence[Program], Any, Any], Callable[[Program, Any], None]] = lambda *_: (
         lambda *_: None
     )

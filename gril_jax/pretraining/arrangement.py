@@ -8,9 +8,9 @@ What is alike in them is found by comparing last frames with first ones, of four
 
     inside, outside  a class is in, or out of, a larger thing that rests, in nearly all ends
     place            ends of a class lie close together in the arena, seen against its journey
-    distances        between what moves into no container: of all pairs, or of those whose class
-                     names share their first word (a colour), or not, or their last one (a shape),
-                     or not; their order statistics, as quantiles
+    distances        between what moves: of all pairs, or of those whose class names share their
+                     first word (a colour), or not, or their last one (a shape), or not; their order
+                     statistics, as quantiles
 
 Each has a range over the ends, and a scene within all ranges lacks nothing. A kind of pairs counts
 only if first frames are far out of its range, and the more the less ends are; so nobody says that
@@ -198,8 +198,7 @@ def _quantiles(goal: Arrangement, center, label, counted):
     """Quantiles (K, Q) of the distances between what moves, by kind of pairs, and their number."""
     one, other = jnp.triu_indices(len(label), 1)
     distance = safe_norm(center[one] - center[other])
-    # What belongs in a container is in its place anywhere there.
-    there = counted & (goal.moves & ~goal.inside.any(axis=1))[label]
+    there = counted & goal.moves[label]
     words = goal.words[label]
     same = (words[one] == words[other]).T  # (2, pairs)
     kinds = jnp.stack([same[0] | True, same[0], ~same[0], same[1], ~same[1]])

@@ -43,7 +43,7 @@ _AROUND = 0.8  # in sizes of the reference's box, each way
 _TOUCHED = 0.2  # probability that a bit is set of an object that has not been displaced
 _ASCENT, _LAST = 0.1, 0.025  # length units: the first and the last step of an ascent
 # Where ends are arrangements: how likely an object goes beside another one, all that moves moves as
-# one, and a copied frame is the last one; and how far neighbours' centres are apart, in boxes.
+# one, and a copied frame is the last one; how far centres beside each other are apart, in boxes.
 _BESIDE, _AS_ONE, _FINAL = 0.4, 0.25, 0.3
 _APART = 0.7, 2.5
 
@@ -120,9 +120,8 @@ def _as_one(key: PRNGKeyArray, center, moving, extent):
     angle = jax.random.uniform(keys[0], (), maxval=2 * jnp.pi)
     mirror = jax.random.rademacher(keys[1], (), dtype=center.dtype)
     c, s = jnp.cos(angle), jnp.sin(angle)
-    turned = (center - middle) @ jnp.stack(
-        [jnp.stack([c, -mirror * s]), jnp.stack([s, mirror * c])]
-    )
+    turn = jnp.array([[c, -mirror * s], [s, mirror * c]])
+    turned = (center - middle) @ turn
     # Within the arena where it fits, so that nothing is pressed together.
     low, high = (f(jnp.where(moving[:, None], turned, 0.0), axis=0) for f in (jnp.min, jnp.max))
     unit = jax.random.uniform(keys[2], (2,))
@@ -146,9 +145,9 @@ def contrast(
 
     The made-up scenes are copies of these frames, or come from a pool, or both; of each kind the
     mean is taken by itself. The reward (Eq. 7) has the mean of the batch's last latents as its
-    goal, or with `config.goals` the nearest of them, of the other videos; and `hyper.span` as the
-    latent distance of a reward of -1; were that measured in the batch, a smaller latent space would
-    look like a better one.
+    goal, or with several `config.goals` the nearest of the other videos' last latents; and
+    `hyper.span` as the latent distance of a reward of -1; were that measured in the batch, a
+    smaller latent space would look like a better one.
 
     Of a pool of scenes, leaves (P, N, ...), V `anchors` are drawn, and turned as videos are. The
     key is consumed.

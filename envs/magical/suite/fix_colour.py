@@ -76,14 +76,6 @@ class FixColour(SuiteTask):
             held = [inside(center, size, rows[_ODD], r) for r in places]
             return ~jnp.stack(held).any()
 
-        def clear(center, size):
-            """All of its box is out."""
-            apart = [
-                (jnp.abs(center[rows[_ODD]] - center[r]) > (size[r] + size[rows[_ODD]]) / 2).any()
-                for r in places
-            ]
-            return jnp.stack(apart).all()
-
         def astray(slot):
             block, home = rows[slot], places[slot]
             done = lambda c, s: ~inside(c, s, block, home)  # noqa: E731
@@ -91,7 +83,7 @@ class FixColour(SuiteTask):
             return Stage(name, (block,), done, self._scatter(block, done, movable))
 
         name = f"{self.plan.blocks[_ODD].name} out of the regions"
-        stage = Stage(name, (rows[_ODD],), out, self._scatter(rows[_ODD], clear, movable))
+        stage = Stage(name, (rows[_ODD],), out, self._scatter(rows[_ODD], out, movable))
         return Stages(
             (stage,), movable, self.arena, self.scored, robots=(0,),
             faults=(astray(0), astray(1)),

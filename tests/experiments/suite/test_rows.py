@@ -42,7 +42,7 @@ def _settings(tmp_path, films):
 
 def test_without_films_it_says_how_to_get_them(tmp_path):
     for films in (None, str(tmp_path)):
-        with pytest.raises(DemoError, match="clone https://github.com/qxcv/magical-data"):
+        with pytest.raises(DemoError, match="clone https://github"):
             rows.check_settings(CONFIG, _settings(tmp_path, films))
 
 
