@@ -8,6 +8,7 @@ import shlex
 
 import jax.numpy as jnp
 import pytest
+from gril_jax.experiments.suite import rows as suite
 from support import saved_policies, saved_rewards
 from support.paths import REPOSITORY
 
@@ -75,6 +76,9 @@ def surroundings(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for folder in ("films", "mine"):
         (tmp_path / folder).mkdir()
+    for name in suite.TASKS:
+        (tmp_path / "films" / name).mkdir()
+        (tmp_path / "films" / name / "a.mp4").touch()
     demos = {"task": "match_regions", "demos": 40 * [{"outcome": "success"}]}
     (tmp_path / "mine" / "demos.json").write_text(json.dumps(demos))
     monkeypatch.setattr("gril_jax.runs.sinks.require_installed", lambda sinks: None)

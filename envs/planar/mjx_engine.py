@@ -58,6 +58,7 @@ class MjxPhysics:
         robot = robots.robot("gripper")
         self._outlines = Physics(robot, len(blocks), arena=arena)  # which has no capsules
         self._base, self._finger, right = robot.parts  # the right one weighs the same
+        self._turns = self._finger.inertia, right.inertia
         corners = np.stack([self._finger.corners, right.corners]).astype(np.float32)
         self._corners = Vec(corners[..., 0], corners[..., 1])  # (2, C)
 
@@ -138,15 +139,15 @@ class MjxPhysics:
 
     def _inertia(self, yaw: Float[Array, ""]) -> Float[Array, "5 5"]:
         """Joint-space inertia of the gripper: x, y, yaw, left finger, right finger."""
-        mass, turn = self._finger.mass, self._finger.inertia
+        mass, (left, right) = self._finger.mass, self._turns
         arm = _arms(yaw)
         whole = self._base.mass + 2 * mass
         x, y = -mass * arm.y.sum(), mass * arm.x.sum()  # how turning pulls at x and y
-        yaw_yaw = self._base.inertia + 2 * turn + mass * arm.dot(arm).sum()
-        finger = turn + planar_model.finger_armature(self.dt)
+        yaw_yaw = self._base.inertia + left + right + mass * arm.dot(arm).sum()
+        rotor = planar_model.finger_armature(self.dt)
         return jnp.array([
-            [whole, 0.0, x, 0.0, 0.0], [0.0, whole, y, 0.0, 0.0], [x, y, yaw_yaw, turn, turn],
-            [0.0, 0.0, turn, finger, 0.0], [0.0, 0.0, turn, 0.0, finger],
+            [whole, 0.0, x, 0.0, 0.0], [0.0, whole, y, 0.0, 0.0], [x, y, yaw_yaw, left, right],
+            [0.0, 0.0, left, left + rotor, 0.0], [0.0, 0.0, right, 0.0, right + rotor],
         ])  # fmt: skip
 
     def _ranges(self, place: Float[Array, "Q"], shapes: BlockShape) -> Float[Array, "Q 2"]:

@@ -28,7 +28,7 @@ from gril_jax.runs.run_dir import RunDir
 
 from ..pipeline import filming
 from ..pipeline.demonstrations import Demonstrations
-from ..tables.counted import solved
+from ..tables.counted import of_lines, solved
 from ..tables.curves import LAST, Curve, at_the_end, draw_spread
 from ..tables.measures import TAU, Measure
 from ..tables.programs import Program
@@ -113,7 +113,7 @@ def _of_policies(values, count: int) -> str:
     return solved(values, count)
 
 
-def _sections() -> list[Section]:
+def _sections(among: str) -> list[Section]:
     played = [Column(f"score_{name}", name.capitalize(), mean_range) for name in _VARIANTS]
     return [
         Section(
@@ -126,7 +126,7 @@ def _sections() -> list[Section]:
             ],
         ),
         Section(
-            "Policies in Demo, where they were trained.",
+            f"Policies in Demo, where they were trained: {among}.",
             [
                 Column("success_demo", "solved, deterministic actions", _of_policies),
                 Column("sampled_demo", "success, sampled actions"),
@@ -143,7 +143,7 @@ def _sections() -> list[Section]:
 
 
 def _text(found: Found) -> str:
-    return markdown(found.lines, _sections())
+    return markdown(found.lines, _sections(of_lines(found.lines, "demo")))
 
 
 def _figure(found: Found) -> Figure | None:

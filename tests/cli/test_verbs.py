@@ -182,7 +182,9 @@ def test_a_demo_set_may_be_replaced(experiment, demo_set):
 def test_eval_hands_on_its_options(experiment, run):
     calls = experiment("evaluate")
     assert main.main(["eval", str(run), "--episodes=7", "--variant", "layout"]) == 0
-    wanted = {"episodes": 7, "seed": 0, "variant": "layout", "echo": arguments.echo}
+    wanted = {
+        "episodes": 7, "seed": 0, "variant": "layout", "engine": None, "echo": arguments.echo,
+    }  # fmt: skip
     assert calls == [((run,), wanted)]
 
 

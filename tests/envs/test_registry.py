@@ -87,7 +87,9 @@ def test_task_starts_where_its_key_says(task):
     label = np.asarray(a.objects.label)
     assert label.min() >= 0
     assert label.max() < len(task.classes)
-    assert tuple(np.flatnonzero(a.objects.is_robot)) == task.stages.robots != ()
+    robots = tuple(np.flatnonzero(a.objects.is_robot))
+    assert robots == task.stages.robots
+    assert robots or task.stages.stages[0].moves == (0,)  # a robot that is what has to move counts
 
 
 # ---------------------------------------------------------------- a new task (see test_adding)
