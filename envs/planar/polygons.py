@@ -39,7 +39,7 @@ class Polygon(NamedTuple):
 
 
 class Meeting(NamedTuple):
-    """Where N first and N second polygons touch: two points along one normal."""
+    """Contacts of N first with N second polygons: two points along one normal."""
 
     normal: Vec  # from the first to the second
     gaps: tuple[Float[Array, "..."], Float[Array, "..."]]  # negative where they overlap
@@ -129,7 +129,7 @@ def _chosen(polygon: Polygon, score: Float[Array, "K ..."]) -> tuple[_Side, Arra
 
 
 def _separation(polygon: Polygon, other: Polygon) -> Float[Array, "K ..."]:
-    """How far the other lies beyond each side; no side of a circle counts."""
+    """Distances by which the other lies beyond each side; no side of a circle counts."""
     rows = lambda v: Vec(v.x[:, None], v.y[:, None])  # noqa: E731
     reach = rows(polygon.normal).dot(Vec(other.start.x[None], other.start.y[None])).min(axis=1)
     return jnp.where(polygon.round, -jnp.inf, reach - polygon.normal.dot(polygon.start))
@@ -172,7 +172,7 @@ def _end_at(side: _Side, n: Vec, *, last: bool) -> Vec:
 
 
 def meet(a: Polygon, b: Polygon) -> Meeting:
-    """Where the first polygons and the second, relative to one point, touch.
+    """Contacts of the first polygons with the second, relative to one point.
 
     A gap that is positive is only some such number; the second point of a circle is never there.
     """

@@ -1,4 +1,4 @@
-"""What is measured of a suite's rewards, and their files."""
+"""Measures of a suite's rewards, and their files."""
 
 from pathlib import Path
 from typing import Any

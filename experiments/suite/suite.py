@@ -65,7 +65,7 @@ def _policy(curve: Curve) -> dict[str, float]:
 def _after(
     programs: Sequence[Program], settings: Settings, pool: Executor
 ) -> Callable[[Program, RunDir], None]:
-    """What follows the training of a program: its policies play every variant."""
+    """The step after a program's training: its policies play every variant."""
     ready = {
         one.name: variants.submit(one.rows[0].config, len(one.rows), settings.eval_starts, pool)
         for one in programs

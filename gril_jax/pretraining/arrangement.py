@@ -45,7 +45,7 @@ _REACH = 0.5  # arena units over which the rest is due, at least
 
 
 class Arrangement(NamedTuple):
-    """What ends of demonstrations have in common."""
+    """Common properties of the ends of demonstrations."""
 
     moves: Bool[Array, "C"]  # demonstrations move it
     always: Bool[Array, "C"]  # nearly all of them do

@@ -189,7 +189,7 @@ def _on(start: wp.vec2, end: wp.vec2, low: float, high: float, at: float) -> wp.
 @wp.func
 @no_type_check
 def meet(a: Polygon, b: Polygon) -> Meeting:
-    """Where two polygons touch; a gap that is positive is only some such number."""
+    """Contact of two polygons; a gap that is positive is only some such number."""
     met = Meeting()
     met.gaps = wp.vec2(FAR, FAR)
     n, apart, rounded = wp.vec2(), wp.float32(0.0), a.radius + b.radius
