@@ -125,7 +125,9 @@ def test_what_is_shut_is_opened_first(name):
     assert run.stage_time[0] < run.stage_time[1:].min()
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize(
+    "name", [*TASKS[:2], *(pytest.param(name, marks=pytest.mark.slow) for name in TASKS[2:])]
+)
 def test_the_same_seed_plays_the_same_and_another_one_does_not(name):
     script, first = _entry(name).script, _success(name)
     np.testing.assert_array_equal(script.play(_env(name), _start(name, 0), 0).qpos, first.qpos)

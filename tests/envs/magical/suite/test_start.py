@@ -156,7 +156,7 @@ def _apart(one, other):
 
 
 @pytest.mark.parametrize("name", TASKS)
-@pytest.mark.parametrize("variant", ["jitter", "all"])
+@pytest.mark.parametrize("variant", [pytest.param("jitter", marks=pytest.mark.slow), "all"])
 def test_starts_are_free_of_overlap(name, variant):
     state, env = _starts(name, variant), _task(name, variant)
     data, homes = state.data, {b: block.home for b, block in enumerate(env.plan.blocks)}

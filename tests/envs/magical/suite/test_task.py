@@ -21,6 +21,10 @@ TASKS = (
     "cluster_shape", "make_line",
 )  # fmt: skip
 LANES = 6
+_OTHERS = "move_to_corner", "fix_colour", "cluster_colour", "make_line"  # of kinds that are here
+MOST_ALIKE = [
+    pytest.param(name, marks=pytest.mark.slow) if name in _OTHERS else name for name in TASKS
+]
 
 
 @functools.cache
@@ -35,7 +39,7 @@ def _step(name, variant="all"):
     return jax.jit(chex.assert_max_traces(lambda *args: step(*args), n=1))
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", MOST_ALIKE)
 def test_episodes_stay_finite_and_in_the_arena_with_one_compiled_step(name):
     """Lanes differ in their number of blocks, which is data."""
     _, first = _begun(name)
