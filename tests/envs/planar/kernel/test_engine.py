@@ -29,7 +29,7 @@ CASES += [
         ("short", "xmagical"),
         ("long", "magical"),
         ("medium", "xmagical"),
-    )  # fmt: skip
+    )
 ]
 
 
