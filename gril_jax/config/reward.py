@@ -41,7 +41,7 @@ class LossConfig:
     contrast: float = field(default=10.0, metadata=at_least(0))
     """Weight of frame copies with displaced objects; pretrain.copies sets their number."""
     ends: Literal["places", "arrangement"] = "places"
-    """What counts as done in copies: every class where the last frames leave it, or whatever all
+    """Meaning of done in copies: every class where the last frames leave it, or whatever all
     last frames have in common, such as distances between blocks of a colour."""
     goals: int = field(default=1, metadata=between(1, 1000))
     """Goals of the reward: 1 is the mean of the last frames' latents; more are the latents of as

@@ -136,7 +136,7 @@ def _nothing(words) -> Arrangement:
 
 
 def _moved(demos, member):
-    """Which classes move in each demonstration (B, C), and those that rest and hold others (C,)."""
+    """Classes that move in each demonstration (B, C), and those that rest and hold others (C,)."""
     size = demos.size[:, :1]
     away = safe_norm(demos.center - demos.center[:, :1]).max(axis=1)  # padding repeats a frame
     diagonal = safe_norm(size[:, 0])
@@ -151,7 +151,7 @@ def _moved(demos, member):
 
 
 def _outwardness(container, center, size, label, words):
-    """How far each centre lies out of the nearest container of each class, (N, C); negative inside,
+    """Distance of each centre out of the nearest container of each class, (N, C); negative inside,
     infinite where the scene has none."""
     beyond = (jnp.abs(center[:, None] - center) - size / 2).max(axis=-1)  # (N, N)
     of_class = (label[:, None] == jnp.arange(len(words))) & container  # (N, C)

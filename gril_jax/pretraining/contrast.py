@@ -238,7 +238,7 @@ def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Arr
 def cost(
     ends: Ends, scene: Scene, counted: Bool[Array, "N"], *, clear: float, **costs: Any
 ) -> Float[Array, ""]:
-    """What a scene lacks: `misplacement` or `disarray`, whose options `costs` and `clear` are."""
+    """Cost of what a scene lacks: `misplacement` or `disarray`, which `costs` and `clear` go to."""
     objects = scene.center, scene.size, scene.label, counted, scene.active
     if isinstance(ends, Arrangement):
         return disarray(ends, *objects, **costs)

@@ -81,7 +81,7 @@ class Static(PixelStatic):
     ascents: int = PretrainConfig.ascents
     """Steps of each copy towards where it is overestimated most."""
     ends: Literal["places", "arrangement"] = LossConfig.ends
-    """What copies are judged by: `gril_jax.pretraining.final_places` or `arrangement`."""
+    """Judge of copies: `gril_jax.pretraining.final_places` or `arrangement`."""
     goals: int = LossConfig.goals
     """Goals of the reward: the mean of the last latents, or so many of them."""
     words: tuple[tuple[int, int], ...] = ()

@@ -98,7 +98,7 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
 
 
 def places(demos: DemoBatch, num_classes: int, config: Static) -> Ends:
-    """What counts as done, from the last frames of the demonstrations, as the options have it."""
+    """The ends of demonstrations, from their last frames, as the options describe them."""
     if config.ends == "places":
         return final_places(
             demos, num_classes, turned=config.turn_scenes, anywhere_inside=config.anywhere_inside,

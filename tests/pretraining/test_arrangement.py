@@ -1,4 +1,4 @@
-"""What ends have in common, found in made-up demonstrations whose rule is known."""
+"""Common properties of ends, found in made-up demonstrations whose rule is known."""
 
 import functools
 

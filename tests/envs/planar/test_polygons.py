@@ -1,4 +1,4 @@
-"""Where convex polygons touch: against the original's engine, and an oracle in numpy.
+"""Contacts of convex polygons: against the original's engine, and an oracle in numpy.
 
 `chipmunk_contacts.json` holds contacts that Chipmunk 7.0.2 found: of robot parts and blocks, or of
 two blocks, at poses `at` and `pose`, each a normal, a gap and the point on the second body, those
