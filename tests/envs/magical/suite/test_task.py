@@ -35,15 +35,19 @@ def _begun(name, variant="all"):
 
 @functools.cache
 def _step(name, variant="all"):
-    step = jax.vmap(_begun(name, variant)[0].step)
-    return jax.jit(chex.assert_max_traces(lambda *args: step(*args), n=1))
+    lanes = jax.vmap(_begun(name, variant)[0].step)
+
+    def step(*args):
+        return lanes(*args)
+
+    step.__name__ = f"step_{name}_{variant}"  # chex counts traces by a function's name
+    return jax.jit(chex.assert_max_traces(step, n=1))
 
 
 @pytest.mark.parametrize("name", MOST_ALIKE)
 def test_episodes_stay_finite_and_in_the_arena_with_one_compiled_step(name):
     """Lanes differ in their number of blocks, which is data."""
     _, first = _begun(name)
-    chex.clear_trace_counter()
     state, rng = first, np.random.default_rng(0)
     for _ in range(25):
         ids = np.where(rng.random(LANES) < 0.5, 1, rng.integers(0, 18, LANES))
