@@ -245,7 +245,8 @@ def _plan(rows, settings: Settings, programs):
 
 
 def _measures(config, settings: Settings, demos):
-    return [TAU, audit(config.env, VARIANTS, starts=settings.starts, ascents=settings.ascents)]
+    tasks = audited_tasks(config.env)
+    return [TAU, audit(tasks, starts=settings.starts, ascents=settings.ascents)]
 
 
 def _drawn(found: Found):

@@ -9,7 +9,7 @@ a policy is trained in the variant Demo; then it plays every variant as it is. W
 a policy of each row as `films/ROW.mp4`, and `suite.png` and `report.html` at the end.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from ..pipeline.demonstrations import Demonstrations
 from ..tables.counted import of_lines, solved
 from ..tables.curves import LAST, Curve, at_the_end, draw_spread
 from ..tables.measures import TAU, Measure
+from ..tables.page import facts
 from ..tables.programs import Program
 from ..tables.results import Found, Table
 from ..tables.written import Column, Line, Section, markdown, mean_range
@@ -186,14 +187,13 @@ def _page(found: Found, figure: bytes, folder: Path) -> str:
         if file.is_file():
             films.append(html.Part(name, file.read_bytes(), f"A policy of {name}", "video/mp4"))
     curves = html.Part("Score while policies are trained", figure, "Learning curves", wide=True)
-    facts = {k: str(x) for k, x in found.about.items() if not isinstance(x, Mapping)}
     return html.render(
         title="A suite of tasks from films",
         summary="For each task a reward learned from films, its audit, and policies in Demo and in "
         "every variant.",
         tiles=[],
         sections=[html.Section("Policies", films), html.Section("Learning", [curves])],
-        facts=facts,
+        facts=facts(found),
         tables={},
         listings={"The table as Markdown": _text(found)},
     )

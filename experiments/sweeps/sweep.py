@@ -4,65 +4,38 @@
     gril sweep match_regions --rows "environmental,XIRL" --ppo.learning-rate 3e-4,7e-4
 
 Writes `sweep.md`, `sweep.csv`, `sweep.png`, the final policies, and one configuration a cell, which
-`gril train RUN/cells/000.yaml` runs by itself.
+`gril train RUN/cells/000.yaml` runs by itself; at the end, or when `gril report RUN` draws a sweep
+that was cut off, `report.html`. With `run.audit` each learned reward is audited.
 """
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from gril_jax.experiments.pipeline import setup
 
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load, to_yaml
 from gril_jax.config.grid import Cell
 from gril_jax.errors import RunError
+from gril_jax.report.audit import asked
 from gril_jax.runs import run_dir
 from gril_jax.runs.covered import require_part, require_unchanged
 
-from ..tables.counted import of_lines, success_columns
 from ..tables.curves import LAST, Curve, at_the_end, learning_curves
+from ..tables.measures import FIGURES, Measure, audit
 from ..tables.results import Found, Table
-from ..tables.rewards import learns
-from ..tables.written import (
-    SEEDS,
-    Column,
-    Section,
-    markdown,
-    mean_interval,
-    median_reached,
-)
+from ..tables.rewards import learns, task_key
+from ..tables.written import markdown
+from .page import SOUND, page, sections
 
-_COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau")
-_REACHED = median_reached(unit=1e-6, digits=2)
-
-
-def _sections(found: Found) -> list[Section]:
-    among = of_lines(found.lines, found.variant)
-    return [
-        Section(
-            "Mean; interquartile mean with its 95 % bootstrap interval over policies, each of "
-            "which is one observation: its success in its last evaluation, from fresh starts. "
-            "Steps are those at the first evaluation with a success of at least 80 % (sampled "
-            "actions), the median over policies, of which those that never got there come last, "
-            "and how many got there.",
-            (
-                SEEDS._replace(heading="policies"),
-                *success_columns(found.lines, found.variant),
-                Column("steps_80", "M env steps to 80 %", _REACHED, among="env_steps"),
-            ),
-        ),
-        Section(
-            "The same of other scores, with deterministic actions, and the mean of the learned "
-            "rewards' tau:",
-            (
-                Column("success_ever", f"success at some moment, {among}", mean_interval()),
-                Column("score", "score", mean_interval()),
-                Column("tau", "tau", lambda values, count: f"{values.mean():.3f}"),
-            ),
-        ),
-    ]
+_STARTS = 4  # that an audit is shared out among, as a run's own
+_OWN = "own"  # the variant of the task that policies are trained in
+_AUDIT = [f"{name}_{_OWN}" for name in FIGURES]
+_COLUMNS = ("cell", "seed", *LAST, "steps_80", "tau", *_AUDIT, SOUND)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,17 +87,32 @@ def _plan(rows, sweep: Sweep, programs):
     return programs([row for row in rows if first[row.cell] == row.cell])
 
 
+def _measures(config: RunConfig, sweep: Sweep, demos: Any) -> list[Measure]:
+    """The audit of each learned reward, if asked for and if all cells are of one task with stages:
+    rewards of several tasks are not judged by the same states."""
+    del demos
+    audited = [cell.config for cell in sweep.cells if learns(cell.config) and cell.config.run.audit]
+    ascents = {one.run.audit for one in audited}
+    if len({task_key(one) for one in audited}) != 1 or len(ascents) != 1:
+        return []
+    env = setup.make_env(audited[0].env, training=False)
+    if getattr(env, "stages", None) is None:
+        return []
+    return [audit({_OWN: env}, starts=_STARTS, ascents=ascents.pop())]
+
+
 def _policy(curve: Curve) -> dict[str, float | int]:
     numbers = at_the_end(curve)
     return numbers | {k: int(numbers[k]) for k in ("env_steps", "steps_80") if numbers[k] < np.inf}
 
 
-def _with_twins(found: Found, sweep: Sweep) -> Found:
-    """The results of all cells; those with the same policies have the same ones."""
+def _complete(found: Found, sweep: Sweep) -> Found:
+    """The results of all cells, of which those with the same policies have the same ones, and
+    whether each reward is sound."""
     names, first = found.names, _first_of_twins(sweep)
     return found._replace(
         lines=[
-            dict(line) | {"row": name, "cell": name}
+            dict(line) | _sound(line) | {"row": name, "cell": name}
             for name, of in zip(names, first, strict=True)
             for line in found.lines
             if line["row"] == names[of]
@@ -138,16 +126,28 @@ def _with_twins(found: Found, sweep: Sweep) -> Found:
     )
 
 
+def _sound(line: Mapping[str, Any]) -> dict[str, float]:
+    """1 if the reward keeps all bounds of an audit, 0 if not; empty if it was not audited."""
+    if not any(name in line for name in _AUDIT):
+        return {}
+    numbers = {long: line.get(f"{name}_{_OWN}", np.nan) for name, long in FIGURES.items()}
+    return {SOUND: float(not asked.faults(numbers))}
+
+
 TABLE = Table(
     "sweep",
     columns=lambda lines: _COLUMNS,
-    text=lambda found: markdown(found.lines, _sections(found)),
+    text=lambda found: markdown(found.lines, sections(found)),
     figure=lambda found: learning_curves(found.names, found.curves) if found.curves else None,
+    page=page,
     configs=lambda config, sweep: [cell.config for cell in sweep.cells],
     plan=_plan,
     policy=_policy,
+    measured={"audit": _AUDIT},
+    measures=_measures,
     save=_write_cells,
+    load=lambda folder, *_: read_cells(folder),
     names=lambda sweep: [cell.name for cell in sweep.cells],
-    complete=_with_twins,
+    complete=_complete,
     one_set=False,
 )

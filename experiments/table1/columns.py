@@ -1,6 +1,5 @@
 """The page of Table I: the numbers of a policy, the sections of the table, and the HTML."""
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,13 +14,13 @@ from gril_jax.report.html import Part
 
 from ..tables.counted import Counted, in_words, solved
 from ..tables.curves import Curve, first_at, in_last_tenth
+from ..tables.page import facts, page_table, versions
 from ..tables.results import Found
 from ..tables.written import (
     SEEDS,
     Column,
     Section,
     by_row,
-    cells,
     markdown,
     mean_interval,
     median_reached,
@@ -143,8 +142,10 @@ def text(found: Found) -> str:
 
 def page(found: Found, figure: bytes) -> str:
     """The page, as one self-contained file."""
-    success, rewards, *others = (_table(found, section) for section in sections(found.starts))
-    of, about = by_row(found.lines, f"{_HEADLINE}_sampled"), found.about
+    success, rewards, *others = (
+        page_table(with_paper(found.lines, PAPER, 1), section) for section in sections(found.starts)
+    )
+    of = by_row(found.lines, f"{_HEADLINE}_sampled")
     counted = in_words(found.starts, STARTS.many, sampled=True)
     dots = Part(
         f"A dot for each policy, {counted}, and a bar at their mean; the dotted line is the first "
@@ -160,7 +161,6 @@ def page(found: Found, figure: bytes) -> str:
         "Success against env steps and against seconds for each row",
         wide=True,
     )
-    versions = {str(k): str(x) for k, x in about.get("packages", {}).items()}
     return html.render(
         title="Table I: rewards for MatchRegions",
         summary=(
@@ -175,8 +175,8 @@ def page(found: Found, figure: bytes) -> str:
             html.Section("Success", [dots, success, *others, curves]),
             html.Section("The learned rewards", [rewards, *_profiles(found.profiles)]),
         ],
-        facts={k: str(x) for k, x in about.items() if not isinstance(x, Mapping)},
-        tables={"Package versions": versions},
+        facts=facts(found),
+        tables={"Package versions": versions(found)},
         listings={"Table I as Markdown": text(found)},
     )
 
@@ -186,16 +186,6 @@ def _tile(row: str, values: np.ndarray, counted: str) -> Tile:
     paper = f"; the paper has {PAPER[row]:.1f}%" if row in PAPER else ""
     note = f"interquartile mean {middle} over {len(values)} policies, {counted}{paper}"
     return Tile(f"{mean}%", row, note)
-
-
-def _table(found: Found, section: Section) -> html.Table:
-    """A section; in a cell the number, and below it what follows: `84.4; 84.4 (71.9 to 96.9)`."""
-    rows = cells(with_paper(found.lines, PAPER, 1), section.columns)
-    split = {
-        row: [html.Cell(*re.split(r"; | (?=\()", cell, maxsplit=1)) for cell in texts]
-        for row, texts in rows.items()
-    }
-    return html.Table(section.caption, [one.heading for one in section.columns], split)
 
 
 def _profiles(profiles: Mapping[str, Mapping[str, Any]]) -> list[Part]:

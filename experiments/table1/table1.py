@@ -88,7 +88,7 @@ def measure(
 def _measures(config, settings: Settings, demos):
     """Audits from the first kind of start, and rewards along demonstrations."""
     work = {"starts": settings.starts, "ascents": settings.ascents}
-    return [audit(config.env, STARTS[:1], **work), profiles(demos)]
+    return [audit(audited_tasks(config.env, STARTS[:1]), **work), profiles(demos)]
 
 
 def _plan(rows, settings: Settings, programs):

@@ -127,9 +127,8 @@ class Ground(NamedTuple):
     states: Mapping[str, States]  # by variant
 
 
-def audit(config: EnvConfig, chosen: Sequence[str], *, starts: int, ascents: int) -> Measure:
-    """The audit, from so many starts of each chosen variant, which share the ascents."""
-    variants = {variant: env for variant, env in audited_tasks(config).items() if variant in chosen}
+def audit(variants: Mapping[str, envs.Env], *, starts: int, ascents: int) -> Measure:
+    """The audit, from so many starts of each variant of a task, which share the ascents."""
     num_classes = len(next(iter(variants.values())).classes)
 
     made = functools.cache(functools.partial(ground, variants, starts=starts))
@@ -148,9 +147,9 @@ def audit(config: EnvConfig, chosen: Sequence[str], *, starts: int, ascents: int
     return Measure("audit", figures, same, lower, num_classes)
 
 
-def audited_tasks(config: EnvConfig) -> dict[str, envs.Env]:
+def audited_tasks(config: EnvConfig, variants: Sequence[str] = VARIANTS) -> dict[str, envs.Env]:
     """The task in each variant; ConfigError if it lacks one of them, or a stage definition."""
-    found = {v: setup.make_env(config, training=False, variant=v) for v in VARIANTS}
+    found = {v: setup.make_env(config, training=False, variant=v) for v in variants}
     if any(getattr(env, "stages", None) is None for env in found.values()):
         raise ConfigError(f"env.name is {config.name!r}, but must be a task with stages")
     return found

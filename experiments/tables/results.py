@@ -71,6 +71,7 @@ class Table(NamedTuple):
     measures: Callable[[RunConfig, Any, Demonstrations | None], list[Measure]] = lambda *_: []
     reference: Callable[[Demonstrations], list[Line]] = lambda demos: []  # lines of no row
     save: Callable[[Path, str, Any], list[Path]] = write_settings  # returns the files
+    load: Callable[[Path, str, type[Settings]], Any] = read_settings  # what `save` has written
     names: Callable[[Any], Sequence[str]] = lambda settings: [*settings.rows]
     complete: Callable[[Found, Any], Found] = lambda found, settings: found  # as read from a run
     newer: Sequence[str] = ()  # columns that older CSVs lack
@@ -160,7 +161,7 @@ def write(table: Table, folder: Path, found: Found, *, last: bool = True) -> str
 
 def redraw(table: Table, folder: Path, echo: Echo = print) -> None:
     """Writes all of a run's table again, from its files alone; RunError if nothing has finished."""
-    found = read(table, folder, read_settings(folder, table.name, table.settings))
+    found = read(table, folder, table.load(folder, table.name, table.settings))
     if not found.curves:
         raise RunError(f"{folder} has no policy that has finished, so its table is still empty")
     write(table, folder, found)

@@ -38,16 +38,18 @@ def run_config(
     about: str,
     sections: Mapping[str, tuple[str, ...]] | None = None,
     *,
+    own: Mapping[str, str] | None = None,
     films_alone: bool = False,
 ) -> RunConfig:
     """The configuration of a run, with its values and paths checked; with `films_alone` it may be
     one without a task.
 
     The arguments then name the task's file by its digest, too, should it be one's own. Where the
-    `sections` of a short help are given, --help prints that, and --help-all all options.
+    `sections` of a short help are given, --help prints that, and --help-all all options; `own` are
+    the texts of options that the verb alone has.
     """
     if sections is not None:
-        _help(name, args, prog, about, sections)
+        _help(name, args, prog, about, sections, own or {})
     args[:] = own_tasks.named(in_full(args))
     if name is None and own_tasks.is_named(args):
         name = own_tasks.CONFIG
@@ -72,16 +74,18 @@ def _help(
     prog: str,
     about: str,
     sections: Mapping[str, tuple[str, ...]],
+    own: Mapping[str, str],
 ) -> None:
     """Prints the help that is asked for and exits; of a verb without a policy no options of one."""
     if "--help-all" in args:
-        schema = RunConfig if sections is help_page.TRAIN else RewardSections
+        schema = RewardSections if sections is help_page.PRETRAIN else RunConfig
         load(name, ["--help"], schema=schema, prog=prog, description=explained(about))
     if {"-h", "--help"} & {*args}:
         given = "" if prog == "gril quickstart" else " [CONFIG]"
-        usage = f"{prog}{given} [--task FILE:make] [--demos SET] [--resume RUN] [options]"
+        first = "".join(f" [{option}]" for option in [*own][:2]) or " [--task FILE:make]"
+        usage = f"{prog}{given}{first} [--demos SET] [--resume RUN] [options]"
         config = load(name, prog=prog) if name else RunConfig()
-        echo(help_page.page(usage, about, sections, config, SHORTCUTS), end="")
+        echo(help_page.page(usage, about, sections, config, SHORTCUTS, own), end="")
         raise SystemExit(0)
 
 

@@ -20,10 +20,14 @@ _TEXTS = {
     "--resume": "Go on with a run that was cut off, bit for bit.",
     "--hard-negatives": "Learn from states that the rewards of one or two runs overestimated.",
     "--dry-run": "Say what would run, how long and in how much memory; write nothing.",
+    "--join": "One table of runs with different rows, in the folder that --out names.",
     "--help-all": "Every option, with its section's name before it.",
     "--lambda": "Weight of reconstruction relative to temporal cycle-consistency.",
 }
-_VALUES = {"--resume": "RUN", "--hard-negatives": "RUN[,RUN]", "--dry-run": "", "--help-all": ""}
+_VALUES = {
+    "--resume": "RUN", "--hard-negatives": "RUN[,RUN]", "--join": "RUN,RUN", "--dry-run": "",
+    "--help-all": "",
+}  # fmt: skip
 
 PRETRAIN: Mapping[str, tuple[str, ...]] = {
     "The task and its demonstrations": ("--task", "--env.options", "--demos", "--demos.num"),
@@ -49,6 +53,12 @@ TRAIN = PRETRAIN | {
         "--ppo.discounting",
     ),
 }  # fmt: skip
+TABLE: Mapping[str, tuple[str, ...]] = {
+    "The task and its demonstrations": ("--task", "--demos", "--demos.num"),
+    "The run": ("--out", "--seed", "--resume", "--join"),
+    "The policies": ("--algorithm", "--ppo.num-timesteps", "--ppo.num-envs"),
+}
+SWEEP = TRAIN | {"The run": ("--out", "--seed", "--resume", "--run.audit", "--run.evaluations")}
 
 
 def page(
@@ -57,9 +67,13 @@ def page(
     sections: Mapping[str, tuple[str, ...]],
     config: Any,
     shortcuts: Mapping[str, str],
+    own: Mapping[str, str],
 ) -> str:
-    """The page, with the values that the options have in a configuration."""
+    """The page, with the values that the options have in a configuration; first come the verb's
+    `own` options with their texts."""
     lines = [f"usage: {usage}", "", textwrap.fill(about, _WIDTH, break_on_hyphens=False)]
+    if own:
+        lines += ["", "This command's own:", *(_told(option, text) for option, text in own.items())]
     for title, names in sections.items():
         lines += ["", f"{title}:"]
         lines += [_line(name, shortcuts.get(name, name), config) for name in names]
@@ -76,7 +90,11 @@ def _line(name: str, full: str, config: Any) -> str:
         text = text or _first_sentence(texts(type(holder))[field])
         text += f" (default: {_shown(getattr(holder, field))})"
         value = _kind(options(RunConfig)[full])
-    left = f"  {f'{name} {value}'.strip()}  ".ljust(_INDENT)
+    return _told(f"{name} {value}".strip(), text)
+
+
+def _told(option: str, text: str) -> str:
+    left = f"  {option}  ".ljust(_INDENT)
     return textwrap.fill(
         text, _WIDTH, initial_indent=left, subsequent_indent=" " * _INDENT, break_on_hyphens=False
     )

@@ -127,6 +127,12 @@ def import_films(
         robots = [node for node, kind in zip(plan.nodes, kinds, strict=True) if kind in robots]
     extent = _HALF if half_extent is None else half_extent
     found: list[Found] = []
+    shortest = min(films, key=lambda film: len(film.times))
+    if smoothing is not None and smoothing > len(shortest.times):
+        raise DemoError(
+            f"{shortest.path}: smoothing is {smoothing} frames, but the film has "
+            f"{len(shortest.times)}, and must have as many at least."
+        )
     every = [_followed(plan, number, hands, jitter, smoothing) for number in range(len(films))]
     noise = max(
         one.jitter / film.width * 2 * extent for (one, *_), film in zip(every, films, strict=True)

@@ -42,7 +42,21 @@ def test_a_reward_has_no_options_of_policies(capsys):
         assert "--pretrain.steps" in out
 
 
-@pytest.mark.parametrize("sections", [help_page.TRAIN, help_page.PRETRAIN])
+@pytest.mark.parametrize(
+    "verb", ["sweep", "table1", "table2", "table3", "ladder", "suite", "soundness", "ablate"]
+)
+def test_the_short_help_of_a_table_names_its_own_options_first(verb, capsys):
+    usage, *lines = _said(capsys, verb, "--help").splitlines()
+    assert usage.startswith(f"usage: gril {verb} [CONFIG] [--")
+    assert all(one in usage for one in ("--demos", "--resume"))
+    listed = [line.split()[0] for line in lines if line.startswith("  --")]
+    assert listed.index("--seeds") < listed.index("--task")
+    assert "--rows" in listed and len(listed) < 25
+
+
+@pytest.mark.parametrize(
+    "sections", [help_page.TRAIN, help_page.PRETRAIN, help_page.TABLE, help_page.SWEEP]
+)
 def test_what_the_short_help_names_exists(sections):
     for name in (name for names in sections.values() for name in names):
         assert SHORTCUTS.get(name, name) in options(RunConfig) or name in help_page._VALUES

@@ -194,24 +194,26 @@ def test_report_hands_on_the_run(experiment, run):
     assert calls == [((run,), {"echo": arguments.echo})]
 
 
-def test_report_draws_the_page_of_a_table_1_anew(experiment, tmp_path, monkeypatch):
-    from gril_jax.experiments.table1.table1 import TABLE
+def test_report_draws_the_pages_of_table_1_and_of_sweeps_anew(experiment, tmp_path, monkeypatch):
+    from gril_jax.experiments.sweeps import sweep
+    from gril_jax.experiments.table1 import table1
     from gril_jax.experiments.tables import results
 
-    path = tmp_path / "table"
-    run_dir.create(path, RunConfig(), device="cpu", experiment="table1").close()
     calls = []
     monkeypatch.setattr(results, "redraw", lambda *args, echo: calls.append(args))
-    assert main.main(["report", str(path)]) == 0
-    assert calls == [(TABLE, path)]
+    for made in (table1, sweep):
+        path = tmp_path / made.TABLE.name
+        run_dir.create(path, RunConfig(), device="cpu", experiment=made.TABLE.name).close()
+        assert main.main(["report", str(path)]) == 0
+        assert calls.pop() == (made.TABLE, path)
 
 
 def test_report_refuses_the_runs_of_other_tables_before_work_starts(experiment, tmp_path, capsys):
-    path = tmp_path / "sweep"
-    run_dir.create(path, RunConfig(), device="cpu", experiment="sweep").close()
+    path = tmp_path / "table2"
+    run_dir.create(path, RunConfig(), device="cpu", experiment="table2").close()
     assert experiment("report") == []
     err = _fault(capsys, "report", str(path))
-    assert f"{path} holds a run of gril sweep, not of one policy: it has no page" in err
+    assert f"{path} holds a run of gril table2, not of one policy: it has no page" in err
 
 
 def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):

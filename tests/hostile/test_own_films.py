@@ -152,6 +152,9 @@ KINDS = {
     "a frame rate that is no number": (None, (*AUTO, "--fps", "nan"), "--fps"),
     "no width": (None, (*AUTO, "--half-extent", "0"), "--half-extent is 0.0"),
     "an even smoothing": (None, (*AUTO, "--smoothing", "4"), "--smoothing is 4, but must be odd"),
+    "smoothing longer than a film": (
+        None, (*AUTO, "--smoothing", "999"), "a.mp4: smoothing is 999 frames, but the film has 5"
+    ),
     "jitter below 0": (None, (*AUTO, "--jitter", "-1"), "--jitter"),
     "an unknown outcome": (None, (*AUTO, "--outcome", "fine"), "outcome"),
     "a camera of no dataset": (None, (*AUTO, "--camera", "front"), "is no LeRobot dataset"),

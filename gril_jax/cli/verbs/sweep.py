@@ -11,7 +11,7 @@ from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.cluster import cluster_of
 
-from .. import own_tasks
+from .. import help_page, own_tasks
 from ..arguments import (
     Work,
     in_full,
@@ -25,12 +25,14 @@ from . import Verb
 from .tables import made, not_beside
 
 _ABOUT = (
-    "Train every combination of the values given, over --seeds N seeds (5 by default). An option "
-    "whose value has commas is an axis: --reward learned,environmental --lambda 0.1,1. --rows A,B "
-    "takes rows of gril table1 as one more. "
-    "--resume RUN goes on with a sweep that was cut off. --distributed makes one of all processes "
-    "of a SLURM or Kubernetes job: see docs/sweeps_and_clusters.md."
+    "Train every combination of the values given. An option whose value has commas is an axis: "
+    "--reward learned,environmental --lambda 0.1,1."
 )
+_OWN = {
+    "--seeds N": "Seeds of each combination, of which each is one observation. (default: 5)",
+    "--rows A,B": "Rows of gril table1, as one more axis.",
+    "--distributed": "One sweep of all processes of a SLURM or Kubernetes job.",
+}
 _PROG = "gril sweep"
 
 
@@ -45,7 +47,7 @@ def _plan(args: list[str]) -> Work:
         name = own_tasks.CONFIG
     beside = _cells_of_rows(rows, args) if rows is not None else list
     axes = take_axes(args)
-    config = run_config(name, args, _PROG, _ABOUT)
+    config = run_config(name, args, _PROG, _ABOUT, help_page.SWEEP, own=_OWN)
     found = beside(cells(axes, args, lambda options: load(name, options, prog=_PROG)))
 
     def settings():

@@ -6,7 +6,7 @@ MuJoCo, and its `TABLE` in `gril_jax.experiments.NAME.NAME`. The rows' module ma
 
 import dataclasses
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,7 +15,7 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.runs import run_dir
 
-from .. import own_tasks
+from .. import help_page, own_tasks
 from ..arguments import (
     Work,
     echo,
@@ -31,26 +31,31 @@ from . import Verb
 
 Loader = Callable[[str | None, list[str]], RunConfig]  # from a configuration's name and options
 
-_GOES_ON = (
-    " --resume RUN goes on with a run that was cut off; --join A,B --out FOLDER makes one table of "
-    "runs with different rows."
-)
+_ROWS = {"--rows A,B": "Names of rows. (default: all)"}
+_SEEDS = {"--seeds N": "Seeds of each row, of which each is one observation. (default: 5)"}
+_STEPS = {"--steps-per-encoder N": "Gradient steps of all encoders, not of each as its row says."}
+_AUDIT = {
+    "--ascents N": "Gradient ascents of the audit of each reward. (default: 1000)",
+    "--starts N": "Starts that share them. (default: 4)",
+}
 
 
 def _table(
     name: str,
     summary: str,
     about: str,
+    own: Mapping[str, str],
     choose: Callable[[ModuleType, list[str], bool, Loader], tuple[RunConfig, dict[str, Any]]],
 ) -> Verb:
-    """The verb of a table; `summary` is for the help of `gril`, `about` for its own.
+    """The verb of a table; `summary` is for the help of `gril`, `about` for its own, in which the
+    texts of its `own` options come first.
 
     From the module of the rows, the arguments, whether --quick is among them, and what loads a
     configuration, `choose` makes this and the settings that are not whole numbers.
     """
 
     def load(config: str | None, args: list[str]) -> RunConfig:
-        return run_config(config, args, f"gril {name}", about + _GOES_ON)
+        return run_config(config, args, f"gril {name}", about, help_page.TABLE, own=own)
 
     def plan(args: list[str]) -> Work:
         # Names and numbers only: it imports neither JAX nor MuJoCo.
@@ -238,29 +243,36 @@ VERBS = (
     _table(
         "ablate",
         "which choices of the reward's training matter, over seeds",
-        "Change each choice of encoder training alone (--rows A,B; all by default), over --seeds N "
-        "seeds (5 by default).",
+        "Change each choice of encoder training alone.",
+        _ROWS | _SEEDS,
         _ablate,
     ),
     _table(
         "soundness",
         "the same by audits and by policies, and whether audits tell success; "
         "--resume RUN goes on, --join RUN,RUN makes one table",
-        "Train encoders in several ways (--rows A,B; all by default) with --seeds N seeds each (5 "
-        "by default), audit them from --starts N starts (4) with --ascents N ascents (1000), and "
-        "train a policy with each, of --steps-per-policy N control steps (the configuration's own; "
-        "0 trains none), at most --policies-at-once N in one program (25).",
+        "Train encoders in several ways, audit them, and train a policy with each.",
+        _ROWS
+        | _SEEDS
+        | _AUDIT
+        | {
+            "--steps-per-policy N": "Control steps of each policy, 0 for none. (default: the "
+            "configuration's)",
+            "--policies-at-once N": "Policies in one program, at most. (default: 25)",
+        },
         _soundness,
     ),
     _table(
         "table1",
         "the paper's Table I and Figure 2: policies with rewards of all kinds; "
         "--quick on a laptop, --resume RUN goes on",
-        "Train policies with rewards of several kinds (--rows A,B; all by default), --seeds N of "
-        "each (5), alike in all else: the paper's Table I and Figure 2. Learned rewards are "
-        "audited with --ascents N ascents (1000) from --starts N starts (4). --steps-per-encoder N "
-        "trains all encoders for N gradient steps, instead of each as its row says. --quick makes "
-        "two rows with two seeds of the configuration quickstart.",
+        "Train policies with rewards of several kinds, alike in all else: the paper's Table I and "
+        "Figure 2. Learned rewards are audited.",
+        _ROWS
+        | _SEEDS
+        | _STEPS
+        | _AUDIT
+        | {"--quick": "Two rows with two seeds of the configuration quickstart."},
         _table1,
     ),
     _table(
@@ -268,35 +280,49 @@ VERBS = (
         "the same policies given less and less help beside the videos; --resume RUN",
         "Train policies with rewards of several kinds, each at four levels of help: the task's own "
         "starts alone (A), also moments that the policy itself has reached (B) or that the videos "
-        "show (V), and what only somebody who knows the goal can give (C). --seeds N of each (5); "
-        "--rows names some, such as 'ours at level V'. --steps-per-encoder N as in table1.",
+        "show (V), and what only somebody who knows the goal can give (C).",
+        {"--rows A,B": "Names of rows, such as 'ours at level V'. (default: all)"}
+        | _SEEDS
+        | _STEPS,
         _ladder,
     ),
     _table(
         "suite",
         "all tasks of MAGICAL from films to policies: --films FOLDER; --resume RUN goes on",
-        "For each of MAGICAL's eight tasks: find the objects in its films (--films FOLDER has one "
-        "folder a task; the demonstration sets go to --sets FOLDER), learn a reward, audit it, "
-        "train --seeds N policies (5) in Demo, and play them in every variant from --eval-starts N "
-        "starts (64). --rows names some, such as 'find_dupe from films'.",
+        "For each of MAGICAL's eight tasks: find the objects in its films, learn a reward, audit "
+        "it, train policies in Demo, and play them in every variant.",
+        {
+            "--films FOLDER": "Films, in one folder a task; without it, the sets must be there.",
+            "--rows A,B": "Names of rows, such as 'find_dupe from films'. (default: all)",
+        }
+        | _SEEDS
+        | {
+            "--sets FOLDER": "Where the demonstration sets go. (default: runs/magical_sets)",
+            "--eval-starts N": "Starts of each evaluation in a variant. (default: 64)",
+        },
         _suite,
     ),
     _table(
         "table2",
         "the paper's Table II: rewards that tell success from failure; --quick, --resume RUN",
-        "Train encoders in several ways (--rows A,B; all that the configuration allows by "
-        "default), --seeds N of each (5), and measure how well their rewards tell success from "
-        "failure: the paper's Table II. --quick makes two seeds of the rows without pictures from "
-        "fewer demonstrations.",
+        "Train encoders in several ways, and measure how well their rewards tell success from "
+        "failure: the paper's Table II.",
+        {"--rows A,B": "Names of rows. (default: all that the configuration allows)"}
+        | _SEEDS
+        | {"--quick": "Two seeds of the rows without pictures, from fewer demonstrations."},
         _table2,
     ),
     _table(
         "table3",
         "policies for the long tasks at the table, with rewards of all kinds; --resume RUN",
-        "Train policies for each of the long tasks at the table with rewards of several kinds, "
-        "--seeds N of each (5); --rows names some, such as 'ours on umbrella_out'. --sets FOLDER "
-        "has a set for each task, in a folder of its name; without it they are made. "
-        "--steps-per-encoder N as in table1.",
+        "Train policies for each of the long tasks at the table with rewards of several kinds.",
+        {"--rows A,B": "Names of rows, such as 'ours on umbrella_out'. (default: all)"}
+        | _SEEDS
+        | _STEPS
+        | {
+            "--sets FOLDER": "Demonstration sets, each in a folder of its task's name; without it "
+            "they are made."
+        },
         _table3,
     ),
 )
