@@ -51,7 +51,8 @@ def test_the_short_help_of_a_table_names_its_own_options_first(verb, capsys):
     assert all(one in usage for one in ("--demos", "--resume"))
     listed = [line.split()[0] for line in lines if line.startswith("  --")]
     assert listed.index("--seeds") < listed.index("--task")
-    assert "--rows" in listed and len(listed) < 25
+    assert "--rows" in listed
+    assert len(listed) < 25
 
 
 @pytest.mark.parametrize(
