@@ -32,6 +32,7 @@ TASKS = {
     "cluster_colour": "gril_jax.envs.magical.suite:CLUSTER_COLOUR",
     "cluster_shape": "gril_jax.envs.magical.suite:CLUSTER_SHAPE",
     "make_line": "gril_jax.envs.magical.suite:MAKE_LINE",
+    "match_regions_magical": "gril_jax.envs.magical.suite:MATCH_REGIONS_MAGICAL",
     "shoes_in_box": "gril_jax.envs.tabletop.shoes_in_box:SPEC",
     "rubbish_in_bin": "gril_jax.envs.tabletop.rubbish_in_bin:SPEC",
     "umbrella_out": "gril_jax.envs.tabletop.umbrella_out:SPEC",

@@ -155,9 +155,10 @@ OTHERS_PROMOTE = {"pretraining", "rl, ppo", "rl, sac"}
 LONG = {"pretraining", "encoders, pixel", "encoders, ensemble", "encoders, history"}
 
 
-@pytest.mark.parametrize(
-    "room", [pytest.param(room, marks=[pytest.mark.slow] * (room in LONG)) for room in ROOMS]
-)
+MOST = [pytest.param(room, marks=[pytest.mark.slow] * (room in LONG)) for room in ROOMS]
+
+
+@pytest.mark.parametrize("room", MOST)
 def test_a_room_makes_no_nan_leaks_no_tracer_and_promotes_no_type_silently(room):
     promotion = "standard" if room in OTHERS_PROMOTE else "strict"
     with jax.debug_nans(True), jax.checking_leaks(), jax.numpy_dtype_promotion(promotion):
@@ -165,7 +166,7 @@ def test_a_room_makes_no_nan_leaks_no_tracer_and_promotes_no_type_silently(room)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
 
 
-@pytest.mark.parametrize("room", ROOMS)
+@pytest.mark.parametrize("room", MOST)
 def test_a_room_is_traced_with_64_bits(room):
     with jax.enable_x64(True):
         jax.eval_shape(ROOMS[room])

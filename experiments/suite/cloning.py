@@ -4,9 +4,8 @@
 
 Rewards here are learned from films alone; this baseline is also given the recorded actions. They
 are played in our simulator, and after each control step robot and blocks are put where the film has
-them, so that replays do not drift; angles and speeds are the simulator's. Of match_regions, which
-has no such step, they are played without that. A network of the observation is trained to name the
-next of MAGICAL's 18 actions, and plays Demo and every variant.
+them, so that replays do not drift; angles and speeds are the simulator's. A network of the
+observation is trained to name the next of MAGICAL's 18 actions, and plays Demo and every variant.
 
 Shapes use D for demonstrations, T for control steps, F for the pairs of observation and action, O
 for an observation, K for seeds and E for episodes.
@@ -35,7 +34,7 @@ from gril_jax.safe_files import write_whole
 from ..fidelity.physics_parity import printed
 from ..pipeline.policy_rewards import in_the_order_of
 from . import variants
-from .rows import TASKS
+from .rows import TASKS, folder_of
 
 _ACTIONS = 18
 
@@ -72,12 +71,12 @@ def pairs(
     env: Env, centers: list[Float[np.ndarray, "T N 2"]], actions: list[Int[np.ndarray, "T"]]
 ) -> tuple[Float[np.ndarray, "F O"], Int[np.ndarray, "F"]]:
     """Observations of each demonstration's frames, and the actions that followed them."""
-    start, anchored = env.reset(jax.random.key(0)), hasattr(env, "shifted")
+    start = env.reset(jax.random.key(0))
     table = jnp.asarray(from_magical(np.arange(_ACTIONS)))
 
     def move(state, inputs):
         center, action = inputs
-        state = env.shifted(state, center) if anchored else state
+        state = env.shifted(state, center)
         return env.step(state, table[action]), state.obs
 
     length = max(map(len, actions))
@@ -137,10 +136,7 @@ def play(env: Env, params, normal, begun, key, *, sampled: bool) -> dict[str, Fl
 
 def measure(task: str, films: dict[str, list[int]], sets: Path, options: _Options) -> dict:
     """Scores of a task's cloned policies in all variants."""
-    make = lambda variant: envs.make(  # noqa: E731
-        task, physics="magical", variant=variant,
-        **({"observation": "plain"} if task == "match_regions" else {}),
-    )  # fmt: skip
+    make = lambda variant: envs.make(task, physics="magical", variant=variant)  # noqa: E731
     names = variants.known(task)
     each = {name: make(name) for name in names}
     env = each["demo"]
@@ -148,7 +144,7 @@ def measure(task: str, films: dict[str, list[int]], sets: Path, options: _Option
     label = np.asarray(env.reset(jax.random.key(0)).objects.label)
     centers, actions = [], []
     for entry, tracks in zip(found.entries, found.tracks, strict=True):
-        own = films[f"{task.replace('_', '-')}/{_number(entry.name)}"]
+        own = films[f"{folder_of(task)}/{_number(entry.name)}"]
         order = in_the_order_of(label, np.asarray(tracks.label))
         count = min(len(own), len(tracks.center))
         centers.append(np.asarray(tracks.center[:count, order], np.float32))

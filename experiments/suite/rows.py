@@ -10,9 +10,10 @@ from gril_jax.errors import ConfigError, DemoError
 from ..tables.rows import AuditedSettings, Rows
 
 TASKS = (
-    "move_to_region", "move_to_corner", "fix_colour", "find_dupe", "match_regions", "make_line",
-    "cluster_shape", "cluster_colour",
+    "move_to_region", "move_to_corner", "fix_colour", "find_dupe", "match_regions_magical",
+    "make_line", "cluster_shape", "cluster_colour",
 )  # fmt: skip
+_FOLDERS = {"match_regions_magical": "match-regions"}  # of films, where not by the task's name
 LEARNED, SCORE = "films", "its score"
 _FROM = " from "
 _REWARDS: dict[str, dict[str, Any]] = {
@@ -74,13 +75,16 @@ class Settings(AuditedSettings):
 
 def films_of(films: Path, task: str) -> Path:
     """The folder of a task's films; a DemoError that says how to get them if there are none."""
-    for name in (task.replace("_", "-"), task):
+    for name in (folder_of(task), task):
         folder = films / name
         if any(next(folder.glob(kind), None) for kind in FILMS):
             return folder
-    raise DemoError(
-        f"{films} has no folder {task.replace('_', '-')} with films of the task {task}; {HOW}"
-    )
+    raise DemoError(f"{films} has no folder {folder_of(task)} with films of the task {task}; {HOW}")
+
+
+def folder_of(task: str) -> str:
+    """The name of the folder in which the publishers keep a task's films, such as find-dupe."""
+    return _FOLDERS.get(task, task.replace("_", "-"))
 
 
 def check_settings(config: RunConfig, settings: Settings) -> None:

@@ -54,7 +54,7 @@ def _prepare(settings: Settings, echo: Callable[[str], None]) -> None:
         echo(f"finding the objects in the films of {folder}")
         out.parent.mkdir(parents=True, exist_ok=True)
         if next(folder.glob(FILMS[0]), None):
-            import_magical(folder, out)
+            import_magical(folder, out, task=task)
         else:
             import_videos(folder, out, HALF_EXTENT, task)
 

@@ -28,7 +28,6 @@ from ..pipeline import policy_setup, setup
 from ..tables.rows import changed
 
 DEMO = "demo"
-_USUAL = (DEMO, "jitter", "color", "shape", "layout", "dynamics", "all")  # of match_regions
 _CLUMP = 0.5  # arena units: the longest distance of four blocks that are a clump and no line
 
 
@@ -53,9 +52,8 @@ class Ground(NamedTuple):
 
 
 def known(task: str) -> tuple[str, ...]:
-    """The variants of a task, Demo first; those that the original has and ours has not are not."""
-    env = registry.build(task, {})
-    return tuple(getattr(env, "variants", _USUAL))
+    """The variants of a task, Demo first."""
+    return tuple(registry.build(task, {}).variants)
 
 
 def ground(config: RunConfig, policies: int, starts: int) -> Ground:

@@ -43,26 +43,31 @@ AfterEach = Callable[[int, int, Imported], None]
 
 
 def import_magical(
-    source_dir: str | os.PathLike, out_dir: str | os.PathLike, *, progress: AfterEach | None = None
+    source_dir: str | os.PathLike,
+    out_dir: str | os.PathLike,
+    *,
+    task: str | None = None,
+    progress: AfterEach | None = None,
 ) -> list[Imported]:
     """Converts a folder of MAGICAL's public `*.pkl.gz` files to a demo set.
 
     Frames of the allocentric view are kept, actions are not. A demonstration is a success where
-    its score is 1. An older demo set of that name is replaced.
+    its score is 1. An older demo set of that name is replaced. `task` is the one that the set is
+    for, if not the one of the recordings' name.
 
     Raises:
       DemoError: no files, a damaged or foreign one, different tasks, or objects not found.
     """
     paths = list_magical(source_dir)
-    task = read_magical(paths[0]).env_name
-    name = re.sub("(?<!^)(?=[A-Z])", "_", task.split("-")[0]).lower()  # match_regions
+    recorded = read_magical(paths[0]).env_name
+    name = task or re.sub("(?<!^)(?=[A-Z])", "_", recorded.split("-")[0]).lower()  # match_regions
     detector, classes = _by_colour(name, PALETTE_CLASSES, HALF_EXTENT)
 
     def seen(path: pathlib.Path) -> _Seen:
         demo = read_magical(path)
-        if demo.env_name != task:
+        if demo.env_name != recorded:
             raise DemoError(
-                f"{path}: recorded in {demo.env_name!r}, but {paths[0].name} in {task!r}; "
+                f"{path}: recorded in {demo.env_name!r}, but {paths[0].name} in {recorded!r}; "
                 "a demo set holds one task."
             )
         tracks = detector.detect(demo.frames, name=str(path))
@@ -78,7 +83,7 @@ def import_magical(
         classes=classes,
         half_extent=HALF_EXTENT,
         fps=FPS,
-        source=f"MAGICAL human demonstrations, {task}, allocentric view",
+        source=f"MAGICAL human demonstrations, {recorded}, allocentric view",
         unit=f"world units of {name}",
     )
 

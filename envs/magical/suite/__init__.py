@@ -1,10 +1,10 @@
-"""The seven tasks of MAGICAL beside MatchRegions, one file a task; their entries are here."""
+"""MAGICAL's eight tasks with its own draws, one file a task; their entries are here."""
 
 from gril_jax.envs.registry import TaskSpec
 
 __all__ = [
-    "CLUSTER_COLOUR", "CLUSTER_SHAPE", "FIND_DUPE", "FIX_COLOUR", "MAKE_LINE", "MOVE_TO_CORNER",
-    "MOVE_TO_REGION",
+    "CLUSTER_COLOUR", "CLUSTER_SHAPE", "FIND_DUPE", "FIX_COLOUR", "MAKE_LINE",
+    "MATCH_REGIONS_MAGICAL", "MOVE_TO_CORNER", "MOVE_TO_REGION",
 ]  # fmt: skip
 
 
@@ -29,3 +29,4 @@ FIX_COLOUR = _spec("fix_colour:FixColour")
 CLUSTER_COLOUR = _spec("cluster:ClusterColour")
 CLUSTER_SHAPE = _spec("cluster:ClusterShape")
 MAKE_LINE = _spec("make_line:MakeLine")
+MATCH_REGIONS_MAGICAL = _spec("match_regions:MatchRegions")

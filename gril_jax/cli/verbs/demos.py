@@ -143,11 +143,19 @@ def _import(kind: str, given: _Import, options: dict[str, Any]) -> Work:
     return work
 
 
+@dataclass(frozen=True)
+class _ImportMagical(_Import):
+    task: str | None = None
+    """Task that the set is for, such as match_regions_magical; None is that of the recordings'
+    name."""
+
+
 def _magical(args: list[str]) -> Work:
     about = f"Make {_MAGICAL.summary}."
-    return _import(
-        "magical", parse(_Import, args, prog=f"gril {_MAGICAL.name}", description=about), {}
-    )
+    given = parse(_ImportMagical, args, prog=f"gril {_MAGICAL.name}", description=about)
+    if given.task is not None:
+        EnvConfig(name=given.task)  # a ConfigError if there is none
+    return _import("magical", given, {"task": given.task})
 
 
 _VIDEOS = Verb("demos import-videos DIR", "a demonstration set from a folder of videos", _videos)

@@ -23,10 +23,10 @@ SUITE_CLASSES = (
     *(f"{colour} region" for colour in BLOCK_COLOURS),
     *(f"{colour} {shape}" for colour in BLOCK_COLOURS for shape in BLOCK_SHAPES),
 )
-"""Class names of MAGICAL's other seven tasks, whose regions differ in colour."""
+"""Class names of MAGICAL's tasks with its own draws, whose regions differ in colour."""
 SUITE = (
     "move_to_corner", "move_to_region", "find_dupe", "fix_colour", "cluster_colour",
-    "cluster_shape", "make_line",
+    "cluster_shape", "make_line", "match_regions_magical",
 )  # fmt: skip
 """These tasks."""
 
