@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, UInt8
+from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from gril_jax import envs, reward
 from gril_jax.config import RunConfig
@@ -28,6 +28,7 @@ from . import setup
 from .reward_form import RewardForm
 
 _MOST = 8  # subtasks of a chain
+_FAR = 2.0  # world units
 _NUM_FRAMES = 2048  # that training may begin at
 
 
@@ -59,19 +60,28 @@ def begins_at_frames(config: RunConfig) -> bool:
 def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
     """Frames of the demonstrations, evenly over all of them, with the objects in the task's order;
     without these, the shapes."""
-    label = _labels(config)
+    label, there = _labels(config)
     if demos is None:
         boxes = jnp.zeros((_NUM_FRAMES, len(label), 2))
         return starts.Frames(boxes, boxes, jnp.zeros((_NUM_FRAMES, len(label)), bool))
     active = jax.jit(jax.vmap(functools.partial(activity.trajectory, **_activity_rule(config))))(
         demos.center, demos.size
     )
-    order = np.array([in_the_order_of(label, film) for film in np.asarray(demos.label)])
+    shown = np.flatnonzero(there)
+    order = np.array([in_the_order_of(label[there], film) for film in np.asarray(demos.label)])
     film, frame = np.nonzero(np.arange(demos.center.shape[1]) < np.asarray(demos.length)[:, None])
     every = np.linspace(0, len(film) - 1, _NUM_FRAMES).round().astype(int)
     film, frame = film[every], frame[every]
     at = film[:, None], frame[:, None], order[film]
-    return starts.Frames(*(jnp.asarray(x)[at] for x in (demos.center, demos.size, active)))
+    seen = starts.Frames(*(jnp.asarray(x)[at] for x in (demos.center, demos.size, active)))
+    if there.all():
+        return seen
+    # What the task does not show at its start is where no film has anything, without a size.
+    far, none = jnp.full((len(film), len(label), 2), _FAR), jnp.zeros((len(film), len(label)))
+    return starts.Frames(
+        far.at[:, shown].set(seen.center), jnp.zeros_like(far).at[:, shown].set(seen.size),
+        (none > 0).at[:, shown].set(seen.active),
+    )  # fmt: skip
 
 
 def _activity_rule(config: RunConfig) -> dict[str, Any]:
@@ -79,10 +89,11 @@ def _activity_rule(config: RunConfig) -> dict[str, Any]:
     return dict(tau=pool.tau, window=pool.window, smoothing=pool.smoothing, noise=pool.noise)
 
 
-def _labels(config: RunConfig) -> Int[np.ndarray, "N"]:
-    """The classes of the task's objects, in its order."""
+def _labels(config: RunConfig) -> tuple[Int[np.ndarray, "N"], Bool[np.ndarray, "N"]]:
+    """The classes of the task's objects, in its order, and which of them are there."""
     env = setup.make_env(config.env, training=False)
-    return np.asarray(jax.jit(lambda key: env.reset(key).objects.label)(jax.random.key(0)))
+    seen = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
+    return np.asarray(seen.label), np.asarray(seen.size).any(axis=1)
 
 
 def in_the_order_of(task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]) -> Int[np.ndarray, "N"]:

@@ -2,10 +2,12 @@
 
 import contextlib
 import dataclasses
+import functools
 import importlib
 import importlib.util
 import inspect
 import io
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -93,7 +95,18 @@ def build(task: str, options: Mapping[str, Any]) -> envs.Env:
 
 def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
     """The encoder's sizes and options."""
-    return find(ENCODERS[config.encoder.kind].config).of(config.encoder, num_classes)
+    chosen = find(ENCODERS[config.encoder.kind].config).of(config.encoder, num_classes)
+    if not config.encoder.alike or not isinstance(chosen, encoder.EncoderConfig):
+        return chosen
+    if config.env.name == NO_TASK:
+        raise ConfigError("encoder.alike is True, but must be False where there is no task")
+    return dataclasses.replace(chosen, words=_words(config.env))
+
+
+@functools.cache
+def _words(config: EnvConfig) -> tuple[int, ...]:
+    """First and last word of each class's name of a task."""
+    return tuple(itertools.chain(*words_of(make_env(config, training=False).classes)))
 
 
 def by_name(kind: type[Kind], *sections: Any, **more: Any) -> Kind:

@@ -136,7 +136,7 @@ def play(env: Env, params, normal, begun, key, *, sampled: bool) -> dict[str, Fl
 
 def measure(task: str, films: dict[str, list[int]], sets: Path, options: _Options) -> dict:
     """Scores of a task's cloned policies in all variants."""
-    make = lambda variant: envs.make(task, physics="magical", variant=variant)  # noqa: E731
+    make = lambda variant: envs.make(task, variant=variant, padded=True)  # noqa: E731
     names = variants.known(task)
     each = {name: make(name) for name in names}
     env = each["demo"]
@@ -151,18 +151,16 @@ def measure(task: str, films: dict[str, list[int]], sets: Path, options: _Option
         actions.append(np.asarray(own[:count], np.int32))
     obs, chosen = pairs(env, centers, actions)
     params, normal = train(obs, chosen, seeds=options.seeds, steps=options.steps)
-    fits = [name for name in names if each[name].observation_size == env.observation_size]
-    general = each["shape" if "shape" in fits else "demo"]
     keys = jax.random.split(jax.random.key(1), options.starts)
-    begun = [jax.jit(jax.vmap(each[name].reset))(keys) for name in fits]
+    begun = [jax.jit(jax.vmap(each[name].reset))(keys) for name in names]
     begun = jax.tree.map(lambda *x: jnp.concatenate(x), *begun)
-    results: dict = {"pairs": len(chosen), "lacks": [name for name in names if name not in fits]}
+    results: dict = {"pairs": len(chosen)}
     for kind, sampled in (("deterministic", False), ("sampled", True)):
-        run = jax.jit(lambda p, b, k, s=sampled: play(general, p, normal, b, k, sampled=s))
+        run = jax.jit(lambda p, b, k, s=sampled: play(each["all"], p, normal, b, k, sampled=s))
         ended = run(params, begun, jax.random.key(2))
         for what, values in ended.items():
-            parts = np.asarray(values).reshape(options.seeds, len(fits), options.starts)
-            for i, name in enumerate(fits):
+            parts = np.asarray(values).reshape(options.seeds, len(names), options.starts)
+            for i, name in enumerate(names):
                 results[f"{what}_{name}_{kind}"] = parts[:, i].mean(axis=1).round(4).tolist()
     return results
 

@@ -1,4 +1,8 @@
-"""The rows of a suite: its tasks, each with a learned reward and with the task's own score."""
+"""The rows of a suite: its tasks, each with a learned reward and with the task's own score.
+
+Policies learn in Demo, or with the same reward in a variant: "find_dupe from films in layout". In
+"films in all" everything is drawn anew for each episode, and one policy then plays all variants.
+"""
 
 import dataclasses
 from pathlib import Path
@@ -14,12 +18,20 @@ TASKS = (
     "make_line", "cluster_shape", "cluster_colour",
 )  # fmt: skip
 _FOLDERS = {"match_regions_magical": "match-regions"}  # of films, where not by the task's name
-LEARNED, SCORE = "films", "its score"
+LEARNED, SCORE, EVERYWHERE = "films", "its score", "films in all"
 _FROM = " from "
+# The reward is that of Demo's films, frozen; no frame of them shows the starts of a variant.
+_IN_VARIANT = {"run.reward": "learned", "ppo.video_starts": 0.0, "ppo.own_starts": 0.5}
 _REWARDS: dict[str, dict[str, Any]] = {
     LEARNED: {"run.reward": "learned"},
+    EVERYWHERE: _IN_VARIANT | {"env.variant": "all"},
+    **{
+        f"{LEARNED} in {variant}": _IN_VARIANT | {"env.variant": variant}
+        for variant in ("jitter", "color", "shape", "layout", "countplus", "dynamics")
+    },
     SCORE: {"run.reward": "environmental", "run.reward_offset": 0.0},
 }
+_LACKS = {"move_to_corner": ("layout", "countplus"), "move_to_region": ("shape", "countplus")}
 FILMS = "*.pkl.gz", "*.mp4"
 # Steps of a task's policies, as shares of the configuration's: long tasks take longer to learn.
 _STEPS = {
@@ -51,16 +63,21 @@ def rows(sets: Path, steps: int) -> Rows:
             "env.name": task,
             "env.reward": "sparse",
             "env.observation": "plain",
+            "env.padded": True,
             "demos.path": str(sets / task),
             "ppo.num_timesteps": round(_STEPS.get(task, 1.0) * steps),
         }
-        | _REWARDS[reward]
-        for reward in _REWARDS
+        | change
+        for reward, change in _REWARDS.items()
         for task in TASKS
+        if change.get("env.variant") not in _LACKS.get(task, ())
     }
 
 
 ROWS = rows(Path("sets"), 1)
+USUAL = ",".join(
+    row_name(task, reward) for reward in (LEARNED, EVERYWHERE, SCORE) for task in TASKS
+)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,7 +4,7 @@
     gril suite magical --films FOLDER --rows "find_dupe from films" --seeds 1
 
 For each row and seed an encoder is trained on films where the row learns a reward, and audited, and
-a policy is trained in the variant Demo; then it plays every variant as it is. Writes `suite.md` and
+a policy is trained, in the variant Demo or in the row's own; then it plays every variant. Writes `suite.md` and
 `suite.csv` (a line a policy) after each program, the rewards as `rewards/TASK-SEED.npz`, a film of
 a policy of each row as `films/ROW.mp4`, and `suite.png` and `report.html` at the end.
 """
@@ -92,7 +92,7 @@ def _after(
         film = folder / f"{_file(parts_of(program, settings))}.mp4"
         write_video(film, filming.outlines(on.env, data), on.env.control_hz)
         cell = program.rows[0].cell
-        run.finish_phase(f"variants-{cell}", {"seeds": each, "lacks": on.lacks}, [film])
+        run.finish_phase(f"variants-{cell}", {"seeds": each}, [film])
 
     return finish
 

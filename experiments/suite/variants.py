@@ -1,8 +1,7 @@
 """Finished policies in every variant of their task, as they are: nothing is trained there.
 
-Each policy was trained in Demo. In a variant other things are drawn at the start: places, colours,
-shapes, forces. A variant whose numbers of objects differ from Demo's is left out, because the
-policy's observation has another size there.
+In a variant other things are drawn at the start: places, colours, shapes, forces, how many blocks
+there are; observations are padded, so that a policy can play all of them.
 
 Shapes use K for policies, E for episodes, T for control steps and B for blocks.
 """
@@ -43,8 +42,7 @@ class Played(NamedTuple):
 class Ground(NamedTuple):
     """Compiled programs that play the policies of one task."""
 
-    names: list[str]  # of the variants, Demo first
-    lacks: list[str]  # of those that a policy cannot play
+    names: tuple[str, ...]  # of the variants, Demo first
     env: Env
     begun: Any  # episodes of all of them, leaves (E, ...)
     each: int
@@ -63,17 +61,15 @@ def ground(config: RunConfig, policies: int, starts: int) -> Ground:
     )
     names = known(config.env.name)
     envs = {name: setup.make_env(config.env, training=False, variant=name) for name in names}
-    size = envs[DEMO].observation_size
-    fits = [name for name in names if envs[name].observation_size == size]
-    # Shapes and forces are then data of each episode, and one program plays all of them.
-    general = envs["shape" if "shape" in fits else DEMO]
+    # Shapes, counts and forces are then data of each episode, and one program plays all of them.
+    general = envs["all"]
     algorithm = policy_setup.make_algorithm(plain, general)
     begun = [
         evaluate.begin(
             dataclasses.replace(algorithm.episodes, env=envs[name]), jax.random.key(i),
             episodes=starts,
         )
-        for i, name in enumerate(fits)
+        for i, name in enumerate(names)
     ]  # fmt: skip
     begun = jax.tree.map(lambda *x: jnp.concatenate(x), *begun)
     fresh = policy_setup.fresh_policy(plain, algorithm, jax.random.key(0))
@@ -86,8 +82,7 @@ def ground(config: RunConfig, policies: int, starts: int) -> Ground:
 
     with ahead.tracing():
         lowered = jax.jit(play).lower(like, begun, jax.random.key(0), jnp.asarray(True))
-    lacks = [name for name in names if name not in fits]
-    return Ground(fits, lacks, envs[DEMO], begun, starts, lowered.compile())
+    return Ground(names, envs[DEMO], begun, starts, lowered.compile())
 
 
 def submit(config: RunConfig, policies: int, starts: int, pool: Executor):

@@ -44,7 +44,9 @@ def reward_key(config: RunConfig) -> Hashable:
 
 
 # What policies alone are given: neither demonstrations nor encoders depend on it.
-_OF_POLICIES = {"reward", "observation", "varied_starts", "on_the_way", "facing"}
+_OF_POLICIES = {
+    "reward", "observation", "variant", "varied_starts", "on_the_way", "facing", "padded"
+}  # fmt: skip
 
 
 def task_key(config: RunConfig) -> Hashable:

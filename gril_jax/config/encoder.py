@@ -33,6 +33,10 @@ class EncoderOptions:
     latents are float32 in both."""
     relations: bool = False
     """True if edges also say how far a box sticks out of the other, and is apart from it."""
+    alike: bool = False
+    """The paper's alone: True if nodes do not know their class, and edges know instead whether the
+    names of two classes share their first word, such as a colour, and their last one, such as a
+    shape; so a reward learned from red things holds for blue ones, too. It needs a task."""
     distances: bool = True
     """Interaction alone: each class has weights of its own, and nodes know how far the nearest
     object of each class is, as in GraphIRL's robot tasks; if False, nodes are boxes, as in its

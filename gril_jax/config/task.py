@@ -63,6 +63,9 @@ class EnvConfig:
     """In those, the probability that the robot stands before such a target, facing it."""
     physics: Literal["xmagical", "magical"] = "xmagical"
     """Physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
+    padded: bool = False
+    """In MAGICAL's tasks but match_regions, True if observations have room for as many blocks as
+    any variant has, so that a policy can play all variants."""
     engine: Literal["auto", "kernel", "impulse", "mjx"] = "auto"
     """Physics solver: our impulses in one NVIDIA Warp kernel; the same in JAX, which has gradients
     and is many times slower; or MuJoCo MJX (only the gripper, "xmagical", fixed shapes). auto is

@@ -185,7 +185,7 @@ def from_json(about: Any) -> AnyConfig:
             raise ConfigError(f"encoder.{name} is {value!r:.60}; it must be at most {most}.")
     if "num_classes" in types and "num_classes" not in values:
         raise ConfigError("encoder.num_classes is missing; it must be the number of classes.")
-    return chosen(**values)
+    return chosen(**{k: tuple(x) if isinstance(x, list) else x for k, x in values.items()})
 
 
 def _side_by_side(params, graph, config, alpha, form):
@@ -228,6 +228,9 @@ def _fits(value, kind):
         return any(_fits(value, one) for one in typing.get_args(kind))
     if typing.get_origin(kind) is Literal:
         return value in typing.get_args(kind)
+    if typing.get_origin(kind) is tuple:  # of any length
+        few = isinstance(value, (list, tuple)) and len(value) <= _MOST_OF_OTHERS
+        return few and all(_fits(one, typing.get_args(kind)[0]) for one in value)
     if kind is NoneType:
         return value is None
     return type(value) is kind or (kind is float and type(value) is int)

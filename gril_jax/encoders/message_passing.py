@@ -51,6 +51,10 @@ class EncoderConfig:
     """True if nodes know their absolute centre; if not, only edges carry position, as offsets."""
     relations: bool = EncoderOptions.relations
     """True if edges also hold how far the receiver's box sticks out of the sender's or is apart."""
+    words: tuple[int, ...] = ()
+    """First and last word of each class's name, as indices, class by class: nodes then do not know
+    their class, and edges know which of the two words sender and receiver share. Empty: nodes know
+    their class."""
     pool_robot: bool = EncoderOptions.pool_robot
     """True if the robot counts in the pooling (the paper's "with robot" ablation)."""
     robot_messages: bool = EncoderOptions.robot_messages
@@ -62,6 +66,11 @@ class EncoderConfig:
 
     def __post_init__(self):
         require_at_least(self, "encoder", num_classes=1, width=1, rounds=0, latent=1, members=1)
+        if len(self.words) not in (0, 2 * self.num_classes):
+            raise ConfigError(
+                f"encoder.words has {len(self.words)} entries; it must have none or two for each "
+                f"of {self.num_classes} classes."
+            )
         if not self.length_unit > 0:
             raise ConfigError(f"encoder.length_unit is {self.length_unit}; it must be positive.")
 
@@ -172,6 +181,8 @@ class _Messages(nn.Module):
         if config.relations:
             edges = jnp.concatenate([edges, _relations(graph)], axis=-1)
         edges = edges / config.length_unit
+        if config.words:
+            edges = jnp.concatenate([edges, _alike(graph, config)], axis=-1)
         if self.form != "jraph":
             edges = square_edges(edges, nodes.label.shape[0])
         graph = graph._replace(edges=edges)
@@ -234,8 +245,15 @@ def _relations(graph) -> Float[Array, "E 4"]:
     return jax.nn.relu(jnp.concatenate([away + receiver - sender, away - receiver - sender], -1))
 
 
+def _alike(graph, config) -> Float[Array, "E 2"]:
+    """For each edge, 1 where the classes' names share their first word, and their last one."""
+    words = jnp.array(config.words).reshape(-1, 2)[graph.nodes.label]
+    return (words[graph.senders] == words[graph.receivers]).astype(jnp.float32)
+
+
 def _node_features(nodes, config):
-    """One-hot class, size and (if `absolute`) centre."""
+    """One-hot class (without `words`), size and (if `absolute`) centre."""
     boxes = [nodes.center, nodes.size] if config.absolute else [nodes.size]
     boxes = [box / config.length_unit for box in boxes]
-    return jnp.concatenate([jax.nn.one_hot(nodes.label, config.num_classes), *boxes], axis=-1)
+    kinds = [] if config.words else [jax.nn.one_hot(nodes.label, config.num_classes)]
+    return jnp.concatenate([*kinds, *boxes], axis=-1)

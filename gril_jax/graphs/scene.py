@@ -51,8 +51,8 @@ def scene_graph(
       center, size: box centres, and widths and heights, world units.
       label, is_robot: index of each object's class; nodes that belong to the robot.
       active: nodes that have moved since the episode began (`gril_jax.graphs.activity`).
-      present: False for padding; all present if left out. Padding keeps its node and edges, so
-        that shapes are static, and is masked where it would count.
+      present: False for padding; left out, whatever has a box of some size is present. Padding
+        keeps its node and edges, so that shapes are static, and is masked where it would count.
 
     Returns:
       A `jraph.GraphsTuple` with `Nodes` as nodes and (E, 3) edges: the offset from the receiver
@@ -62,7 +62,7 @@ def scene_graph(
     senders, receivers = edge_indices(num_nodes)
     offset = center[senders] - center[receivers]
     if present is None:
-        present = jnp.ones(num_nodes, bool)
+        present = jnp.any(size > 0, axis=-1)
     return SceneGraph(
         nodes=Nodes(center, size, label, active, is_robot, present),
         edges=jnp.concatenate([offset, safe_norm(offset)[:, None]], axis=-1),

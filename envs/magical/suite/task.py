@@ -8,6 +8,7 @@ at the end: here every state has its score, which is the reward, and success is 
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -49,6 +50,8 @@ class SuiteTask:
       episode_length: control steps; None is the original's number.
       substeps: physics steps a control step; the original's is 10, as None is.
       iterations: sweeps of the solver a substep; the original's is 10. None: 6.
+      padded: every variant has room for as many blocks as any has, so that observations are of one
+        size; those that are not there have zeros in it, and boxes without a size.
     """
 
     classes = CLASSES
@@ -74,6 +77,7 @@ class SuiteTask:
         episode_length: int | None = None,
         substeps: int | None = None,
         iterations: int | None = None,
+        padded: bool = False,
     ):
         check_known("variant", variant, self.variants)
         check_known("turn", turn, [*simulator.TURN_GAIN])
@@ -81,7 +85,9 @@ class SuiteTask:
         self.variant = variant
         self.episode_length = self.length if episode_length is None else episode_length
         check_counts(episode_length=self.episode_length)
-        self._kinds = self._padded(self.plan.kinds())
+        slots = self.plan.slots if padded or self.varies("count") else None
+        self._missing = max(0, (slots or 0) - len(self.plan.blocks))
+        self._kinds = self._filled(self.plan.kinds(), np)
         # An engine has at least one block; where the task has none, it is not there.
         self._spare = 0 if len(self._kinds.shape) else 1
         moving = (*self._kinds.shape.tolist(), *[NOTHING] * self._spare)
@@ -140,7 +146,10 @@ class SuiteTask:
     def reset(self, key: PRNGKeyArray) -> State:
         """Starts a new episode of the task's variant."""
         key_kinds, key_places, key_forces = jax.random.split(key, 3)
-        kinds = jax.tree.map(jnp.asarray, self.draw(_stream(key_kinds), self._kinds))
+        counted = self.varies("count")  # else what is missing is not drawn
+        kinds = self.draw(_stream(key_kinds), self._kinds if counted else self.plan.kinds())
+        kinds = jax.tree.map(jnp.asarray, kinds)
+        kinds = kinds if counted else self._filled(kinds, jnp)
         start = places.demo(self.plan, len(kinds.shape))
         if self.variant in (*self.near, *self.anywhere):
             start = places.draw(
@@ -241,12 +250,11 @@ class SuiteTask:
 
         return place
 
-    def _padded(self, kinds: Kinds) -> Kinds:
-        """With the slots that only some variants fill."""
-        more = (self.plan.slots or 0) - len(kinds.shape)
-        if not self.varies("count") or more <= 0:
-            return kinds
-        fill = lambda known, value: np.append(known, np.full(more, value, np.int32))  # noqa: E731
+    def _filled(self, kinds: Kinds, xp: Any) -> Kinds:
+        """With the slots that the plan does not fill, by NumPy or by JAX."""
+        fill = lambda known, value: xp.append(  # noqa: E731
+            known, xp.full(self._missing, value, xp.int32)
+        )
         return kinds._replace(shape=fill(kinds.shape, NOTHING), colour=fill(kinds.colour, 0))
 
     def _observe(self, data: SuiteData) -> State:

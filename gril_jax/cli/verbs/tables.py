@@ -209,7 +209,7 @@ def _suite(known: ModuleType, args: list[str], quick: bool, load: Loader):
     sets = Path(take(args, "--sets") or "runs/magical_sets")
     if films is not None:
         existing_folder(films)
-    names = [*_rows_taken(known, args)]
+    names = [*_rows_taken(known, args, known.USUAL)]
     taken = {path for change in known.ROWS.values() for path in change} - {"ppo.num_timesteps"}
     require_left_to_options(args, taken)
     config = load("magical_suite", args)
@@ -293,7 +293,8 @@ VERBS = (
         "it, train policies in Demo, and play them in every variant.",
         {
             "--films FOLDER": "Films, in one folder a task; without it, the sets must be there.",
-            "--rows A,B": "Names of rows, such as 'find_dupe from films'. (default: all)",
+            "--rows A,B": "Names of rows, such as 'find_dupe from films in layout'. (default: of "
+            "each task films, films in all, its score)",
         }
         | _SEEDS
         | {

@@ -4,7 +4,8 @@ import dataclasses
 from pathlib import Path
 
 import pytest
-from gril_jax.experiments.suite import rows
+from gril_jax.experiments.suite import rows, variants
+from gril_jax.experiments.tables.rewards import reward_key
 from gril_jax.experiments.tables.rows import changed
 
 from gril_jax.config.files import load
@@ -20,8 +21,29 @@ def test_every_row_is_a_configuration_of_its_task():
         assert rows.row_name(task, reward) == name
         assert config.env.name == task
         assert config.demos.path == f"sets/{task}"
-        assert (config.run.reward == "learned") == (reward == rows.LEARNED)
+        assert (config.run.reward == "learned") == (reward != rows.SCORE)
+        assert config.env.padded
+        if " in " in reward:
+            assert config.env.variant == reward.rpartition(" ")[2]
+            assert config.ppo.video_starts == 0  # films show Demo alone
         assert 2_000_000 <= config.ppo.num_timesteps <= 8_000_000
+
+
+def test_rows_are_of_the_variants_that_their_tasks_have_and_the_usual_ones_are_among_them():
+    for task in rows.TASKS:
+        known = {"demo"} | {
+            rows.parts(name)[1].rpartition(" in ")[2]
+            for name in rows.ROWS
+            if name.startswith(f"{task} from films in ")
+        }
+        assert known == set(variants.known(task))
+    assert set(rows.USUAL.split(",")) <= set(rows.ROWS)
+
+
+def test_a_reward_is_learned_once_for_all_variants():
+    made = rows.rows(Path("sets"), 4_000_000)
+    one, other = (changed(CONFIG, made[f"find_dupe from {x}"]) for x in ("films", rows.EVERYWHERE))
+    assert reward_key(one) == reward_key(other)
 
 
 def test_tasks_differ_in_their_steps_alone():
@@ -29,7 +51,7 @@ def test_tasks_differ_in_their_steps_alone():
         {path for path, value in change.items() if value != first[path]}
         for first in [rows.ROWS["find_dupe from films"]]
         for name, change in rows.ROWS.items()
-        if name.endswith(rows.LEARNED)
+        if name.endswith(f" {rows.LEARNED}")
     ]
     assert set.union(*of_tasks) == {"env.name", "demos.path", "ppo.num_timesteps"}
 

@@ -17,9 +17,9 @@ from gril_jax import envs
 MANY = 400
 TASKS = {
     "move_to_corner": 1, "move_to_region": 0, "find_dupe": 7, "fix_colour": 3, "cluster_colour": 10,
-    "cluster_shape": 10, "make_line": 4,
+    "cluster_shape": 10, "make_line": 4, "match_regions_magical": 8,
 }  # fmt: skip
-REGIONS = {"move_to_region": 1, "find_dupe": 1, "fix_colour": 3}
+REGIONS = {"move_to_region": 1, "find_dupe": 1, "fix_colour": 3, "match_regions_magical": 1}
 
 
 # ---------------------------------------------------------------- the formulas as loops
@@ -83,10 +83,21 @@ def _make_line(s):
     return max(0, best - m) / (n - m)
 
 
+def _match_regions(s):
+    there = [b for b in range(len(s.shape)) if s.shape[b] != NOTHING]
+    within = [b for b in there if _inside(s.regions[0], s.blocks[b])]
+    targets = [b for b in there if s.colour[b] == s.region_colour[0]]
+    if not targets or not within:
+        return 0.0
+    n_t = len({*within} & {*targets})
+    return n_t / len(targets) * (1 - (len(within) - n_t) / len(within))
+
+
 LOOPS = {
     "move_to_corner": _move_to_corner, "move_to_region": _move_to_region, "find_dupe": _find_dupe,
     "fix_colour": _fix_colour, "cluster_colour": lambda s: _cluster(s, s.colour),
     "cluster_shape": lambda s: _cluster(s, s.shape), "make_line": _make_line,
+    "match_regions_magical": _match_regions,
 }  # fmt: skip
 
 

@@ -337,6 +337,23 @@ def test_clusters_have_each_class_at_least_once(name):
     np.testing.assert_allclose(np.bincount(count)[7:] / 600, 0.25, atol=0.07)
 
 
+def test_match_regions_draws_one_or_two_targets_and_up_to_two_of_each_other_colour():
+    drawn = _kinds("match_regions_magical", "all")
+    there, original = drawn.shape != NOTHING, ("red", "green", "blue", "yellow")
+    assert (drawn.colour[:, :2] == drawn.region_colour).all()
+    for colour, shown, region in zip(drawn.colour, there, drawn.region_colour[:, 0], strict=True):
+        others = [COLOURS.index(name) for name in original if COLOURS.index(name) != region]
+        for k, other in enumerate(others):  # groups take the other colours in the original's order
+            assert (colour == other).nonzero()[0].tolist() == [[5, 6], [2, 7], [3, 4]][k]
+        assert shown[0]
+        assert sum(shown[colour == region]) in (1, 2)
+    number = np.bincount(there[:, 2:].sum(axis=1), minlength=7) / len(there)
+    np.testing.assert_allclose(number, np.array([1, 3, 6, 7, 6, 3, 1]) / 27, atol=0.06)
+    np.testing.assert_allclose(np.bincount(drawn.region_colour[:, 0]) / len(there), 0.25, atol=0.06)
+    only = _kinds("match_regions_magical", "color")
+    assert (only.shape == _task("match_regions_magical")._kinds.shape).all()
+
+
 def test_lines_have_three_or_four_blocks_of_any_kind():
     drawn = _kinds("make_line", "countplus")
     count = (drawn.shape != NOTHING).sum(axis=1)
