@@ -4,9 +4,10 @@
     gril suite magical --films FOLDER --rows "find_dupe from films" --seeds 1
 
 For each row and seed an encoder is trained on films where the row learns a reward, and audited, and
-a policy is trained, in the variant Demo or in the row's own; then it plays every variant. Writes `suite.md` and
-`suite.csv` (a line a policy) after each program, the rewards as `rewards/TASK-SEED.npz`, a film of
-a policy of each row as `films/ROW.mp4`, and `suite.png` and `report.html` at the end.
+a policy is trained, in the variant Demo or in the row's own; then it plays every variant. Writes
+`suite.md` and `suite.csv` (a line a policy) after each program, the rewards as
+`rewards/TASK-SEED.npz`, a film of a policy of each row as `films/ROW.mp4`, and `suite.png` and
+`report.html` at the end.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,25 +24,27 @@ from gril_jax.demos.magical_pickles import HALF_EXTENT
 from gril_jax.demos.vision.video import write_video
 from gril_jax.report import html
 from gril_jax.report.figures.style import WIDTH, styled
+from gril_jax.report.rates import UNKNOWN
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.run_dir import RunDir
 
 from ..pipeline import filming
 from ..pipeline.demonstrations import Demonstrations
-from ..tables.counted import of_lines, solved
+from ..tables.counted import Counted, solved
 from ..tables.curves import LAST, Curve, at_the_end, draw_spread
 from ..tables.measures import TAU, Measure
 from ..tables.page import facts
 from ..tables.programs import Program
 from ..tables.results import Found, Table
-from ..tables.written import Column, Line, Section, markdown, mean_range
+from ..tables.written import Column, Line, Section, column, markdown, mean_range
 from . import rewards, variants
 from .rows import FILMS, ROWS, Settings, films_of, parts
 
 _LINE = "make_line"  # its score counts a clump as a line
 _VARIANTS = ("demo", "jitter", "color", "shape", "layout", "countplus", "dynamics", "all")
 _PLAYED = tuple(f"{what}_{v}" for v in _VARIANTS for what in ("success", "score", "sampled"))
-_COLUMNS = ("row", "seed", *LAST, "steps_80", "seconds", *rewards.FIGURES, *_PLAYED, "clumped_demo")
+_MORE = ("clumped_demo", "episodes_demo")
+_COLUMNS = ("row", "seed", *LAST, "steps_80", "seconds", *rewards.FIGURES, *_PLAYED, *_MORE)
 
 
 def _prepare(settings: Settings, echo: Callable[[str], None]) -> None:
@@ -80,7 +83,8 @@ def _after(
         policies = checkpoint.restore(saved, variants.like(config, on.env, count))
         found, played = variants.figures(on, policies)
         each = [
-            {"seed": row.seed} | {name: values[i] for name, values in found.items()}
+            {"seed": row.seed, "episodes_demo": settings.eval_starts}
+            | {name: values[i] for name, values in found.items()}
             for i, row in enumerate(program.rows)
         ]
         if config.env.name != _LINE:
@@ -127,7 +131,7 @@ def _sections(among: str) -> list[Section]:
             ],
         ),
         Section(
-            f"Policies in Demo, where they were trained: {among}.",
+            f"Policies in Demo: {among}.",
             [
                 Column("success_demo", "solved, deterministic actions", _of_policies),
                 Column("sampled_demo", "success, sampled actions"),
@@ -144,7 +148,14 @@ def _sections(among: str) -> list[Section]:
 
 
 def _text(found: Found) -> str:
-    return markdown(found.lines, _sections(of_lines(found.lines, "demo")))
+    return markdown(found.lines, _sections(_in_demo(found.lines)))
+
+
+def _in_demo(lines: Sequence[Line]) -> str:
+    """The starts behind success in Demo, which has a single one."""
+    played = column(lines, "episodes_demo")
+    known = played[np.isfinite(played)]
+    return Counted(int(known[0]), 1).in_words("demo", sampled=True) if len(known) else UNKNOWN
 
 
 def _figure(found: Found) -> Figure | None:
@@ -217,10 +228,10 @@ TABLE = Table(
     prepare=_prepare,
     plan=lambda rows, settings, programs: programs(rows),
     policy=_policy,
-    measured={"tau": ("tau",), "audit": rewards.FIGURES, "variants": _PLAYED},
+    measured={"tau": ("tau",), "audit": rewards.FIGURES, "variants": (*_PLAYED, *_MORE)},
     measures=_measures,
     order=[*ROWS],
-    newer=[*rewards.FIGURES, *_PLAYED, "clumped_demo", "tau"],
+    newer=[*rewards.FIGURES, *_PLAYED, *_MORE, "tau"],
     summary=_summary,
     one_set=False,
     after=_after,

@@ -84,7 +84,7 @@ def page(found: Found, figure: bytes) -> str:
         title="Sweep",
         summary=f"Success of policies at the end of the episode, {actions} actions, {counted}. "
         f"Each policy is one observation. The learners are given: {found.about.get('given', '')}",
-        tiles=_tiles(found, of),
+        tiles=_tiles(found, of, counted),
         sections=[
             html.Section("Success", [dots, *tables]),
             html.Section("Learning", [curves]),
@@ -102,7 +102,7 @@ def page(found: Found, figure: bytes) -> str:
     )
 
 
-def _tiles(found: Found, of: dict[str, np.ndarray]) -> list[Tile]:
+def _tiles(found: Found, of: dict[str, np.ndarray], counted: str) -> list[Tile]:
     """The best cells, each with the spread of its policies, and the audits of all rewards."""
     known = {name: x[np.isfinite(x)] for name, x in of.items() if np.isfinite(x).any()}
     best = sorted(known, key=lambda name: -known[name].mean())[:_MOST]
@@ -110,7 +110,8 @@ def _tiles(found: Found, of: dict[str, np.ndarray]) -> list[Tile]:
         Tile(
             f"{known[name].mean():.1%}",
             name,
-            f"{known[name].min():.1%} to {known[name].max():.1%} over {len(known[name])} policies",
+            f"{known[name].min():.1%} to {known[name].max():.1%} over {len(known[name])} policies, "
+            f"{counted}",
         )
         for name in best
     ]

@@ -4,11 +4,15 @@ import csv
 import itertools
 import json
 
+import numpy as np
 import pytest
 from gril_jax.experiments.tables import frame
+from gril_jax.experiments.tables.results import Found
 from gril_jax.experiments.tables.rows import changed
 
 from gril_jax.cli import main
+from gril_jax.config.files import load
+from gril_jax.config.grid import Cell
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 
@@ -78,6 +82,43 @@ def test_a_sweep_without_evaluations_in_between_has_one_at_its_end(tmp_path):
     assert len([r for r in run_dir.read_metrics(out) if r["phase"] == "policy-0"]) == 1
 
 
+def test_audited_rewards_are_sound_or_not_and_the_page_says_how_many():
+    from gril_jax.experiments.sweeps import page, sweep
+
+    sound = {"order": 0.99, "hack_gap": 0.1, "touch": 0.01, "push": 0.5}
+    faulty = sound | {"touch": 0.06}
+    lines = [
+        {"row": "a cell", "seed": seed, "success": 0.9, "success_sampled": 0.95,
+         "starts": 256, "episodes": 256}
+        | {f"{name}_own": value for name, value in numbers.items()}
+        for seed, numbers in enumerate((sound, faulty))
+    ]  # fmt: skip
+    lines = [line | sweep._sound(line) for line in lines]
+    assert [line["sound"] for line in lines] == [1, 0]
+    assert sweep._sound({"row": "a cell", "seed": 0}) == {}
+    found = Found(["a cell"], lines, [], {}, {})
+    assert page._tiles(found, {"a cell": np.array([0.9, 0.8])}, "256 starts") == [
+        ("85.0%", "a cell", "80.0% to 90.0% over 2 policies, 256 starts"),
+        ("1 of 2 sound", "the rewards, by their audit", ""),
+    ]
+    assert "1 of 2" in sweep.TABLE.text(found)
+
+
+def test_rewards_of_one_task_are_audited_where_it_is_asked_for():
+    from gril_jax.experiments.sweeps import sweep
+
+    config = load("quickstart", ["--env.engine", "impulse"])
+    cell = Cell((), config)
+    (one,) = sweep._measures(config, sweep.Sweep([cell], 1), None)
+    assert one.name == "audit"
+    for other in ({"run.audit": 0}, {"run.reward": "environmental"}):
+        assert (
+            sweep._measures(config, sweep.Sweep([Cell((), changed(config, other))], 1), None) == []
+        )
+    two = [cell, Cell((), changed(config, {"env.targets": ("red star",)}))]
+    assert sweep._measures(config, sweep.Sweep(two, 1), None) == []
+
+
 @pytest.mark.slow
 def test_a_sweep_makes_what_differs_once_and_goes_on_where_it_was_cut_off(tmp_path, monkeypatch):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
@@ -86,6 +127,11 @@ def test_a_sweep_makes_what_differs_once_and_goes_on_where_it_was_cut_off(tmp_pa
     assert len(lines) == 8  # lambda does not matter to this reward, but has its lines
     assert run_dir.read_results(whole)["policies"] == 4
     assert (whole / "sweep.png").stat().st_size > 10_000
+    page = (whole / "report.html").read_bytes()
+    (whole / "report.html").unlink()
+    assert main.main(["report", str(whole)]) == 0
+    assert (whole / "report.html").read_bytes() == page
+    assert b"not audited" in page  # nothing has been learned here
 
     from gril_jax.runs import loop
 
