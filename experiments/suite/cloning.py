@@ -141,13 +141,16 @@ def measure(task: str, films: dict[str, list[int]], sets: Path, options: _Option
     each = {name: make(name) for name in names}
     env = each["demo"]
     found = load_demo_set(sets / task)
-    label = np.asarray(env.reset(jax.random.key(0)).objects.label)
+    seen = env.reset(jax.random.key(0)).objects
+    label, there = np.asarray(seen.label), np.asarray(seen.size).any(axis=1)
     centers, actions = [], []
     for entry, tracks in zip(found.entries, found.tracks, strict=True):
         own = films[f"{folder_of(task)}/{_number(entry.name)}"]
-        order = in_the_order_of(label, np.asarray(tracks.label))
+        order = in_the_order_of(label[there], np.asarray(tracks.label))
         count = min(len(own), len(tracks.center))
-        centers.append(np.asarray(tracks.center[:count, order], np.float32))
+        center = np.tile(np.asarray(seen.center), (count, 1, 1))  # of what is not there, too
+        center[:, there] = tracks.center[:count, order]
+        centers.append(center)
         actions.append(np.asarray(own[:count], np.int32))
     obs, chosen = pairs(env, centers, actions)
     params, normal = train(obs, chosen, seeds=options.seeds, steps=options.steps)

@@ -47,6 +47,8 @@ def test_nodes_carry_the_frame_and_all_are_present_by_default():
     for field, value in zip(("center", "size", "label", "is_robot", "active"), frame, strict=True):
         np.testing.assert_array_equal(getattr(nodes, field), value)
     assert nodes.present.tolist() == [True] * 3
+    gone = frame[1].at[1].set(0.0)  # a box without a size
+    assert scene_graph(frame[0], gone, *frame[2:]).nodes.present.tolist() == [True, False, True]
     present = jnp.array([True, False, True])
     assert scene_graph(*frame, present).nodes.present.tolist() == present.tolist()
 

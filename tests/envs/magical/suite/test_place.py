@@ -6,8 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.experiments.pipeline import policy_rewards
 
 from gril_jax import envs
+from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.types import DemoBatch
 
 TASKS = ("move_to_region", "fix_colour", "make_line")  # without blocks, with regions, without them
 
@@ -42,3 +45,36 @@ def test_a_shifted_state_follows_boxes_and_keeps_its_angles(name):
 def test_a_robot_that_is_all_that_moves_counts_as_an_object():
     assert not _begun("move_to_region")[1].objects.is_robot.any()
     assert _begun("make_line")[1].objects.is_robot.tolist() == [True, False, False, False, False]
+
+
+def test_padded_variants_have_observations_of_one_size_and_nothing_where_nothing_is():
+    plain = jax.jit(envs.make("cluster_shape", engine="impulse").reset)(jax.random.key(0))
+    sizes = set()
+    for variant in ("demo", "shape", "all"):
+        env = envs.make("cluster_shape", engine="impulse", variant=variant, padded=True)
+        state = jax.jit(env.reset)(jax.random.key(0))
+        sizes.add((env.observation_size, state.obs.shape, state.objects.label.shape))
+        if variant == "demo":
+            np.testing.assert_array_equal(state.obs[: len(plain.obs)], plain.obs)
+            assert not state.obs[len(plain.obs) :].any()
+            there = np.asarray(state.objects.size).any(axis=1)
+            assert there.sum() == len(plain.objects.label)
+            np.testing.assert_array_equal(state.objects.center[there], plain.objects.center)
+    assert len(sizes) == 1
+
+
+def test_frames_of_films_leave_the_places_free_that_only_variants_fill():
+    env = {"name": "cluster_shape", "padded": True, "observation": "plain"}
+    config = RunConfig(env=EnvConfig(**env, varied_starts=0.0))
+    seen = jax.jit(envs.make("cluster_shape", engine="impulse").reset)(jax.random.key(0)).objects
+    film = lambda x: jnp.asarray(x)[None, None].repeat(3, axis=1)  # noqa: E731
+    demos = DemoBatch(
+        film(seen.center), film(seen.size), seen.label[None], seen.is_robot[None],
+        jnp.ones((1, len(seen.label)), bool), jnp.array([3]),
+    )  # fmt: skip
+    found = policy_rewards._frames(config, demos)
+    there = np.asarray(found.size[0]).any(axis=1)
+    assert (len(there), there.sum()) == (11, 9)
+    np.testing.assert_array_equal(np.asarray(found.center[0])[there], seen.center)
+    assert not np.asarray(found.active)[:, ~there].any()
+    assert (np.asarray(found.center)[:, ~there] == 2).all()
