@@ -83,7 +83,7 @@ def page(found: Found, figure: bytes) -> str:
     return html.render(
         title="Sweep",
         summary=f"Success of policies at the end of the episode, {actions} actions, {counted}. "
-        f"Each policy is one observation. The learners are given: {found.about.get('given', '')}",
+        f"Each policy is one observation. {found.about.get('given', '')}",
         tiles=_tiles(found, of, counted),
         sections=[
             html.Section("Success", [dots, *tables]),
