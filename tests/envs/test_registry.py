@@ -17,6 +17,13 @@ from gril_jax.config.files import load
 from gril_jax.errors import ConfigError
 
 
+ONE_OF_EACH_KIND = {"match_regions", "find_dupe", "shoes_in_box", "item_in_drawer"}
+ALL = [
+    name if name in ONE_OF_EACH_KIND else pytest.param(name, marks=pytest.mark.slow)
+    for name in envs.names()
+]
+
+
 @pytest.fixture(params=envs.names())
 def name(request):
     return request.param
@@ -59,9 +66,9 @@ def _same_types(first, after):
     assert all(not leaf.weak_type for leaf in jax.tree.leaves(after))
 
 
-@pytest.fixture
-def task(name):
-    return envs.make(name)
+@pytest.fixture(params=ALL)
+def task(request):
+    return envs.make(request.param)
 
 
 def test_task_keeps_the_contract(task):

@@ -91,7 +91,7 @@ def test_a_control_step_is_that_of_the_xla_engine(robot, physics):
 
 
 @with_warp
-@pytest.mark.parametrize("robot", ["gripper", "short"])
+@pytest.mark.parametrize("robot", ["gripper", pytest.param("short", marks=pytest.mark.slow)])
 def test_extreme_actions_keep_all_finite_and_inside(robot):
     env = _env(robot)
     rng = np.random.default_rng(2)
