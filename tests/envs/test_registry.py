@@ -16,7 +16,6 @@ from gril_jax.config import EnvConfig
 from gril_jax.config.files import load
 from gril_jax.errors import ConfigError
 
-
 ONE_OF_EACH_KIND = {"match_regions", "find_dupe", "shoes_in_box", "item_in_drawer"}
 ALL = [
     name if name in ONE_OF_EACH_KIND else pytest.param(name, marks=pytest.mark.slow)
