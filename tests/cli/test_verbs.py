@@ -274,12 +274,17 @@ def test_imports_hand_on_their_folders_and_tell_their_progress(
     experiment("importing", "gril_jax.demos", **both)
     out = tmp_path / "out"
     assert main.main(["demos", "import-magical", str(tmp_path), "--out", str(out)]) == 0
+    args = ["demos", "import-magical", str(tmp_path), "--out", str(out)]
+    assert main.main([*args, "--task", "match_regions_magical"]) == 0
+    assert main.main([*args, "--task", "match_regons"]) == 2
+    capsys.readouterr()
     args = ["demos", "import-videos", str(tmp_path), "--out", str(out), "--half-extent", "1.5"]
     assert main.main([*args, "--outcome", "success", "--boxes", "True"]) == 0
     chosen = {"half_extent": 1.5, "task": "match_regions", "boxes": True, "outcome": "success"}
-    assert calls == [((tmp_path, out), {}), ((tmp_path, out), chosen)]
+    given = [{"task": None}, {"task": "match_regions_magical"}, chosen]
+    assert calls == [((tmp_path, out), one) for one in given]
     stdout, stderr = capsys.readouterr()
-    assert stdout == f"wrote {out}\n" * 2
+    assert stdout == f"wrote {out}\n"
     assert "reading: 1/2 demonstrations (50%)" in stderr
 
 
