@@ -152,7 +152,9 @@ ROOMS = {
 # optax's Adam and brax's statistics of observations mix types themselves.
 OTHERS_PROMOTE = {"pretraining", "rl, ppo", "rl, sac"}
 
-LONG = {"pretraining", "encoders, pixel", "encoders, ensemble", "encoders, history"}
+LONG = {
+    "pretraining", "encoders, pixel", "encoders, ensemble", "encoders, history", "rl, sac",
+}  # fmt: skip
 
 
 MOST = [pytest.param(room, marks=[pytest.mark.slow] * (room in LONG)) for room in ROOMS]
