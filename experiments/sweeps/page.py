@@ -3,13 +3,11 @@
 import numpy as np
 
 from gril_jax.report import html
-from gril_jax.report.figures.curves import spread
-from gril_jax.report.figures.style import png
 from gril_jax.report.headline import Tile
 from gril_jax.report.html import Part
 
 from ..tables.counted import of_lines, one_start, success_columns
-from ..tables.page import facts, page_table, versions
+from ..tables.page import dots, facts, page_table, versions
 from ..tables.results import Found
 from ..tables.written import (
     SEEDS,
@@ -65,13 +63,7 @@ def page(found: Found, figure: bytes) -> str:
     score, actions = ("success_sampled", "sampled") if sampled else ("success", "deterministic")
     of = by_row(found.lines, score)
     counted = of_lines(found.lines, found.variant, sampled=sampled)
-    dots = Part(
-        f"A dot for each policy, {counted}, and a bar at their mean; the dotted line is the first "
-        "cell's mean.",
-        png(spread(of, f"success, {actions} actions")),
-        "Success of each cell's policies",
-        wide=True,
-    )
+    picture = dots(of, f"success, {actions} actions", counted, "cell")
     curves = Part(
         "Success with sampled actions while policies are trained, the interquartile mean over "
         "policies within the band from their lower to their upper quartile.",
@@ -86,7 +78,7 @@ def page(found: Found, figure: bytes) -> str:
         f"Each policy is one observation. {found.about.get('given', '')}",
         tiles=_tiles(found, of, counted),
         sections=[
-            html.Section("Success", [dots, *tables]),
+            html.Section("Success", [picture, *tables]),
             html.Section("Learning", [curves]),
             html.Section(
                 "What next",

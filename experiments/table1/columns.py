@@ -7,14 +7,14 @@ import numpy as np
 from gril_jax.envs import registry
 
 from gril_jax.report import html
-from gril_jax.report.figures.curves import spread, success_failure
+from gril_jax.report.figures.curves import success_failure
 from gril_jax.report.figures.style import png
 from gril_jax.report.headline import Tile
 from gril_jax.report.html import Part
 
 from ..tables.counted import Counted, in_words, solved
 from ..tables.curves import Curve, first_at, in_last_tenth
-from ..tables.page import facts, page_table, versions
+from ..tables.page import dots, facts, page_table, versions
 from ..tables.results import Found
 from ..tables.written import (
     SEEDS,
@@ -147,13 +147,8 @@ def page(found: Found, figure: bytes) -> str:
     )
     of = by_row(found.lines, f"{_HEADLINE}_sampled")
     counted = in_words(found.starts, STARTS.many, sampled=True)
-    dots = Part(
-        f"A dot for each policy, {counted}, and a bar at their mean; the dotted line is the first "
-        "row's mean.",
-        png(spread(of, f"success, sampled actions, {STARTS.many.capitalize()} starts")),
-        "Success of each row's policies",
-        wide=True,
-    )
+    label = f"success, sampled actions, {STARTS.many.capitalize()} starts"
+    picture = dots(of, label, counted, "row")
     curves = Part(
         f"Figure 2: success with sampled actions ({counted}), the interquartile mean over policies "
         "within the band from their lower to their upper quartile.",
@@ -172,7 +167,7 @@ def page(found: Found, figure: bytes) -> str:
             _tile(row, values, counted) for row, values in of.items() if np.isfinite(values).all()
         ],
         sections=[
-            html.Section("Success", [dots, success, *others, curves]),
+            html.Section("Success", [picture, success, *others, curves]),
             html.Section("The learned rewards", [rewards, *_profiles(found.profiles)]),
         ],
         facts=facts(found),

@@ -127,12 +127,7 @@ def import_films(
         robots = [node for node, kind in zip(plan.nodes, kinds, strict=True) if kind in robots]
     extent = _HALF if half_extent is None else half_extent
     found: list[Found] = []
-    shortest = min(films, key=lambda film: len(film.times))
-    if smoothing is not None and smoothing > len(shortest.times):
-        raise DemoError(
-            f"{shortest.path}: smoothing is {smoothing} frames, but the film has "
-            f"{len(shortest.times)}, and must have as many at least."
-        )
+    _require_as_long(films, smoothing)
     every = [_followed(plan, number, hands, jitter, smoothing) for number in range(len(films))]
     noise = max(
         one.jitter / film.width * 2 * extent for (one, *_), film in zip(every, films, strict=True)
@@ -203,6 +198,16 @@ def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
             f"{film.height} pixels, so the boxes seem to be of a film of another size."
         )
     return kept, len(boxes) - len(kept)
+
+
+def _require_as_long(films: Sequence[Film], smoothing: int | None) -> None:
+    """Raises DemoError if boxes are to be smoothed over more frames than a film has."""
+    shortest = min(films, key=lambda film: len(film.times))
+    if smoothing is not None and smoothing > len(shortest.times):
+        raise DemoError(
+            f"{shortest.path}: smoothing is {smoothing} frames, but the film has "
+            f"{len(shortest.times)}, and must have as many at least."
+        )
 
 
 def _followed(
