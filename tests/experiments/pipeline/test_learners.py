@@ -12,7 +12,9 @@ from support.kinematic_demos import kinematic_demos
 
 from gril_jax import reward
 from gril_jax.config import EncoderOptions, LossConfig, PretrainConfig, RunConfig
+from gril_jax.config.files import load
 from gril_jax.encoders.ensemble import split
+from gril_jax.errors import ConfigError
 
 SEEDS, MEMBERS = 2, 2
 CONFIG = RunConfig(  # of few parts, since it is the compiling that takes time
@@ -94,3 +96,17 @@ def test_graphirls_network_knows_classes_and_distances_unless_told_not_to(distan
     config = RunConfig(encoder=EncoderOptions(kind="interaction", distances=distances))
     found = setup.encoder_config(config, 7)
     assert (found.distances, found.self_blocks, found.num_classes) == (distances, own, 7)
+
+
+def test_an_encoder_that_knows_what_classes_share_gets_their_words_from_the_task():
+    config = load("magical_suite", ["--env.name", "find_dupe"])
+    found = setup.encoder_config(config, 21)
+    robot, green_region, blue_region, green_star = (found.words[2 * i :][:2] for i in (0, 1, 2, 5))
+    assert green_region[0] == green_star[0] != blue_region[0]  # a colour
+    assert green_region[1] == blue_region[1] != green_star[1]  # a kind
+    assert not {*robot} & {*green_region, *blue_region, *green_star}
+    plain = load("magical_suite", ["--env.name", "find_dupe", "--encoder.alike", "False"])
+    assert setup.encoder_config(plain, 21).words == ()
+    films = load("own_videos", ["--encoder.alike", "True"])
+    with pytest.raises(ConfigError, match=r"encoder\.alike is True, but must be False"):
+        setup.encoder_config(films, 4)
