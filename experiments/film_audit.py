@@ -23,7 +23,7 @@ from gril_jax.audit.scene_reward import Scene, scene_reward
 from gril_jax.config import RunConfig
 from gril_jax.errors import DemoError
 from gril_jax.pretraining import pretrain
-from gril_jax.pretraining.contrast import Ends, displaced
+from gril_jax.pretraining.copies import Ends, displaced
 from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.data import read_finished
 from gril_jax.runs import run_dir
@@ -137,6 +137,6 @@ def _amiss(key, held: DemoBatch, end: Scene, places: Ends, number: int, unit) ->
         scene, demo = (jax.tree.map(lambda x: x[film], tree) for tree in (end, held))
         boxes = scene.center, scene.size, scene.active
         copy = displaced(key, *boxes, demo, places, extent, unit)
-        return scene._replace(center=copy.center, active=copy.active)
+        return scene._replace(center=copy.center, size=copy.size, active=copy.active)
 
     return jax.jit(jax.vmap(one))(jax.random.split(key, number), which)

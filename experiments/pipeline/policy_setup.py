@@ -32,6 +32,11 @@ def make_algorithm(config: RunConfig, env: envs.Env, name: str | None = None) ->
             f"{config.run.algorithm}.video_starts is {static.video_starts}, but {config.env.name} "
             "cannot place objects where a frame shows them: it has no place(center, size, key)"
         )
+    if getattr(static, "by_object", False) and getattr(env, "observation_rows", None) is None:
+        raise ConfigError(
+            f"ppo.by_object is true, but must be false for {config.env.name}, whose observation "
+            "does not say which numbers are of which object: it has no observation_rows"
+        )
     return kind(env, policy_rewards.function(config, env), static)
 
 

@@ -38,6 +38,7 @@ _STEPS = {
     "move_to_region": 0.5, "move_to_corner": 0.5, "fix_colour": 0.5, "make_line": 2.0,
     "cluster_shape": 2.0, "cluster_colour": 2.0,
 }  # fmt: skip
+_IN_ALL = 2.0  # and where everything is drawn anew for each episode
 HOW = (
     "clone https://github.com/qxcv/magical-data, whose folders, such as find-dupe, hold the films "
     "as they were published"
@@ -65,7 +66,9 @@ def rows(sets: Path, steps: int) -> Rows:
             "env.observation": "plain",
             "env.padded": True,
             "demos.path": str(sets / task),
-            "ppo.num_timesteps": round(_STEPS.get(task, 1.0) * steps),
+            "ppo.num_timesteps": round(
+                _STEPS.get(task, 1.0) * (_IN_ALL if reward == EVERYWHERE else 1.0) * steps
+            ),
         }
         | change
         for reward, change in _REWARDS.items()

@@ -53,6 +53,9 @@ class PPOConfig:
     falls to 0, reached when a tenth of training is left."""
     video_starts: float = field(default=0.0, metadata=between(0, 1))
     """Share of training episodes that begin where a frame of the videos shows things; likewise."""
+    by_object: bool = False
+    """True if the policy's networks read each object of the observation with the same weights, for
+    tasks that list objects in it: then neither their order nor their number matters."""
     sub_policies: int = field(default=1, metadata=between(1, 8))
     """Number of sub-policies with networks of their own, one for each stage of the learned reward
     (with run.reward stages or subtasks)."""

@@ -24,7 +24,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax.audit.scene_reward import Scene
-from gril_jax.config.encoder import EncoderOptions
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import Params
 from gril_jax.graphs.scene import safe_norm, scene_graph
@@ -32,103 +31,12 @@ from gril_jax.types import DemoBatch
 
 from . import batch
 from .arrangement import Arrangement, disarray
-from .final_places import FinalPlaces, misplacement
+from .copies import Ends, displaced
+from .final_places import misplacement
 from .options import Hyper, Static
 
-# How likely a displaced object goes where: anywhere, back to its start, to the last place of
-# another object, a little way off, around the object that its class refers to.
-_PLACES = (0.3, 0.1, 0.15, 0.15, 0.3)
-_NEARBY = 0.4  # of the encoder's length units, standard deviation
-_AROUND = 0.8  # in sizes of the reference's box, each way
-_TOUCHED = 0.2  # probability that a bit is set of an object that has not been displaced
 _ASCENT, _LAST = 0.1, 0.025  # length units: the first and the last step of an ascent
-# Where ends are arrangements: how likely an object goes beside another one, all that moves moves as
-# one, and a copied frame is the last one; how far centres beside each other are apart, in boxes.
-_BESIDE, _AS_ONE, _FINAL = 0.4, 0.25, 0.3
-_APART = 0.7, 2.5
-
-Ends = FinalPlaces | Arrangement  # what counts as done
-
-
-class Copy(NamedTuple):
-    """A frame with displaced objects."""
-
-    center: Float[Array, "N 2"]
-    active: Bool[Array, "N"]
-    moved: Bool[Array, "N"]  # what has been displaced
-
-
-def displaced(
-    key: PRNGKeyArray,
-    center: Float[Array, "N 2"],
-    size: Float[Array, "N 2"],
-    active: Bool[Array, "N"],
-    demo: DemoBatch,
-    places: Ends,
-    extent: Float[Array, ""] | float,
-    length_unit: float = EncoderOptions.length_unit,
-) -> Copy:
-    """One copy of a frame; each object is displaced with a probability that is sampled per copy.
-
-    The frame is of the video `demo`; it stays within |x|, |y| <= `extent`, world units, and
-    `length_unit` is that of the encoder. The key is consumed.
-    """
-    keys = jax.random.split(key, 8)
-    num = center.shape[0]
-    movable = demo.present & ~demo.is_robot
-    chosen = movable & jax.random.bernoulli(keys[0], jax.random.uniform(keys[1]), (num,))
-
-    first, last = demo.center[0], demo.center[demo.length - 1]
-    anywhere = jax.random.uniform(keys[2], (num, 2), minval=-extent, maxval=extent)
-    others = jnp.where(movable & ~jnp.eye(num, dtype=bool), 0.0, -1e9)
-    swapped = last[jax.random.categorical(keys[3], others)]
-    nearby = center + _NEARBY * length_unit * jax.random.normal(keys[4], (num, 2))
-    is_reference = demo.label[None, :] == places.reference[demo.label][:, None]
-    at = jnp.argmax(is_reference, axis=1)
-    aside = jax.random.uniform(keys[5], (num, 2), minval=-_AROUND, maxval=_AROUND)
-    around = center[at] + size[at] * aside
-    which = jax.random.choice(keys[6], len(_PLACES), (num, 1), p=jnp.array(_PLACES))
-    options = [anywhere, first, swapped, nearby, around]
-    place = jnp.clip(jnp.select([which == i for i in range(5)], options), -extent, extent)
-    touched = movable & jax.random.bernoulli(keys[7], _TOUCHED, (num,))
-    if isinstance(places, Arrangement):
-        key_beside, key_as_one = jax.random.split(jax.random.fold_in(key, 8))
-        place = _beside(key_beside, place, center, size, others, extent)
-        as_one, moved = _as_one(key_as_one, center, movable & places.moves[demo.label], extent)
-        place, chosen = jnp.where(as_one[:, None], moved, place), chosen | as_one
-    return Copy(jnp.where(chosen[:, None], place, center), active | chosen | touched, chosen)
-
-
-def _beside(key: PRNGKeyArray, place, center, size, others, extent) -> Float[Array, "N 2"]:
-    """The places, of which some lie beside another object instead."""
-    keys = jax.random.split(key, 4)
-    num = len(center)
-    other = jax.random.categorical(keys[0], others)
-    turn = jax.random.uniform(keys[1], (num, 1), maxval=2 * jnp.pi)
-    apart = jax.random.uniform(keys[2], (num, 1), minval=_APART[0], maxval=_APART[1])
-    way = jnp.concatenate([jnp.cos(turn), jnp.sin(turn)], axis=1)
-    beside = center[other] + apart * size.mean(axis=1, keepdims=True) * way
-    wanted = jax.random.bernoulli(keys[3], _BESIDE, (num, 1))
-    return jnp.where(wanted, jnp.clip(beside, -extent, extent), place)
-
-
-def _as_one(key: PRNGKeyArray, center, moving, extent):
-    """True for some copies, of all that is moving; and it turned, mirrored and moved as one."""
-    keys = jax.random.split(key, 4)
-    count = jnp.maximum(moving.sum(), 1).astype(center.dtype)
-    middle = jnp.sum(jnp.where(moving[:, None], center, 0.0), axis=0) / count
-    angle = jax.random.uniform(keys[0], (), maxval=2 * jnp.pi)
-    mirror = jax.random.rademacher(keys[1], (), dtype=center.dtype)
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    turn = jnp.array([[c, -mirror * s], [s, mirror * c]])
-    turned = (center - middle) @ turn
-    # Within the arena where it fits, so that nothing is pressed together.
-    low, high = (f(jnp.where(moving[:, None], turned, 0.0), axis=0) for f in (jnp.min, jnp.max))
-    unit = jax.random.uniform(keys[2], (2,))
-    room = jnp.maximum(2 * extent - (high - low), 0.0)
-    there = turned + (-extent - low + unit * room)
-    wanted = moving & jax.random.bernoulli(keys[3], _AS_ONE)
-    return wanted, jnp.where(wanted[:, None], there, center)
+_FINAL = 0.3  # where ends are arrangements: how likely a copied frame is the last one
 
 
 def contrast(
@@ -215,7 +123,7 @@ def _of_video(
 
         def copy(key):
             made = displaced(key, *boxes, demo, judge.places, judge.extent, unit)
-            scene = frame._replace(center=made.center, active=made.active)
+            scene = frame._replace(center=made.center, size=made.size, active=made.active)
             return _excess(judge, _ascended(judge, scene, made.moved, demo.present), demo.present)
 
         copies = jax.vmap(copy)(jax.random.split(key_copies, judge.config.copies))

@@ -21,7 +21,8 @@ from gril_jax.audit.scene_reward import Scene
 from gril_jax.config.reward import LossConfig
 from gril_jax.graphs.scene import safe_norm
 
-from .contrast import Ends, cost
+from .contrast import cost
+from .copies import Ends
 
 
 class Chosen(NamedTuple):

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from gril_jax.config.encoder import PoolConfig
 from gril_jax.config.policy import PPOConfig
 
-from . import blocks, ppo_loss, rollout
+from . import blocks, ppo_loss, rollout, set_networks
 from .agent import Agent, Sizes
 from .episodes import Environment
 from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
@@ -40,6 +40,7 @@ class Static(Sizes):
     hidden: tuple[int, ...] = PPOConfig.hidden
     num_minibatches: int = PPOConfig.num_minibatches  # a divisor of `num_envs`
     num_epochs: int = PPOConfig.num_epochs
+    by_object: bool = PPOConfig.by_object  # of tasks with `observation_rows`
     sub_policies: int = PPOConfig.sub_policies  # with networks of their own, one for each stage
 
 
@@ -83,6 +84,14 @@ class PPO(Agent):
             self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,
         )  # fmt: skip
+        if static.by_object:
+            rows = env.observation_rows
+            listed = sum(count * numbers for count, numbers in rows)
+            own = jax.eval_shape(env.reset, jax.random.key(0)).obs.shape[0]
+            one = set_networks.by_object(
+                one, rows, self.observation_size, own - listed, static.hidden,
+                bits=static.observe_activity,
+            )  # fmt: skip
         self.networks = dataclasses.replace(
             one,
             policy_network=of_stages(one.policy_network, static.sub_policies),

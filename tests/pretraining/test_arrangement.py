@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gril_jax.pretraining import contrast
+from gril_jax.pretraining import copies
 from gril_jax.pretraining.arrangement import Arrangement, arrangement, disarray, words_of
 from gril_jax.types import DemoBatch
 
@@ -137,7 +137,7 @@ def test_costs_are_bounded_and_have_finite_slopes():
 def test_what_moves_as_one_keeps_its_distances():
     center = KNOWN["line"].center[0, 1]
     moving = jnp.arange(6) >= 2
-    chosen, there = jax.jit(jax.vmap(lambda key: contrast._as_one(key, center, moving, 1.0)))(
+    chosen, there = jax.jit(jax.vmap(lambda key: copies._as_one(key, center, moving, 1.0)))(
         jax.random.split(jax.random.key(0), 64)
     )
     some = np.asarray(chosen.any(axis=1))
@@ -148,3 +148,39 @@ def test_what_moves_as_one_keeps_its_distances():
         np.testing.assert_allclose(moved, wanted, atol=1e-4)
     assert np.abs(np.asarray(there)[some][:, BLOCKS]).max() <= 1.0 + 1e-5
     assert (np.asarray(there)[:, :2] == np.asarray(center[:2])).all()
+
+
+@pytest.fixture(scope="module")
+def other_layouts():
+    """Copies of an end, in which the robot stands and only the star in the region has moved."""
+    demo = jax.tree.map(lambda x: x[0], KNOWN["inside"])
+    moved = jnp.arange(6) == 2
+    draw = lambda key: copies.displaced(  # noqa: E731
+        key, demo.center[1], SIZE, moved, demo, _goal("inside"), 1.0
+    )
+    keys = jax.random.split(jax.random.key(0), 500)
+    return jax.tree.map(np.asarray, jax.jit(jax.vmap(draw))(keys)), np.asarray(demo.center[1])
+
+
+def test_some_copies_show_another_layout_in_which_nothing_has_moved(other_layouts):
+    made, center = other_layouts
+    elsewhere = (np.abs(made.center - center) > 0.05).any(axis=2)
+    for block in (3, 4, 5):
+        bits = made.active[elsewhere[:, block], block]
+        assert 0.3 < bits.mean() < 0.9
+    # A region is never moved, wherever it lies: its bit is set as seldom as a touched thing's.
+    assert made.active[elsewhere[:, 1], 1].mean() < 0.4
+    assert elsewhere[:, 1].mean() > 0.2
+    assert not elsewhere[:, 0].any()
+
+
+def test_in_another_layout_the_region_has_another_size_and_takes_along_what_lies_in_it(
+    other_layouts,
+):
+    made, center = other_layouts
+    factor = made.size / np.asarray(SIZE)
+    assert (factor[:, [0, 2, 3, 4, 5]] == 1).all()
+    assert 0.7 <= factor[:, 1].min() < 0.8 < 1.4 < factor[:, 1].max() <= 1.5
+    far = (np.abs(made.center[:, 1] - center[1]) > 0.3).any(axis=1)
+    inside = (np.abs(made.center[:, 2] - made.center[:, 1]) <= made.size[:, 1] / 2).all(axis=1)
+    assert 0.2 < inside[far].mean() < 0.9

@@ -86,23 +86,29 @@ def objects(data: SuiteData, robot: Robot, listed: Order) -> Objects:
     )  # fmt: skip
 
 
-def observe(data: SuiteData, parts: int) -> Float[Array, "O"]:
-    """The numbers of `names`."""
+def observe(data: SuiteData, parts: int, listed: Order) -> Float[Array, "O"]:
+    """The numbers of `names`, regions and blocks in the order of the objects."""
     x_y, yaw, count = data.pose[0, :2], data.pose[0, 2], len(data.shape)
     blocks, speed = data.pose[parts:][:count], data.velocity[parts:][:count]
     regions = jnp.concatenate([
         turned(-yaw, data.regions[:, :2] - x_y), data.regions,
         jax.nn.one_hot(data.region_colour, len(COLOURS)),
     ], axis=1)  # fmt: skip
-    regions = jnp.where(data.regions[:, 2:3] > 0, regions, 0.0)
+    regions = jnp.where(data.regions[:, 2:3] > 0, regions, 0.0)[listed.regions]
     turns = jnp.stack([jnp.cos(blocks[:, 2]), jnp.sin(blocks[:, 2]), speed[:, 2] / 10.0], axis=1)
     each = jnp.concatenate([
         turned(-yaw, blocks[:, :2] - x_y), blocks[:, :2], speed[:, :2], turns,
         jax.nn.one_hot(data.colour, len(COLOURS)), jax.nn.one_hot(data.shape, len(SHAPES)),
     ], axis=1)  # fmt: skip
-    each = jnp.where(data.shape[:, None] != NOTHING, each, 0.0)
+    each = jnp.where(data.shape[:, None] != NOTHING, each, 0.0)[listed.blocks]
     robot = features.robot(data.pose, data.velocity, parts)
     return jnp.concatenate([*robot, regions.reshape(-1), each.reshape(-1)])
+
+
+def rows(regions: int, blocks: int) -> tuple[tuple[int, int], ...]:
+    """How many regions and blocks the observation lists at its end, of how many numbers each."""
+    every = [name.partition(":")[0] for name in names(1, 1, fingers=False)]
+    return (regions, every.count("region 1")), (blocks, every.count("block 1"))
 
 
 def names(regions: int, blocks: int, *, fingers: bool) -> tuple[str, ...]:

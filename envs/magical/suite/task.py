@@ -105,6 +105,7 @@ class SuiteTask:
         regions, blocks = len(self.plan.regions), len(self._kinds.shape)
         self.observation_names = state.names(regions, blocks, fingers=self.robot.has_fingers)
         self.observation_size = len(self.observation_names)
+        self.observation_rows = state.rows(regions, blocks)
         self.action_size = 3 if self.robot.has_fingers else 2
         self.action_names = ("forward speed", "turn", "grip")[: self.action_size]
         self.object_names = (
@@ -263,7 +264,7 @@ class SuiteTask:
         seen = state.objects(data, self.robot, self._order)
         return State(
             data=data,
-            obs=state.observe(data, self._parts),
+            obs=state.observe(data, self._parts, self._order),
             objects=seen,
             moved=jnp.zeros(len(seen.label), bool),
             reward=self.reward(scene),

@@ -104,6 +104,11 @@ def _export_policy(args: list[str]) -> Work:
             "learned reward's stages, but a policy file holds one network: train with "
             "--ppo.sub-policies 1"
         )
+    if config.run.algorithm == "ppo" and config.ppo.by_object:
+        raise RunError(
+            f"the policy of {folder} reads its observation object by object, but a policy file "
+            "holds plain layers: train with --ppo.by-object false"
+        )
 
     def work() -> None:
         with heavy_imports(config, devices=True):

@@ -114,14 +114,23 @@ def test_the_observation_has_zeros_where_nothing_is_and_shapes_where_something_i
     names, shape = np.array(env.observation_names), np.asarray(begun.data.shape)
     counts = (shape != NOTHING).sum(axis=1)
     assert len(set(counts)) > 1
-    for slot in range(shape.shape[1]):
-        own = np.char.startswith(names, f"block {slot + 1}: ")
+    for listed, slot in enumerate(env._order.blocks):  # in the order of the objects
+        own = np.char.startswith(names, f"block {listed + 1}: ")
         seen = np.asarray(begun.obs)[:, own]
         there = shape[:, slot] != NOTHING
         assert (seen[~there] == 0).all()
         assert (seen[there, -4:].sum(axis=1) == 1).all()  # one of four shapes: its mask, too
         pose = np.asarray(begun.data.pose)[there, 3 + slot, :2]
         np.testing.assert_allclose(seen[there][:, 2:4], pose, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_the_rows_of_the_observation_are_those_of_its_names(name):
+    env, _ = _begun(name, "demo")
+    groups = [n.partition(": ")[0] for n in env.observation_names]
+    listed = [n for n in dict.fromkeys(groups) if n.startswith(("region", "block"))]
+    found = [groups.count(n) for n in listed]
+    assert found == [numbers for count, numbers in env.observation_rows for _ in range(count)]
 
 
 def test_the_observation_is_blind_to_the_score():
@@ -134,9 +143,11 @@ def test_the_observation_is_blind_to_the_score():
     for aside in (-1e-3, 1e-3):
         data = jax.tree.map(lambda f: f[0], begun.data)
         at = pose.at[3 + 6, 0].set(edge + aside)
-        seen.append(np.asarray(states.observe(data._replace(pose=at), 3)))
+        seen.append(np.asarray(states.observe(data._replace(pose=at), 3, env._order)))
     assert np.abs(seen[0] - seen[1]).max() < 3e-3
-    assert {n.partition(":")[0] for n in names[np.abs(seen[0] - seen[1]) > 1e-5]} == {"block 7"}
+    assert {n.partition(":")[0] for n in names[np.abs(seen[0] - seen[1]) > 1e-5]} == {
+        f"block {1 + [*env._order.blocks].index(6)}"
+    }
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -1,0 +1,83 @@
+"""Networks that read objects one by one: neither order nor empty rows matter."""
+
+import jax
+import numpy as np
+import pytest
+from brax.training.agents.ppo import networks
+
+from gril_jax.rl.policy import fresh_weights
+from gril_jax.rl.set_networks import by_object
+
+ROWS, BEFORE = ((2, 3), (4, 5)), 4
+OWN = BEFORE + 2 * 3 + 4 * 5
+BLOCKS, BITS = BEFORE + 2 * 3, OWN + 1  # where blocks begin, and the bits of regions and blocks
+SIZE = OWN + 1 + 6 + 2  # the bits of the robot and six objects, and two numbers of a memory
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["bits", "no bits"])
+def made(request):
+    """What policy and value say of observations, and whether these hold activity bits."""
+    size = SIZE if request.param else OWN + 2
+    found = by_object(
+        networks.make_ppo_networks(size, 3), ROWS, size, BEFORE, (32, 32), bits=request.param
+    )
+    both = found.policy_network, found.value_network
+    weights = fresh_weights(jax.random.key(0), *both)
+
+    @jax.jit
+    def say(observation):
+        return [net.apply(None, w, observation) for net, w in zip(both, weights, strict=True)]
+
+    return say, size, request.param
+
+
+def _observations(size):
+    return np.random.default_rng(0).normal(size=(6, size)).astype(np.float32)
+
+
+def _close(ours, theirs):
+    for a, b in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-5)
+
+
+def test_there_are_means_and_spreads_of_actions_and_one_value(made):
+    say, size, _ = made
+    actions, value = say(_observations(size))
+    assert (actions.shape, value.shape) == ((6, 2 * 3), (6,))
+    assert np.std(actions) > 0.01
+
+
+def test_two_blocks_may_change_places_with_their_bits(made):
+    say, size, bits = made
+    seen = _observations(size)
+    other = seen.copy()
+    one, two = slice(BLOCKS, BLOCKS + 5), slice(BLOCKS + 15, BLOCKS + 20)
+    other[:, one], other[:, two] = seen[:, two], seen[:, one]
+    if bits:
+        other[:, BITS + 2], other[:, BITS + 5] = seen[:, BITS + 5], seen[:, BITS + 2]
+    assert np.abs(other - seen).max() > 0.1
+    _close(say(other), say(seen))
+
+
+def test_a_bit_counts_for_its_own_block(made):
+    say, size, bits = made
+    if not bits:
+        pytest.skip("there are none")
+    seen = _observations(size)
+    seen[:, BITS:][:, :6] = 0
+    other = seen.copy()
+    seen[:, BITS + 2], other[:, BITS + 3] = 1, 1
+    assert np.abs(np.asarray(say(seen)[0]) - np.asarray(say(other)[0])).max() > 1e-4
+
+
+def test_a_row_of_zeros_is_not_there(made):
+    """Whatever its bit says; and with no row at all everything is finite."""
+    say, size, bits = made
+    seen = _observations(size)
+    seen[:, BLOCKS + 15 : BLOCKS + 20] = 0
+    if bits:
+        other = seen.copy()
+        other[:, BITS + 5] += 3.0
+        _close(say(other), say(seen))
+    seen[:, BEFORE:OWN] = 0
+    assert all(np.isfinite(x).all() for x in say(seen))
