@@ -2,13 +2,11 @@
 
     python -m gril_jax.experiments.suite.cloning recorded.json --sets SETS --out cloning.json
 
-Rewards here are learned from films alone; this baseline is also given the recorded actions. They
-are played in our simulator, and after each control step robot and blocks are put where the film has
-them, so that replays do not drift; angles and speeds are the simulator's. A network of the
-observation is trained to name the next of MAGICAL's 18 actions, and plays Demo and every variant.
+Rewards here are learned from films alone; this baseline is also given the recorded actions
+(`gril_jax/experiments/suite/recorded.py`). A network of the observation is trained to name the next
+of MAGICAL's 18 actions, and plays Demo and every variant.
 
-Shapes use D for demonstrations, T for control steps, F for the pairs of observation and action, O
-for an observation, K for seeds and E for episodes.
+Shapes use D for demonstrations, T for control steps, K for seeds and E for episodes.
 """
 
 import json
@@ -24,19 +22,14 @@ import optax
 import tyro
 from flax import linen as nn
 from gril_jax.envs import Env
-from gril_jax.envs.magical.simulator import from_magical
 from jaxtyping import Array, Float, Int
 
 from gril_jax import envs
-from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.safe_files import write_whole
 
+from ..fidelity import suite_replay
 from ..fidelity.physics_parity import printed
-from ..pipeline.policy_rewards import in_the_order_of
-from . import variants
-from .rows import TASKS, folder_of
-
-_ACTIONS = 18
+from . import recorded, variants
 
 
 @dataclass(frozen=True)
@@ -47,7 +40,7 @@ class _Options:
     """Folder of the tasks' demonstration sets."""
     out: Path
     """JSON file of the results."""
-    tasks: tuple[str, ...] = TASKS
+    tasks: tuple[str, ...] = suite_replay.TASKS
     """Tasks to learn."""
     seeds: int = 5
     """Networks of each task."""
@@ -64,27 +57,7 @@ class _Network(nn.Module):
     def __call__(self, x):
         for width in (256, 256):
             x = nn.relu(nn.Dense(width)(x))
-        return nn.Dense(_ACTIONS)(x)
-
-
-def pairs(
-    env: Env, centers: list[Float[np.ndarray, "T N 2"]], actions: list[Int[np.ndarray, "T"]]
-) -> tuple[Float[np.ndarray, "F O"], Int[np.ndarray, "F"]]:
-    """Observations of each demonstration's frames, and the actions that followed them."""
-    start = env.reset(jax.random.key(0))
-    table = jnp.asarray(from_magical(np.arange(_ACTIONS)))
-
-    def move(state, inputs):
-        center, action = inputs
-        state = env.shifted(state, center)
-        return env.step(state, table[action]), state.obs
-
-    length = max(map(len, actions))
-    pad = lambda x: np.concatenate([x, np.repeat(x[-1:], length - len(x), axis=0)])  # noqa: E731
-    inputs = tuple(jnp.asarray(np.stack([pad(x) for x in each])) for each in (centers, actions))
-    seen = jax.jit(jax.vmap(lambda *x: jax.lax.scan(move, start, x)[1]))(*inputs)
-    kept = [np.asarray(seen[i, : len(own)]) for i, own in enumerate(actions)]
-    return np.concatenate(kept), np.concatenate(actions)
+        return nn.Dense(recorded.NUM_ACTIONS)(x)
 
 
 def train(obs, actions, *, seeds: int, steps: int):
@@ -117,7 +90,7 @@ def train(obs, actions, *, seeds: int, steps: int):
 
 def play(env: Env, params, normal, begun, key, *, sampled: bool) -> dict[str, Float[Array, "K E"]]:
     """Score and success at the end of each network's episodes."""
-    table, network = jnp.asarray(from_magical(np.arange(_ACTIONS))), _Network()
+    table, network = recorded.table(), _Network()
     middle, spread = normal
 
     def one(params):
@@ -134,25 +107,12 @@ def play(env: Env, params, normal, begun, key, *, sampled: bool) -> dict[str, Fl
     return jax.lax.map(one, params)
 
 
-def measure(task: str, films: dict[str, list[int]], sets: Path, options: _Options) -> dict:
+def measure(task: str, actions: Int[np.ndarray, "D T"], options: _Options) -> dict:
     """Scores of a task's cloned policies in all variants."""
     make = lambda variant: envs.make(task, variant=variant, padded=True)  # noqa: E731
     names = variants.known(task)
     each = {name: make(name) for name in names}
-    env = each["demo"]
-    found = load_demo_set(sets / task)
-    seen = env.reset(jax.random.key(0)).objects
-    label, there = np.asarray(seen.label), np.asarray(seen.size).any(axis=1)
-    centers, actions = [], []
-    for entry, tracks in zip(found.entries, found.tracks, strict=True):
-        own = films[f"{folder_of(task)}/{_number(entry.name)}"]
-        order = in_the_order_of(label[there], np.asarray(tracks.label))
-        count = min(len(own), len(tracks.center))
-        center = np.tile(np.asarray(seen.center), (count, 1, 1))  # of what is not there, too
-        center[:, there] = tracks.center[:count, order]
-        centers.append(center)
-        actions.append(np.asarray(own[:count], np.int32))
-    obs, chosen = pairs(env, centers, actions)
+    obs, chosen = recorded.of_task(each["demo"], actions, options.sets / task)
     params, normal = train(obs, chosen, seeds=options.seeds, steps=options.steps)
     keys = jax.random.split(jax.random.key(1), options.starts)
     begun = [jax.jit(jax.vmap(each[name].reset))(keys) for name in names]
@@ -168,20 +128,14 @@ def measure(task: str, films: dict[str, list[int]], sets: Path, options: _Option
     return results
 
 
-def _number(name: str) -> str:
-    return name.rpartition("-")[2]
-
-
 def main(argv: list[str] | None = None) -> int:
     """Writes the results after each task, and prints them."""
     options = tyro.cli(_Options, args=argv)
 
     def work() -> dict:
-        whole = json.loads(options.recorded.read_text(encoding="utf-8"))
-        films = {name: one["actions"] for name, one in whole.items()}
         found = {}
-        for task in options.tasks:
-            found[task] = measure(task, films, options.sets, options)
+        for task, actions in suite_replay.load(options.recorded, options.tasks).items():
+            found[task] = measure(task, actions, options)
             write_whole(options.out, json.dumps(found, indent=1) + "\n")
         return found
 

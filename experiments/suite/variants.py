@@ -7,6 +7,7 @@ Shapes use K for policies, E for episodes, T for control steps and B for blocks.
 """
 
 import dataclasses
+from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Any, NamedTuple
 
@@ -54,13 +55,16 @@ def known(task: str) -> tuple[str, ...]:
     return tuple(registry.build(task, {}).variants)
 
 
-def ground(config: RunConfig, policies: int, starts: int) -> Ground:
-    """Compiles the evaluation of a row's policies, from so many starts of each variant."""
+def ground(
+    config: RunConfig, policies: int, starts: int, *, wrap: Callable[[Env], Any] = lambda env: env
+) -> Ground:
+    """Compiles the evaluation of a row's policies, from so many starts of each variant; `wrap`
+    makes of a task what the policies were trained in."""
     plain = changed(
         config, {"run.reward": "environmental", "ppo.video_starts": 0.0, "ppo.own_starts": 0.0}
     )
     names = known(config.env.name)
-    envs = {name: setup.make_env(config.env, training=False, variant=name) for name in names}
+    envs = {name: wrap(setup.make_env(config.env, training=False, variant=name)) for name in names}
     # Shapes, counts and forces are then data of each episode, and one program plays all of them.
     general = envs["all"]
     algorithm = policy_setup.make_algorithm(plain, general)
