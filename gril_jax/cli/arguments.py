@@ -13,7 +13,7 @@ from gril_jax.runs import covered, run_dir, sinks
 from gril_jax.runs.phases import changed_fields
 from gril_jax.safe_files import writing
 
-from . import help_page, own_tasks
+from . import help_page, own_films, own_tasks
 
 _ROUNDS = 2  # of hard negatives
 
@@ -44,7 +44,8 @@ def run_config(
     """The configuration of a run, with its values and paths checked; with `films_alone` it may be
     one without a task.
 
-    The arguments then name the task's file by its digest, too, should it be one's own. Where the
+    The arguments then name the task's file by its digest, too, should it be one's own, and say how
+    much the boxes of the set that they name jitter. Where the
     `sections` of a short help are given, --help prints that, and --help-all all options; `own` are
     the texts of options that the verb alone has.
     """
@@ -53,6 +54,7 @@ def run_config(
     args[:] = own_tasks.named(in_full(args))
     if name is None and own_tasks.is_named(args):
         name = own_tasks.CONFIG
+    args[:] = own_films.with_noise(name, args)
     config = load(name, args, prog=prog, description=explained(about))
     config = own_tasks.noted(config, args)
     if config.env.name == NO_TASK and not films_alone:

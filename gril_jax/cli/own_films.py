@@ -27,16 +27,16 @@ def configured(name: str | None, args: list[str]) -> tuple[str | None, list[str]
     """
     header = _header(args)
     if header is None or (name is None and header.get("task") in registry.names()):
-        return name, with_noise(name, args)
+        return name, args
     name = name or CONFIG
     if load(name).env.name != NO_TASK:
-        return name, with_noise(name, args)
+        return name, args
     return name, [*_of_set(header), *args]
 
 
 def with_noise(name: str | None, args: list[str]) -> list[str]:
-    """The arguments of a run with a task, and before them how much the set's boxes jitter, unless
-    the configuration says it: else any jitter would count as motion."""
+    """The arguments of a run, and before them how much the set's boxes jitter, unless the
+    configuration says it: else any jitter would count as motion."""
     header = _header(args)
     if header is None or not isinstance(header.get("noise"), float):
         return args
@@ -67,8 +67,6 @@ def _of_set(header: dict[str, Any]) -> list[str]:
     """Options that depend on a set's units, if it has them."""
     fields = {
         "--encoder.length-unit": header.get("half_extent"),
-        "--pool.noise": header.get("noise"),
-        "--pool.smoothing": header.get("smoothing"),
     }
     if isinstance(rate := header.get("fps"), int | float) and 0 < rate < 1e6:
         fields["--pool.window"] = max(1, round(_WINDOW * rate))

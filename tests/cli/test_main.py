@@ -44,7 +44,7 @@ def _gril(*args, cwd):
         (["demos", "--help"], "import-magical"),
         (["train", "--help"], "--ppo.num-envs"),
         (["train", "match_regions", "-h"], "12000000"),
-        (["quickstart", "--help"], "(default: 10000000)"),
+        (["quickstart", "--help"], "(default: 9000000)"),
         (["demos", "make", "--help"], "--demos.num"),
         (["demos", "import-videos", "--help"], "--half-extent"),
         (["eval", "--help"], "--episodes"),

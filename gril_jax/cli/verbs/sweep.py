@@ -5,13 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.config.grid import Cell, cells, take_axes
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.cluster import cluster_of
 
-from .. import help_page, own_tasks
+from .. import help_page, own_films, own_tasks
 from ..arguments import (
     Work,
     in_full,
@@ -48,7 +49,11 @@ def _plan(args: list[str]) -> Work:
     beside = _cells_of_rows(rows, args) if rows is not None else list
     axes = take_axes(args)
     config = run_config(name, args, _PROG, _ABOUT, help_page.SWEEP, own=_OWN)
-    found = beside(cells(axes, args, lambda options: load(name, options, prog=_PROG)))
+
+    def one(options: list[str]) -> RunConfig:  # a set may be a value of an axis
+        return load(name, own_films.with_noise(name, options), prog=_PROG)
+
+    found = beside(cells(axes, args, one))
 
     def settings():
         from gril_jax.experiments.sweeps.sweep import Sweep

@@ -41,8 +41,6 @@ def _new_run(
     if resume is None:
         if films:
             of, args = own_films.configured(of, args)
-        else:
-            args = own_films.with_noise(of, args)
         config = run_config(of, args, prog, about, sections, films_alone=films)
         if negatives is not None:
             extra["hard_negatives"] = hard_negatives(negatives, config)
