@@ -65,9 +65,7 @@ def _header(args: list[str]) -> dict[str, Any] | None:
 
 def _of_set(header: dict[str, Any]) -> list[str]:
     """Options that depend on a set's units, if it has them."""
-    fields = {
-        "--encoder.length-unit": header.get("half_extent"),
-    }
+    fields = {"--encoder.length-unit": header.get("half_extent")}
     if isinstance(rate := header.get("fps"), int | float) and 0 < rate < 1e6:
         fields["--pool.window"] = max(1, round(_WINDOW * rate))
     demos = [one for one in header.get("demos", ()) if isinstance(one, dict)]
