@@ -9,11 +9,8 @@ of MAGICAL's 18 actions, and plays Demo and every variant.
 Shapes use D for demonstrations, T for control steps, K for seeds and E for episodes.
 """
 
-import json
 import sys
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
 
 import jax
 import jax.numpy as jnp
@@ -25,29 +22,14 @@ from gril_jax.envs import Env
 from jaxtyping import Array, Float, Int
 
 from gril_jax import envs
-from gril_jax.safe_files import write_whole
 
-from ..fidelity import suite_replay
-from ..fidelity.physics_parity import printed
 from . import recorded, variants
 
 
 @dataclass(frozen=True)
-class _Options:
-    recorded: Annotated[Path, tyro.conf.Positional]
-    """The recorded actions, a JSON file."""
-    sets: Path
-    """Folder of the tasks' demonstration sets."""
-    out: Path
-    """JSON file of the results."""
-    tasks: tuple[str, ...] = suite_replay.TASKS
-    """Tasks to learn."""
-    seeds: int = 5
-    """Networks of each task."""
+class _Options(recorded.Options):
     steps: int = 3000
     """Gradient steps."""
-    starts: int = 64
-    """Starts of each variant."""
 
 
 class _Network(nn.Module):
@@ -130,16 +112,7 @@ def measure(task: str, actions: Int[np.ndarray, "D T"], options: _Options) -> di
 
 def main(argv: list[str] | None = None) -> int:
     """Writes the results after each task, and prints them."""
-    options = tyro.cli(_Options, args=argv)
-
-    def work() -> dict:
-        found = {}
-        for task, actions in suite_replay.load(options.recorded, options.tasks).items():
-            found[task] = measure(task, actions, options)
-            write_whole(options.out, json.dumps(found, indent=1) + "\n")
-        return found
-
-    return printed("cloning", work)
+    return recorded.measured("cloning", tyro.cli(_Options, args=argv), measure)
 
 
 if __name__ == "__main__":

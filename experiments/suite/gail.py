@@ -7,17 +7,16 @@ tell pairs of observation and action of the demonstrations from those of the pol
 -log(1 - D) for each. The recorded actions are among MAGICAL's 18; so are the policy's here, each
 replaced by the nearest of them, or the discriminator would see at once who is who. Policies are the
 suite's own in all else: networks, settings, steps, starts at frames of the films, and a gradient
-penalty (Gulrajani et al., NeurIPS 2017) keeps the discriminator from being too sure.
+penalty (Gulrajani et al., NeurIPS 2017) keeps the discriminator from being too sure. Sized for a
+GPU; on a laptop: --num-envs 256 --num-minibatches 4 --num-timesteps 1500000.
 
-Shapes use K for seeds, T for the control steps of an unroll, B for environments, O for an
-observation, A for an action and M for a minibatch.
+Shapes use F for the demonstrations' pairs, K for seeds, T for the control steps of an unroll or a
+demonstration, B for environments, O for an observation, A for an action and I for both.
 """
 
 import dataclasses
-import json
 import sys
-from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -32,10 +31,7 @@ from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.rl import ppo
-from gril_jax.safe_files import write_whole
 
-from ..fidelity import suite_replay
-from ..fidelity.physics_parity import printed
 from ..pipeline import policy_rewards, policy_setup, setup
 from ..tables.rows import changed
 from . import recorded, rows, variants
@@ -46,19 +42,9 @@ _LARGEST = 10.0  # of a discriminator's input, in deviations of the demonstratio
 
 
 @dataclasses.dataclass(frozen=True)
-class Options:
+class Options(recorded.Options):
     """The command's."""
 
-    recorded: Annotated[Path, tyro.conf.Positional]
-    """The recorded actions, a JSON file."""
-    sets: Path
-    """Folder of the tasks' demonstration sets."""
-    out: Path
-    """JSON file of the results."""
-    tasks: tuple[str, ...] = suite_replay.TASKS
-    """Tasks to learn."""
-    seeds: int = 5
-    """Policies of each task."""
     variant: str = "demo"
     """Starts of training episodes: of Demo, and first of the films' frames, or those of a variant
     such as all."""
@@ -72,8 +58,6 @@ class Options:
     """Gradient steps of the discriminator for each unroll."""
     learning_rate: float = 3e-4
     """Of the discriminator."""
-    starts: int = 64
-    """Starts of each variant."""
 
 
 class Discrete:
@@ -241,16 +225,7 @@ def train(gail: Gail, config: RunConfig, params: Any, *, seeds: int):
 
 def main(argv: list[str] | None = None) -> int:
     """Writes the results after each task, and prints them."""
-    options = tyro.cli(Options, args=argv)
-
-    def work() -> dict:
-        found = {}
-        for task, actions in suite_replay.load(options.recorded, options.tasks).items():
-            found[task] = measure(task, actions, options)
-            write_whole(options.out, json.dumps(found, indent=1) + "\n")
-        return found
-
-    return printed("gail", work)
+    return recorded.measured("gail", tyro.cli(Options, args=argv), measure)
 
 
 if __name__ == "__main__":

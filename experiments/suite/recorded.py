@@ -7,21 +7,62 @@ Shapes use D for demonstrations, T for control steps, N for objects, F for pairs
 action, O for an observation and A for an action.
 """
 
+import dataclasses
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import tyro
 from gril_jax.envs import Env
 from gril_jax.envs.magical.simulator import from_magical
 from jaxtyping import Array, Float, Int
 
 from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.errors import DemoError
+from gril_jax.safe_files import write_whole
 
+from ..fidelity import suite_replay
+from ..fidelity.physics_parity import printed
 from ..pipeline.policy_rewards import in_the_order_of
 
 NUM_ACTIONS = 18  # MAGICAL's
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Options that these baselines share."""
+
+    recorded: Annotated[Path, tyro.conf.Positional]
+    """The recorded actions, a JSON file."""
+    sets: Path
+    """Folder of the tasks' demonstration sets."""
+    out: Path
+    """JSON file of the results."""
+    tasks: tuple[str, ...] = suite_replay.TASKS
+    """Tasks to learn."""
+    seeds: int = 5
+    """Policies of each task."""
+    starts: int = 64
+    """Starts of each variant that finished policies are evaluated from."""
+
+
+def measured(
+    name: str, options: Any, measure: Callable[[str, Int[np.ndarray, "D T"], Any], dict]
+) -> int:
+    """Writes the results of a baseline after each task, and prints them; the exit code."""
+
+    def work() -> dict:
+        found = {}
+        for task, actions in suite_replay.load(options.recorded, options.tasks).items():
+            found[task] = measure(task, actions, options)
+            write_whole(options.out, json.dumps(found, indent=1) + "\n")
+        return found
+
+    return printed(name, work)
 
 
 def table() -> Float[Array, "18 A"]:

@@ -94,7 +94,7 @@ class _Objects(linen.Module):
         return self._dense(self.outputs, out)
 
     def _listed(self, observation: Array) -> tuple[Array, list[Array]]:
-        """What is said of no object but the robot (B, R), and the rows of each kind (B, n, F) with
+        """Numbers of the robot and of the memory (B, R), and the rows of each kind (B, n, F) with
         their activity bits, or zeros, at last."""
         at, kinds = self.before, []
         for count, numbers in self.rows:
@@ -114,7 +114,7 @@ class _Objects(linen.Module):
         return robot, [rows for rows in kinds if rows.shape[-2]]
 
     def _asked(self, seen: Float[Array, "*B N H"], there: Bool[Array, "*B N"]) -> Array:
-        """What each row finds in the others, (B, N, H)."""
+        """Attention of each row to the rows that are there, (B, N, H)."""
         width = seen.shape[-1]
         parts = (*seen.shape[:-1], _HEADS, width // _HEADS)
         query, key, value = (self._dense(width, seen).reshape(parts) for _ in range(3))

@@ -16,7 +16,7 @@ SIZE = OWN + 1 + 6 + 2  # the bits of the robot and six objects, and two numbers
 
 @pytest.fixture(scope="module", params=[True, False], ids=["bits", "no bits"])
 def made(request):
-    """What policy and value say of observations, and whether these hold activity bits."""
+    """Policy and value of observations, and whether these hold activity bits."""
     size = SIZE if request.param else OWN + 2
     found = by_object(
         networks.make_ppo_networks(size, 3), ROWS, size, BEFORE, (32, 32), bits=request.param

@@ -106,7 +106,8 @@ def observe(data: SuiteData, parts: int, listed: Order) -> Float[Array, "O"]:
 
 
 def rows(regions: int, blocks: int) -> tuple[tuple[int, int], ...]:
-    """How many regions and blocks the observation lists at its end, of how many numbers each."""
+    """Numbers of regions and of blocks that the observation lists at its end, each with how many
+    numbers one of them has."""
     every = [name.partition(":")[0] for name in names(1, 1, fingers=False)]
     return (regions, every.count("region 1")), (blocks, every.count("block 1"))
 

@@ -1,11 +1,14 @@
 """GAIL: a discriminator beside PPO, and a task with MAGICAL's actions alone."""
 
+import dataclasses
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.experiments.suite import recorded
-from gril_jax.experiments.suite.gail import Discrete, Expert, Gail
+from gril_jax.experiments.suite.gail import Discrete, Expert, Gail, Options, configured
 from support.probes import Probe
 
 from gril_jax import envs
@@ -75,3 +78,15 @@ def test_actions_are_the_nearest_of_magicals():
         jax.jit(env.step)(state, jnp.asarray(known[6])),
     )
     np.testing.assert_array_equal(ours.obs, theirs.obs)
+
+
+def test_films_give_starts_in_demo_and_in_no_variant():
+    options = Options(Path("recorded.json"), Path("sets"), Path("out.json"), num_timesteps=200_000)
+    demo = configured("find_dupe", options)
+    everywhere = configured("find_dupe", dataclasses.replace(options, variant="all"))
+    assert (demo.env.variant, everywhere.env.variant) == ("demo", "all")
+    assert demo.ppo.video_starts > 0
+    assert everywhere.ppo.video_starts == everywhere.ppo.own_starts == 0
+    for config in (demo, everywhere):
+        assert (config.run.reward, config.ppo.num_timesteps) == ("environmental", 200_000)
+        assert config.ppo.observe_activity is False

@@ -78,7 +78,7 @@ def test_what_the_command_line_says_reaches_the_experiment(monkeypatch):
     assert chosen[0].run.evaluations == 4
 
 
-@pytest.mark.parametrize(("algorithm", "discount"), [("ppo", 0.98), ("sac", 0.9)])
+@pytest.mark.parametrize(("algorithm", "discount"), [("ppo", 0.975), ("sac", 0.9)])
 def test_the_shaped_reward_has_the_weights_of_its_row_and_the_discount_of_the_learner(
     algorithm, discount
 ):
