@@ -223,15 +223,15 @@ def test_a_task_learns_from_films_as_noisy_as_they_are(home, capsys):
     assert own_films.with_noise(str(own), given) == given
 
 
-def test_each_set_of_a_sweep_has_its_own_noise(home, monkeypatch):
+def test_each_set_of_a_sweep_has_its_own_noise(home, tmp_path, monkeypatch):
     """As a value of an axis, and where one set is given to all."""
     from gril_jax.cli.verbs import sweep
 
     header = json.loads((home / "mine" / "demos.json").read_text())
     for name, noise in (("calm", None), ("rough", 0.004)):
-        (home / name).mkdir()
+        (tmp_path / name).mkdir()
         known = {} if noise is None else {"noise": noise, "smoothing": 3}
-        (home / name / "demos.json").write_text(json.dumps(header | known))
+        (tmp_path / name / "demos.json").write_text(json.dumps(header | known))
     planned = []
 
     def made(name, config, settings, **_):
@@ -241,10 +241,10 @@ def test_each_set_of_a_sweep_has_its_own_noise(home, monkeypatch):
     monkeypatch.setattr(sweep, "made", made)
     (verb,) = sweep.VERBS
     for option in ("--demos", "--demos.path"):
-        verb.plan(["quickstart", option, f"{home}/calm,{home}/rough"])
+        verb.plan(["quickstart", option, f"{tmp_path}/calm,{tmp_path}/rough"])
         _, found = planned
         assert [cell.config.pool.noise for cell in found.cells] == [None, 0.004]
         assert [cell.config.pool.smoothing for cell in found.cells] == [1, 3]
-        verb.plan(["quickstart", option, f"{home}/rough"])
+        verb.plan(["quickstart", option, f"{tmp_path}/rough"])
         config, found = planned
         assert config.pool.noise == found.cells[0].config.pool.noise == 0.004
