@@ -109,7 +109,8 @@ def _check(schema: type[Any], args: Sequence[str], prog: str, *, complete: bool)
         if option not in known and not dataclasses.is_dataclass(field.default)
     ]
     if stray := loose[len(places) :]:
-        raise ConfigError(f"there is no use for {' '.join(stray)!r}: see {prog} --help")
+        late = " (the name of a configuration comes before the options)" * args[0].startswith("-")
+        raise ConfigError(f"there is no use for {' '.join(stray)!r}{late}: see {prog} --help")
     required = {
         option if option in known else field.name.upper(): option in given
         for option, field in top.items()
