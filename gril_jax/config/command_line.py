@@ -44,10 +44,12 @@ def parse(
     default: Schema | None = None,
     prog: str,
     description: str | None = None,
+    before: Sequence[str] = (),
 ) -> Schema:
     """Parses options into a dataclass; `--help` prints the help and exits with 0. A ConfigError
-    says which option is unknown, lacks its value, is of the wrong type or out of range."""
-    _check(schema, args, prog, complete=default is not None)
+    says which option is unknown, lacks its value, is of the wrong type or out of range, or which
+    of the words that belong `before` the options comes behind them."""
+    _check(schema, args, prog, before, complete=default is not None)
     try:
         with contextlib.redirect_stderr(io.StringIO()):
             given = tyro.cli(
@@ -94,7 +96,9 @@ def _spelt(name: str) -> str:
     return name.replace("_", "-")
 
 
-def _check(schema: type[Any], args: Sequence[str], prog: str, *, complete: bool) -> None:
+def _check(
+    schema: type[Any], args: Sequence[str], prog: str, before: Sequence[str], *, complete: bool
+) -> None:
     """Raises ConfigError for the first word that the dataclass has no use for, or lacks."""
     known = options(schema)
     given, loose = _sorted_words(args, known, prog)
@@ -109,7 +113,7 @@ def _check(schema: type[Any], args: Sequence[str], prog: str, *, complete: bool)
         if option not in known and not dataclasses.is_dataclass(field.default)
     ]
     if stray := loose[len(places) :]:
-        late = " (the name of a configuration comes before the options)" * args[0].startswith("-")
+        late = " (a configuration is named before the options)" if stray[0] in before else ""
         raise ConfigError(f"there is no use for {' '.join(stray)!r}{late}: see {prog} --help")
     required = {
         option if option in known else field.name.upper(): option in given

@@ -63,8 +63,9 @@ def load(
     Raises:
       ConfigError: the file or an option is unknown, of the wrong type or out of range.
     """
-    default = None
+    default, before = None, names()
     if name is not None:
+        before = ()
         file = find(name)
         try:
             tree = _with_task_found(_read(file), file)
@@ -75,7 +76,9 @@ def load(
         default = schema(**{name: getattr(whole, name) for name in sections})
         if not overrides:
             return default
-    return parse(schema, overrides, default=default, prog=prog, description=description)
+    return parse(
+        schema, overrides, default=default, prog=prog, description=description, before=before
+    )
 
 
 def _with_task_found(tree: dict[str, Any], file: Traversable) -> dict[str, Any]:

@@ -72,7 +72,7 @@ def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
         (["train", "quikstart"], "did you mean quickstart?"),
         (["train", "mine.yaml"], "mine.yaml does not exist"),
         (["quickstart", "match_regions"], "there is no use for 'match_regions'"),
-        (["sweep", "--seeds", "2", "match_regions"], "configuration comes before the options"),
+        (["sweep", "--seeds", "2", "match_regions"], "a configuration is named before the options"),
         (["quickstart", "--demos", "nowhere"], "nowhere does not exist, but must be a folder"),
         (["pretrain", "--pool.alpha=0"], "pool.alpha is 0.0, but must be"),
         (["demos", "make", "quickstart"], "needs --out"),
