@@ -61,8 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of a pipe has had enough, as in `gril --help | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:
-        if (said := _of_the_system(error)) is None:
+    except (OSError, MemoryError, RuntimeError) as error:
+        said = _of_the_system(error) if isinstance(error, OSError) else _of_memory(error)
+        if said is None:
             raise
         print(f"gril: {said}.", file=sys.stderr)
         return code
@@ -84,6 +85,21 @@ def _of_the_system(error: OSError) -> str | None:
     if error.filename is None:
         return f"the machine refuses what is to be written or read ({error.strerror})"
     return f"{error.filename!s} cannot be written or read ({error.strerror})"
+
+
+def _of_memory(error: Exception) -> str | None:
+    """The same on memory, of the machine or of a GPU, where it is that."""
+    text = str(error)
+    if not isinstance(error, MemoryError) and not any(words in text for words in _NO_MEMORY):
+        return None
+    return (
+        "there is not enough memory for this: end what else uses the device, or lower "
+        "--ppo.num-envs or --seeds (a run that has begun goes on with --resume)"
+    )
+
+
+# As XLA, CUDA and Warp say it.
+_NO_MEMORY = ("RESOURCE_EXHAUSTED", "Out of memory", "out of memory")
 
 
 def help_page() -> str:

@@ -5,10 +5,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import jax
 import pytest
 
-from gril_jax.cli import heavy_imports, main
+from gril_jax.cli import heavy_imports, main, verbs
 
 # Runs a command line as `gril` does, then tells which of the slow packages it loaded.
 _RUNNER = """
@@ -202,3 +204,27 @@ def test_devices_are_taken_while_the_rest_is_imported(monkeypatch, tmp_path, pla
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.startswith(said), done.stderr
     assert done.returncode == 0
+
+
+def _too_large():
+    jax.block_until_ready(jax.numpy.zeros((1 << 45,)))  # 128 TiB
+
+
+def _of_warp():
+    raise RuntimeError("Error launching kernel: Warp CUDA error 2: out of memory")
+
+
+@pytest.mark.parametrize("work", [_too_large, _of_warp])
+def test_a_device_without_memory_left_is_one_sentence(monkeypatch, capsys, work):
+    monkeypatch.setattr(verbs, "find", lambda name: SimpleNamespace(plan=lambda rest: work))
+    assert main.main(["train"]) == 1
+    assert capsys.readouterr().err.startswith("gril: there is not enough memory for this: end what")
+
+
+def test_a_mistake_of_the_program_keeps_its_traceback(monkeypatch):
+    def broken():
+        raise RuntimeError("a shape is wrong")
+
+    monkeypatch.setattr(verbs, "find", lambda name: SimpleNamespace(plan=lambda rest: broken))
+    with pytest.raises(RuntimeError, match="a shape is wrong"):
+        main.main(["train"])
