@@ -85,7 +85,8 @@ def _help(
     if {"-h", "--help"} & {*args}:
         given = "" if prog == "gril quickstart" else " [CONFIG]"
         first = "".join(f" [{option}]" for option in [*own][:2]) or " [--task FILE:make]"
-        usage = f"{prog}{given}{first} [--demos SET] [--resume RUN] [options]"
+        films = " [--demos SET]" if any("--demos" in names for names in sections.values()) else ""
+        usage = f"{prog}{given}{first}{films} [--resume RUN] [options]"
         config = load(name, prog=prog) if name else RunConfig()
         echo(help_page.page(usage, about, sections, config, SHORTCUTS, own), end="")
         raise SystemExit(0)

@@ -58,6 +58,8 @@ TABLE: Mapping[str, tuple[str, ...]] = {
     "The run": ("--out", "--seed", "--resume", "--join"),
     "The policies": ("--algorithm", "--ppo.num-timesteps", "--ppo.num-envs"),
 }
+# Of tables whose rows name their task and its demonstrations.
+TASKS = {title: names for title, names in TABLE.items() if "--demos" not in names}
 SWEEP = TRAIN | {"The run": ("--out", "--seed", "--resume", "--run.audit", "--run.evaluations")}
 
 

@@ -46,16 +46,17 @@ def _table(
     about: str,
     own: Mapping[str, str],
     choose: Callable[[ModuleType, list[str], bool, Loader], tuple[RunConfig, dict[str, Any]]],
+    sections: Mapping[str, tuple[str, ...]] = help_page.TABLE,
 ) -> Verb:
     """The verb of a table; `summary` is for the help of `gril`, `about` for its own, in which the
-    texts of its `own` options come first.
+    texts of its `own` options come first, then the `sections` of others.
 
     From the module of the rows, the arguments, whether --quick is among them, and what loads a
     configuration, `choose` makes this and the settings that are not whole numbers.
     """
 
     def load(config: str | None, args: list[str]) -> RunConfig:
-        return run_config(config, args, f"gril {name}", about, help_page.TABLE, own=own)
+        return run_config(config, args, f"gril {name}", about, sections, own=own)
 
     def plan(args: list[str]) -> Work:
         # Names and numbers only: it imports neither JAX nor MuJoCo.
@@ -302,6 +303,7 @@ VERBS = (
             "--eval-starts N": "Starts of each evaluation in a variant. (default: 64)",
         },
         _suite,
+        help_page.TASKS,
     ),
     _table(
         "table2",
@@ -325,5 +327,6 @@ VERBS = (
             "they are made."
         },
         _table3,
+        help_page.TASKS,
     ),
 )
