@@ -4,7 +4,7 @@ A task may list its objects in its observation: some numbers of the robot, then 
 each region, each block, and so on; `rows` says how many there are, and an object that is not there
 has zeros in its row. Neither the order of a kind's objects nor their number must matter. So each
 row, beside what is said of the robot, goes through the layers of its kind, asks the others for what
-it should know of them (attention with a few heads; Vaswani et al., NeurIPS 2017), and what becomes
+it should know of them (attention with two heads; Vaswani et al., NeurIPS 2017), and what becomes
 of all is summed up by maxima and means (Deep Sets; Zaheer et al., NeurIPS 2017); plain layers
 follow. Observations are taken as they are, of about unit size: statistics of each number by itself
 would tell the rows of a kind apart.
@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 Rows = tuple[tuple[int, int], ...]  # of each kind of object: how many rows, of how many numbers
 
-_HEADS = 4
+_HEADS = 2
 _NOWHERE = -1e9
 
 
@@ -39,7 +39,7 @@ def by_object(
       size: O, with what else the policy sees: after the task's own numbers, with `bits` an activity
         bit of the robot and of each row, and then the memory of the reward.
       before: numbers of the robot, which come first.
-      hidden: widths of the layers that follow; half the first is H.
+      hidden: widths of the layers that follow; a quarter of the first is H.
       bits: whether there are activity bits.
     """
     outputs = networks.parametric_action_distribution.param_size
@@ -80,11 +80,11 @@ class _Objects(linen.Module):
     @linen.compact
     def __call__(self, observation: Float[Array, "*B O"]) -> Float[Array, "*B outputs"]:
         robot, kinds = self._listed(observation)
+        width = _HEADS * max(1, self.hidden[0] // (4 * _HEADS))
         each, there = [], []
         for rows in kinds:
             there.append((rows[..., :-1] != 0).any(axis=-1))  # but for the bit
-            beside = jnp.broadcast_to(robot[..., None, :], (*rows.shape[:-1], robot.shape[-1]))
-            each.append(self._dense(self.hidden[0] // 2, jnp.concatenate([rows, beside], -1)))
+            each.append(self._dense(width, rows) + self._dense(width, robot)[..., None, :])
         seen = linen.swish(jnp.concatenate(each, axis=-2))
         there = jnp.concatenate(there, axis=-1)
         seen = linen.swish(seen + self._asked(seen, there))
@@ -116,8 +116,9 @@ class _Objects(linen.Module):
     def _asked(self, seen: Float[Array, "*B N H"], there: Bool[Array, "*B N"]) -> Array:
         """Attention of each row to the rows that are there, (B, N, H)."""
         width = seen.shape[-1]
-        parts = (*seen.shape[:-1], _HEADS, width // _HEADS)
-        query, key, value = (self._dense(width, seen).reshape(parts) for _ in range(3))
+        parts = (*seen.shape[:-1], 3, _HEADS, width // _HEADS)
+        asked = self._dense(3 * width, seen).reshape(parts)
+        query, key, value = (asked[..., i, :, :] for i in range(3))
         score = jnp.einsum("...nhd,...mhd->...hnm", query, key) / (width // _HEADS) ** 0.5
         weight = jax.nn.softmax(jnp.where(there[..., None, None, :], score, _NOWHERE), axis=-1)
         found = jnp.einsum("...hnm,...mhd->...nhd", weight, value).reshape(seen.shape)
