@@ -81,3 +81,13 @@ def test_a_row_of_zeros_is_not_there(made):
         _close(say(other), say(seen))
     seen[:, BEFORE:OWN] = 0
     assert all(np.isfinite(x).all() for x in say(seen))
+
+
+@pytest.mark.parametrize("hidden", [(3,), (20, 5)])
+def test_any_width_will_do(hidden):
+    plain = networks.make_ppo_networks(SIZE, 3)
+    net = by_object(plain, ROWS, SIZE, BEFORE, hidden, bits=True).policy_network
+    weights = net.init(jax.random.key(0))
+    said = jax.jit(lambda x: net.apply(None, weights, x))(_observations(SIZE))
+    assert said.shape == (6, 2 * 3)
+    assert np.isfinite(said).all()
