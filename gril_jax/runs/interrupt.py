@@ -5,7 +5,8 @@ import contextlib
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from types import FrameType
 
 from gril_jax.errors import GrilError
 
@@ -64,18 +65,22 @@ def heard() -> Iterator[None]:
     garbage collector, of which JAX has one that runs often while programs are traced.
     """
     before, over = sys.unraisablehook, threading.Event()
-    main = threading.main_thread().ident
-
-    def again() -> None:
-        if not over.wait(_SOON):
-            signal.pthread_kill(main, signal.SIGINT)
 
     def hook(lost) -> None:
-        if not issubclass(lost.exc_type, KeyboardInterrupt):
+        here = threading.current_thread() is threading.main_thread()
+        handler = signal.getsignal(signal.SIGINT)
+        if not (here and issubclass(lost.exc_type, KeyboardInterrupt) and callable(handler)):
             before(lost)
             return
+
+        def once(number: int, frame: FrameType | None) -> None:
+            if not _within(hook, frame):  # where it would be lost again
+                signal.signal(number, handler)
+                handler(number, frame)
+
+        signal.signal(signal.SIGINT, once)
         # Not a `Thread`, whose `start` waits, on a busy machine until the signal comes: in here.
-        _thread.start_new_thread(again, ())
+        _thread.start_new_thread(_repeat, (once, over))
 
     sys.unraisablehook = hook
     try:
@@ -84,3 +89,21 @@ def heard() -> Iterator[None]:
         over.set()
         if sys.unraisablehook is hook:  # else it is part of what has replaced it
             sys.unraisablehook = before
+
+
+def _repeat(handler: Callable, over: threading.Event) -> None:
+    """Sends the main thread SIGINT until `handler` is no longer what handles it.
+
+    One signal may be too few: one that comes as the main thread is about to wait for something,
+    a sleep say, is acted on only after the wait.
+    """
+    main = threading.main_thread().ident
+    while not over.wait(_SOON) and signal.getsignal(signal.SIGINT) is handler:
+        signal.pthread_kill(main, signal.SIGINT)
+
+
+def _within(function: Callable, frame: FrameType | None) -> bool:
+    """Whether `function` is being run in `frame` or called what is."""
+    while frame is not None and frame.f_code is not function.__code__:
+        frame = frame.f_back
+    return frame is not None
