@@ -59,6 +59,9 @@ class PPOConfig:
     sub_policies: int = field(default=1, metadata=between(1, 8))
     """Number of sub-policies with networks of their own, one for each stage of the learned reward
     (with run.reward stages or subtasks)."""
+    held_noise: float = field(default=0.0, metadata=between(0, 1))
+    """Share of the variance of an action's noise that is the same in all steps between two updates:
+    an environment then explores in one direction for so long."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""

@@ -9,6 +9,7 @@ Shapes use B for environments and T for the control steps of one unroll.
 
 import dataclasses
 import functools
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -42,6 +43,7 @@ class Static(Sizes):
     num_epochs: int = PPOConfig.num_epochs
     by_object: bool = PPOConfig.by_object  # of tasks with `observation_rows`
     sub_policies: int = PPOConfig.sub_policies  # with networks of their own, one for each stage
+    held_noise: float = PPOConfig.held_noise  # share of the noise's variance that is kept so long
 
 
 class Hyper(NamedTuple):
@@ -79,7 +81,8 @@ class PPO(Agent):
 
     def __init__(self, env: Environment, reward: AnyReward, static: Static):
         self.static = static
-        super().__init__(env, reward, static, static.num_epochs * (static.num_minibatches + 1))
+        self._passes = static.num_epochs, static.num_minibatches + 1  # keys of `learn`
+        super().__init__(env, reward, static, math.prod(self._passes) + (static.held_noise > 0))
         one = networks.make_ppo_networks(
             self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,
@@ -124,10 +127,14 @@ class PPO(Agent):
         """T control steps of every environment; `deterministic` ones play mean actions."""
         actions = self.networks.parametric_action_distribution
         network = functools.partial(self.networks.policy_network.apply, *self.policy(state))
+        share, shape = self.static.held_noise, (self.num_envs, self.env.action_size)
+        held = jax.random.normal(self._split(key)[-1][-1], shape) if share else 0.0
 
         def act(observation, key):
             logits = network(observation)
             raw = actions.sample_no_postprocessing(logits, key)
+            if share:
+                raw = _holding(actions.create_dist(logits), raw, held, share)
             mean, drawn = actions.mode(logits), actions.postprocess(raw)
             extras = {"raw_action": raw, "log_prob": actions.log_prob(logits, raw)}
             return jnp.where(deterministic[:, None], mean, drawn), extras
@@ -178,7 +185,7 @@ class PPO(Agent):
             batches = blocks.minibatches(data, keys[-1], minibatches)
             return jax.lax.scan(minibatch, carry, (batches, keys[:-1]))
 
-        keys = self._split(key)[-1].reshape(self.static.num_epochs, minibatches + 1)
+        keys = self._split(key)[-1][: math.prod(self._passes)].reshape(self._passes)
         (params, moments), parts = jax.lax.scan(epoch, (state.params, state.optimiser), keys)
         metrics = {name: jnp.mean(value) for name, value in parts.items()}
         state = state._replace(
@@ -209,6 +216,16 @@ class PPO(Agent):
             dropped=result.nonfinite,
         )
         return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), data)
+
+
+def _holding(dist: Any, raw: Float[Array, "B A"], held: Float[Array, "B A"], share: float):
+    """Samples of the distribution whose noise is in part `held`, samples of the unit normal.
+
+    Each is distributed as before, so that its probability is what it was. Those of an unroll are
+    not independent of each other, which the objective leaves out of account, as in PPO with
+    coloured noise (Hollenstein et al., AAAI 2024).
+    """
+    return dist.loc + (1 - share) ** 0.5 * (raw - dist.loc) + share**0.5 * dist.scale * held
 
 
 def _left(share: Float[Array, ""] | float, progress: Float[Array, ""] | float):

@@ -1,5 +1,6 @@
 """PPO on probes with a known answer, and what its step must not depend on."""
 
+import dataclasses
 import functools
 
 import chex
@@ -293,3 +294,42 @@ def test_actions_are_in_the_box_and_random_only_if_asked(seeing, init):
     assert len(np.unique(drawn)) == 50
     mean = jax.vmap(lambda key: act(key, True))(keys)
     assert len(np.unique(mean)) == 1
+
+
+# ---------------------------------------------------------------- held noise
+
+
+def _noise(share):
+    """The noise of the actions of an unroll (T, B, A), in standard deviations, and the rollout."""
+    ppo = _ppo(dataclasses.replace(UNSEEING, num_envs=4096, held_noise=share))
+    state = ppo.init(jax.random.key(0), HYPER)
+    means = jnp.arange(4096) % 2 == 0
+    collect = jax.jit(lambda s, k: ppo.collect(s, k, HYPER, CONSTANT, deterministic=means)[1])
+    steps = collect(state, state.key)
+    logits = ppo.networks.policy_network.apply(
+        state.normalizer, state.params.policy, steps.observation
+    )
+    dist = ppo.networks.parametric_action_distribution.create_dist(logits)
+    played = jnp.where(means[:, None], jnp.tanh(dist.loc), jnp.tanh(steps.extras["raw_action"]))
+    np.testing.assert_allclose(steps.action, played, atol=1e-6)
+    return np.asarray((steps.extras["raw_action"] - dist.loc) / dist.scale)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_noise_is_held_in_part_for_an_unroll_and_is_as_wide_as_ever(share):
+    noise = _noise(share)[..., 0]
+    length = len(noise)
+    assert noise.std() == pytest.approx(1, abs=0.04)
+    assert noise.mean() == pytest.approx(0, abs=0.04)
+    between = np.corrcoef(noise)[~np.eye(length, dtype=bool)]  # steps, over environments
+    np.testing.assert_allclose(between.mean(), share, atol=0.03)
+    assert abs(np.corrcoef(noise[0, :-1], noise[0, 1:])[0, 1]) < 0.05  # environments
+
+
+def test_a_policy_learns_with_held_noise():
+    ppo = _ppo(dataclasses.replace(UNSEEING, held_noise=0.5))
+    start = ppo.init(jax.random.key(0), HYPER)
+    step = jax.jit(lambda s: jax.lax.scan(lambda s, _: ppo.step(s, HYPER, DONE), s, length=120)[0])
+    state = step(start)
+    assert _mean_action(ppo, state, 1) > 0.5
+    assert _mean_action(ppo, state, -1) < -0.5
