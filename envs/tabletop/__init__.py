@@ -15,7 +15,7 @@ HOME = (0.0571, -0.1029, 0.0417, -2.2644, 0.0052, 2.1616, 0.8812)
 
 REWARDS = ("staged", "stages", "sparse")
 VARIED = "moments of a scripted expert's episodes"
-HINTS = MappingProxyType({"": "which of the task's stages have been reached"})
+HINTS = MappingProxyType({"rich": "which of the task's stages have been reached"})
 BENCH_SETTINGS = (
     {}, {"iterations": 4, "ls_iterations": 6}, {"iterations": 3}, {"max_contacts": 32},
     {"max_contacts": 16}, {"substeps": 5}, {"impl": "warp"}, {"impl": "warp", "substeps": 5},

@@ -2,7 +2,8 @@
 
 Seven joints and the left finger's opening, their rates, the servos' lead over them; the hand's
 place and two of its axes; each thing's place from the hand and two of its axes; the rates of the
-task's joints; the stages that have been reached; the last action. Units: rad, metres, seconds.
+task's joints; in "rich" the stages that have been reached, of which "plain" says nothing; the last
+action. Units: rad, metres, seconds.
 """
 
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 from .boxes import Boxes
 from .physics import Motion
 
+OBSERVATIONS = ("rich", "plain")
 _PLACE = ("x", "y", "z")
 _JOINTS = (*(f"joint {i}" for i in range(1, 8)), "opening")
 

@@ -100,6 +100,7 @@ class Tabletop:
     Args:
       task: what is on the table.
       reward: "staged", "stages" or "sparse"; see `reward`.
+      observation: "rich" or "plain"; see `observation`.
       jitter: share of the ranges of the start's randomness, from 0 to 1.
       varied_starts: share of the episodes that begin at one of these moments:
       moments: within recorded episodes of the task.
@@ -124,6 +125,7 @@ class Tabletop:
         task: Task,
         *,
         reward: str = "staged",
+        observation: str = "rich",
         jitter: float = 1.0,
         varied_starts: float = 0.0,
         moments: Moments | None = None,
@@ -138,6 +140,7 @@ class Tabletop:
         length = task.episode_length if episode_length is None else episode_length
         max_contacts = task.max_contacts if max_contacts is None else max_contacts
         check_known("reward", reward, REWARDS)
+        check_known("observation", observation, observations.OBSERVATIONS)
         check_known("impl", impl, physics.IMPLEMENTATIONS)
         check_shares(jitter=jitter, varied_starts=varied_starts)
         if varied_starts and moments is None:
@@ -160,8 +163,9 @@ class Tabletop:
             ls_iterations=ls_iterations, max_contacts=max_contacts,
         )  # fmt: skip
         self.physics = physics.Physics(model, substeps=substeps, impl=impl, worlds=worlds)
+        self._told = self.stage_names if observation == "rich" else ()
         self.observation_names = observations.names(
-            task.things, self.stage_names, self.action_names, rates=model.nv - panda_model.DOFS
+            task.things, self._told, self.action_names, rates=model.nv - panda_model.DOFS
         )
         self.observation_size = len(self.observation_names)
 
@@ -249,7 +253,7 @@ class Tabletop:
 
     def _observe(self, before: TabletopData, data: TabletopData) -> State:
         """The state after a step that began at `before`, with its record updated."""
-        view = self.view(data)
+        view, told = self.view(data), len(self._told)
         things = self.task.boxes(view)
         progress = self.task.progress(view, things)
         data = data._replace(record=rewards.record(before.record, progress, data.time))
@@ -261,7 +265,7 @@ class Tabletop:
         return State(
             data=data,
             obs=observations.observe(
-                data.motion, data.target, view.hand, things, data.record.reached, data.action
+                data.motion, data.target, view.hand, things, data.record.reached[:told], data.action
             ),
             objects=Objects(center, size, jnp.arange(count), jnp.arange(count) < len(_ROBOT)),
             moved=jnp.zeros(count, bool),

@@ -2,6 +2,7 @@
 
     gril ladder --demos DEMOS --rows "ours at level A,ours at level V"
     gril ladder --demos HUMAN --seeds 5
+    gril ladder shoes_in_box --rows "ours with sub-policies at level B" --env.impl warp
 
 Rows are rewards, columns the levels of `experiments.pipeline.given`. For each of them and each seed
 a policy is trained and evaluated from the task's own starts. Writes `ladder.md`, `ladder.csv` (a
@@ -13,22 +14,22 @@ from matplotlib.figure import Figure
 from ..tables.curves import LAST
 from ..tables.matrix import matrices, panels
 from ..tables.results import Found, Table
-from .rows import LEVELS, ROWS, Settings, parts
+from .rows import LEVELS, ROWS, TABLE_ROWS, Settings, parts
 
 _COLUMNS = ("row", "seed", *LAST, "steps_80", "tau")
 _HEADING = "level "
 
 
 def _figure(found: Found) -> Figure | None:
-    return panels(found, parts, [*LEVELS], _HEADING) if found.curves else None
+    return panels(found, parts, LEVELS, _HEADING) if found.curves else None
 
 
 TABLE = Table(
     "ladder",
     columns=lambda lines: _COLUMNS,
-    text=lambda found: matrices(found, parts, [*LEVELS], _HEADING),
+    text=lambda found: matrices(found, parts, LEVELS, _HEADING),
     figure=_figure,
     settings=Settings,
     plan=lambda rows, settings, programs: programs(rows),
-    order=[*ROWS],
+    order=[*(ROWS | TABLE_ROWS)],
 )

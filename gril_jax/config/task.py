@@ -75,7 +75,7 @@ class EnvConfig:
     observation: Literal["plain", "rich", "sorted", "xmagical"] = "rich"
     """The policy's observation: poses and velocities; also which blocks are in the region; the same
     with the targets in the order in which they are due; or x-magical's state vector in its exact
-    order."""
+    order. Of a task on a table: plain, or rich with the stages that have been reached."""
     reward: str | None = None
     """The task's own reward, which only `run.reward environmental` learns from: match_regions has
     S4, V5, S3, sparse, a task on a table staged, stages, sparse, MAGICAL's others sparse; None is

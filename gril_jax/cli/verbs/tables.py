@@ -195,12 +195,15 @@ def _table1(known: ModuleType, args: list[str], quick: bool, load: Loader):
 
 
 def _ladder(known: ModuleType, args: list[str], quick: bool, load: Loader):
+    from gril_jax.experiments.tables.rows import chosen_rows
+
     name, steps = positional(args), whole_number(args, "--steps-per-encoder", None)
-    rows = known.with_steps(_rows_taken(known, args), steps)
-    require_left_to_options(args, known.paths())
+    names = take(args, "--rows")
     config = load(name or "match_regions", args)
     known.check(config)
-    return config, {"rows": rows}
+    every = known.of_task(config.env.name)
+    require_left_to_options(args, known.paths(every))
+    return config, {"rows": known.with_steps(chosen_rows(names, every), steps)}
 
 
 def _suite(known: ModuleType, args: list[str], quick: bool, load: Loader):

@@ -1,11 +1,14 @@
 """Each number of an observation is what its name says."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.panda.frames import Frame, about_z
 from gril_jax.envs.tabletop import observation as observations
 from gril_jax.envs.tabletop.boxes import Boxes
 from gril_jax.envs.tabletop.physics import Motion
+
+from gril_jax import envs
 
 
 def test_every_number_is_under_its_name():
@@ -30,3 +33,11 @@ def test_every_number_is_under_its_name():
     }  # fmt: skip
     for name, value in wanted.items():
         np.testing.assert_allclose(seen[name], value, atol=1e-6, err_msg=name)
+
+
+def test_only_a_rich_observation_tells_the_stages_that_have_been_reached():
+    rich, plain = (envs.make("umbrella_out", observation=kind) for kind in ("rich", "plain"))
+    told = {f"reached {stage}" for stage in rich.stage_names}
+    assert {*rich.observation_names} - {*plain.observation_names} == told
+    obs = jax.eval_shape(plain.reset, jax.random.key(0)).obs
+    assert obs.shape == (plain.observation_size,) == (len(plain.observation_names),)

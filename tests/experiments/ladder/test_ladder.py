@@ -19,16 +19,18 @@ STARTS = {"jitter": Counted(1024, 1024)}
 NAMES = ["ours at level A", "ours at level V", "GraphIRL at level V"]
 
 
-@pytest.mark.parametrize("row", rows.ROWS)
-def test_a_row_gives_the_learner_the_help_of_its_level(row):
-    config = changed(load("match_regions"), rows.ROWS[row])
-    assert given(config).level == rows.parts(row)[1]
+@pytest.mark.parametrize("task", ["match_regions", "shoes_in_box"])
+def test_a_row_gives_the_learner_the_help_of_its_level(task):
+    for row, change in rows.of_task(task).items():
+        assert given(changed(load(task), change)).level == rows.parts(row)[1], row
 
 
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (["shoes_in_box"], "env.name is 'shoes_in_box', but a ladder is made for match_regions"),
+        (["magical_suite"], "env.name is 'move_to_corner', but a ladder is made for match_regions"),
+        (["shoes_in_box", "--rows", "ours at level V"], "--rows names 'ours at level V'"),
+        (["shoes_in_box", "--ppo.own-starts=1"], "each row of the table sets it for itself"),
         (["--run.algorithm", "sac"], "run.algorithm is 'sac', but must be 'ppo' for a ladder"),
         (["--ppo.own-starts", "0.2"], "each row of the table sets it for itself"),
         (["--rows", "ours at level D"], "--rows names 'ours at level D' (did you mean ours at"),

@@ -26,7 +26,8 @@ def _config(**env):
         ({"observation": "rich"}, "C", "velocities, and which blocks are in the region;"),
         ({"observation": "sorted"}, "C", "in the region and which target is due;"),
         ({"varied_starts": 0.25}, "C", "Demo starts, 25 % of them varied (the robot anywhere;"),
-        ({"name": "shoes_in_box"}, "C", "which of the task's stages have been reached;"),
+        ({"name": "shoes_in_box"}, "A", "the task's own starts; the policy sees poses and"),
+        ({"name": "shoes_in_box", "observation": "rich"}, "C", "task's stages have been reached;"),
         ({"name": "shoes_in_box", "varied_starts": 0.7}, "C", "70 % of them varied (moments of a"),
     ],
 )
