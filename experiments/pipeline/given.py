@@ -40,6 +40,8 @@ def given(config: RunConfig) -> Given:
         starts = f"{starts}, {100 * varied:.0f} % of them varied ({task.varied})"
     hints = [task.hints[kind] for kind in ("", chosen.observation) if kind in task.hints]
     seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
+    if config.run.algorithm == "ppo" and config.ppo.stacked > 1:
+        seen += f", of the last {config.ppo.stacked} control steps"
     level, chosen_starts = _chosen_starts(config)
     level = "C" if varied or hints else level
     return Given(level, f"{starts}{chosen_starts}", seen, _reward(config, task))

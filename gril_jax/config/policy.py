@@ -59,6 +59,9 @@ class PPOConfig:
     sub_policies: int = field(default=1, metadata=between(1, 8))
     """Number of sub-policies with networks of their own, one for each stage of the learned reward
     (with run.reward stages or subtasks)."""
+    stacked: int = field(default=1, metadata=between(1, 16))
+    """Observations that the policy sees at a time: the present one and those of the control steps
+    before, so that it can tell what has happened."""
     held_noise: float = field(default=0.0, metadata=between(0, 1))
     """Share of the variance of an action's noise that is the same in all steps between two updates:
     an environment then explores in one direction for so long."""
@@ -69,6 +72,11 @@ class PPOConfig:
             raise ConfigError(
                 f"{name}.num_minibatches is {self.num_minibatches}, but must divide "
                 f"{name}.num_envs, which is {self.num_envs}"
+            )
+        if self.by_object and self.stacked > 1:
+            raise ConfigError(
+                f"{name}.stacked is {self.stacked}, but must be 1 with {name}.by_object, which "
+                "reads the objects of one observation"
             )
 
 

@@ -44,18 +44,21 @@ class Agent:
       reward: what to maximise; its parameters are an argument of `step`.
       static: sizes.
       to_learn: keys that the learner takes in a step.
+      stacked: observations that the policy sees at a time.
     """
 
     networks: Any  # brax's
     _make_policy: Callable[..., Any]
 
-    def __init__(self, env: Environment, reward: AnyReward, static: Sizes, to_learn: int):
+    def __init__(
+        self, env: Environment, reward: AnyReward, static: Sizes, to_learn: int, stacked: int = 1
+    ):
         self.env = env
         self.num_envs, self.unroll_length = static.num_envs, static.unroll_length
         self.episodes = Episodes.of(
             env, reward, observe_activity=static.observe_activity, window=static.window,
             smoothing=static.smoothing, noise=static.noise,
-            chosen_starts=static.own_starts + static.video_starts > 0,
+            chosen_starts=static.own_starts + static.video_starts > 0, stacked=stacked,
         )  # fmt: skip
         self.observation_size = self.episodes.observation_size
         self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)

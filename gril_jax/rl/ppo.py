@@ -43,6 +43,7 @@ class Static(Sizes):
     num_epochs: int = PPOConfig.num_epochs
     by_object: bool = PPOConfig.by_object  # of tasks with `observation_rows`
     sub_policies: int = PPOConfig.sub_policies  # with networks of their own, one for each stage
+    stacked: int = PPOConfig.stacked  # observations that the policy sees at a time
     held_noise: float = PPOConfig.held_noise  # share of the noise's variance that is kept so long
 
 
@@ -82,7 +83,8 @@ class PPO(Agent):
     def __init__(self, env: Environment, reward: AnyReward, static: Static):
         self.static = static
         self._passes = static.num_epochs, static.num_minibatches + 1  # keys of `learn`
-        super().__init__(env, reward, static, math.prod(self._passes) + (static.held_noise > 0))
+        to_learn = math.prod(self._passes) + (static.held_noise > 0)
+        super().__init__(env, reward, static, to_learn, static.stacked)
         one = networks.make_ppo_networks(
             self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,

@@ -109,6 +109,11 @@ def _export_policy(args: list[str]) -> Work:
             f"the policy of {folder} reads its observation object by object, but a policy file "
             "holds plain layers: train with --ppo.by-object false"
         )
+    if config.run.algorithm == "ppo" and config.ppo.stacked > 1:
+        raise RunError(
+            f"the policy of {folder} sees {config.ppo.stacked} observations at a time, but a "
+            "policy file holds what one needs: train with --ppo.stacked 1"
+        )
 
     def work() -> None:
         with heavy_imports(config, devices=True):

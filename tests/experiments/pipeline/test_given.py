@@ -49,6 +49,7 @@ def test_help_that_only_authors_can_give_makes_it_level_c(env, level, words):
         ({"video_starts": 0.3}, {}, "V", "and first 30 %, in the end none at videos' frames;"),
         ({"own_starts": 0.5, "video_starts": 0.3}, {}, "V", "its own moments, and first 30 %"),
         ({"own_starts": 0.5}, {"observation": "rich"}, "C", "its own moments;"),
+        ({"stacked": 4}, {}, "A", "sees poses and velocities, of the last 4 control steps;"),
     ],
 )
 def test_starts_that_training_chooses_are_levels_b_and_v(ppo, env, level, words):
