@@ -196,7 +196,8 @@ def _stages(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
 
 def _of_stages(config, learned, demos, num_classes):
     if demos is None:
-        return learned, staircase.Staircase(jnp.zeros(_MOST), jnp.zeros((), jnp.int32))
+        none = jnp.zeros(_MOST)
+        return learned, staircase.Staircase(none, none, jnp.zeros((), jnp.int32))
     _, found = _agreed(config, learned, demos, num_classes)
     return learned, staircase.from_levels(found.level[:_MOST], found.kept[:_MOST])
 

@@ -10,8 +10,11 @@ a stage once it is paid nearly as much. A chain of goals (`gril_jax.reward.chain
 near the latent is to where demonstrations were, which a policy that does the same with another
 object, or leaves something else elsewhere, may never be.
 
-A stage never pays less than when it was entered. To try things then costs nothing, while the whole
-task is worth its all only if what was done before still holds. Shapes use M for stages.
+A stage that follows another never pays less than what demonstrations were paid at the end of that
+one, or than when it was entered if that was more. To try things then costs nothing, and to better
+what is done already brings next to nothing: were it paid, a policy would stay with it and never
+look for what comes next. The whole task is worth its all only if what was done before still holds.
+Shapes use M for stages.
 """
 
 from typing import NamedTuple
@@ -28,6 +31,7 @@ class Staircase(NamedTuple):
     """Stages in order."""
 
     least: Float[Array, "M"]  # the reward at which a stage is finished
+    level: Float[Array, "M"]  # the reward at which it ends in the demonstrations
     count: Int[Array, ""]  # how many stages there are; the rest is padding
 
 
@@ -35,7 +39,7 @@ class Progress(NamedTuple):
     """State of an episode's stages, to be reset when the episode ends."""
 
     index: Int[Array, ""]  # stages finished; `count` when all are
-    floor: Float[Array, ""]  # the reward at which the present stage was entered
+    floor: Float[Array, ""]  # what the present stage pays at least
 
 
 def init() -> Progress:
@@ -51,7 +55,7 @@ def from_levels(level: Float[Array, "M"], kept: Bool[Array, "M"]) -> Staircase:
     level = jnp.where(some, level[order], 0.0)
     before = jnp.concatenate([jnp.full((1,), _START), level[:-1]])
     least = before + _NEARLY * (level - before)
-    return Staircase(least, jnp.maximum(jnp.sum(kept), 1))
+    return Staircase(least, level, jnp.maximum(jnp.sum(kept), 1))
 
 
 def step(
@@ -65,12 +69,13 @@ def step(
       value: the learned reward of this frame.
 
     Returns:
-      The progress, by at most one stage further and never back, and the reward, or that at which
-      the present stage was entered if it is more.
+      The progress, by at most one stage further and never back, and the reward, or what
+      the present stage pays at least if that is more.
     """
     stage = jnp.minimum(progress.index, stairs.count - 1)
     reached = (progress.index < stairs.count) & (value >= stairs.least[stage])
     paid = jnp.maximum(value, progress.floor)
     last = progress.index >= stairs.count - 1  # what follows is no stage of its own
-    floor = jnp.where(reached & ~last, paid, progress.floor)
+    landing = jnp.maximum(paid, stairs.level[stage])
+    floor = jnp.where(reached & ~last, landing, progress.floor)
     return Progress(progress.index + reached.astype(jnp.int32), floor), paid

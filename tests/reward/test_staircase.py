@@ -21,14 +21,14 @@ def _run(stairs, values):
     return jax.lax.scan(one, staircase.init(), values)[1]
 
 
-def _oracle(least, values):
+def _oracle(least, level, values):
     """One frame after the other, in float64."""
     index, floor, paid, indices = 0, -np.inf, [], []
     for value in values:
         paid.append(max(value, floor))
         if index < len(least) and value >= least[index]:
             if index < len(least) - 1:
-                floor = paid[-1]
+                floor = max(paid[-1], level[index])
             index += 1
         indices.append(index)
     return np.array(paid), np.array(indices)
@@ -44,7 +44,8 @@ def test_random_walks_equal_the_loop():
     paid, index = jax.vmap(_run, (None, 0))(STAIRS, jnp.asarray(walks))
     assert len(np.unique(index[:, -1])) > 1
     for row, values in enumerate(walks):
-        wanted = _oracle(np.asarray(STAIRS.least[:3], np.float64), values.astype(np.float64))
+        ends = (np.asarray(x[:3], np.float64) for x in (STAIRS.least, STAIRS.level))
+        wanted = _oracle(*ends, values.astype(np.float64))
         np.testing.assert_allclose(paid[row], wanted[0], atol=1e-6)
         np.testing.assert_array_equal(index[row], wanted[1])
 
@@ -53,7 +54,15 @@ def test_undoing_costs_nothing_in_a_stage_and_all_of_it_after_the_last():
     values = jnp.array([-1.0, -0.6, -0.9, -0.25, -0.9, 0.0, -0.9])
     paid, index = _run(STAIRS, values)
     assert index.tolist() == [0, 1, 1, 2, 2, 3, 3]
-    np.testing.assert_allclose(paid, [-1, -0.6, -0.6, -0.25, -0.25, 0, -0.25], atol=1e-6)
+    np.testing.assert_allclose(paid, [-1, -0.6, -0.6, -0.25, -0.2, 0, -0.2], atol=1e-6)
+
+
+def test_to_better_what_is_done_brings_nothing_and_what_is_better_is_kept():
+    """From three quarters of a step up to its end, and beyond that end."""
+    paid, _ = _run(STAIRS, jnp.array([-1.0, -0.68, -0.65, -0.6, -0.55]))
+    np.testing.assert_allclose(paid, [-1, -0.68, -0.6, -0.6, -0.55], atol=1e-6)
+    paid, _ = _run(STAIRS, jnp.array([-1.0, -0.5, -0.65]))
+    np.testing.assert_allclose(paid, [-1, -0.5, -0.5], atol=1e-6)
 
 
 def test_without_levels_there_is_one_stage():

@@ -120,7 +120,7 @@ def test_stages_end_where_demonstrations_agree_that_the_reward_stands_still(monk
 )
 def test_stages_that_do_not_fit_the_sub_policies_are_said(count, sub_policies, said):
     run, ppo = RunSettings(reward="stages"), PPOConfig(sub_policies=sub_policies)
-    stairs = Staircase(jnp.zeros(8), jnp.int32(count))
+    stairs = Staircase(jnp.zeros(8), jnp.zeros(8), jnp.int32(count))
     found = stages.note(RunConfig(run=run, ppo=ppo), (None, stairs))
     assert found is said is None or said in found
 
