@@ -23,8 +23,11 @@ _OWN_STARTS: dict[str, Any] = {
     "env.observation": "plain",
     "ppo.own_starts": 0.0,
     "ppo.video_starts": 0.0,
+    "ppo.held_noise": 0.0,
 }
-_OWN_MOMENTS = _OWN_STARTS | {"ppo.own_starts": 0.7}
+# What lies between moments has to be found: a policy that has nothing to gain walks at random, and
+# gets further in one direction at a time.
+_OWN_MOMENTS = _OWN_STARTS | {"ppo.own_starts": 0.7, "ppo.held_noise": 0.5}
 _JITTER = {"env.variant": "jitter", "env.on_the_way": 0.0, "env.facing": 0.0}
 _MATCH_REGIONS: dict[str, dict[str, Any]] = {
     "A": _JITTER | _OWN_STARTS,

@@ -19,10 +19,12 @@ from gril_jax.runs.interrupt import Interrupted, heard, noticed
 
 @pytest.fixture(autouse=True)
 def _as_in_a_terminal():
-    """A shell's background job ignores Ctrl-C from the start, and with it these tests would."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """A shell's background job ignores Ctrl-C from the start, and nohup the terminal's end."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
     yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
