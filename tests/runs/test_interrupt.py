@@ -17,16 +17,6 @@ from gril_jax.errors import RunError
 from gril_jax.runs.interrupt import Interrupted, heard, noticed
 
 
-@pytest.fixture(autouse=True)
-def _as_in_a_terminal():
-    """A shell's background job ignores Ctrl-C from the start, and nohup the terminal's end."""
-    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
-    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_first_signal_is_noted_and_nothing_is_raised(number):
     with noticed() as notice:
