@@ -103,7 +103,7 @@ def _repeat(handler: Callable, over: threading.Event) -> None:
 
 
 def _within(function: Callable, frame: FrameType | None) -> bool:
-    """Whether `function` is being run in `frame` or called what is."""
+    """True if `function` is being run in `frame`, or has called what is."""
     while frame is not None and frame.f_code is not function.__code__:
         frame = frame.f_back
     return frame is not None

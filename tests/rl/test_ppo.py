@@ -300,7 +300,7 @@ def test_actions_are_in_the_box_and_random_only_if_asked(seeing, init):
 
 
 def _noise(share):
-    """The noise of the actions of an unroll (T, B, A), in standard deviations, and the rollout."""
+    """The noise of the actions of an unroll (T, B, A), in standard deviations."""
     ppo = _ppo(dataclasses.replace(UNSEEING, num_envs=4096, held_noise=share))
     state = ppo.init(jax.random.key(0), HYPER)
     means = jnp.arange(4096) % 2 == 0

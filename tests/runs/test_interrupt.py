@@ -144,7 +144,7 @@ def test_a_signal_that_ended_no_wait_is_sent_again(monkeypatch):
 
 
 def _sleeps_through(lose) -> bool:
-    """Whether Python goes on for thirty seconds after `lose` has lost a KeyboardInterrupt."""
+    """True if Python goes on for thirty seconds after `lose` has lost a KeyboardInterrupt."""
     woke = []
 
     def work():
