@@ -81,7 +81,7 @@ def measure(folder: Path, *, episodes: int = 256, seed: int = 0) -> dict:
 
 
 def _ended(folder, config, variant, key, episodes, *, there) -> Bool[np.ndarray, "P E"]:
-    """True for each episode of each policy that ends with success, `there` in the original engine."""
+    """True for each episode of each policy that ends well, `there` in the original engine."""
     env = setup.make_env(config.env, training=False)
     env = _in_chipmunk(env) if there else env
     algorithm = policy_setup.make_algorithm(config, env)
