@@ -12,6 +12,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gril_jax.envs.panda import kinematics
+from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.panda.frames import Frame, into, out_of, turned
 from jaxtyping import Array, Bool, Float
 
@@ -40,6 +42,13 @@ def box(frame: Frame, center, half) -> Boxes:
 def stacked(boxes: list[Boxes]) -> Boxes:
     """Several boxes as one."""
     return jax.tree.map(lambda *x: jnp.stack(x), *boxes)
+
+
+def robot(hand: Frame, left: Float[Array, ""], right: Float[Array, ""]) -> Boxes:
+    """Boxes of left finger, right finger and hand, by the openings of the fingers, metres."""
+    fingers = kinematics.finger(hand, left, 1), kinematics.finger(hand, right, -1)
+    tips = [box(finger, *panda_model.TIP_BOX) for finger in fingers]
+    return stacked([*tips, box(hand, *panda_model.HAND_BOX)])
 
 
 def lowest(boxes: Boxes) -> Float[Array, "*N"]:

@@ -23,10 +23,11 @@ from gril_jax.envs.panda.frames import Frame
 from gril_jax.envs.stages import Stages
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import REWARDS, boxes, physics
+from . import REWARDS, boxes, from_boxes, physics
 from . import observation as observations
 from . import reward as rewards
 from .boxes import Boxes
+from .from_boxes import Layout
 from .physics import Additions, Motion, build
 from .reward import Record, StageProgress
 from .start import Moments, Start, draw_moment
@@ -70,6 +71,8 @@ class Task(NamedTuple):
     """By how much the hand leans, rad; see `panda.kinematics.aim`."""
     colours: tuple[tuple[float, float, float], ...] = ()
     """Of the things, RGB from 0 to 1; empty: any."""
+    layout: Layout | None = None
+    """The things as a picture shows them; without it no frame can be a start."""
     max_contacts: int = 24
     """Most contacts that a substep resolves, unless the environment is told otherwise."""
 
@@ -185,11 +188,37 @@ class Tabletop:
         """Starts an episode at rest with given joints, objects, and opening of each finger."""
         return self._observe(*[self._at_rest(arm, start, opening)] * 2)
 
+    @property
+    def place(self) -> Callable[[Array, Array, PRNGKeyArray], State] | None:
+        """(centres, sizes, key) -> a start with the things where these boxes lie; see `from_boxes`.
+
+        None if the task has no layout. Boxes are in the order of `objects`. The robot is at home,
+        its arm drawn as at a reset: its boxes only tell what the hand holds.
+        """
+        return self._place if self.task.layout else None
+
+    def _place(
+        self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
+    ) -> State:
+        own = self.task.start(key, 0.0)
+        start = from_boxes.start_from(
+            center, size, self.task.layout, self.camera, own, self._things_of
+        )
+        return self._observe(*[self._with_arm(key, start)] * 2)
+
+    def _things_of(self, joints: Float[Array, "J"], fixtures: Float[Array, "M 7"]) -> Boxes:
+        """Boxes of the task's things, by its joints and fixtures alone."""
+        start = Start(joints, fixtures, jnp.zeros((), bool))
+        return self.task.boxes(self.view(self._at_rest(jnp.asarray(self._home), start, 0.0)))
+
     def _begin(self, key: PRNGKeyArray) -> TabletopData:
         """The task's own beginning."""
         key_start, key_arm = jax.random.split(key)
-        start = self.task.start(key_start, self.jitter)
-        noise = self.jitter * _ARM_NOISE * jax.random.normal(key_arm, (7,))
+        return self._with_arm(key_arm, self.task.start(key_start, self.jitter))
+
+    def _with_arm(self, key: PRNGKeyArray, start: Start) -> TabletopData:
+        """A start with the arm about its home."""
+        noise = self.jitter * _ARM_NOISE * jax.random.normal(key, (7,))
         return self._at_rest(self._home + noise, start, kinematics.FINGER_RANGE[1])
 
     def _at_rest(self, arm, start: Start, opening) -> TabletopData:
@@ -246,9 +275,8 @@ class Tabletop:
         return boxes.project(self.camera, self._with_robot(data, seen))
 
     def _with_robot(self, data: TabletopData, things: Boxes) -> Boxes:
-        hand, *fingers = _hand(data.motion)
-        tips = [boxes.box(finger, *panda_model.TIP_BOX) for finger in fingers]
-        own = boxes.stacked([*tips, boxes.box(hand, *panda_model.HAND_BOX)])
+        qpos = data.motion.qpos
+        own = boxes.robot(kinematics.hand(qpos[:7]), qpos[7], qpos[8])
         return Boxes(*(jnp.concatenate(x) for x in zip(own, things, strict=True)))
 
     def _observe(self, before: TabletopData, data: TabletopData) -> State:

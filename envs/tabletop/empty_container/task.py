@@ -14,7 +14,9 @@ from gril_jax.envs.stages import Stages
 from gril_jax.envs.tabletop import HOME, placing, sight
 from gril_jax.envs.tabletop.boxes import Boxes, box, stacked
 from gril_jax.envs.tabletop.entry import Entry
+from gril_jax.envs.tabletop.from_boxes import Layout
 from gril_jax.envs.tabletop.placing import Spot
+from gril_jax.envs.tabletop.resting import Space
 from gril_jax.envs.tabletop.reward import StageProgress
 from gril_jax.envs.tabletop.sight import Area
 from gril_jax.envs.tabletop.start import NOTHING, Footprint, Start, free_joint, group, place
@@ -32,6 +34,10 @@ _BELOW = 0.06  # metres: of a centre; two blocks may lie on each other
 # Where the middle of a block in the bin is seen, and where that of one that lies across it clearly
 # is: it is longer than half the bin's width.
 _INSIDE, _CLEARLY = Area((-0.5, -0.45), (0.5, 0.42)), Area((-0.15, -0.22), (0.19, 0.2))
+# Nothing bounds what is in the other bin, which is painted alone.
+_SPACES = tuple(
+    Space(i, space, model.outside(space)[:2]) for i, space in enumerate((model.TRAY, model.BIN))
+)
 
 
 def _start(key: PRNGKeyArray, share: float) -> Start:
@@ -78,7 +84,7 @@ TASK = Task(
     things=("tray", "bin", "other bin", "block A", "block B", "block C"),
     stages=("block A in", "block B in", "block C in"), scene=model.scene(), home=HOME,
     start=_start, boxes=_boxes, progress=_progress, episode_length=300, by_boxes=stages,
-    max_contacts=32,
+    max_contacts=32, layout=Layout((0, 1, 2), model.BLOCKS, _SPACES),
     colours=((0.6, 0.6, 0.62), (0.75, 0.22, 0.2), (0.2, 0.35, 0.7), (0.3, 0.3, 0.32),
              (0.42, 0.44, 0.36), (0.36, 0.3, 0.4)),
 )  # fmt: skip

@@ -16,7 +16,9 @@ from gril_jax.envs.stages import Stages
 from gril_jax.envs.tabletop import HOME, placing, sight
 from gril_jax.envs.tabletop.boxes import Boxes, box, stacked
 from gril_jax.envs.tabletop.entry import Entry
+from gril_jax.envs.tabletop.from_boxes import Layout
 from gril_jax.envs.tabletop.placing import Spot
+from gril_jax.envs.tabletop.resting import Space
 from gril_jax.envs.tabletop.reward import StageProgress
 from gril_jax.envs.tabletop.sight import Area
 from gril_jax.envs.tabletop.start import Footprint, Start, free_joint, group, place
@@ -79,6 +81,7 @@ TASK = Task(
     things=("bin", "rubbish", "tomato A", "tomato B"), stages=("rubbish in",),
     scene=model.scene(), home=HOME, start=_start, boxes=_boxes, progress=_progress,
     episode_length=120, by_boxes=stages,
+    layout=Layout((0,), _HALVES, (Space(0, model.INSIDE, model.BIN_HALF[:2]),)),
     colours=((0.45, 0.47, 0.5), (0.72, 0.72, 0.7), (0.8, 0.2, 0.15), (0.8, 0.3, 0.15)),
 )  # fmt: skip
 ENTRY = Entry(TASK, expert.SCRIPT)

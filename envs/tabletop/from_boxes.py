@@ -1,0 +1,221 @@
+"""The state of a table that shows given boxes: the inverse of the camera.
+
+Sizes of things are known, and what stands or lies on the table has its height. So the four numbers
+of a box are enough for a thing's place and turn. What a hand holds is at its fingers, whose place
+their own boxes and the hand's tell: it points straight down. Everything is found by least squares,
+from several starts, by the Levenberg-Marquardt method: first what stands, with its lid or drawer,
+then each loose thing alone. A thing may be partly hidden: a seen box that is smaller than it should
+be is cheap, a larger one is not.
+
+A box of four numbers hardly tells a small turn from that to the other side. Then the turn is taken
+that is nearer to the task's own arrangement, turned as the first fixture is.
+
+Shapes use P for parameters, R for residuals and C for starts; boxes are those of the picture.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gril_jax.envs.panda import kinematics
+from gril_jax.envs.panda.frames import Frame, about_z
+from jaxtyping import Array, Float
+
+from . import boxes
+from .boxes import Boxes, Camera
+from .resting import Space, put_down
+from .start import Start, free_joint
+
+_PIXEL = 2 / 256  # of the picture: how well edges are known
+_HIDDEN, _MORE = 2.0, 0.05  # pixels: about the cost of a hidden edge, and for each pixel more
+_TURN = 0.25  # rad: how far turns are from the task's own
+_LIE = 0.002  # metres: how far a middle's height is from that of what lies on the table
+_ANYWHERE = 100.0  # metres: of what lies, along the table
+_HELD = 0.02  # metres: how far the middle of what is held is from the tool centre point
+_HEIGHTS = (0.05, 0.2, 0.4)  # metres: of the tool centre point, where the search begins
+_STEPS = 20
+_TURNS = (-0.4, -0.13, 0.13, 0.4)  # rad: where the search for turns begins
+_GRIP_TURN = 0.4  # rad: how far the hand is turned, from where its fingers open along y
+_DOWN = np.array([1.0, -1.0, -1.0], np.float32)  # columns of a rotation whose z points down
+_ALONG = (0.05, 0.5, 0.95)  # of a rail
+_BEYOND = 0.02  # of a rail's length: how far a thing is seen beyond its ends
+
+
+class Rail(NamedTuple):
+    """A thing on a hinge or a slide, one joint, whose box shows how far it is open."""
+
+    thing: int
+    low: float
+    high: float
+    tips: float  # from there on it falls open, before it shut
+
+
+class Layout(NamedTuple):
+    """A task's things as a picture shows them; the joints are those of rails, then of loose ones.
+
+    Loose things come last in the task, each with its box about its origin.
+    """
+
+    standing: tuple[int, ...]  # the thing that is each fixture
+    loose: tuple[tuple[float, float, float], ...]  # half extents, metres
+    spaces: tuple[Space, ...]
+    rails: tuple[Rail, ...] = ()
+
+
+def start_from(
+    center: Float[Array, "N 2"], size: Float[Array, "N 2"], layout: Layout, camera: Camera,
+    own: Start, things: Callable[[Array, Array], Boxes],
+) -> Start:  # fmt: skip
+    """The start at rest whose boxes in the picture are the given ones, of the robot's three objects
+    and the task's.
+
+    What is held comes to lie below, and a lid falls to the side where it is. `own` is the task's
+    arrangement, `things` their boxes in space by (joints, fixtures). Boxes that are not finite give
+    the task's own.
+    """
+    known = jnp.isfinite(center).all() & jnp.isfinite(size).all()
+    edges = _edges(jnp.where(known, center, 0.0), jnp.where(known, size, 0.1))
+    own_robot, seen = edges[:3], edges[3:]
+    with jax.default_matmul_precision("highest"):
+        base, rails = _standing(seen, layout, camera, own, things)
+        turned = base[0, 2] - _yaw(own.fixtures[0, 3:])
+        poses = own.joints[len(layout.rails) :].reshape(-1, 7)
+        first = len(seen) - len(layout.loose)
+        half = jnp.array(layout.loose)
+        tool = _tool(own_robot, camera)
+        look = jax.vmap(lambda edges, half, yaw: _loose(edges, half, yaw + turned, tool, camera))
+        places = look(seen[first:], half, jax.vmap(_yaw)(poses[:, 3:]))
+        spots = base[np.array([space.fixture for space in layout.spaces], int)]
+        places, heights = put_down(places, half, layout.spaces, spots)
+    loose = free_joint(places, 0.0).reshape(-1, 7).at[:, 2].set(heights)
+    fallen = [
+        jnp.where(at < rail.tips, rail.low, rail.high)
+        for at, rail in zip(rails, layout.rails, strict=True)
+    ]
+    joints = jnp.concatenate([jnp.stack(fallen), loose.reshape(-1)] if fallen else [loose.ravel()])
+    fixtures = free_joint(base, 0.0).reshape(-1, 7)
+    known &= jnp.isfinite(joints).all() & jnp.isfinite(fixtures).all()
+    return own._replace(
+        joints=jnp.where(known, joints, own.joints),
+        fixtures=jnp.where(known, fixtures, own.fixtures),
+    )
+
+
+def _standing(seen, layout: Layout, camera: Camera, own: Start, things):
+    """Places (M, 3) of the fixtures and positions of the rails."""
+    count, rails = len(layout.standing), layout.rails
+    shown = np.array([*layout.standing, *(rail.thing for rail in rails)])
+    yaw = jax.vmap(_yaw)(own.fixtures[:, 3:])
+    low, high = jnp.array([[rail.low, rail.high] for rail in rails]).reshape(-1, 2).T
+
+    def residual(params):
+        places, at = params[: 3 * count].reshape(count, 3), params[3 * count :]
+        joints = own.joints.at[: len(rails)].set(at)
+        found = things(joints, free_joint(places, 0.0).reshape(-1, 7))
+        edges = _edges(*boxes.project(camera, Boxes(*(x[shown] for x in found))))
+        misfit = _misfit(edges, seen[shown]).reshape(-1)
+        beyond = (at - jnp.clip(at, low, high)) / (_BEYOND * (high - low))
+        return jnp.concatenate([misfit, (places[:, 2] - yaw) / _TURN, beyond])
+
+    def begin(turn, along):
+        places = jnp.concatenate([own.fixtures[:, :2], (yaw + turn)[:, None]], axis=1)
+        at = [rail.low + along * (rail.high - rail.low) for rail in rails]
+        return jnp.concatenate([places.reshape(-1), jnp.array(at)])
+
+    ways = [(turn, along) for turn in _TURNS for along in (_ALONG if rails else (0.0,))]
+    found = _least(residual, jnp.stack([begin(*way) for way in ways]))
+    return found[: 3 * count].reshape(count, 3), found[3 * count :]
+
+
+def _tool(seen: Float[Array, "3 4"], camera: Camera) -> Float[Array, "3"]:
+    """The tool centre point of a hand that points straight down."""
+
+    def shown(params):
+        place, yaw, opening = params[:3], params[3], params[4]
+        hand = Frame(place.at[2].add(kinematics.TCP), about_z(yaw) * _DOWN)
+        return _edges(*boxes.project(camera, boxes.robot(hand, opening, opening)))
+
+    def residual(params):
+        middle = kinematics.FINGER_RANGE[1] / 2
+        of_own = jnp.stack([params[3] / _GRIP_TURN, (params[4] - middle) / middle])
+        return jnp.concatenate([_misfit(shown(params), seen).reshape(-1), of_own])
+
+    middle = (seen[:2, :2] + seen[:2, 2:]).mean(axis=0) / 2
+
+    def begin(height):
+        spot = _on_plane(camera, middle, height)
+        return jnp.concatenate([spot, jnp.stack([height, *jnp.array([0.0, 0.02])])])
+
+    return _least(residual, jax.vmap(begin)(jnp.array(_HEIGHTS)))[:3]
+
+
+def _loose(seen: Float[Array, "4"], half, yaw, tool, camera: Camera) -> Float[Array, "3"]:
+    """The place (x, y, yaw) of a loose thing, which lies on the table or is held at the tool."""
+
+    def residual(params, mean, about, cost):
+        place, turn = params[:3], params[3]
+        edges = _edges(*boxes.project(camera, Boxes(place, about_z(turn), half)))
+        of_own = jnp.stack([(turn - yaw) / _TURN, cost])
+        return jnp.concatenate([_misfit(edges, seen), (place - mean) / about, of_own])
+
+    lies = jnp.append(_on_plane(camera, (seen[:2] + seen[2:]) / 2, half[2]), half[2])
+    means = jnp.repeat(jnp.stack([lies, tool]), len(_TURNS), axis=0)
+    abouts = jnp.array([[_ANYWHERE, _ANYWHERE, _LIE], [_HELD] * 3]).repeat(len(_TURNS), axis=0)
+    # A hand hides the top of what it holds, which is no sign that a thing lies elsewhere.
+    costs = jnp.array([_HIDDEN, 0.0]).repeat(len(_TURNS))
+    turns = jnp.tile(yaw + jnp.array(_TURNS), 2)
+    starts = jnp.concatenate([means, turns[:, None]], axis=1)
+    found = _least(residual, starts, means, abouts, costs)
+    return found[np.array([0, 1, 3])]
+
+
+def _least(residual: Callable[..., Array], starts: Float[Array, "C P"], *of) -> Float[Array, "P"]:
+    """The parameters of least squares, over a search from each of the starts."""
+
+    def one(start, *of):
+        cost = lambda params: jnp.sum(residual(params, *of) ** 2)  # noqa: E731
+
+        def step(now, _):
+            params, least, damping = now
+            slopes, off = jax.jacfwd(residual)(params, *of), residual(params, *of)
+            square = slopes.T @ slopes
+            square += jnp.diag(damping * jnp.diagonal(square) + 1e-3)
+            tried = params - jnp.linalg.solve(square, slopes.T @ off)
+            costs = cost(tried)
+            better = costs < least  # False for what is not finite
+            now = jnp.where(better, tried, params), jnp.where(better, costs, least)
+            return (*now, damping * jnp.where(better, 0.3, 5.0)), None
+
+        begun = start, cost(start), jnp.float32(0.03)
+        return jax.lax.scan(step, begun, length=_STEPS)[0][:2]
+
+    found, costs = jax.vmap(one)(starts, *of)
+    return found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
+
+
+def _edges(center: Float[Array, "*N 2"], size: Float[Array, "*N 2"]) -> Float[Array, "*N 4"]:
+    return jnp.concatenate([center - size / 2, center + size / 2], axis=-1)
+
+
+def _misfit(shown: Float[Array, "*N 4"], seen: Float[Array, "*N 4"]) -> Float[Array, "*N 4"]:
+    """Residuals, in pixels: how far edges would be beyond those seen, where little is added to what
+    one that is hidden costs."""
+    beyond = (shown - seen) * np.array([-1, -1, 1, 1], np.float32) / _PIXEL
+    far = jnp.maximum(beyond, 0.0)
+    return jnp.minimum(beyond, 0.0) + far / jnp.sqrt(1 + (far / _HIDDEN) ** 2) + _MORE * far
+
+
+def _on_plane(camera: Camera, point: Float[Array, "2"], height) -> Float[Array, "2"]:
+    """Where the picture shows a point of a level plane."""
+    axes, place = boxes.axes(camera), np.array(camera.place, np.float32)
+    scale = np.float32(np.tan(camera.field / 2))
+    ray = axes[0] * point[0] * scale + axes[1] * point[1] * scale + axes[2]
+    down = jnp.minimum(ray[2], -0.05)  # above the horizon there is no such point
+    return place[:2] + (height - place[2]) / down * ray[:2]
+
+
+def _yaw(turn: Float[Array, "4"]) -> Float[Array, ""]:
+    """The turn about z of a quaternion."""
+    return 2 * jnp.arctan2(turn[3], turn[0])

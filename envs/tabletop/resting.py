@@ -1,0 +1,103 @@
+"""Things put down where they are seen: each lies level on the table or in a space.
+
+A picture tells places to a few millimetres, so that things may overlap a little, or a wall. They
+are moved apart in the plane; what finds no room beside another thing lies on it. Shapes use N for
+things; lengths are metres.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .start import Footprint
+
+_ROUNDS = 12  # of moving apart
+_GAP = 0.001  # metres, from walls and between things
+_TOUCH = 0.0005  # metres of overlap that count as lying beside each other
+
+
+class Space(NamedTuple):
+    """A fixture with walls about a floor at the table's height."""
+
+    fixture: int
+    inside: tuple[float, float]  # half extents between the walls
+    outside: tuple[float, float]  # with the walls
+
+
+def clear(a: Footprint, b: Footprint) -> Float[Array, "2"]:
+    """The shortest shift of a thing `a` that brings it clear of `b`; 0 where it is."""
+    yaws = jnp.stack([a.place[2], a.place[2] + jnp.pi / 2, b.place[2], b.place[2] + jnp.pi / 2])
+    axes = jnp.stack([jnp.cos(yaws), jnp.sin(yaws)], axis=1)
+    away = axes @ (a.place[:2] - b.place[:2])
+    depth = _reach(yaws, a) + _reach(yaws, b) - jnp.abs(away)
+    least = jnp.argmin(depth)
+    way = jnp.where(away[least] < 0, -1.0, 1.0) * axes[least]
+    return way * jnp.maximum(depth[least], 0.0)
+
+
+def _reach(yaws: Float[Array, "*K"], thing: Footprint) -> Float[Array, "*K"]:
+    """Half of a thing's extent along directions."""
+    turn = yaws - thing.place[2]
+    return thing.half[0] * jnp.abs(jnp.cos(turn)) + thing.half[1] * jnp.abs(jnp.sin(turn))
+
+
+def over(space: Space, base: Float[Array, "3"], places: Float[Array, "N 3"]) -> Bool[Array, "N"]:
+    """True for each thing whose middle is above the floor of a space that stands at `base`."""
+    return (jnp.abs(_into(base, places[:, :2])) < jnp.array(space.inside)).all(axis=1)
+
+
+def put_down(
+    places: Float[Array, "N 3"], half: Float[Array, "N 3"], spaces: tuple[Space, ...],
+    bases: Float[Array, "S 3"],
+) -> tuple[Float[Array, "N 3"], Float[Array, "N"]]:  # fmt: skip
+    """Places (x, y, yaw) near the given ones where nothing overlaps, and heights of the middles.
+
+    A thing above the floor of a space comes to lie within its walls, any other is moved out of it;
+    `bases` are the places of the spaces. What is in a box with a lid lies below it.
+    """
+    held = [over(space, base, places) for space, base in zip(spaces, bases, strict=True)]
+    own = jnp.eye(len(places), dtype=bool)
+
+    def moved(_, now):
+        apart = jnp.where(own[..., None], 0.0, _between(now, half))
+        now = now.at[:, :2].add(0.5 * apart.sum(axis=1))
+        for space, base, inside in zip(spaces, bases, held, strict=True):
+            now = jax.vmap(_walled, (None, None, 0, 0, 0))(space, base, now, half, inside)
+        return now
+
+    places = jax.lax.fori_loop(0, _ROUNDS, moved, places)
+    overlap = jnp.sqrt(jnp.sum(_between(places, half) ** 2, axis=-1)) > _TOUCH + _GAP
+    heights: list[Array] = []
+    for i in range(len(places)):  # what found no room lies on those before it
+        tops = [jnp.where(overlap[i, j], heights[j] + half[j, 2], 0.0) for j in range(i)]
+        heights.append(jnp.max(jnp.stack([jnp.zeros(()), *tops])) + half[i, 2])
+    return places, jnp.stack(heights)
+
+
+def _between(places: Float[Array, "N 3"], half: Float[Array, "N 3"]) -> Float[Array, "N N 2"]:
+    """Shifts that bring each thing clear of each other one, by the gap."""
+    things = Footprint(places, half[:, :2] + _GAP / 2)
+    return jax.vmap(jax.vmap(clear, in_axes=(None, 0)), in_axes=(0, None))(things, things)
+
+
+def _walled(space: Space, base, place, half, inside) -> Float[Array, "3"]:
+    """The place of one thing, kept between the walls of a space or out of them."""
+    local = _into(base, place[:2])
+    thing = Footprint(place, half[:2])
+    reach = _reach(base[2] + jnp.array([0.0, jnp.pi / 2]), thing)
+    room = jnp.maximum(jnp.array(space.inside) - reach - _GAP, 0.0)
+    kept = jnp.clip(local, -room, room)
+    out = clear(thing, Footprint(base, jnp.array(space.outside) + _GAP))
+    c, s = jnp.cos(base[2]), jnp.sin(base[2])
+    within = base[:2] + jnp.stack([c * kept[0] - s * kept[1], s * kept[0] + c * kept[1]])
+    return place.at[:2].set(jnp.where(inside, within, place[:2] + out))
+
+
+def _into(base: Float[Array, "3"], points: Float[Array, "*N 2"]) -> Float[Array, "*N 2"]:
+    """Points of the plane in the frame of what stands at a place."""
+    away, c, s = points - base[:2], jnp.cos(base[2]), jnp.sin(base[2])
+    return jnp.stack(
+        [c * away[..., 0] + s * away[..., 1], c * away[..., 1] - s * away[..., 0]], axis=-1
+    )

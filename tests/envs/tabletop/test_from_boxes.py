@@ -1,0 +1,201 @@
+"""A table read from its boxes: the inverse of the camera, and things that lie clear of each other.
+
+One compiled placement serves most of the file: compiling takes most of its time.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.envs.tabletop import resting
+from gril_jax.envs.tabletop.hand import Hand
+from gril_jax.envs.tabletop.resting import Space, put_down
+from gril_jax.envs.tabletop.shoes_in_box import model
+from gril_jax.envs.tabletop.start import Footprint, Start, free_joint
+
+from gril_jax import envs
+
+HALF = jnp.array([model.SHOE_HALF] * 2)
+SPACE = Space(0, model.FLOOR_HALF, model.BOX_HALF[:2])
+BASE = jnp.array([[0.5, -0.15, 0.2]])
+
+
+@functools.cache
+def _env():
+    return envs.make("shoes_in_box", observation="plain", jitter=1.0)
+
+
+@functools.cache
+def _place():
+    return jax.jit(jax.vmap(_env().place))
+
+
+@functools.cache
+def _shown():
+    """States with given joints and fixtures, the robot at home."""
+    env = _env()
+
+    def show(joints, fixtures, opening):
+        start = Start(joints, fixtures, jnp.zeros((), bool))
+        return env.reset_to(jnp.asarray(env.task.home), start, opening=opening)
+
+    return jax.jit(jax.vmap(show))
+
+
+@functools.cache
+def _scenes():
+    """Eight starts of the task, in four of which the lid is open, and a shoe or two in the box."""
+    states = jax.jit(jax.vmap(_env().reset))(jax.random.split(jax.random.key(3), 8))
+    joints = np.array(states.data.motion.qpos[:, 9:])
+    fixtures = np.array(states.data.fixtures)
+    for lane, inside in ((4, ()), (5, (0,)), (6, (1,)), (7, (0, 1))):
+        joints[lane, 0] = model.LID_RANGE[1]
+        x, y = fixtures[lane, 0, :2]
+        yaw = 2 * np.arctan2(fixtures[lane, 0, 6], fixtures[lane, 0, 3])
+        for shoe in inside:
+            aside = (-0.05, 0.06)[shoe]
+            spot = [x - np.sin(yaw) * aside, y + np.cos(yaw) * aside, yaw + 0.05]
+            pose = free_joint(jnp.array([spot]), model.SHOE_HALF[2])
+            joints[lane, 1 + 7 * shoe : 8 + 7 * shoe] = pose
+    return _shown()(joints, fixtures, np.full(8, 0.04, np.float32))
+
+
+def _placed(objects, key=0):
+    count = len(objects.center)
+    return _place()(objects.center, objects.size, jax.random.split(jax.random.key(key), count))
+
+
+def _poses(state):
+    return state.data.motion.qpos[:, 10:].reshape(-1, 2, 7)
+
+
+def test_a_state_is_found_again_from_its_boxes():
+    true, found = _scenes(), _placed(_scenes().objects)
+    np.testing.assert_allclose(
+        found.data.fixtures[:, 0, :2], true.data.fixtures[:, 0, :2], atol=2e-3
+    )
+    np.testing.assert_allclose(_poses(found)[..., :3], _poses(true)[..., :3], atol=0.012)
+    np.testing.assert_allclose(found.data.motion.qpos[:, 9], true.data.motion.qpos[:, 9], atol=1e-3)
+    np.testing.assert_allclose(found.objects.center[:, 3:], true.objects.center[:, 3:], atol=0.02)
+    np.testing.assert_allclose(found.objects.size[:, 3:], true.objects.size[:, 3:], atol=0.04)
+    assert not found.data.motion.qvel.any()
+
+
+def test_a_lid_that_is_half_open_falls_to_the_side_where_it_is():
+    data = _scenes().data
+    joints = np.array(data.motion.qpos[:, 9:])
+    joints[:, 0] = [0.3, 0.8, 1.2, 1.4, 1.75, 2.0, 2.3, 2.6]
+    seen = _shown()(joints, data.fixtures, np.full(8, 0.04, np.float32))
+    lids = _placed(seen.objects).data.motion.qpos[:, 9]
+    np.testing.assert_allclose(lids, np.repeat(np.array(model.LID_RANGE, np.float32), 4))
+
+
+def test_a_held_shoe_lies_below_the_hand_and_stays_there():
+    env, data = _env(), _scenes().data
+    hand = env.view(jax.tree.map(lambda x: x[0], data)).hand.position
+    joints = np.array(data.motion.qpos[:, 9:])
+    joints[:4, 1:4] = hand  # over the table, between the fingers
+    seen = _shown()(joints, data.fixtures, np.full(8, 0.03, np.float32))
+    found = _placed(seen.objects)
+    lies = _poses(found)[:4, 0, :3]
+    np.testing.assert_allclose(lies[:, 2], model.SHOE_HALF[2], atol=1e-6)
+    outside = jnp.abs(lies[:, 1] - hand[1]) + jnp.abs(lies[:, 0] - hand[0])
+    assert (outside < 0.1).all()  # moved a little aside, where the box or the other shoe is
+    for lane in range(8):
+        play = Hand(env, jax.tree.map(lambda x, i=lane: x[i], found))
+        play.rest(20)
+        moved = play.positions[-1][10:].reshape(2, 7) - play.positions[0][10:].reshape(2, 7)
+        assert np.abs(moved[:, :3]).max() < 0.01
+        assert np.abs(play.velocities[-1][9:]).max() < 0.02
+
+
+def test_whatever_the_boxes_are_the_state_is_finite():
+    seen = _scenes().objects
+    bad = np.array(seen.center), np.array(seen.size)
+    bad[0][0, 4, 0], bad[1][1, 5, 1] = np.nan, np.inf
+    bad[1][2], bad[0][3], bad[0][4] = 0.0, 5.0, -1e4
+    bad[0][5], bad[1][6] = 0.0, 100.0
+    found = _placed(seen._replace(center=bad[0], size=bad[1]))
+    for leaf in jax.tree.leaves((found.data.motion, found.obs, found.objects)):
+        assert np.isfinite(leaf).all()
+    own = _env().task.start(jax.random.key(0), 0.0)
+    np.testing.assert_allclose(found.data.motion.qpos[0, 9:], own.joints, atol=1e-6)
+
+
+def test_one_by_one_is_as_all_at_once_and_the_key_draws_the_arm_alone():
+    seen, all_found = _scenes().objects, _placed(_scenes().objects)
+    keys = jax.random.split(jax.random.key(0), 8)
+    one = jax.jit(_env().place)
+    for lane in (0, 7):
+        found = one(seen.center[lane], seen.size[lane], keys[lane])
+        np.testing.assert_allclose(
+            found.data.motion.qpos, all_found.data.motion.qpos[lane], atol=2e-3
+        )
+    other = _placed(seen, key=1).data
+    np.testing.assert_allclose(other.motion.qpos[:, 9:], all_found.data.motion.qpos[:, 9:])
+    assert (other.motion.qpos[:, :7] != all_found.data.motion.qpos[:, :7]).any()
+
+
+@pytest.mark.parametrize("task", ["shoes_out_of_box", "rubbish_in_bin", "empty_container"])
+def test_other_tasks_with_walls_find_their_starts_again(task):
+    env = envs.make(task)
+
+    def around(key):
+        true = env.reset(key)
+        found = env.place(true.objects.center, true.objects.size, key)
+        return true.objects.center, found.objects.center
+
+    true, found = jax.jit(jax.vmap(around))(jax.random.split(jax.random.key(0), 8))
+    assert np.abs(true - found)[:, 3:].max() < 0.02
+
+
+@pytest.mark.parametrize("task", ["item_in_drawer", "umbrella_out"])
+def test_a_task_without_a_layout_places_nothing(task):
+    assert envs.make(task).place is None
+
+
+# ---------------------------------------------------------------- what lies beside what
+
+
+def _thing(x, y, yaw, half=model.SHOE_HALF[:2]):
+    return Footprint(jnp.array([x, y, yaw]), jnp.array(half))
+
+
+def test_a_shift_brings_things_just_clear_of_each_other():
+    rng = np.random.default_rng(0)
+    fixed = _thing(0.0, 0.0, 0.3)
+    for x, y, yaw in rng.uniform(-0.15, 0.15, (20, 3)) * np.array([1, 1, 20]):
+        shift = resting.clear(_thing(x, y, yaw), fixed)
+        moved = _thing(x + shift[0], y + shift[1], yaw)
+        assert np.linalg.norm(resting.clear(moved, fixed)) < 1e-5
+        if np.linalg.norm(shift) > 0:  # half of it would not have been enough
+            half = _thing(x + shift[0] / 2, y + shift[1] / 2, yaw)
+            assert np.linalg.norm(resting.clear(half, fixed)) > 0
+
+
+def test_what_is_clear_stays_where_it_is():
+    places = jnp.array([[0.5, 0.12, 0.1], [0.48, -0.15, 0.2]])
+    found, heights = put_down(places, HALF, (SPACE,), BASE)
+    np.testing.assert_allclose(found, places, atol=1e-6)
+    np.testing.assert_allclose(heights, 0.025)
+
+
+def test_shoes_in_the_box_lie_within_its_walls_beside_each_other():
+    places = jnp.array([[0.64, -0.13, 0.5], [0.62, -0.12, 0.2]])  # through the wall
+    found, heights = put_down(places, HALF, (SPACE,), BASE)
+    assert resting.over(SPACE, BASE[0], found).all()
+    for place in found:  # clear of each wall, as thin things beside the floor
+        local = resting._into(BASE[0], place[:2])
+        thing = Footprint(place, HALF[0, :2])
+        reach = resting._reach(BASE[0, 2] + jnp.array([0, np.pi / 2]), thing)
+        assert (jnp.abs(local) + reach <= jnp.array(model.FLOOR_HALF) + 1e-5).all()
+    beside = np.linalg.norm(resting.clear(*(Footprint(p, HALF[0, :2]) for p in found))) < 1e-3
+    assert beside or heights[1] > heights[0] + 0.04
+
+
+def test_where_there_is_no_room_one_shoe_lies_on_the_other():
+    tight = Space(0, (0.09, 0.04), (0.1, 0.05))
+    _, heights = put_down(BASE.repeat(2, axis=0), HALF, (tight,), BASE)
+    np.testing.assert_allclose(heights, [0.025, 0.075], atol=1e-6)
