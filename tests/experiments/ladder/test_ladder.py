@@ -29,7 +29,10 @@ def test_a_row_gives_the_learner_the_help_of_its_level(task):
     ("args", "said"),
     [
         (["magical_suite"], "env.name is 'move_to_corner', but a ladder is made for match_regions"),
-        (["tabletop", "--env.name=umbrella_out", "--rows", "ours at level V"], "--rows names 'ours"),
+        (
+            ["tabletop", "--env.name=umbrella_out", "--rows=ours at level V"],
+            "--rows names 'ours at",
+        ),
         (["shoes_in_box", "--ppo.own-starts=1"], "each row of the table sets it for itself"),
         (["--run.algorithm", "sac"], "run.algorithm is 'sac', but must be 'ppo' for a ladder"),
         (["--ppo.own-starts", "0.2"], "each row of the table sets it for itself"),
