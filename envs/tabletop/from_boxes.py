@@ -182,7 +182,7 @@ def _least(residual: Callable[..., Array], starts: Float[Array, "C P"], *of) -> 
             slopes, off = jax.jacfwd(residual)(params, *of), residual(params, *of)
             square = slopes.T @ slopes
             square += jnp.diag(damping * jnp.diagonal(square) + 1e-3)
-            tried = params - jnp.linalg.solve(square, slopes.T @ off)
+            tried = params - _solved(square, slopes.T @ off)
             costs = cost(tried)
             better = costs < least  # False for what is not finite
             now = jnp.where(better, tried, params), jnp.where(better, costs, least)
@@ -193,6 +193,18 @@ def _least(residual: Callable[..., Array], starts: Float[Array, "C P"], *of) -> 
 
     found, costs = jax.vmap(one)(starts, *of)
     return found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
+
+
+def _solved(square: Float[Array, "P P"], right: Float[Array, "P"]) -> Float[Array, "P"]:
+    """The solution of a few equations, positive definite, by elimination.
+
+    A library's solver would be a call of its own for each step, which no compiler joins to others.
+    """
+    both = jnp.concatenate([square, right[:, None]], axis=1)
+    for k in range(len(right)):
+        row = both[k] / both[k, k]
+        both = (both - both[:, k : k + 1] * row).at[k].set(row)
+    return both[:, -1]
 
 
 def _edges(center: Float[Array, "*N 2"], size: Float[Array, "*N 2"]) -> Float[Array, "*N 4"]:
