@@ -16,9 +16,9 @@ import numpy as np
 from gril_jax.envs.base import Demonstrations, Episode, ExpertError, Film, State, Wanted
 from jaxtyping import Bool, Float32, Int8
 
+from .environment import Tabletop
 from .recorded import Run
 from .render import Renderer
-from .task import Tabletop
 
 JITTER = {"demo": 0.0, "jitter": 0.5, "layout": 1.0}  # of starts, by `Wanted.places`
 _BATCH = 32  # starts drawn at once

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from gril_jax.envs.base import Demonstrations, Wanted
 
 from .demonstrations import JITTER, Expert, record
+from .environment import Tabletop
 from .recorded import moments
 from .script import Script
 from .start import Moments
-from .task import Tabletop, Task
+from .task import Task
 
 
 class Entry:

@@ -77,14 +77,14 @@ def start_from(
     """
     known = jnp.isfinite(center).all() & jnp.isfinite(size).all()
     edges = _edges(jnp.where(known, center, 0.0), jnp.where(known, size, 0.1))
-    own_robot, seen = edges[:3], edges[3:]
+    robot, seen = edges[:3], edges[3:]
     with jax.default_matmul_precision("highest"):
         base, rails = _standing(seen, layout, camera, own, things)
         turned = base[0, 2] - _yaw(own.fixtures[0, 3:])
         poses = own.joints[len(layout.rails) :].reshape(-1, 7)
         first = len(seen) - len(layout.loose)
         half = jnp.array(layout.loose)
-        tool = _tool(own_robot, camera)
+        tool = _tool(robot, camera)
         look = jax.vmap(lambda edges, half, yaw: _loose(edges, half, yaw + turned, tool, camera))
         places = look(seen[first:], half, jax.vmap(_yaw)(poses[:, 3:]))
         spots = base[np.array([space.fixture for space in layout.spaces], int)]
@@ -220,7 +220,7 @@ def _misfit(shown: Float[Array, "*N 4"], seen: Float[Array, "*N 4"]) -> Float[Ar
 
 
 def _on_plane(camera: Camera, point: Float[Array, "2"], height) -> Float[Array, "2"]:
-    """Where the picture shows a point of a level plane."""
+    """The point (x, y) of a level plane, metres, at a point of the picture."""
     axes, place = boxes.axes(camera), np.array(camera.place, np.float32)
     scale = np.float32(np.tan(camera.field / 2))
     ray = axes[0] * point[0] * scale + axes[1] * point[1] * scale + axes[2]

@@ -12,7 +12,7 @@ import numpy as np
 from gril_jax.envs.base import State
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda.frames import Frame
-from gril_jax.envs.tabletop.task import Tabletop
+from gril_jax.envs.tabletop.environment import Tabletop
 from jaxtyping import Float
 
 OPEN, CLOSED = 1.0, -1.0  # actions of the gripper

@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float, Int
 
 from . import reward as rewards
 from .boxes import Boxes
+from .environment import Tabletop
 from .hand import Hand
 from .start import Moments
-from .task import Tabletop
 
 LIMIT = 900  # control steps of an episode; a script that meets no trouble takes half of them
 _EVERY = 4  # control steps from one kept moment to the next: a fifth of a second

@@ -15,7 +15,7 @@ import jax
 import mujoco
 import numpy as np
 from gril_jax.envs.base import State
-from gril_jax.envs.tabletop.task import Tabletop
+from gril_jax.envs.tabletop.environment import Tabletop
 from jaxtyping import Float, Int8, UInt8
 
 from .boxes import Boxes, Camera

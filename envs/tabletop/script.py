@@ -11,9 +11,9 @@ import numpy as np
 from gril_jax.envs.base import State
 from gril_jax.envs.checks import check_known
 
+from .environment import Tabletop
 from .hand import Hand
 from .recorded import LIMIT, Run, cut, judge
-from .task import Tabletop
 
 AFTER = 10  # moments kept after success
 EARLY = "stops early"  # the kind of failure that every script has: a success that breaks off

@@ -11,8 +11,8 @@ import cv2
 import jax
 import numpy as np
 from gril_jax.envs import Env, State
+from gril_jax.envs.tabletop.environment import Tabletop
 from gril_jax.envs.tabletop.render import Renderer
-from gril_jax.envs.tabletop.task import Tabletop
 from jaxtyping import UInt8
 
 from gril_jax.demos.vision import render

@@ -29,11 +29,11 @@ from gril_jax.envs.panda.kinematics import FINGER_RANGE
 from gril_jax.envs.panda.model import DOFS
 from gril_jax.envs.tabletop import moves
 from gril_jax.envs.tabletop.entry import Entry
+from gril_jax.envs.tabletop.environment import Tabletop
 from gril_jax.envs.tabletop.hand import Hand
 from gril_jax.envs.tabletop.recorded import judge
 from gril_jax.envs.tabletop.sight import ROBOTS
 from gril_jax.envs.tabletop.start import Start
-from gril_jax.envs.tabletop.task import Tabletop
 from gril_jax.experiments.fidelity.physics_parity import printed
 from jaxtyping import Float
 

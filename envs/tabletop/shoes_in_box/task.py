@@ -35,7 +35,7 @@ _BELOW_RIM = 0.12  # metres: of a shoe's centre; two on top of each other are
 _DROP = (0.0, 0.0, 0.12)  # in the box's frame
 # Half extents of the box with its lip, as if that stood out on both sides.
 _ROOM = (model.BOX_HALF[0], model.HINGE[1] + model.LIP[1] + 0.006)
-LOOKS = Layout(
+IN_PICTURES = Layout(
     standing=(0,), loose=(model.SHOE_HALF,) * 2,
     spaces=(Space(0, model.FLOOR_HALF, model.BOX_HALF[:2]),),
     rails=(Rail(1, *model.LID_RANGE, _OPEN),),
@@ -95,7 +95,7 @@ def _opening(view: View, things: Boxes) -> Float[Array, ""]:
 TASK = Task(
     things=("box", "lid", "shoe A", "shoe B"), stages=("lid open", "shoe A in", "shoe B in"),
     scene=model.scene(), home=HOME, start=_start, boxes=shoe_boxes, progress=_progress,
-    episode_length=300, by_boxes=stages.stages, layout=LOOKS,
+    episode_length=300, by_boxes=stages.stages, layout=IN_PICTURES,
 )  # fmt: skip
 ENTRY = Entry(TASK, expert.SCRIPT)
 shoes_in_box, demonstrate = ENTRY.make, ENTRY.demonstrate

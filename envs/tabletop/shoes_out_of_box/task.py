@@ -20,7 +20,7 @@ from gril_jax.envs.tabletop.placing import Spot
 from gril_jax.envs.tabletop.reward import StageProgress
 from gril_jax.envs.tabletop.shoes_in_box import model
 from gril_jax.envs.tabletop.shoes_in_box.stages import of_shoes
-from gril_jax.envs.tabletop.shoes_in_box.task import LOOKS, shoe_boxes, with_lid
+from gril_jax.envs.tabletop.shoes_in_box.task import IN_PICTURES, shoe_boxes, with_lid
 from gril_jax.envs.tabletop.sight import Area
 from gril_jax.envs.tabletop.start import Start, free_joint, group
 from gril_jax.envs.tabletop.task import Task, View
@@ -62,6 +62,6 @@ def stages(things: tuple[str, ...], *, half_extent: float) -> Stages:
 TASK = Task(
     things=("box", "lid", "shoe A", "shoe B"), stages=("lid open", "shoe A out", "shoe B out"),
     scene=model.scene(), home=HOME, start=_start, boxes=shoe_boxes, progress=_progress,
-    episode_length=300, by_boxes=stages, layout=LOOKS,
+    episode_length=300, by_boxes=stages, layout=IN_PICTURES,
 )  # fmt: skip
 ENTRY = Entry(TASK, expert.SCRIPT)

@@ -14,6 +14,7 @@ from gril_jax.envs.tabletop.hand import Hand
 from gril_jax.envs.tabletop.resting import Space, put_down
 from gril_jax.envs.tabletop.shoes_in_box import model
 from gril_jax.envs.tabletop.start import Footprint, Start, free_joint
+from gril_jax.experiments.ladder import rows as ladder
 
 from gril_jax import envs
 
@@ -141,6 +142,7 @@ def test_one_by_one_is_as_all_at_once_and_the_key_draws_the_arm_alone():
 @pytest.mark.parametrize("task", ["shoes_out_of_box", "rubbish_in_bin", "empty_container"])
 def test_other_tasks_with_walls_find_their_starts_again(task):
     env = envs.make(task)
+    assert "ours at level V" in ladder.of_task(task)
 
     def around(key):
         true = env.reset(key)
@@ -152,8 +154,9 @@ def test_other_tasks_with_walls_find_their_starts_again(task):
 
 
 @pytest.mark.parametrize("task", ["item_in_drawer", "umbrella_out"])
-def test_a_task_without_a_layout_places_nothing(task):
+def test_a_task_without_a_layout_places_nothing_and_has_no_level_v(task):
     assert envs.make(task).place is None
+    assert "ours at level V" not in ladder.of_task(task)
 
 
 # ---------------------------------------------------------------- what lies beside what
