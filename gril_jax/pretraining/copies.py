@@ -82,7 +82,7 @@ def displaced(
     place = _beside(key_beside, place, center, size, others, extent)
     as_one, moved = _as_one(key_as_one, center, movable & places.moves[demo.label], extent)
     place, chosen = jnp.where(as_one[:, None], moved, place), chosen | as_one
-    holds = movable & places.container[demo.label]
+    holds = movable & places.bonds.container[demo.label]
     before = Copy(center, size, active | touched, chosen)
     place = jnp.where(chosen[:, None], place, center)
     return _in_other_layouts(key_layout, before, place, movable, holds, extent)

@@ -62,13 +62,13 @@ def _goal(name) -> Arrangement:
 
 
 @jax.jit
-def _lacks(goal, center):
-    active = jnp.ones(6, bool)
+def _lacks(goal, center, active=None):
+    active = goal.moves[LABEL] if active is None else active
     return disarray(goal, center, SIZE, LABEL, LABEL != 0, active, near=0.7)
 
 
 def _of(goal, blocks):
-    name = "inside" if goal.inside.any() else "line"
+    name = "inside" if goal.bonds.inside.any() else "line"
     return float(_lacks(goal, jnp.concatenate([KNOWN[name].center[0, 0, :2], blocks])))
 
 
@@ -87,10 +87,10 @@ def test_ends_lack_nothing_and_beginnings_a_whole(name):
 
 def test_a_region_holds_what_all_ends_have_in_it_and_keeps_out_the_others():
     goal = _goal("inside")
-    assert np.flatnonzero(goal.container).tolist() == [1]
-    assert np.argwhere(goal.inside).tolist() == [[2, 1]]
-    assert np.argwhere(goal.outside).tolist() == [[3, 1], [4, 1]]
-    assert not goal.weight.any()  # one block that moves has no distances
+    assert np.flatnonzero(goal.bonds.container).tolist() == [1]
+    assert np.argwhere(goal.bonds.inside).tolist() == [[2, 1]]
+    assert np.argwhere(goal.bonds.outside).tolist() == [[3, 1], [4, 1]]
+    assert not goal.distances.weight.any()  # what belongs in the region has no distances
     ends = KNOWN["inside"].center[0, 1, BLOCKS]
     done, intruded = _of(goal, ends), _of(goal, ends.at[1].set(jnp.array([-0.4, -0.6])))
     undone = _of(goal, ends.at[0].set(jnp.array([0.3, 0.3])))
@@ -100,15 +100,48 @@ def test_a_region_holds_what_all_ends_have_in_it_and_keeps_out_the_others():
 
 def test_a_line_counts_in_any_order_place_and_angle_and_a_clump_does_not():
     goal = _goal("line")
-    assert (np.asarray(goal.weight) > 0).any()
+    assert (np.asarray(goal.distances.weight) > 0).any()
     assert not goal.placed.any()
-    assert not goal.inside.any()
+    assert not goal.bonds.inside.any()
     new = jnp.asarray(_line(seed=7)[0], jnp.float32)
     mirrored = new[::-1] * jnp.array([-1.0, 1.0])
     clump = jnp.array([[0.0, 0.0], [0.25, 0.0], [0.0, 0.25], [0.25, 0.25]])
     assert _of(goal, new) < 0.05
     assert _of(goal, mirrored) < 0.05
     assert _of(goal, clump) > 0.1
+
+
+def test_where_two_regions_of_a_class_hold_something_none_may_be_empty():
+    """A robot, two red regions, and two stars, of which the first one goes into a region."""
+    label = jnp.array([0, 1, 1, 2, 2])
+    size = jnp.array([[0.4, 0.4], [0.6, 0.6], [0.6, 0.6], [0.2, 0.2], [0.2, 0.2]])
+    rest = [[0.0, 0.8], [-0.5, -0.5], [0.5, -0.5]]
+    drawn = np.random.default_rng(4).uniform(-0.1, 0.1, (DEMOS, 2, 2))
+    begin = [np.array([*rest, [0.5, 0.5], [-0.5, -0.5] + d[1]]) for d in drawn]
+    end = [np.array([*rest, [0.5, -0.5] + d[0], [-0.5, -0.5] + d[1]]) for d in drawn]
+    many = lambda x: jnp.broadcast_to(x, (DEMOS, *x.shape))  # noqa: E731
+    demos = DemoBatch(
+        jnp.asarray(np.stack([begin, end], axis=1), jnp.float32), many(jnp.stack([size, size])),
+        many(label), many(label == 0), many(jnp.ones(5, bool)), jnp.full(DEMOS, 2),
+    )  # fmt: skip
+    goal = FOUND(demos)
+    assert np.flatnonzero(goal.bonds.filled).tolist() == [1]
+    lack = lambda center: float(  # noqa: E731
+        jax.jit(lambda c: disarray(goal, c, size, label, label != 0, label == 2))(center)
+    )
+    done = demos.center[0, 1]
+    both_in_one = done.at[3].set(jnp.array([-0.4, -0.4]))
+    assert lack(done) < 0.1 < 0.3 < lack(both_in_one)
+    assert not _goal("inside").bonds.filled.any()  # a single region is filled by what belongs in it
+
+
+def test_what_no_demonstration_moves_costs_once_it_has_been_moved():
+    goal = _goal("inside")
+    assert np.flatnonzero(goal.rests).tolist() == [3, 4]
+    end, moved = KNOWN["inside"].center[0, 1], jnp.arange(6) == 2
+    cost = lambda also: float(_lacks(goal, end, moved | (jnp.arange(6) == also)))  # noqa: E731
+    assert cost(4) == pytest.approx(cost(2) + 0.1, abs=1e-5)
+    assert float(_lacks(goal, end, jnp.ones(6, bool))) == pytest.approx(cost(2) + 0.2, abs=1e-5)
 
 
 def test_twins_may_change_places():

@@ -17,7 +17,7 @@ from .task import SuiteTask
 
 _MOST = 10
 _APART = 0.7  # arena units between heaps that are put somewhere
-_HEAP = 0.3  # half the width of such a heap
+_HEAP = 0.26  # from its first block to the others, each way: they are beside it
 
 
 def right(

@@ -76,6 +76,14 @@ class FixColour(SuiteTask):
             held = [inside(center, size, rows[_ODD], r) for r in places]
             return ~jnp.stack(held).any()
 
+        def clear(center, size):
+            """The odd block's box is out of all regions, not its centre alone."""
+            away = [
+                jnp.abs(center[rows[_ODD]] - center[r]) >= (size[rows[_ODD]] + size[r]) / 2
+                for r in places
+            ]
+            return jnp.stack(away).any(axis=1).all()
+
         def astray(slot):
             block, home = rows[slot], places[slot]
             done = lambda c, s: ~inside(c, s, block, home)  # noqa: E731
@@ -83,7 +91,10 @@ class FixColour(SuiteTask):
             return Stage(name, (block,), done, self._scatter(block, done, movable))
 
         name = f"{self.plan.blocks[_ODD].name} out of the regions"
-        stage = Stage(name, (rows[_ODD],), out, self._scatter(rows[_ODD], out, movable))
+        stage = Stage(
+            name, (rows[_ODD],), out, self._scatter(rows[_ODD], clear, movable),
+            within=lambda center, size: (jnp.full(2, -self.arena), jnp.full(2, self.arena)),
+        )  # fmt: skip
         return Stages(
             (stage,), movable, self.arena, self.scored, robots=(0,),
             faults=(astray(0), astray(1)),

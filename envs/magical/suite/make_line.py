@@ -17,7 +17,7 @@ from .plan import Block, Kinds, Plan, Scene
 from .task import SuiteTask
 
 _ASIDE, _GAP = 0.18, 0.42  # 1.5 and 3.5 block sizes
-_PITCH = 0.3  # between blocks that are put on a line
+_PITCH = 0.26  # between blocks that are put on a line
 
 
 def longest(blocks: Float[Array, "B 2"], there: Bool[Array, "B"]) -> Int[Array, ""]:

@@ -86,7 +86,7 @@ def _map(axes: Axes, situation: Situation, row: int, index: int, low, high, half
 @styled
 def state_pictures(views: Sequence[View], names: Sequence[str], *, half_extent: float) -> Figure:
     """States side by side as boxes; thick boxes have their activity bit set."""
-    figure = Figure(figsize=(HALF, 0.43 * HALF), layout="constrained")
+    figure = Figure(figsize=(HALF, 0.5 * HALF), layout="constrained")
     for axes, view in zip(figure.subplots(1, len(views), squeeze=False)[0], views, strict=True):
         for i in range(len(names)):
             _box(axes, view, i, linewidth=2.6 if view.active[i] else 0.9, **_look(i))
@@ -94,7 +94,8 @@ def state_pictures(views: Sequence[View], names: Sequence[str], *, half_extent: 
         _plane(axes, half_extent)
     looks = map(_look, range(len(names)))
     known = [Rectangle((0, 0), 1, 1, fill=False, linewidth=1.6, **look) for look in looks]
-    figure.legend(known, map(shortened, names), loc="outside lower center", ncols=4)
+    words = [shortened(name, 18) for name in names]
+    figure.legend(known, words, loc="outside lower center", ncols=3, fontsize=8)
     return figure
 
 

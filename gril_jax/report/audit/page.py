@@ -158,7 +158,7 @@ def _unearned(folder: Path, found: Findings) -> Part:
     start, done = (_first(found, kind) for kind in ("start", "success"))
     views = [
         found.view(f"reset: {numbers['start_reward']:.3f}", start),
-        found.view(f"best without progress: {reward:.3f}", scene),
+        found.view(f"no progress: {reward:.3f}", scene),
         found.view("a success", done),
     ]
     pictures = state_pictures(views, found.names, half_extent=found.task.half_extent)
