@@ -1,0 +1,1 @@
+"""Three ways to get a stage's reward from films, compared."""
