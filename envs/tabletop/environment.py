@@ -22,7 +22,7 @@ from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.panda.frames import Frame
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import REWARDS, boxes, from_boxes, physics
+from . import REWARDS, boxes, from_boxes, hands, physics
 from . import observation as observations
 from . import reward as rewards
 from .boxes import Boxes
@@ -155,8 +155,8 @@ class Tabletop:
     def place(self) -> Callable[[Array, Array, PRNGKeyArray], State] | None:
         """(centres, sizes, key) -> a start with the things where these boxes lie; see `from_boxes`.
 
-        None if the task has no layout. Boxes are in the order of `objects`. The robot is at home,
-        its arm drawn as at a reset: its boxes only tell what the hand holds.
+        None if the task has no layout. Boxes are in the order of `objects`. The hand is where its
+        boxes are, and holds what it holds there, but higher if it touches anything else.
         """
         return self._place if self.task.layout else None
 
@@ -164,10 +164,18 @@ class Tabletop:
         self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
     ) -> State:
         own = self.task.start(key, 0.0)  # nothing of it is drawn
-        start = from_boxes.start_from(
+        start, grip = from_boxes.start_from(
             center, size, self.task.layout, self.camera, own, self._things_of
         )
-        return self._observe(*[self._with_arm(key, start)] * 2)
+        home = jnp.asarray(self._home)
+        start, arm, there = hands.at(home, start, grip, self.task.layout, self._things_of)
+        data = self._at_rest(arm, start, grip.opening)
+        press = jnp.where(grip.held >= 0, kinematics.GRIP_RANGE[0], grip.opening)
+        data = data._replace(target=data.target.at[7].set(press))
+        # What lies is the same without the hand, what is held would fall.
+        without = jax.tree.map(lambda a, b: jnp.where(grip.held >= 0, a, b), own, start)
+        data = jax.tree.map(lambda a, b: jnp.where(there, a, b), data, self._with_arm(key, without))
+        return self._observe(*[data] * 2)
 
     def _things_of(self, joints: Float[Array, "J"], fixtures: Float[Array, "M 7"]) -> Boxes:
         """Boxes of the task's things, by its joints and fixtures alone."""

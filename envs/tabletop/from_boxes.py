@@ -3,7 +3,7 @@
 Sizes of things are known, and what stands or lies on the table has its height. So the four numbers
 of a box are enough for a thing's place and turn. What a hand holds is at its fingers, whose place
 their own boxes and the hand's tell: it points straight down. Everything is found by least squares,
-from several starts, by the Levenberg-Marquardt method: first what stands, with its lid or drawer,
+from several starts: first the hand, then what stands, with its lid or drawer,
 then each loose thing alone. A thing may be partly hidden: a seen box that is smaller than it should
 be is cheap, a larger one is not.
 
@@ -21,10 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda.frames import Frame, about_z
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
+
+from gril_jax.graphs.scene import safe_norm
 
 from . import boxes
 from .boxes import Boxes, Camera
+from .least_squares import least
 from .resting import Space, put_down
 from .start import Start, free_joint
 
@@ -35,7 +38,11 @@ _LIE = 0.002  # metres: how far a middle's height is from that of what lies on t
 _ANYWHERE = 100.0  # metres: of what lies, along the table
 _HELD = 0.02  # metres: how far the middle of what is held is from the tool centre point
 _HEIGHTS = (0.05, 0.2, 0.4)  # metres: of the tool centre point, where the search begins
-_STEPS = 20
+_LIFTED = 0.02  # metres: higher than what lies, what hangs in the air
+_WITHIN = 0.04  # metres: of the tool centre point, the middle of what is held
+_PAD = 0.01  # metres: how far its middle is above or below that point
+_GAP = 0.002  # metres: what fingers must be able to open beyond what they hold
+_ELSEWHERE = np.array([50.0, 50.0, 0.0], np.float32)  # metres: out of the way of what lies
 _TURNS = (-0.4, -0.13, 0.13, 0.4)  # rad: where the search for turns begins
 _GRIP_TURN = 0.4  # rad: how far the hand is turned, from where its fingers open along y
 _DOWN = np.array([1.0, -1.0, -1.0], np.float32)  # columns of a rotation whose z points down
@@ -50,6 +57,15 @@ class Rail(NamedTuple):
     low: float
     high: float
     tips: float  # from there on it falls open, before it shut
+
+
+class Grip(NamedTuple):
+    """A hand that points straight down, and what it holds."""
+
+    place: Float[Array, "3"]  # of the tool centre point, metres
+    yaw: Float[Array, ""]
+    opening: Float[Array, ""]  # of each finger
+    held: Int[Array, ""]  # which loose thing; -1 for none
 
 
 class Layout(NamedTuple):
@@ -67,11 +83,12 @@ class Layout(NamedTuple):
 def start_from(
     center: Float[Array, "N 2"], size: Float[Array, "N 2"], layout: Layout, camera: Camera,
     own: Start, things: Callable[[Array, Array], Boxes],
-) -> Start:  # fmt: skip
+) -> tuple[Start, Grip]:  # fmt: skip
     """The start at rest whose boxes in the picture are the given ones, of the robot's three objects
-    and the task's.
+    and the task's, and the hand there.
 
-    What is held comes to lie below, and a lid falls to the side where it is. `own` is the task's
+    What hangs in the air is held, if it is between fingers that can hold it, else it comes to lie
+    below; a lid falls to the side where it is. `own` is the task's
     arrangement, `things` their boxes in space by (joints, fixtures). Boxes that are not finite give
     the task's own.
     """
@@ -85,10 +102,17 @@ def start_from(
         first = len(seen) - len(layout.loose)
         half = jnp.array(layout.loose)
         tool = _tool(robot, camera)
-        look = jax.vmap(lambda edges, half, yaw: _loose(edges, half, yaw + turned, tool, camera))
-        places = look(seen[first:], half, jax.vmap(_yaw)(poses[:, 3:]))
+        look = jax.vmap(
+            lambda edges, half, yaw: _loose(edges, half, yaw + turned, tool[:3], camera)
+        )
+        looks = look(seen[first:], half, jax.vmap(_yaw)(poses[:, 3:]))
+        grip, hung = _grip(tool, looks, half)
         spots = base[np.array([space.fixture for space in layout.spaces], int)]
-        places, heights = put_down(places, half, layout.spaces, spots)
+        is_held = jnp.arange(len(half)) == grip.held
+        away = jnp.where(is_held[:, None], _ELSEWHERE, 0.0)
+        places, heights = put_down(looks[:, np.array([0, 1, 3])] + away, half, layout.spaces, spots)
+        places = jnp.where(is_held[:, None], hung[np.array([0, 1, 3])], places)
+        heights = jnp.where(is_held, hung[2], heights)
     loose = free_joint(places, 0.0).reshape(-1, 7).at[:, 2].set(heights)
     fallen = [
         jnp.where(at < rail.tips, rail.low, rail.high)
@@ -97,10 +121,41 @@ def start_from(
     joints = jnp.concatenate([jnp.stack(fallen), loose.reshape(-1)] if fallen else [loose.ravel()])
     fixtures = free_joint(base, 0.0).reshape(-1, 7)
     known &= jnp.isfinite(joints).all() & jnp.isfinite(fixtures).all()
-    return own._replace(
+    start = own._replace(
         joints=jnp.where(known, joints, own.joints),
         fixtures=jnp.where(known, fixtures, own.fixtures),
     )
+    return start, grip._replace(place=jnp.where(known, grip.place, jnp.nan))
+
+
+def _grip(tool: Float[Array, "5"], looks: Float[Array, "L 4"], half: Float[Array, "L 3"]):
+    """The hand, and the pose (x, y, z, yaw) of what it holds.
+
+    Pads lie flat against what they hold, whose middle is between them.
+    """
+    place, yaw, opening = tool[:3], tool[3], tool[4]
+    which = jnp.argmax(looks[:, 2] - half[:, 2])
+    look, extent = looks[which], half[which]
+    quarters = jnp.round((yaw - look[3]) / (jnp.pi / 2))
+    fits = lambda across: across < kinematics.FINGER_RANGE[1] - _GAP  # noqa: E731
+    # Where only one pair of faces fits between the fingers, the nearest turn that has it there.
+    halves = jnp.round((yaw - look[3]) / jnp.pi) * 2
+    other = jnp.round((yaw - look[3]) / jnp.pi - 0.5) * 2 + 1
+    quarters = jnp.where(fits(extent[0]), quarters, halves)
+    quarters = jnp.where(fits(extent[1]), quarters, other)
+    across = jnp.where(quarters % 2 == 0, extent[1], extent[0])
+    held = (look[2] > extent[2] + _LIFTED) & fits(across)
+    held &= safe_norm(look[:3] - place) < _WITHIN
+    turn = look[3] + quarters * (jnp.pi / 2)
+    ahead = jnp.stack([jnp.cos(turn), jnp.sin(turn)])
+    aside = jnp.clip((look[:2] - place[:2]) @ ahead, -_HELD, _HELD)
+    high = jnp.clip(look[2], place[2] - _PAD, place[2] + _PAD)
+    hung = jnp.stack([*(place[:2] + aside * ahead), high, look[3]])
+    grip = Grip(
+        place, jnp.where(held, turn, yaw), jnp.where(held, across, opening),
+        jnp.where(held, which, -1),
+    )  # fmt: skip
+    return grip, hung
 
 
 def _standing(seen, layout: Layout, camera: Camera, own: Start, things):
@@ -125,12 +180,12 @@ def _standing(seen, layout: Layout, camera: Camera, own: Start, things):
         return jnp.concatenate([places.reshape(-1), jnp.array(at)])
 
     ways = [(turn, along) for turn in _TURNS for along in (_ALONG if rails else (0.0,))]
-    found = _least(residual, jnp.stack([begin(*way) for way in ways]))
+    found = least(residual, jnp.stack([begin(*way) for way in ways]))
     return found[: 3 * count].reshape(count, 3), found[3 * count :]
 
 
-def _tool(seen: Float[Array, "3 4"], camera: Camera) -> Float[Array, "3"]:
-    """The tool centre point of a hand that points straight down."""
+def _tool(seen: Float[Array, "3 4"], camera: Camera) -> Float[Array, "5"]:
+    """The tool centre point of a hand that points straight down, its yaw and its opening."""
 
     def shown(params):
         place, yaw, opening = params[:3], params[3], params[4]
@@ -148,11 +203,12 @@ def _tool(seen: Float[Array, "3 4"], camera: Camera) -> Float[Array, "3"]:
         spot = _on_plane(camera, middle, height)
         return jnp.concatenate([spot, jnp.stack([height, *jnp.array([0.0, 0.02])])])
 
-    return _least(residual, jax.vmap(begin)(jnp.array(_HEIGHTS)))[:3]
+    found = least(residual, jax.vmap(begin)(jnp.array(_HEIGHTS)))
+    return found.at[4].set(jnp.clip(found[4], *kinematics.FINGER_RANGE))
 
 
-def _loose(seen: Float[Array, "4"], half, yaw, tool, camera: Camera) -> Float[Array, "3"]:
-    """The place (x, y, yaw) of a loose thing, which lies on the table or is held at the tool."""
+def _loose(seen: Float[Array, "4"], half, yaw, tool, camera: Camera) -> Float[Array, "4"]:
+    """The pose (x, y, z, yaw) of a loose thing, which lies on the table or is held at the tool."""
 
     def residual(params, mean, about, cost):
         place, turn = params[:3], params[3]
@@ -167,44 +223,7 @@ def _loose(seen: Float[Array, "4"], half, yaw, tool, camera: Camera) -> Float[Ar
     costs = jnp.array([_HIDDEN, 0.0]).repeat(len(_TURNS))
     turns = jnp.tile(yaw + jnp.array(_TURNS), 2)
     starts = jnp.concatenate([means, turns[:, None]], axis=1)
-    found = _least(residual, starts, means, abouts, costs)
-    return found[np.array([0, 1, 3])]
-
-
-def _least(residual: Callable[..., Array], starts: Float[Array, "C P"], *of) -> Float[Array, "P"]:
-    """The parameters of least squares, over a search from each of the starts."""
-
-    def one(start, *of):
-        cost = lambda params: jnp.sum(residual(params, *of) ** 2)  # noqa: E731
-
-        def step(now, _):
-            params, least, damping = now
-            slopes, off = jax.jacfwd(residual)(params, *of), residual(params, *of)
-            square = slopes.T @ slopes
-            square += jnp.diag(damping * jnp.diagonal(square) + 1e-3)
-            tried = params - _solved(square, slopes.T @ off)
-            costs = cost(tried)
-            better = costs < least  # False for what is not finite
-            now = jnp.where(better, tried, params), jnp.where(better, costs, least)
-            return (*now, damping * jnp.where(better, 0.3, 5.0)), None
-
-        begun = start, cost(start), jnp.float32(0.03)
-        return jax.lax.scan(step, begun, length=_STEPS)[0][:2]
-
-    found, costs = jax.vmap(one)(starts, *of)
-    return found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
-
-
-def _solved(square: Float[Array, "P P"], right: Float[Array, "P"]) -> Float[Array, "P"]:
-    """The solution of a few equations, positive definite, by elimination.
-
-    A library's solver would be a call of its own for each step, which no compiler joins to others.
-    """
-    both = jnp.concatenate([square, right[:, None]], axis=1)
-    for k in range(len(right)):
-        row = both[k] / both[k, k]
-        both = (both - both[:, k : k + 1] * row).at[k].set(row)
-    return both[:, -1]
+    return least(residual, starts, means, abouts, costs)
 
 
 def _edges(center: Float[Array, "*N 2"], size: Float[Array, "*N 2"]) -> Float[Array, "*N 4"]:
