@@ -23,8 +23,6 @@ from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda.frames import Frame, about_z
 from jaxtyping import Array, Float, Int
 
-from gril_jax.graphs.scene import safe_norm
-
 from . import boxes
 from .boxes import Boxes, Camera
 from .least_squares import least
@@ -145,7 +143,7 @@ def _grip(tool: Float[Array, "5"], looks: Float[Array, "L 4"], half: Float[Array
     quarters = jnp.where(fits(extent[1]), quarters, other)
     across = jnp.where(quarters % 2 == 0, extent[1], extent[0])
     held = (look[2] > extent[2] + _LIFTED) & fits(across)
-    held &= safe_norm(look[:3] - place) < _WITHIN
+    held &= jnp.linalg.norm(look[:3] - place) < _WITHIN
     turn = look[3] + quarters * (jnp.pi / 2)
     ahead = jnp.stack([jnp.cos(turn), jnp.sin(turn)])
     aside = jnp.clip((look[:2] - place[:2]) @ ahead, -_HELD, _HELD)
