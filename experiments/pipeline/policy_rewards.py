@@ -1,5 +1,6 @@
 """The reward that trains a policy: built from the configuration, with its parameters."""
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -90,8 +91,11 @@ def _activity_rule(config: RunConfig) -> dict[str, Any]:
 
 
 def _labels(config: RunConfig) -> tuple[Int[np.ndarray, "N"], Bool[np.ndarray, "N"]]:
-    """The classes of the task's objects, in its order, and which of them are there."""
-    env = setup.make_env(config.env, training=False)
+    """The classes of the task's objects in Demo, in its order, and which of them are there: what
+    films show, whatever the variant draws (`place` sees to that)."""
+    counts = config.env.variant in ("countplus", "all")
+    shown = dataclasses.replace(config.env, variant="demo", padded=config.env.padded or counts)
+    env = setup.make_env(shown, training=False)
     seen = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
     return np.asarray(seen.label), np.asarray(seen.size).any(axis=1)
 

@@ -24,9 +24,11 @@ from gril_jax.envs.planar import shapes as block_shapes
 from gril_jax.envs.planar.joints import Strengths
 from gril_jax.envs.planar.shapes import NOTHING, SHAPES
 from gril_jax.envs.stages import Stages, free_place
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from . import places, state
+from . import from_boxes, places, state
+from .from_boxes import Placed
+from .places import Places
 from .plan import CLASSES, VARIANTS, Kinds, Plan, Scene, outside
 from .state import SuiteData
 
@@ -158,43 +160,30 @@ class SuiteTask:
                 anywhere=self.variant in self.anywhere,
             )  # fmt: skip
         strengths = layouts.strengths(key_forces, self._preset, vary=self.varies("dynamics"))
-        spare = jnp.array([outside(0)] * self._spare).reshape(-1, 3)
-        pose = [layouts.robot_pose(self.robot, start.robot), start.blocks, spare]
-        pose = jnp.concatenate(pose)
-        return self._observe(SuiteData(
-            pose, jnp.zeros_like(pose), jnp.asarray(self._rest), kinds.shape, kinds.colour,
-            start.regions, kinds.region_colour, jnp.stack(strengths), start.unplaced,
-        ))  # fmt: skip
+        return self._begun(kinds, start, strengths, start.unplaced)
 
     def place(
         self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
     ) -> State:
         """A start with everything where its box lies, in the order of `objects`, and at rest.
 
-        Boxes do not show angles, which are drawn; a robot that could not stand there at those
-        drawn, as one that holds a block, stands as near as it can. For variants with the colours,
-        shapes and forces of Demo.
+        What boxes do not show is drawn. In a variant that draws colours or shapes each is replaced
+        by another one, and where it puts things anywhere the whole scene is turned and moved; see
+        `from_boxes`.
         """
-        key_angle, key_there, key_robot = jax.random.split(key, 3)
+        key_kinds, key_move, key_place, key_forces = jax.random.split(key, 4)
         kinds, listed = jax.tree.map(jnp.asarray, self._kinds), self._order
-        count = len(listed.regions)
-        boxes = jnp.concatenate([center, size], axis=1)[1 : 1 + count]
-        regions = jnp.zeros((count, 4)).at[listed.regions].set(boxes)
-        shown = center[1 + count :]
-        angle = jax.random.uniform(key_angle, (len(shown), 1), minval=-jnp.pi, maxval=jnp.pi)
-        blocks = jnp.zeros((len(shown), 3))
-        blocks = blocks.at[listed.blocks].set(jnp.concatenate([shown, angle], axis=1))
-        scene = self.robot, blocks, jnp.asarray(layouts.RADII)[kinds.shape], None
-        there, taken = layouts.place_robot(key_there, *scene, arena=self.arena, at=center[0])
-        elsewhere, _ = layouts.place_robot(key_robot, *scene, arena=self.arena)
-        robot = layouts.robot_pose(self.robot, jnp.where(taken, elsewhere, there))
-        spare = jnp.array([outside(0)] * self._spare).reshape(-1, 3)
-        pose = jnp.concatenate([robot, blocks, spare])
-        strengths = layouts.strengths(key, self._preset, vary=False)
-        return self._observe(SuiteData(
-            pose, jnp.zeros_like(pose), jnp.asarray(self._rest), kinds.shape, kinds.colour,
-            regions, kinds.region_colour, jnp.stack(strengths), jnp.zeros((), bool),
-        ))  # fmt: skip
+        boxes = jnp.concatenate([center, size], axis=1)
+        if self.variant in self.anywhere:
+            standing = kinds.shape[listed.blocks] != NOTHING
+            present = jnp.append(jnp.ones(1 + len(listed.regions), bool), standing)
+            boxes = from_boxes.moved(key_move, boxes, present, arena=self.arena)
+        kinds = from_boxes.renamed(
+            key_kinds, kinds, colours=self.varies("color"), shapes=self.varies("shape")
+        )
+        found = from_boxes.placed(key_place, boxes, kinds, listed, self.robot, arena=self.arena)
+        strengths = layouts.strengths(key_forces, self._preset, vary=self.varies("dynamics"))
+        return self._begun(kinds, found, strengths, jnp.zeros((), bool))
 
     def shifted(self, state: State, center: Float[Array, "N 2"]) -> State:
         """The same state with robot and blocks moved to these centres, in the order of `objects`;
@@ -250,6 +239,17 @@ class SuiteTask:
             )  # fmt: skip
 
         return place
+
+    def _begun(
+        self, kinds: Kinds, at: Places | Placed, strengths: Strengths, unplaced: Bool[Array, ""]
+    ) -> State:
+        """The state with everything at rest."""
+        spare = jnp.array([outside(0)] * self._spare).reshape(-1, 3)
+        pose = jnp.concatenate([layouts.robot_pose(self.robot, at.robot), at.blocks, spare])
+        return self._observe(SuiteData(
+            pose, jnp.zeros_like(pose), jnp.asarray(self._rest), kinds.shape, kinds.colour,
+            at.regions, kinds.region_colour, jnp.stack(strengths), unplaced,
+        ))  # fmt: skip
 
     def _filled(self, kinds: Kinds, xp: Any) -> Kinds:
         """With the slots that the plan does not fill, by NumPy or by JAX."""
