@@ -22,5 +22,5 @@ def __getattr__(name: str) -> Any:
     if name in _TYPES:
         return getattr(import_module("gril_jax.envs.base"), name)
     if name in _ADAPTERS:
-        return getattr(import_module("gril_jax.envs.own.adapters"), name)
+        return getattr(import_module("gril_jax.envs.user_tasks.adapters"), name)
     raise AttributeError(f"module 'gril_jax.envs' has no attribute {name!r}")

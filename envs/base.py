@@ -34,7 +34,7 @@ class Objects(NamedTuple):
 class State(NamedTuple):
     """State of an episode after one step. `step` returns the same structure that `reset` made.
 
-    A task of one's own need not give what has a default here (`gril_jax.envs.own.completed`).
+    A task of a user need not give what has a default (`gril_jax.envs.user_tasks.completed`).
     """
 
     data: Any  # the simulator's state: a pytree that only the task reads

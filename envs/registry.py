@@ -18,8 +18,9 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from gril_jax.envs.user_tasks import files
+
 from .checks import check_known, nearest
-from .own import files
 
 ENTRY_POINTS = "gril_jax.tasks"  # of functions that make a task
 
@@ -186,7 +187,7 @@ def build(name: str, options: Mapping[str, Any]) -> Any:
     except Exception as error:
         where = files.fault(error, file)
         raise ValueError(f"{file}: {constructor.__name__} failed at {where}") from error
-    return import_module("gril_jax.envs.own.protocol").completed(task, file)
+    return import_module("gril_jax.envs.user_tasks.protocol").completed(task, file)
 
 
 @functools.cache

@@ -8,7 +8,7 @@ from .lazy import offer
 __version__ = "0.1.0"
 
 _ROOMS = (
-    "audit", "config", "demos", "encoders", "graphs", "interop", "losses", "metrics",
+    "audit", "config", "demos", "encoders", "graphs", "export", "losses", "metrics",
     "pretraining", "reward", "rl", "subtasks",
 )  # fmt: skip
 _names, __getattr__ = offer(
@@ -18,7 +18,7 @@ _names, __getattr__ = offer(
         "demos.demo_set": "load_demo_set save_demo_set",
         "envs": "envs make",
         "graphs.scene": "scene_graph",
-        "interop.reward_file": "load_reward reward_file save_reward",
+        "export.reward_file": "load_reward reward_file save_reward",
         "reward.latent_goal": "latent_goal_reward",
         "reward.learned_reward": "LearnedReward",
     },

@@ -23,8 +23,8 @@ ROOMS = {
     "reward": "pure", "metrics": "pure", "subtasks": "pure", "audit": "pure",
     "pretraining": "training", "rl": "training",
     "safe_files": "host", "threads": "host", "demos": "host", "runs": "host",
-    "compilation": "host", "report": "host", "interop": "host",
-    "cli": "runs", "experiments": "runs", "envs": "tasks", "configs": "data",
+    "compilation": "host", "report": "host", "export": "host",
+    "cli": "runs", "workflows": "runs", "experiments": "runs", "envs": "tasks", "configs": "data",
 }  # fmt: skip
 
 # For each layer: the layers of ours that it may import, and the packages of others.
@@ -60,7 +60,7 @@ LATE_EXTRAS = {
 LIGHT = {("gril_jax/config/task.py", "gril_jax.envs.registry")}
 KERNEL = ROOT / "envs/planar/kernel"
 # What only an adapter to it, or a kernel in it, imports: (file, package).
-ADAPTED = {("gril_jax/interop/gymnasium.py", "gymnasium"), ("gril_jax/interop/gymnax.py", "gymnax")}
+ADAPTED = {("gril_jax/export/gymnasium.py", "gymnasium"), ("gril_jax/export/gymnax.py", "gymnax")}
 ADAPTED |= {(path.relative_to(ROOT).as_posix(), "warp") for path in KERNEL.glob("*.py")}
 # The only reader of pickles, with an unpickler that builds nothing but arrays.
 PICKLES = {"gril_jax/demos/magical_pickles.py"}
@@ -172,10 +172,11 @@ def test_imports_stand_at_the_top_except_in_the_command_line(path):
         assert late <= LATE_EXTRAS
 
 
-def test_experiments_are_imported_by_the_command_line_alone_and_late():
+def test_workflows_are_imported_by_the_command_line_alone_and_late():
     for path in _files():
         for name, inside_function in _imports_of(path):
-            if name.startswith("gril_jax.experiments") and _relative(path).startswith("gril"):
+            outside = not _relative(path).startswith(("gril_jax/workflows/", "experiments/"))
+            if name.startswith(("gril_jax.workflows", "gril_jax.experiments")) and outside:
                 command = _relative(path).startswith("gril_jax/cli/")
                 assert command, f"{path} imports {name}"
                 assert inside_function, f"{path} imports {name} before it is needed"

@@ -8,7 +8,6 @@ import shlex
 
 import jax.numpy as jnp
 import pytest
-from gril_jax.experiments.suite import rows as suite
 from support import saved_policies, saved_rewards
 from support.paths import REPOSITORY
 
@@ -16,8 +15,9 @@ from gril_jax.cli import main, verbs
 from gril_jax.config import RunConfig
 from gril_jax.config.command_line import options
 from gril_jax.errors import ConfigError
-from gril_jax.interop.reward_file import save_reward
+from gril_jax.export.reward_file import save_reward
 from gril_jax.runs import run_dir
+from gril_jax.workflows.study.suite import rows as suite
 
 PAGES = sorted(
     path

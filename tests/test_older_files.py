@@ -10,15 +10,15 @@ import shutil
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments.pipeline import policy_setup, setup
 from support.paths import TESTS
 
 from gril_jax.cli import main
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
-from gril_jax.interop.read_policy import load_policy
-from gril_jax.interop.reward_file import load_reward
+from gril_jax.export.read_policy import load_policy
+from gril_jax.export.reward_file import load_reward
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import state_leaves
+from gril_jax.workflows.build import policy_setup, setup
 
 DATA = TESTS / "data" / "before_the_move"
 RECORDED = json.loads((DATA / "recorded.json").read_text())

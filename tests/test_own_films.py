@@ -10,7 +10,7 @@ from support import kitchen_films
 
 from gril_jax.cli import main
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
-from gril_jax.interop.reward_file import load_reward
+from gril_jax.export.reward_file import load_reward
 
 SMALL = {"fps": 10.0, "width": 64, "height": 48, "tempo": 2.0}
 LITTLE = ["--pretrain.steps", "4", "--pretrain.copies", "0", "--encoder.width", "8"]

@@ -13,8 +13,6 @@ import urllib.request
 
 import numpy as np
 import pytest
-from gril_jax.experiments import evaluate
-from gril_jax.experiments.pipeline import demonstrations, setup
 from support.no_network import no_network
 
 from gril_jax.cli import main
@@ -26,6 +24,8 @@ from gril_jax.report import rates
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
+from gril_jax.workflows import evaluate
+from gril_jax.workflows.build import demonstrations, setup
 
 SMALL = (
     *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),

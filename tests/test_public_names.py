@@ -12,7 +12,7 @@ import gril_jax
 PACKAGES = ["gril_jax"] + [
     f"gril_jax.{found.name}"
     for found in pkgutil.walk_packages(gril_jax.__path__)
-    if found.ispkg and found.name not in ("envs", "configs", "experiments", "cli")
+    if found.ispkg and found.name not in ("envs", "configs", "experiments", "cli", "workflows")
 ]
 
 

@@ -34,7 +34,7 @@ def run(tmp_path):
 def main(monkeypatch):
     """Puts a stand-in for the experiment of gril train in place and returns the calls."""
     calls = []
-    module = types.ModuleType("gril_jax.experiments.train")
+    module = types.ModuleType("gril_jax.workflows.train")
     module.main = lambda *args, **kwargs: calls.append((args, kwargs))
     monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setattr(module.__name__, module, raising=False)
@@ -223,7 +223,7 @@ import os, signal, sys, threading
 from gril_jax.cli.main import main
 from gril_jax.cli.heavy_imports import heavy_imports
 with heavy_imports():
-    from gril_jax.experiments import train
+    from gril_jax.workflows import train
     from gril_jax.runs import run_dir
 row, delay_s = int(sys.argv[1]), float(sys.argv[2])
 log, timers = run_dir.RunDir.log, []

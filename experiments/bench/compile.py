@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from gril_jax.envs import Env
-from gril_jax.experiments.pipeline import policy_setup, setup
 
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
@@ -23,6 +22,7 @@ from gril_jax.config.tables import ALGORITHMS
 from gril_jax.pretraining import pretrain
 from gril_jax.rl import evaluate, training
 from gril_jax.types import DemoBatch
+from gril_jax.workflows.build import policy_setup, setup
 
 from .frame import in_new_process, rounded, staged, without_cache
 

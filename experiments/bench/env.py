@@ -17,9 +17,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pipeline import setup
 
 from gril_jax import envs
+from gril_jax.workflows.build import setup
 
 from .frame import compile_timed, speeds
 

@@ -16,11 +16,11 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import jax
-from gril_jax.experiments.pipeline import setup
 from jax.experimental.compilation_cache import compilation_cache
 
 from gril_jax.compilation.compiler import compiled
 from gril_jax.errors import RunError
+from gril_jax.workflows.build import setup
 
 Calls = Mapping[str, Callable[[], Any]]  # by the side that each is of
 

@@ -19,10 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 from brax.training.types import Transition
 from gril_jax.envs import Env
-from gril_jax.experiments.pipeline import setup
-from gril_jax.experiments.pipeline.starts import count_starts
 
 from gril_jax.rl import policy, rewards, sac, sac_loss, training
+from gril_jax.workflows.build import setup
+from gril_jax.workflows.build.starts import count_starts
 
 from . import frame
 

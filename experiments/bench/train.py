@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from gril_jax.envs import Env
-from gril_jax.experiments.pipeline import policy_rewards, setup
 
 from gril_jax.encoders import encoder
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl import ppo, rewards, rollout, training
 from gril_jax.rl.episodes import Episodes, reset_where
+from gril_jax.workflows.build import policy_rewards, setup
 
 from . import seeds
 from .frame import InPlace, rounded, speeds, times_in_turn

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State
 from brax.envs.wrappers import training
 
-from gril_jax.interop.brax import RewardWrapper
-from gril_jax.interop.reward_file import load_reward
+from gril_jax.export.brax import RewardWrapper
+from gril_jax.export.reward_file import load_reward
 
 from . import pushing
 

@@ -12,8 +12,8 @@ import gymnasium
 import jax
 import numpy as np
 
-from gril_jax.interop.gymnasium import RewardWrapper
-from gril_jax.interop.reward_file import load_reward
+from gril_jax.export.gymnasium import RewardWrapper
+from gril_jax.export.reward_file import load_reward
 
 from . import pushing
 

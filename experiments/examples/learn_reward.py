@@ -14,7 +14,7 @@ import optax
 
 from gril_jax import losses, metrics, reward
 from gril_jax.encoders import encoder
-from gril_jax.interop.reward_file import load_reward, save_reward
+from gril_jax.export.reward_file import load_reward, save_reward
 
 from . import pushing
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from gril_jax.interop.reward_file import load_reward
+from gril_jax.export.reward_file import load_reward
 
 from . import pushing
 

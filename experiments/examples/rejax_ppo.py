@@ -16,8 +16,8 @@ import rejax
 from gymnax.environments import spaces
 from gymnax.environments.environment import Environment, EnvParams
 
-from gril_jax.interop.gymnax import RewardWrapper
-from gril_jax.interop.reward_file import load_reward
+from gril_jax.export.gymnax import RewardWrapper
+from gril_jax.export.reward_file import load_reward
 
 from . import pushing
 

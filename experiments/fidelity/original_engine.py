@@ -20,8 +20,6 @@ import numpy as np
 import tyro
 from gril_jax.envs.magical import simulator
 from gril_jax.envs.planar.shapes import SHAPES
-from gril_jax.experiments.pipeline import policy_rewards, policy_setup, setup
-from gril_jax.experiments.pipeline.starts import draw, evaluated_from
 from jaxtyping import Bool
 
 from gril_jax.config import RunConfig
@@ -31,6 +29,8 @@ from gril_jax.rl.policy import Policy
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.checkpoints.manifest import manifest
+from gril_jax.workflows.build import policy_rewards, policy_setup, setup
+from gril_jax.workflows.build.starts import draw, evaluated_from
 
 from .chipmunk import Chipmunk
 from .physics_parity import printed

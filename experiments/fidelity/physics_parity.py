@@ -25,11 +25,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from gril_jax.experiments.pipeline import setup
 from jaxtyping import Float
 
 from gril_jax import envs
 from gril_jax.errors import DemoError, GrilError
+from gril_jax.workflows.build import setup
 
 ROBOTS = ("gripper", "short", "medium", "long")
 _MOVED = 1e-4  # arena units: a block that goes further in a control step has moved

@@ -1,7 +1,7 @@
 """Tasks of one's own on the command line: which file is named, and whether a run may have it.
 
 A file that `--task` names is run. A file that only a run or a configuration names is run if this
-user has named it before, with the contents that it has now; see `gril_jax.envs.own.files`.
+user has named it before, with the contents that it has now; see `gril_jax.envs.user_tasks.files`.
 """
 
 import dataclasses
@@ -12,7 +12,7 @@ from typing import Any
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.task import NO_TASK
 from gril_jax.envs import registry
-from gril_jax.envs.own import files
+from gril_jax.envs.user_tasks import files
 from gril_jax.errors import ConfigError
 
 CONFIG = "own_task"  # where a task of one's own is named, but no configuration

@@ -32,7 +32,7 @@ class Reward(NamedTuple):
     """A form of the reward, which a policy can maximise."""
 
     form: str
-    """A `gril_jax.experiments.pipeline.reward_form.RewardForm`."""
+    """A `gril_jax.workflows.build.reward_form.RewardForm`."""
     learns: bool = True
     """Takes a learned reward."""
     pictures: bool = False
@@ -66,7 +66,7 @@ ALIGNMENTS = {
     "both": ("gril_jax.pretraining.alignment.cycle", "gril_jax.pretraining.alignment.warping"),
 }
 
-_FORMS = "gril_jax.experiments.pipeline.policy_rewards"
+_FORMS = "gril_jax.workflows.build.policy_rewards"
 REWARDS = {
     "learned": Reward(f"{_FORMS}.LEARNED", pictures=True),
     "environmental": Reward(f"{_FORMS}.ENVIRONMENTAL", learns=False, pictures=True),

@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gril_jax.demos.formats.recognise import boxes_of
+from gril_jax.demos.formats.record import Box, Film
+from gril_jax.demos.tracking.identities import in_order, linked, objects_at_once
+from gril_jax.demos.tracking.mending import Mended, mended
 from gril_jax.errors import DemoError
 from gril_jax.threads import parallel_map
 
-from .boxes.recognise import boxes_of
-from .boxes.record import Box, Film
 from .demo_set import Demo, save_demo_set, trim_static_tail
-from .following.identities import in_order, linked, objects_at_once
-from .following.mending import Mended, mended
 from .importing import WORLD, videos_in
 from .schema import NO_TASK
 from .vision.detect import Tracks

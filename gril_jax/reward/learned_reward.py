@@ -1,4 +1,4 @@
-"""A learned reward with everything needed to use it; `gril_jax.interop.reward_file` saves it.
+"""A learned reward with everything needed to use it; `gril_jax.export.reward_file` saves it.
 
     learned = load_reward("reward.npz")
     r = learned(center, size, active)                   # of one moment: jit, vmap, grad

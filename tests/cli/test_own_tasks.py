@@ -7,14 +7,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from gril_jax.envs.own import files
+from gril_jax.envs.user_tasks import files
 from support import own_task
 from support.paths import REPOSITORY
 
 from gril_jax.cli import main
 from gril_jax.config.files import load
 from gril_jax.demos.demo_set import load_demo_set
-from gril_jax.interop.reward_file import load_reward
+from gril_jax.export.reward_file import load_reward
 from gril_jax.runs import run_dir
 
 

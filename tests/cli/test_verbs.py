@@ -12,7 +12,7 @@ from gril_jax.config.files import load
 from gril_jax.errors import DemoError, RunError
 from gril_jax.runs import run_dir
 
-_PIPELINE = "gril_jax.experiments.pipeline"
+_PIPELINE = "gril_jax.workflows.build"
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def experiment(monkeypatch):
     """Puts a stand-in for an experiment in place and returns the calls to its `main`."""
     calls = []
 
-    def stand_in(name, package="gril_jax.experiments", **functions):
+    def stand_in(name, package="gril_jax.workflows", **functions):
         module = types.ModuleType(f"{package}.{name}")
         record = lambda *args, **kwargs: calls.append((args, kwargs))  # noqa: E731
         for function, body in (functions or {"main": record}).items():
@@ -195,9 +195,9 @@ def test_report_hands_on_the_run(experiment, run):
 
 
 def test_report_draws_the_pages_of_table_1_and_of_sweeps_anew(experiment, tmp_path, monkeypatch):
-    from gril_jax.experiments.sweeps import sweep
-    from gril_jax.experiments.table1 import table1
-    from gril_jax.experiments.tables import results
+    from gril_jax.workflows.study import results
+    from gril_jax.workflows.study.sweeps import sweep
+    from gril_jax.workflows.study.table1 import table1
 
     calls = []
     monkeypatch.setattr(results, "redraw", lambda *args, echo: calls.append(args))
@@ -224,7 +224,7 @@ def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_p
         make_algorithm=lambda config, env: ("ppo", config, env),
         algorithm_hyper=lambda config: ("hyper", config),
     )
-    calls = experiment("policy_file", "gril_jax.interop")
+    calls = experiment("policy_file", "gril_jax.export")
     out = tmp_path / "policy.npz"
     assert main.main(["export-policy", str(trained), f"--out={out}"]) == 0
     config = RunConfig()
@@ -245,8 +245,8 @@ def test_export_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):
 
 
 def test_ablate_takes_a_number_of_seeds_and_rows(experiment, monkeypatch, capsys):
-    from gril_jax.experiments.ablate.rows import ROWS
-    from gril_jax.experiments.tables import frame
+    from gril_jax.workflows.study import frame
+    from gril_jax.workflows.study.ablate.rows import ROWS
 
     calls = []
     monkeypatch.setattr(frame, "make", lambda _, *args, **kwargs: calls.append(args))

@@ -5,7 +5,6 @@ import functools
 import jax
 import jax.numpy as jnp
 import pytest
-from gril_jax.experiments.pipeline import policy_setup, setup
 from support.probes import Probe
 
 from gril_jax.compilation import memory
@@ -13,6 +12,7 @@ from gril_jax.config import EncoderOptions, RunConfig
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError
 from gril_jax.rl import ppo, rewards, sac, training
+from gril_jax.workflows.build import policy_setup, setup
 
 GIB = 2**30
 SIZES = {"num_envs": 64, "unroll_length": 4, "hidden": (8,), "window": 4}

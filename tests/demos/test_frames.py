@@ -6,8 +6,6 @@ import jax
 import numpy as np
 import pytest
 from gril_jax.envs import make
-from gril_jax.experiments.pipeline import learners, policy_rewards
-from gril_jax.experiments.pipeline.demonstrations import Demonstrations
 from support.run_folders import moving_scene, save_demos
 from support.scenes import HALF_EXTENT
 
@@ -26,6 +24,8 @@ from gril_jax.demos.vision.video import read_video, write_video
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.rl import rewards
 from gril_jax.types import VideoBatch
+from gril_jax.workflows.build import learners, policy_rewards
+from gril_jax.workflows.build.demonstrations import Demonstrations
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs.magical.match_regions.task import MatchRegions
-from gril_jax.experiments import audit
-from gril_jax.experiments.pipeline import setup
 from support.probes import Probe
 from support.run_folders import save_run
 
@@ -19,9 +17,11 @@ from gril_jax.cli import main
 from gril_jax.config import EncoderOptions, EnvConfig, RunConfig, RunSettings
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError, RunError, ShapeError
-from gril_jax.interop.reward_file import load_reward, save_reward
+from gril_jax.export.reward_file import load_reward, save_reward
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
+from gril_jax.workflows import audit
+from gril_jax.workflows.build import setup
 
 CLASSES = setup.make_env(EnvConfig(), training=False).classes
 OBJECTS = ("goal", "robot", "green square")

@@ -13,8 +13,8 @@ from brax.envs.wrappers import training
 from gril_jax.experiments.examples import learn_reward, plain_jax, pushing
 
 from gril_jax.errors import ConfigError
-from gril_jax.interop import brax
-from gril_jax.interop.reward_file import load_reward
+from gril_jax.export import brax
+from gril_jax.export.reward_file import load_reward
 
 
 def _needs(*packages):

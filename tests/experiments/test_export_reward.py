@@ -5,16 +5,16 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from gril_jax.experiments import export_reward
-from gril_jax.experiments.pipeline import setup
 from support.run_folders import save_run
 from support.saved_rewards import made
 
 from gril_jax import envs
 from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
 from gril_jax.errors import RunError
-from gril_jax.interop.reward_file import RewardFileError, load_reward
+from gril_jax.export.reward_file import RewardFileError, load_reward
 from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.workflows import export_reward
+from gril_jax.workflows.build import setup
 
 ENV = EnvConfig(targets=("green star",), distractors=("blue pentagon",), variant="layout")
 CONFIG = dataclasses.replace(RunConfig(), env=ENV, encoder=EncoderOptions(width=8, latent=4))

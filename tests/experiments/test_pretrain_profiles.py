@@ -2,7 +2,8 @@
 
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.experiments.pretrain import _stage_ends
+
+from gril_jax.workflows.pretrain import _stage_ends
 
 FRAMES = 160
 

@@ -6,22 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gril_jax.experiments import tables
-from gril_jax.experiments.ladder import ladder
-from gril_jax.experiments.soundness import soundness
-from gril_jax.experiments.suite import suite
-from gril_jax.experiments.sweeps import sweep
-from gril_jax.experiments.table1 import columns as table1
-from gril_jax.experiments.table3 import table3
-from gril_jax.experiments.tables.counted import Counted
-from gril_jax.experiments.tables.curves import Curve
-from gril_jax.experiments.tables.results import Found
 from support.run_folders import RESULTS, save_run
 
 from gril_jax.report import rates
 from gril_jax.report.figures.curves import spread
 from gril_jax.report.figures.style import png
 from gril_jax.report.run_report import write_report
+from gril_jax.workflows.study.counted import Counted
+from gril_jax.workflows.study.curves import Curve
+from gril_jax.workflows.study.ladder import ladder
+from gril_jax.workflows.study.results import Found
+from gril_jax.workflows.study.soundness import soundness
+from gril_jax.workflows.study.suite import suite
+from gril_jax.workflows.study.sweeps import sweep
+from gril_jax.workflows.study.table1 import columns as table1
+from gril_jax.workflows.study.table3 import table3
 
 COUNTED = {"demo": Counted(4, 1), "jitter": Counted(4, 4), "layout": Counted(4, 4)}
 SAYS = r"\d (\w+ )?starts?\b|one (\w+ )?start\b|starts not recorded|solved"

@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments.pipeline import policy_setup
 from support.probes import Probe
 
 from gril_jax.config import RunConfig, RunSettings
 from gril_jax.rl import ppo, rewards, sac, training
 from gril_jax.rl.evaluate import begin, evaluate
+from gril_jax.workflows.build import policy_setup
 
 NUM, UPDATES = 8, 3
 SMALL = {"num_envs": NUM, "unroll_length": 3, "hidden": (8,), "window": 4}  # of episodes of 8

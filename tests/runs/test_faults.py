@@ -9,11 +9,6 @@ import sys
 
 import pytest
 from gril_jax.envs import registry
-from gril_jax.experiments import pretrain, train
-from gril_jax.experiments.soundness.rows import Settings as Soundness
-from gril_jax.experiments.table1.columns import COLUMNS
-from gril_jax.experiments.table1.rows import Settings
-from gril_jax.experiments.tables.rows import write_settings
 from support import new_task
 from support.faults import KINDS, Command, files_read, planted
 from support.run_folders import differing
@@ -23,6 +18,11 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import state_leaves
+from gril_jax.workflows import pretrain, train
+from gril_jax.workflows.study.rows import write_settings
+from gril_jax.workflows.study.soundness.rows import Settings as Soundness
+from gril_jax.workflows.study.table1.columns import COLUMNS
+from gril_jax.workflows.study.table1.rows import Settings
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gril_jax.interop import read_policy
-from gril_jax.interop.sealed_file import packed
+from gril_jax.export import read_policy
+from gril_jax.export.sealed_file import packed
 
 LAYERS = ((3, 5, "swish"), (5, 4, "tanh"), (4, 4, "none"))
 ABOUT = {

@@ -52,14 +52,14 @@ def experiment(
     devices: bool = False,
     **options: Any,
 ) -> Work:
-    """The work of `gril_jax.experiments.NAME`: its `main` with these arguments and `echo`.
+    """The work of `gril_jax.workflows.NAME`: its `main` with these arguments and `echo`.
 
     `config` and `devices` are those of `heavy_imports`.
     """
 
     def work() -> None:
         with heavy_imports(config, devices=devices):
-            module = importlib.import_module(f"gril_jax.experiments.{name}")
+            module = importlib.import_module(f"gril_jax.workflows.{name}")
         module.main(*args, **options, echo=echo)
 
     return work

@@ -53,7 +53,7 @@ def _make(args: list[str]) -> Work:
         raise ConfigError("gril demos make needs --out, the folder of the demonstration set")
     own_tasks.noted(config, args)
     folder = demo_set_to_write(out)
-    return experiment("pipeline.make_demos", config, folder, config=config, devices=True)
+    return experiment("build.make_demos", config, folder, config=config, devices=True)
 
 
 @dataclass(frozen=True)

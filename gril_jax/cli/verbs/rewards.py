@@ -59,7 +59,7 @@ def _audit(args: list[str]) -> Work:
 
 
 def _subtasks(args: list[str]) -> Work:
-    from gril_jax.experiments.subtasks.options import Options
+    from gril_jax.workflows.subtasks.options import Options
 
     about = "Find the stages of a task in a learned reward, and cut its demonstrations at them."
     task = take(args, "--task")
@@ -117,8 +117,8 @@ def _export_policy(args: list[str]) -> Work:
 
     def work() -> None:
         with heavy_imports(config, devices=True):
-            from gril_jax.experiments.pipeline import policy_setup, setup
-            from gril_jax.interop import policy_file
+            from gril_jax.export import policy_file
+            from gril_jax.workflows.build import policy_setup, setup
         env = setup.make_env(config.env, training=False)
         algorithm = policy_setup.make_algorithm(config, env)
         hyper = policy_setup.algorithm_hyper(config)

@@ -56,7 +56,7 @@ def _plan(args: list[str]) -> Work:
     found = beside(cells(axes, args, one))
 
     def settings():
-        from gril_jax.experiments.sweeps.sweep import Sweep
+        from gril_jax.workflows.study.sweeps.sweep import Sweep
 
         return Sweep(found, seeds)
 
@@ -65,8 +65,8 @@ def _plan(args: list[str]) -> Work:
 
 def _cells_of_rows(names: str, args: list[str]) -> Callable[[list[Cell]], list[Cell]]:
     """Makes of cells as many for each of these rows of Table I."""
-    from gril_jax.experiments.table1 import rows as table1_rows
-    from gril_jax.experiments.tables.rows import changed, chosen_rows
+    from gril_jax.workflows.study.rows import changed, chosen_rows
+    from gril_jax.workflows.study.table1 import rows as table1_rows
 
     rows = chosen_rows(names, table1_rows.ROWS)
     require_left_to_options(args, table1_rows.paths(rows))
@@ -102,7 +102,7 @@ def _resume(folder: Path, args: list[str], cluster: dict[str, Any] | None) -> Wo
         raise RunError(f"{folder} is not a sweep: it has no sweep.json")
 
     def read():
-        from gril_jax.experiments.sweeps.sweep import read_cells
+        from gril_jax.workflows.study.sweeps.sweep import read_cells
 
         return read_cells(folder)
 

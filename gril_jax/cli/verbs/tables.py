@@ -1,7 +1,7 @@
 """Verbs that make tables of named rows: to begin, to go on with a run, to join several.
 
-A table `name` has its rows in `gril_jax.experiments.NAME.rows`, which imports neither JAX nor
-MuJoCo, and its `TABLE` in `gril_jax.experiments.NAME.NAME`. The rows' module may have `Settings`.
+A table `name` has its rows in `gril_jax.workflows.study.NAME.rows`, which imports neither JAX nor
+MuJoCo, and its `TABLE` in `gril_jax.workflows.study.NAME.NAME`. Its rows may have `Settings`.
 """
 
 import dataclasses
@@ -60,8 +60,8 @@ def _table(
 
     def plan(args: list[str]) -> Work:
         # Names and numbers only: it imports neither JAX nor MuJoCo.
-        named_rows = importlib.import_module("gril_jax.experiments.tables.rows")
-        known = importlib.import_module(f"gril_jax.experiments.{name}.rows")
+        named_rows = importlib.import_module("gril_jax.workflows.study.rows")
+        known = importlib.import_module(f"gril_jax.workflows.study.{name}.rows")
         kind = getattr(known, "Settings", named_rows.Settings)
         other = _begun(args, name, kind) or _joined(args, name)
         if other is not None:
@@ -85,7 +85,7 @@ def _table(
 
 def _rows_taken(known: ModuleType, args: list[str], usual: str | None = None):
     """Takes --rows off the arguments; the rows that it names, or the usual ones."""
-    from gril_jax.experiments.tables.rows import chosen_rows
+    from gril_jax.workflows.study.rows import chosen_rows
 
     return chosen_rows(take(args, "--rows") or usual, known.ROWS)
 
@@ -108,7 +108,7 @@ def made(
                 from gril_jax.runs import hosts
 
                 hosts.initialize(cluster)
-            from gril_jax.experiments.tables import frame
+            from gril_jax.workflows.study import frame
 
             family = _family(name)
         frame.make(family, config, settings(), resume=resume, echo=echo)
@@ -117,11 +117,11 @@ def made(
 
 
 def of_results(function: str, name: str, *args: Any) -> Work:
-    """The work of a function of `gril_jax.experiments.tables.results`, such as `redraw`."""
+    """The work of a function of `gril_jax.workflows.study.results`, such as `redraw`."""
 
     def work() -> None:
         with heavy_imports():
-            from gril_jax.experiments.tables import results
+            from gril_jax.workflows.study import results
 
             family = _family(name)
         getattr(results, function)(family, *args, echo=echo)
@@ -131,7 +131,7 @@ def of_results(function: str, name: str, *args: Any) -> Work:
 
 def _family(name: str) -> Any:
     folder = "sweeps" if name == "sweep" else name
-    return importlib.import_module(f"gril_jax.experiments.{folder}.{name}").TABLE
+    return importlib.import_module(f"gril_jax.workflows.study.{folder}.{name}").TABLE
 
 
 def not_beside(args: list[str], option: str, takes: str) -> None:
@@ -142,7 +142,7 @@ def not_beside(args: list[str], option: str, takes: str) -> None:
 
 def _begun(args: list[str], name: str, kind: type) -> Work | None:
     """The work that is left where --resume is given; None without it."""
-    from gril_jax.experiments.tables.rows import read_settings
+    from gril_jax.workflows.study.rows import read_settings
 
     given = take(args, "--resume")
     if given is None:
@@ -195,7 +195,7 @@ def _table1(known: ModuleType, args: list[str], quick: bool, load: Loader):
 
 
 def _ladder(known: ModuleType, args: list[str], quick: bool, load: Loader):
-    from gril_jax.experiments.tables.rows import chosen_rows
+    from gril_jax.workflows.study.rows import chosen_rows
 
     name, steps = positional(args), whole_number(args, "--steps-per-encoder", None)
     names = take(args, "--rows")
@@ -222,7 +222,7 @@ def _suite(known: ModuleType, args: list[str], quick: bool, load: Loader):
 
 
 def _table2(known: ModuleType, args: list[str], quick: bool, load: Loader):
-    from gril_jax.experiments.tables.rows import require_learned
+    from gril_jax.workflows.study.rows import require_learned
 
     name, every = positional(args), not quick and not any(arg.startswith("--rows") for arg in args)
     rows = _rows_taken(known, args, known.QUICK_ROWS if quick else None)

@@ -41,7 +41,7 @@ def _check(args: list[str]) -> Work:
 
     def work() -> int:
         with heavy_imports(MakeDemosConfig(env=env)):
-            from gril_jax.experiments import check_task
+            from gril_jax.workflows import check_task
         return check_task.main(name, env.own_options, echo=echo)
 
     return work
@@ -63,7 +63,7 @@ def _new(args: list[str]) -> Work:
         raise ConfigError(
             f"{given.name!r:.60} must be a name such as push_puck, of letters, digits, _"
         )
-    folder = resources.files("gril_jax.experiments.skeleton")
+    folder = resources.files("gril_jax.workflows.skeleton")
     written = (folder / f"{kind}my_task.py" for kind in ("", "test_"))
     paths = {
         Path(given.out) / file.name.replace("my_task", given.name): file.read_text(encoding="utf-8")

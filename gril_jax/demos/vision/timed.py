@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from gril_jax.demos.boxes.record import Film
+from gril_jax.demos.formats.record import Film
 from gril_jax.errors import DemoError
 
 from .video import opened

@@ -17,9 +17,9 @@ from gril_jax.envs.tabletop.hand import CLOSED, OPEN, Hand
 from gril_jax.envs.tabletop.resting import Space, put_down
 from gril_jax.envs.tabletop.shoes_in_box import model
 from gril_jax.envs.tabletop.start import Footprint, Start, free_joint
-from gril_jax.experiments.ladder import rows as ladder
 
 from gril_jax import envs
+from gril_jax.workflows.study.ladder import rows as ladder
 
 HALF = jnp.array([model.SHOE_HALF] * 2)
 SPACE = Space(0, model.FLOOR_HALF, model.BOX_HALF[:2])

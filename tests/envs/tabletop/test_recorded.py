@@ -9,9 +9,9 @@ from gril_jax.envs.tabletop.environment import Tabletop
 from gril_jax.envs.tabletop.recorded import moments
 from gril_jax.envs.tabletop.shoes_in_box import expert
 from gril_jax.envs.tabletop.shoes_in_box.task import TASK, shoes_in_box
-from gril_jax.experiments.pipeline import setup
 
 from gril_jax.config import EnvConfig
+from gril_jax.workflows.build import setup
 
 
 @pytest.fixture(scope="module")

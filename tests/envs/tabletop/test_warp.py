@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments.pipeline import setup
-from gril_jax.experiments.tables import programs as sweep_programs
-from gril_jax.experiments.tables.rows import Row
 from support import tabletop_scenes as scenes
 
 from gril_jax import envs
 from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.config.grid import with_seed
 from gril_jax.errors import ConfigError
+from gril_jax.workflows.build import setup
+from gril_jax.workflows.study import programs as sweep_programs
+from gril_jax.workflows.study.rows import Row
 
 LANES = 4
 INSTALLED = importlib.util.find_spec("warp") is not None

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from gril_jax.envs.magical.suite import from_boxes
 from gril_jax.envs.planar.shapes import NOTHING, SHAPES
-from gril_jax.experiments.pipeline import policy_rewards
 
 from gril_jax import envs
 from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.workflows.build import policy_rewards
 
 TASKS = ("find_dupe", "make_line", "cluster_shape")  # with a region, without one, with spare slots
 ARENA = 1.0

@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments.pipeline import policy_rewards
 
 from gril_jax import envs
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.types import DemoBatch
+from gril_jax.workflows.build import policy_rewards
 
 TASKS = ("move_to_region", "fix_colour", "make_line")  # without blocks, with regions, without them
 

@@ -10,11 +10,11 @@ import pytest
 from gril_jax.envs.magical.simulator import from_magical
 from gril_jax.envs.magical.suite import state as states
 from gril_jax.envs.planar.shapes import NOTHING
-from gril_jax.experiments.pipeline import filming
 from support import scenes
 
 from gril_jax import envs
 from gril_jax.demos.vision.video import read_video
+from gril_jax.workflows.build import filming
 
 TASKS = (
     "move_to_corner", "move_to_region", "find_dupe", "fix_colour", "cluster_colour",

@@ -1,1 +1,0 @@
-"""Three ways to get a stage's reward from films, compared."""

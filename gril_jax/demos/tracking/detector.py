@@ -1,0 +1,87 @@
+"""Boxes by a detector of one's own, `module:function`, called in this process.
+
+    def detect(frames):                       # (T, H, W, 3) uint8, RGB
+        return [[("cup", 317, 295, 371, 349, 0.93), ...], ...]   # of each frame
+
+A box is a class, x_min, y_min, x_max, y_max in pixels, and if it likes a confidence. Identities
+come from `gril_jax.demos.tracking.sort`.
+"""
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from gril_jax.demos.formats.record import Box, Film, box, checked
+from gril_jax.demos.vision.timed import frames_of
+from gril_jax.errors import DemoError
+
+from .sort import tracked
+
+_TOGETHER = 32  # frames that a detector is given at once
+
+
+def detecting(name: str) -> Callable[[Film], list[Box]]:
+    """(film) -> boxes with identities, by the function of this name."""
+    detect = _found(name)
+
+    def boxes(film: Film) -> list[Box]:
+        made, first = [], 0
+        for frames in _batches(film):
+            try:
+                rows = list(detect(frames))
+            except Exception as error:  # whatever a detector of theirs may raise
+                raise DemoError(
+                    f"{name}: failed on {film.path.name}, frames {first} to "
+                    f"{first + len(frames) - 1} ({type(error).__name__}: {error})."
+                ) from error
+            if len(rows) != len(frames):
+                raise DemoError(
+                    f"{name}: gave boxes of {len(rows)} frames for {len(frames)} of "
+                    f"{film.path.name}; it must give a list for each."
+                )
+            for frame, row in enumerate(rows, first):
+                where = f"{name}, {film.path.name}, frame {frame}"
+                made += [_box(film, frame, one, where) for one in row]
+            first += len(frames)
+        return checked(tracked(made, film.fps), Path(name), film)
+
+    return boxes
+
+
+def _found(name: str) -> Callable[[np.ndarray], list[list[tuple]]]:
+    module, colon, function = name.partition(":")
+    if not colon or not function:
+        raise DemoError(f"--detector is {name!r}, but must be module:function.")
+    if "" not in sys.path:
+        sys.path.insert(0, "")  # a file in the folder in which the command was given
+    try:
+        found = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError, ValueError, SyntaxError) as error:
+        raise DemoError(f"--detector {name} cannot be imported ({error}).") from error
+    if not callable(found):
+        raise DemoError(f"--detector {name} is a {type(found).__name__}, but must be a function.")
+    return found
+
+
+def _batches(film: Film) -> Iterator[np.ndarray]:
+    batch = []
+    for picture in frames_of(film):
+        batch.append(picture)
+        if len(batch) == _TOGETHER:
+            yield np.stack(batch)
+            batch = []
+    if batch:
+        yield np.stack(batch)
+
+
+def _box(film: Film, frame: int, given: object, where: str) -> Box:
+    if not isinstance(given, (tuple, list)) or len(given) not in (5, 6):
+        raise DemoError(
+            f"{where}: a box must be class, x_min, y_min, x_max, y_max and at most a confidence, "
+            f"not {given!r:.60}."
+        )
+    sure = given[5] if len(given) == 6 else 1.0
+    return box(film, frame, given[0], given[1:5], where, confidence=sure)

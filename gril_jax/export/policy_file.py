@@ -1,0 +1,196 @@
+"""Exports a run's policy as plain arrays, for programs without JAX or this package.
+
+`gril export-policy RUN --out policy.npz` writes the policy that `gril eval` plays, with its
+deterministic (mean) action. `gril_jax/export/read_policy.py` plays it with NumPy alone, here or
+copied to a robot, and refuses a file that is damaged or edited:
+
+    from gril_jax.export.read_policy import load_policy
+
+    act = load_policy("policy.npz")
+    action = act(observation)
+
+A file brings that module along, as `reader` of its description:
+
+    import json
+    import numpy as np
+
+    with np.load("policy.npz") as file:
+        about = json.loads(str(file["description"]))
+    with open("read_policy.py", "w", encoding="utf-8") as file:
+        file.write(about["reader"])
+
+Arrays, all float32, for O inputs and layers i of H_i outputs:
+  observation_mean (O,), observation_limit (O,)   see below
+  kernel_i (H_(i-1), H_i), bias_i (H_i,)
+  description ()   a JSON text; `describe` lists its fields
+and a digest of the whole file, its last 64 bytes (`gril_jax.export.sealed_file`).
+
+Of the observation's normalisation, clip((x - mean) / std, -10, 10), the division is folded into
+`kernel_0`; mean and limit = 10 std stay apart, since of an input that hardly varies x / std and
+mean / std are both large, and in float32 their difference loses digits.
+"""
+
+import dataclasses
+import inspect
+import itertools
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from gril_jax.config import RunConfig
+from gril_jax.errors import RunError, ShapeError
+from gril_jax.rl import training
+from gril_jax.rl.policy import MAX_OBSERVATION, Policy
+from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.versions import package_versions
+from gril_jax.safe_files import new_file, writing
+
+from . import read_policy
+from .sealed_file import packed
+
+FORMAT, VERSION = "gril-jax policy", 2
+
+_ACTIVATION = "swish"  # brax's default, which PPO and SAC keep; the last layer has none
+
+
+@runtime_checkable
+class SizedTask(Protocol):
+    """A task as far as a policy's file describes it."""
+
+    observation_size: int
+    action_size: int
+
+
+def main(
+    folder: Path,
+    out: Path,
+    config: RunConfig,
+    algorithm: training.Algorithm,
+    hyper: Any,
+    *,
+    echo: Callable[[str], None] = print,
+) -> None:
+    """Writes the newest policy of a run to a new file; its algorithm is built from its config. A
+    RunError if the run has no policy or a broken one, or the file exists or cannot be written; a
+    ShapeError if the task misnames its numbers."""
+    found = checkpoint.newest(folder, "policy")
+    fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
+    arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
+    if broken := [name for name, array in arrays.items() if not np.isfinite(array).all()]:
+        raise RunError(f"{broken[0]} of the policy in {found} is not finite: train it again")
+    episodes, objects = algorithm.episodes, []
+    if episodes.observe_activity:
+        labels = fresh.envs.running.state.objects.label[0]
+        objects = [episodes.env.classes[i] for i in np.asarray(labels)]
+    write(out, arrays, describe(config, episodes.env, arrays, objects))
+    echo(f"wrote {out}")
+
+
+def policy_arrays(policy: Policy) -> dict[str, Float[np.ndarray, "..."]]:
+    """The policy's float32 arrays by name; the module's text says how to use them."""
+    # In float64, so that folding rounds once.
+    mean, std = (np.asarray(x, np.float64) for x in (policy.normalizer.mean, policy.normalizer.std))
+    arrays = {"observation_mean": mean, "observation_limit": MAX_OBSERVATION * std}
+    layers = policy.params["params"]
+    for i in range(len(layers)):
+        kernel = np.asarray(layers[f"hidden_{i}"]["kernel"], np.float64)
+        arrays[f"kernel_{i}"] = kernel / std[:, None] if i == 0 else kernel
+        arrays[f"bias_{i}"] = np.asarray(layers[f"hidden_{i}"]["bias"])
+    return {name: array.astype(np.float32) for name, array in arrays.items()}
+
+
+def describe(
+    config: RunConfig,
+    env: SizedTask,
+    arrays: dict[str, Float[np.ndarray, "..."]],
+    objects: Sequence[str],
+) -> dict[str, Any]:
+    """The meaning of the arrays, as JSON has it; errors are those of `observation_layout`. Index
+    ranges are [start, stop).
+
+    The objects are those whose activity bits the policy sees, in order. Its fields:
+      format, version, gril_jax: what wrote the file; version 1 had neither digest nor reader.
+      reader: the text of `gril_jax/export/read_policy.py`, which plays the file.
+      layers: `in`, `out` and `activation` (swish, relu, tanh or none) of each.
+      output: the ranges of the last layer that hold the action's mean and its spread before
+        `squash`, which is applied to the mean. The deterministic action does not need the spread.
+      observation: name and range of each input, in order, activity bits included.
+      activity: None, or the range of the activity bits, their objects, and the rule: a bit is 0
+        when an episode begins and becomes 1 for good when the centre of the object's box lies more
+        than `tau` box diagonals from where it was `window` control steps before.
+      action: name, range and limits of each number of the action.
+      control_hz: actions a second.
+      env: the task's settings in the run.
+    """
+    kernels = [array for name, array in arrays.items() if name.startswith("kernel_")]
+    activations = [_ACTIVATION] * (len(kernels) - 1) + ["none"]
+    num_own, size = env.observation_size, env.action_size
+    activity = {
+        "start": num_own,
+        "stop": num_own + len(objects),
+        "objects": [*objects],
+        "tau": config.pool.tau,
+        "window": config.pool.window,
+    }
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "gril_jax": package_versions()["gril-jax"],
+        "layers": [
+            {"in": kernel.shape[0], "out": kernel.shape[1], "activation": activation}
+            for kernel, activation in zip(kernels, activations, strict=True)
+        ],
+        "output": {"mean": [0, size], "spread": [size, 2 * size], "squash": "tanh"},
+        "observation": observation_layout(env, objects),
+        "activity": activity if objects else None,
+        "action": action_layout(env),
+        "control_hz": float(env.control_hz),
+        "env": dataclasses.asdict(config.env),
+        "reader": inspect.getsource(read_policy),
+    }
+
+
+def observation_layout(env: SizedTask, objects: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Name, start and stop of each part of the policy's input, in order.
+
+    The task's `observation_names`, if it has them, name each number, or it is a ShapeError; equal
+    names in a row are one part. Without them there is a single part "observation". The objects'
+    activity bits follow.
+    """
+    bits = [f"{name} has moved" for name in objects]
+    return _layout(env, "observation", env.observation_size, bits)
+
+
+def action_layout(env: SizedTask) -> list[dict[str, Any]]:
+    """Name, start, stop, low and high of each part of the action, as `observation_layout`, whose
+    errors are the same."""
+    found = _layout(env, "action", env.action_size)
+    return [entry | {"low": -1.0, "high": 1.0} for entry in found]
+
+
+def write(
+    out: Path, arrays: dict[str, Float[np.ndarray, "..."]], description: dict[str, Any]
+) -> None:
+    """Writes a new npz file, complete or not at all; equal contents give equal bytes."""
+    contents = packed(arrays, json.dumps(description, allow_nan=False))
+    with writing(out.parent):
+        try:
+            with new_file(out) as file:
+                file.write(contents)
+        except FileExistsError:
+            raise RunError(f"{out} exists already, but --out must be a new file") from None
+
+
+def _layout(env: SizedTask, kind: str, size: int, more: Sequence[str] = ()) -> list[dict[str, Any]]:
+    names = getattr(env, f"{kind}_names", [kind] * size)
+    if len(names) != size:
+        task = type(env).__name__
+        raise ShapeError(f"{task} names {len(names)} numbers of its {kind}, but it has {size}")
+    numbered = itertools.groupby(enumerate([*names, *more]), lambda entry: entry[1])
+    groups = [(name, [index for index, _ in group]) for name, group in numbered]
+    return [{"name": name, "start": at[0], "stop": at[-1] + 1} for name, at in groups]

@@ -1,0 +1,171 @@
+"""The format of a reward file: the names of its arrays, its description, and the checks of both.
+
+`gril_jax.export.reward_file` says what the fields of the description mean.
+"""
+
+import importlib.metadata
+import json
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import PyTree
+
+from gril_jax.encoders import encoder
+from gril_jax.encoders import encoder as encoder_choices
+from gril_jax.encoders.encoder import AnyConfig
+from gril_jax.encoders.ensemble import latent_size, num_members
+from gril_jax.errors import ConfigError, GrilError, ShapeError
+from gril_jax.graphs import activity_rule
+from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.reward.learned_reward import LearnedReward
+
+FORMAT, VERSION = "gril-jax reward", 2
+_READ = (1, 2)  # version 1 had no digest
+
+
+class RewardFileError(GrilError):
+    """A reward file is missing, damaged, of another version, or would be overwritten."""
+
+
+def named(params: PyTree) -> Iterator[tuple[str, Any]]:
+    """Yields (name, leaf) of every array; names are paths: encoder.head.Dense_0.bias, goal, ..."""
+    for path, leaf in jax.tree_util.tree_leaves_with_path(params):
+        yield jax.tree_util.keystr(path, simple=True, separator="."), leaf
+
+
+def blank(config: AnyConfig) -> RewardParams:
+    """Shapes of a config's parameters, for a single goal; nothing is computed."""
+    number = jax.ShapeDtypeStruct((), jnp.float32)
+    members = num_members(config)
+    scale = jax.ShapeDtypeStruct((members,) if members > 1 else (), jnp.float32)
+    goal = jax.ShapeDtypeStruct((latent_size(config),), jnp.float32)
+    key = jax.eval_shape(lambda: jax.random.key(0))
+    made = jax.eval_shape(lambda key: encoder.init(key, config), key)
+    return RewardParams(encoder=made, goal=goal, scale=scale, alpha=number)
+
+
+def check_arrays(
+    arrays: Mapping[str, np.ndarray], wanted: Mapping[str, jax.ShapeDtypeStruct], where: str
+) -> None:
+    """Raises RewardFileError, or a ShapeError, unless arrays are finite float32 of the `named`
+    shapes of their encoder; `where` begins the message."""
+    if lacks := [name for name in wanted if name not in arrays]:
+        raise RewardFileError(
+            f"{where} lacks the array {lacks[0]!r}; its encoder needs one: save the reward again."
+        )
+    for name, array in arrays.items():
+        if name not in wanted:
+            raise RewardFileError(
+                f"{where} has an array {name!r}; it must hold its encoder's arrays alone."
+            )
+        shape = wanted[name].shape
+        goals = name == "goal" and array.ndim == 2 and len(array) and array.shape[1:] == shape
+        if array.shape != shape and not goals:
+            raise ShapeError(
+                f"{where}: {name} has shape {array.shape}; with its encoder it must be {shape}."
+            )
+        if array.dtype != np.float32:
+            raise RewardFileError(f"{where}: {name} is {array.dtype}; it must be float32.")
+        if not np.isfinite(array).all():
+            raise RewardFileError(f"{where}: {name} is not finite; train the reward again.")
+
+
+def describe(
+    learned: LearnedReward, half_extent: float | None, unit: str | None, provenance: dict[str, Any]
+) -> str:
+    """The description as JSON text; a `ConfigError` if its choices are wrong or are no JSON."""
+    about = {
+        "format": FORMAT,
+        "version": VERSION,
+        "encoder": encoder_choices.to_json(learned.config),
+        "activity": learned.activity._asdict(),
+        "softness": learned.softness,
+        "classes": [*learned.classes],
+        "robots": [*learned.robots],
+        "objects": [*learned.objects],
+        "half_extent": half_extent,
+        "unit": unit,
+        "provenance": {"gril_jax": _version(), **provenance},
+    }
+    _check_choices(learned, half_extent)
+    return _json(about)
+
+
+def check_version(about: dict[str, Any], where: str) -> None:
+    """Raises a RewardFileError unless the description is one of this format, of a version known."""
+    kind, version = about.get("format"), about["version"]
+    if kind != FORMAT:
+        raise RewardFileError(f"{where} has format {kind!r:.60}; it must be {FORMAT!r}.")
+    if type(version) is not int or version not in _READ:
+        raise RewardFileError(
+            f"{where} has version {version!r:.60}, but this version of gril-jax reads up to "
+            f"{VERSION}; save it again, or install the version that wrote it."
+        )
+
+
+def understand(about: Mapping[str, Any], where: str) -> LearnedReward:
+    """The reward that a description defines, with shapes in place of arrays; a RewardFileError for
+    a field that is missing, a ConfigError for a choice that this version does not have."""
+    try:
+        config = encoder_choices.from_json(about["encoder"])
+        learned = LearnedReward(
+            blank(config),
+            config,
+            *(_names(about, field) for field in ("classes", "robots", "objects")),
+            activity=activity_rule.from_json(about["activity"]),
+            softness=_positive(about, "softness"),
+            description=_json(about),
+        )
+        _check_choices(learned, _positive(about, "half_extent"))
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+    except KeyError as error:
+        raise RewardFileError(
+            f"{where}: the description lacks the field {error}; save the reward again."
+        ) from None
+    return learned
+
+
+def _check_choices(learned, half_extent):
+    count, classes = getattr(learned.config, "num_classes", None), learned.classes
+    if count is not None and len(classes) != count:
+        raise ConfigError(
+            f"classes holds {len(classes)} names but encoder.num_classes is {count}; they must be "
+            "as many."
+        )
+    if len(set(classes)) < len(classes):
+        raise ConfigError(f"classes is {', '.join(classes)}; its names must differ.")
+    _positive({"half_extent": half_extent}, "half_extent")
+    _positive({"softness": learned.softness}, "softness")
+
+
+def _positive(about, field):
+    value = about[field]
+    if value is not None and not (type(value) in (int, float) and 0 < value < math.inf):
+        raise ConfigError(f"{field} is {value!r:.60}; it must be a number above 0, or None.")
+    return None if value is None else float(value)
+
+
+def _names(about, field):
+    names = about[field]
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        raise ConfigError(f"{field} is {names!r:.60}; it must be a list of names.")
+    return tuple(names)
+
+
+def _version():
+    try:
+        return importlib.metadata.version("gril-jax")
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def _json(content):
+    try:
+        return json.dumps(content, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"provenance and unit must be JSON, but {error}.") from None

@@ -1,0 +1,1 @@
+"""What the verbs and the Python functions of the package run, from a configuration."""

@@ -1,0 +1,199 @@
+"""Searches for states that a learned reward overestimates, before a policy finds them.
+
+gril audit RUN                      a run's reward, under a minute on two CPU cores
+gril audit reward.npz --out found   a reward file
+
+A sound reward has an order accuracy of at least 0.97 and a positive hack gap, and rises by at most
+5 % of its range for touching, and by at most 70 % of it for targets pushed to any wrong place.
+"""
+
+import dataclasses
+import functools
+import json
+import math
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gril_jax import envs
+from gril_jax.audit import measures
+from gril_jax.audit.measures import Audit, States, make_states
+from gril_jax.audit.scene_reward import Scene, scene_reward
+from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.config.tables import ENCODERS
+from gril_jax.config.task import NO_TASK
+from gril_jax.encoders.encoder import PixelConfig
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.export.reward_file import load_reward
+from gril_jax.report.audit.page import Findings, write_report
+from gril_jax.reward.learned_reward import LearnedReward
+from gril_jax.runs import run_dir
+from gril_jax.workflows import export_reward, film_audit
+from gril_jax.workflows.build import setup, vocabulary
+
+
+def main(
+    source: Path,
+    *,
+    task: str | None = None,
+    out: Path | None = None,
+    variant: str | None = None,
+    ascents: int = 1000,
+    starts: int = 4,
+    seed: int = 0,
+    echo: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """Audits a reward; writes `audit.json`, which it returns, `report.html` and its pictures.
+
+    The source is a run's folder or a file of `gril_jax.export.reward_file.save_reward`; task
+    and variant of a run are its own if left out. Results go to `audit` in the run's folder, or
+    beside the file under its name with "-audit". The starts, episodes whose first frames
+    everything begins from, share the ascents. Raises RunError if there is no reward yet, and
+    ConfigError if reward and task do not fit together.
+    """
+    if out is None:
+        out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
+    if source.is_dir() and (config := run_dir.read_config(source)).env.name == NO_TASK:
+        if task is not None:
+            raise ConfigError(f"{source} was trained on films alone, but --task is {task}")
+        return film_audit.main(source, config, out, scenes=ascents, seed=seed, echo=echo)
+    learned, env, names, scenes = _subject(source, task, variant, starts, seed)
+    stages = env.stages
+    reward = scene_reward(learned.config, softness=learned.softness)
+    first = jax.tree.map(lambda x: x[0], scenes)
+    jax.eval_shape(reward, learned.params, first)  # of other sizes: refused before any work
+    keys = jax.random.split(jax.random.key(seed), starts + 1)
+    make = jax.vmap(functools.partial(make_states, task=stages))
+    states = jax.jit(make)(keys[1:], scenes)
+    score = np.asarray(states.battery.score)
+    if (score[:, 0] > 0).any():
+        raise ConfigError("the task's starts have made progress already, but must have made none")
+    if (score.max(axis=1) < measures.SUCCESS).any():
+        done = ", ".join(stage.name for stage in stages.stages)
+        raise ConfigError(f"no state was made with all of these stages done: {done}")
+    run = functools.partial(measures.audit, reward, task=stages, states=states, ascents=ascents)
+    found: Audit = jax.tree.map(np.asarray, jax.jit(run)(learned.params, key=keys[0]))
+    states = jax.tree.map(np.asarray, states)
+    _check_finite(states, found, names)
+    findings = Findings(states, found, names, stages)
+    settings = {
+        "source": str(source), "ascents": found.found.reward.size, "starts": starts, "seed": seed,
+        "variant": getattr(env, "variant", None),
+    }  # fmt: skip
+    results = findings.as_json() | {"settings": settings}
+    with run_dir.writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "audit.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    page = write_report(out, findings, results, title=f"Audit of {source.name}")
+    for line in findings.in_words():
+        echo(line)
+    echo(f"report: {page}")
+    return results
+
+
+def require_possible(config: RunConfig, env: envs.Env) -> None:
+    """Raises ConfigError if a run asks for an audit that its reward or its task does not allow."""
+    none = f"run.audit is {config.run.audit}, but must be 0, because"
+    if not ENCODERS[config.encoder.kind].boxes:
+        raise ConfigError(
+            f"{none} an audit moves boxes and encoder.kind is {config.encoder.kind!r}"
+        )
+    if getattr(env, "stages", None) is None:
+        raise ConfigError(f"{none} the task {config.env.name} has no stage definition")
+
+
+def _subject(source: Path, task: str | None, variant: str | None, starts: int, seed: int):
+    """The reward, its task, the names of the scene's objects, and scenes with its own labels."""
+    if source.is_dir():
+        config = run_dir.read_config(source)
+        setup.require_boxes(config, "an audit, which moves boxes")
+        chosen = config.env
+        if task not in (None, chosen.name):
+            raise ConfigError(f"{source} was trained for {chosen.name}, but --task is {task}")
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "reward.npz"
+            export_reward.main(source, file, echo=lambda line: None)
+            learned = load_reward(file)
+    else:
+        learned = load_reward(source)
+        if isinstance(learned.config, PixelConfig):
+            raise ConfigError(f"{source} takes pictures, but an audit moves boxes")
+        chosen = _env_of(learned, task or EnvConfig.name)
+    env = setup.make_env(chosen, training=False, variant=variant)
+    if getattr(env, "stages", None) is None:
+        raise ConfigError(
+            f"the task {chosen.name} has no stage definition, but an audit needs its attribute "
+            "`stages` (see gril_jax.envs.stages)"
+        )
+    _require_one_unit(learned, chosen.name, env, source)
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), starts)
+    objects = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
+    names = tuple(env.classes[i] for i in np.asarray(objects.label[0]))
+    label = _labels(learned, env.classes, np.asarray(objects.label), source)
+    resting = jnp.zeros(label.shape, bool)
+    scenes = Scene(objects.center, objects.size, label, objects.is_robot, resting)
+    return learned, env, names, scenes
+
+
+def _require_one_unit(learned: LearnedReward, task: str, env: envs.Env, source: Path) -> None:
+    """Raises ConfigError if a reward's lengths are of another unit than the task's."""
+    unit, extent = (learned.about.get(name) for name in ("unit", "half_extent"))
+    known = unit in (None, vocabulary.unit_of_task(task)) or extent is None
+    if not known and not math.isclose(extent, env.half_extent, rel_tol=0.01):
+        raise ConfigError(
+            f"{source} was learned in {unit}, of which a frame shows {extent:g} to each side, but "
+            f"{task} shows {env.half_extent:g} of its own: their lengths do not fit"
+        )
+
+
+def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
+    """The task; one with targets has those of its usual blocks that the reward was made for."""
+    chosen = EnvConfig(name=task)
+    if chosen.is_own:
+        return chosen
+    if "targets" not in envs.options(task):
+        return chosen
+    blocks = (*EnvConfig.targets, *EnvConfig.distractors)
+    known = learned.objects or blocks
+    targets = tuple(name for name in EnvConfig.targets if name in known)
+    distractors = tuple(name for name in EnvConfig.distractors if name in known)
+    if not targets or not {*known} <= {*targets, *distractors, "goal", "robot"}:
+        raise ConfigError(
+            f"the reward is for the objects {', '.join(known)}, but {task} has "
+            f"goal, robot, {', '.join(blocks)}"
+        )
+    return dataclasses.replace(chosen, targets=targets, distractors=distractors)
+
+
+def _labels(learned: LearnedReward, classes, label: np.ndarray, source: Path) -> jax.Array:
+    """The task's labels as indices into the reward's classes."""
+    for index in np.unique(label):
+        if classes[index] not in learned.classes:
+            raise ConfigError(
+                f"{source} knows no class {classes[index]!r}, which the task has; its classes are "
+                f"{', '.join(learned.classes)}"
+            )
+    index = [learned.classes.index(c) if c in learned.classes else 0 for c in classes]
+    return jnp.array(index, jnp.int32)[label]
+
+
+def _check_finite(states: States, found: Audit, names) -> None:
+    """Raises RunError for the first state whose reward is not finite."""
+    made = (
+        states.battery.scenes, states.alone, states.pushed, states.successes, found.found.scene
+    )  # fmt: skip
+    for scenes, paid in zip(made, (*found.rewards, found.found.reward), strict=True):
+        bad = np.argwhere(~np.isfinite(paid))
+        if len(bad):
+            at = tuple(bad[0])
+            places = zip(names, scenes.center[at], scenes.active[at], strict=True)
+            said = (
+                f"{name} ({x:.3f}, {y:.3f}){' active' * bool(on)}" for name, (x, y), on in places
+            )
+            where = ", ".join(said)
+            raise RunError(f"the reward is {paid[at]} instead of a number at {where}")

@@ -1,0 +1,121 @@
+"""Tells what a run would do, how long it would take here and how much memory: `--dry-run`.
+
+Nothing is written. Parts of the real programs are compiled and timed for a few updates on an
+untrained reward, and on boxes that rest where the demonstrations would be made first.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from gril_jax.compilation import memory, sharding
+from gril_jax.config import RunConfig
+from gril_jax.config.tables import ENCODERS
+from gril_jax.demos.demo_set import demo_batch, load_demo_set
+from gril_jax.envs import Env
+from gril_jax.pretraining import pretrain
+from gril_jax.report.headline import in_words
+from gril_jax.types import DemoBatch
+from gril_jax.workflows import audit, train
+from gril_jax.workflows.build import (
+    demonstrations,
+    own_task,
+    policy_rewards,
+    policy_setup,
+    setup,
+)
+
+_UNIT = 2**20
+
+
+def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -> dict[str, float]:
+    """Says it line by line; returns seconds and bytes by phase. Errors are those of the run."""
+    env = setup.task_of(config.env)
+    if env is not None:
+        own_task.require_demonstrations(config, env)
+    demonstrations.require_usable(config, env)
+    if config.run.audit and verb == "train" and env is not None:
+        audit.require_possible(config, env)
+    demos, classes = _demonstrations(config, env, echo)
+    found: dict[str, float] = {}
+    if ENCODERS[config.encoder.kind].boxes:
+        found["reward_s"] = _reward_seconds(config, demos, classes)
+        took = in_words(found["reward_s"])
+        echo(f"reward: {config.pretrain.steps:,} gradient steps, about {took}")
+    else:
+        echo(f"reward: {config.pretrain.steps:,} gradient steps on pictures, which are not timed")
+    if verb == "train":
+        found |= _policy(config, echo)
+    total = sum(value for name, value in found.items() if name.endswith("_s"))
+    where = config.run.out or "a new folder below runs/"
+    echo(f"in all about {in_words(total)} on {setup.device_in_words()}; results go to {where}")
+    return found
+
+
+def _demonstrations(
+    config: RunConfig, env: Env | None, echo: Callable[[str], None]
+) -> tuple[DemoBatch, int]:
+    """The demonstrations, or scenes at rest in their stead, and the number of classes; told."""
+    chosen = config.demos
+    if chosen.path is not None:
+        demo_set = load_demo_set(chosen.path)
+        shown = ", ".join(demo_set.classes if env is None else env.classes)
+        echo(f"demonstrations: {len(demo_set.entries)} of {chosen.path}, of {shown}")
+        return demo_batch(demo_set), len(demo_set.classes)
+    num = chosen.num + chosen.num_validation
+    echo(f"demonstrations: {num} of the expert of {config.env.shown_name} would be made first")
+    seen = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(
+        jax.random.split(jax.random.key(0), num)
+    )
+    frames = config.pretrain.num_frames
+    center, size = (jnp.repeat(x[:, None], frames, axis=1) for x in (seen.center, seen.size))
+    present, length = jnp.ones(seen.label.shape, bool), jnp.full(num, frames, jnp.int32)
+    resting = DemoBatch(center, size, seen.label, seen.is_robot, present, length)
+    return resting, len(env.classes)
+
+
+def _reward_seconds(config: RunConfig, demos: DemoBatch, classes: int) -> float:
+    """Seconds that the encoder's training would take, compiling included."""
+    begun = time.monotonic()
+    static, hyper = setup.pretrain_config(config, classes), setup.pretrain_hyper(config)
+    one = jax.jit(lambda state: pretrain.step(state, demos, hyper, static, None)[0])
+    state = jax.block_until_ready(one(pretrain.init(jax.random.key(0), demos, static)))
+    compiled = time.monotonic()
+    jax.block_until_ready(one(state))
+    each = (time.monotonic() - compiled) / static.updates
+    return compiled - begun + config.encoder.members * each * config.pretrain.steps
+
+
+def _policy(config: RunConfig, echo: Callable[[str], None]) -> dict[str, float]:
+    begun = time.monotonic()
+    algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
+    layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
+    params = policy_rewards.blank(config, algorithm.episodes.env)
+    needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
+    program = train.compiled_for(config, algorithm, layout)
+    placed = sharding.place(layout, jax.tree.map(lambda x: x[None], params))
+    state = program.compiled.init(program.keys, program.hyper)
+
+    def advance(state: Any) -> Any:
+        one, no = jnp.int32(1), jnp.asarray(False)
+        return jax.block_until_ready(
+            program.compiled.advance(state, program.hyper, placed, one, no)[0]
+        )
+
+    state = advance(state)
+    compiled = time.monotonic()
+    advance(state)
+    each = time.monotonic() - compiled
+    section = policy_setup.policy_config(config)
+    updates = -(-section.num_timesteps // (algorithm.num_envs * algorithm.unroll_length))
+    seconds = compiled - begun + updates * each
+    available = memory.available_bytes(jax.devices()[0])
+    room = "" if available is None else f" of {available / _UNIT:,.0f} MiB"
+    echo(
+        f"policy: {section.num_timesteps:,} env steps by {config.run.algorithm.upper()}, about "
+        f"{in_words(seconds)}; about {needed / _UNIT:,.0f} MiB{room}"
+    )
+    return {"policy_s": seconds, "policy_bytes": float(needed)}

@@ -1,0 +1,142 @@
+"""Audits a reward that was learned from films alone: what can be asked without a task.
+
+gril audit RUN            a run of `gril pretrain --demos SET`, seconds on two CPU cores
+
+Held-out films say how a demonstration begins and ends. Around them scenes are made up: nothing has
+moved, but everything counts as touched; and an object that belongs somewhere has been put elsewhere
+at the end. Neither may be paid. What is success only a task says, so the rest of an audit is left
+out, and a sentence says so.
+"""
+
+import functools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gril_jax.audit.scene_reward import Scene, scene_reward
+from gril_jax.config import RunConfig
+from gril_jax.errors import DemoError
+from gril_jax.pretraining import pretrain
+from gril_jax.pretraining.copies import Ends, displaced
+from gril_jax.pretraining.hard_negatives import due_rewards
+from gril_jax.report.data import read_finished
+from gril_jax.runs import run_dir
+from gril_jax.runs.covered import require_same_demos
+from gril_jax.runs.metric_rows import plain
+from gril_jax.safe_files import write_whole
+from gril_jax.types import DemoBatch
+from gril_jax.workflows.build import demonstrations, policy_setup, setup, vocabulary
+
+LEFT_OUT = (
+    "left out, because films alone do not say what success is: the gradient ascents, the hack gap, "
+    "the order of made-up stages and the maps, which gril audit has for a reward with a task"
+)
+_TOUCH, _OUTBID = 0.05, 0.02  # what may be paid for a touch, and how many scenes may be outbid
+_AMISS = 0.25  # cost of a made-up scene that is clearly not done; of a beginning it is about 1
+
+
+def main(
+    folder: Path,
+    config: RunConfig,
+    out: Path,
+    *,
+    scenes: int = 1000,
+    seed: int = 0,
+    echo: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """Writes `audit.json` into a folder and returns it; `scenes` are made up around held-out films.
+
+    Raises DemoError if the films are gone.
+    """
+    setup.require_boxes(config, "an audit, which moves boxes")
+    source = Path(config.demos.path)
+    if not source.is_dir():
+        raise DemoError(f"{source} is gone, but the audit makes its scenes from these films")
+    require_same_demos(folder, source / "demos.json")
+    demos = demonstrations.chosen(config, None, source)
+    words = vocabulary.of_run(config, folder)
+    params = policy_setup.learned_reward(folder, config, words)
+    results = read_finished(folder) or {}
+    measured = _measure(config, params, demos, len(words.classes), scenes, seed)
+    sound = measured["touch_share"] <= _TOUCH and measured["outbid_share"] <= _OUTBID
+    found = measured | {
+        "tau": results.get("tau"),
+        "reward_time_tau": results.get("reward_time_tau"),
+        "sound_as_far_as_asked": sound,
+        "left_out": LEFT_OUT,
+    }
+    with run_dir.writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        write_whole(out / "audit.json", json.dumps(plain(found), indent=2) + "\n")
+    for line in in_words(found):
+        echo(line)
+    echo(f"written to {out / 'audit.json'}")
+    return found
+
+
+def in_words(found: dict[str, Any]) -> list[str]:
+    """Sentences on what was found."""
+    worst = found["outbid_share"]
+    return [
+        ("sound as far as films can tell" if found["sound_as_far_as_asked"] else "not sound"),
+        f"touching everything and moving nothing pays {found['touch_share']:.0%} of the range "
+        f"(at most {_TOUCH:.0%})",
+        f"{worst:.1%} of {found['scenes']} scenes with something out of place pay more than the "
+        f"worst held-out end (at most {_OUTBID:.0%}); the best-paid of them gets "
+        f"{found['best_amiss_share']:.0%} of the range",
+        LEFT_OUT,
+    ]
+
+
+def _measure(config, params, demos, num_classes, scenes, seed) -> dict[str, Any]:
+    """The measures, as plain numbers; shares are of the range from first to last frames."""
+    static, hyper = setup.pretrain_config(config, num_classes), setup.pretrain_hyper(config)
+    train, held = demos.batch("train"), demos.batch("validation")
+    places = pretrain.places(train, num_classes, static)
+    bits = pretrain.activity_bits(held, hyper, static)
+    pay = jax.jit(jax.vmap(functools.partial(scene_reward(static.encoder), params)))
+    movable = held.present & ~held.is_robot
+    begin, end = _frames(held, bits, 0 * held.length), _frames(held, bits, held.length - 1)
+    first, last = pay(begin), pay(end)
+    touched = pay(begin._replace(active=begin.active | movable))
+    spread = jnp.maximum(jnp.mean(last - first), 1e-6)
+    made = _amiss(jax.random.key(seed), held, end, places, scenes, static.encoder.length_unit)
+    paid = dict(near=hyper.near, idle_cost=hyper.idle_cost, clear=static.clear)
+    due = -due_rewards(places, made, **paid)
+    paid, amiss = np.asarray(pay(made)), np.asarray(due) > _AMISS
+    if not amiss.any():
+        paid, amiss = np.full(1, float(jnp.mean(first))), np.ones(1, bool)
+    return {
+        "held_out": len(held.length),
+        "range": float(spread),
+        "touch_share": float(jnp.mean(touched - first) / spread),
+        "scenes": int(amiss.sum()),
+        "outbid_share": float(np.mean(paid[amiss] > float(last.min()))),
+        "best_amiss_share": float((paid[amiss].max() - jnp.mean(first)) / spread),
+    }
+
+
+def _frames(demos: DemoBatch, bits, at) -> Scene:
+    """One frame of each film, leaves (B, N, ...)."""
+    rows = jnp.arange(len(at))
+    still = demos.label, demos.is_robot
+    return Scene(demos.center[rows, at], demos.size[rows, at], *still, bits[rows, at])
+
+
+def _amiss(key, held: DemoBatch, end: Scene, places: Ends, number: int, unit) -> Scene:
+    """Ends of films with some objects displaced, leaves (number, N, ...). The key is consumed."""
+    extent = jnp.max(jnp.abs(held.center))
+    which = jnp.arange(number) % len(held.length)
+
+    def one(key, film):
+        scene, demo = (jax.tree.map(lambda x: x[film], tree) for tree in (end, held))
+        boxes = scene.center, scene.size, scene.active
+        copy = displaced(key, *boxes, demo, places, extent, unit)
+        return scene._replace(center=copy.center, size=copy.size, active=copy.active)
+
+    return jax.jit(jax.vmap(one))(jax.random.split(key, number), which)

@@ -1,0 +1,280 @@
+"""The policies of a table's rows: those that compile to the same program train side by side."""
+
+import functools
+import itertools
+import shutil
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.sharding import Mesh
+
+from gril_jax.compilation import ahead, memory, sharding
+from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError
+from gril_jax.rl import training
+from gril_jax.runs import hosts, loop
+from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.progress import Progress
+from gril_jax.runs.run_dir import RunDir
+from gril_jax.types import DemoBatch
+from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
+from gril_jax.workflows.build.starts import distinct, evaluated_from
+
+from .counted import Counted
+from .rewards import TrainedReward, keys, learns, reward_key, stack
+from .rows import Row
+
+
+class Program(NamedTuple):
+    """Rows that are trained together."""
+
+    name: str
+    rows: list[Row]
+    algorithm: training.Algorithm
+    tasks: Mapping[str, Any]  # to evaluate in, by where they start; the first is the main one
+    updates: int
+
+
+def programs(
+    rows: Sequence[Row],
+    num_classes: int,
+    devices: Sequence[Any],
+    *,
+    starts: Sequence[str] = (),
+    at_once: int | None = None,
+) -> list[Program]:
+    """The rows grouped by the program that they compile, in parts that fit into device memory.
+
+    They are evaluated from the variant that has many starts unless `starts` names others; a program
+    has at most `at_once` policies, or as many as fit. Raises ConfigError if one does not fit, or if
+    devices or environments cannot be shared out.
+    """
+    groups: dict[Hashable, tuple[training.Algorithm, list[Row]]] = {}
+    for row in rows:
+        algorithm = policy_setup.make_algorithm(
+            row.config, setup.make_env(row.config.env, training=True)
+        )
+        run, steps = row.config.run, policy_setup.policy_config(row.config).num_timesteps
+        kind = (run.reward, run.reward_offset, run.evaluations, steps)
+        encoder = setup.encoder_config(row.config, num_classes)
+        if not _num_parts(len(starts) or 1, algorithm.num_envs):
+            raise ConfigError(
+                f"{run.algorithm}.num_envs is {algorithm.num_envs}, but must be "
+                + (f"a multiple of {2 * len(starts)}" if len(starts) > 1 else "even")
+                + ": half of the environments play deterministic actions in evaluations"
+            )
+        key = (row.config.env, algorithm.static, encoder, kind)
+        groups.setdefault(key, (algorithm, []))[1].append(row)
+    found: list[Program] = []
+    for algorithm, members in groups.values():
+        config = members[0].config
+        params = policy_rewards.blank(config, algorithm.episodes.env)
+        needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
+        each = memory.split(len(members), needed, _available_bytes(), len(devices))
+        if config.env.impl == "warp":  # it has room for the contacts of so many environments
+            each = min(each, config.env.worlds // algorithm.num_envs)
+        per_update = algorithm.num_envs * algorithm.unroll_length
+        updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
+        tasks = {
+            variant: setup.make_env(config.env, training=False, variant=variant or None)
+            for variant in starts or (evaluated_from(config.env).many or "",)
+        }
+        for start in range(0, len(members), each):
+            for part in _evenly(members[start : start + each], at_once):
+                sharding.mesh(devices, seeds=len(part), num_envs=algorithm.num_envs)
+                found.append(Program(f"policy-{len(found)}", part, algorithm, tasks, updates))
+    return found
+
+
+def _evenly(rows: list[Row], most: int | None) -> list[list[Row]]:
+    """The rows in as few parts as can be, each with at most so many."""
+    parts = -(-len(rows) // most) if most else 1
+    each = -(-len(rows) // parts)
+    return [rows[start : start + each] for start in range(0, len(rows), each)]
+
+
+def _num_parts(starts: int, num_envs: int) -> int:
+    """Number of parts of the environments in an evaluation, at least one for each kind of start.
+
+    Each is halved, for deterministic and sampled actions; 0 if nothing below twice the starts fits.
+    """
+    fitting = (n for n in range(starts, 2 * starts) if num_envs % (2 * n) == 0)
+    return next(fitting, 0)
+
+
+def _available_bytes() -> int | None:
+    """Memory of the device that has least, over all processes."""
+    found = [memory.available_bytes(device) for device in jax.local_devices()]
+    known = [x >> 20 for x in found if x is not None]  # MiB, so that they are small numbers
+    if len(known) < len(found):
+        return None
+    (least,) = hosts.largest([-min(known)])
+    return -least << 20
+
+
+class Ready(NamedTuple):
+    """A compiled program."""
+
+    layout: Mesh
+    init: Any  # as `gril_jax.compilation.sharding.Compiled` has them
+    advance: Any
+
+
+def get_ready(
+    left: Sequence[Program], devices: Sequence[Any], pool: Executor
+) -> dict[str, Future[Ready]]:
+    """Starts to compile programs in a pool, in their order; returns them by name."""
+    return {program.name: pool.submit(_compiled, program, devices) for program in left}
+
+
+def tasks(
+    left: Sequence[Program],
+    ready: dict[str, Future[Ready]],
+    needs: Callable[[Sequence[Row]], frozenset[str]],
+    train: Callable[[Program, Ready], None],
+) -> list[ahead.Task]:
+    """A task for each program, whose compiled form, from `get_ready`, is kept while it trains."""
+
+    def do(program: Program) -> None:
+        train(program, ready.pop(program.name).result())
+
+    return [
+        ahead.Task(one.name, ready[one.name], needs(one.rows), functools.partial(do, one))
+        for one in left
+    ]
+
+
+def _compiled(program: Program, devices: Sequence[Any]) -> Ready:
+    algorithm, config = program.algorithm, program.rows[0].config
+    layout = sharding.mesh(devices, seeds=len(program.rows), num_envs=algorithm.num_envs)
+    tasks = tuple(program.tasks[name] for name in _tasks_of_parts(program))
+    most = max(updates_of_chunks(program))
+    with ahead.tracing():
+        hyper, keys = _arguments(program, layout)
+        blank = [policy_rewards.blank(config, algorithm.episodes.env)] * len(program.rows)
+        params = jax.eval_shape(lambda: stack(blank))
+        found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks)
+    return Ready(layout, *found.compile())
+
+
+def _arguments(program: Program, layout: Mesh) -> tuple[Any, Any]:
+    """Hyper-parameters and keys of the policies, placed on their devices."""
+    configs = [row.config for row in program.rows]
+    hyper = stack([policy_setup.algorithm_hyper(config) for config in configs])
+    found = keys([config.run.seed for config in configs], 1)
+    return sharding.place(layout, hyper), found
+
+
+def updates_of_chunks(program: Program) -> list[int]:
+    """Updates before each chunk's evaluation, about equally many in each."""
+    chunks = max(1, min(program.rows[0].config.run.evaluations, program.updates))
+    done_by = [program.updates * k // chunks for k in range(chunks + 1)]
+    return [after - before for before, after in itertools.pairwise(done_by)]
+
+
+def _tasks_of_parts(program: Program) -> list[str]:
+    """The task of each part of the environments in an evaluation."""
+    parts = _num_parts(len(program.tasks), program.algorithm.num_envs)
+    names = [*program.tasks]
+    more = names[:2][-1:] * (parts - len(names))  # of `Starts` the one with many
+    return [*names[:2], *more, *names[2:]]
+
+
+def starts(program: Program) -> dict[str, Counted]:
+    """The starts of an evaluation with either kind of actions, by variant."""
+    where = _tasks_of_parts(program)
+    share, config = program.algorithm.num_envs // (2 * len(where)), program.rows[0].config.env
+    found = {}
+    for variant in program.tasks:
+        count = share * where.count(variant)
+        found[variant] = Counted(count, distinct(config, variant or None, count))
+    return found
+
+
+def learn_policies(
+    program: Program,
+    ready: Ready,
+    rewards: Mapping[Hashable, TrainedReward],
+    demos: Callable[[RunConfig], DemoBatch],
+    run: RunDir,
+    progress: Progress,
+    echo: Callable[[str], None],
+) -> dict[str, Any]:
+    """Trains a program's policies; their scores during training are rows of metrics.jsonl.
+
+    `demos` are the demonstrations of a configuration, for training that begins at their frames.
+
+    In these `success` is with deterministic actions in the first of the tasks, `success_sampled`
+    with sampled ones, and `success_layout` and `success_layout_sampled` are those in "layout".
+    """
+    rows, algorithm = program.rows, program.algorithm
+    configs = [row.config for row in rows]
+    learned = [rewards[reward_key(one)] if learns(one) else None for one in configs]
+    each = [_parameters(one, found, demos) for one, found in zip(configs, learned, strict=True)]
+    for said in dict.fromkeys(map(stages.note, configs, each)):
+        if said:
+            echo(said)
+    # Each process has learned rewards; rounding may have driven them apart.
+    params = sharding.place(ready.layout, hosts.same_everywhere(stack(each)))
+    hyper, keys = _arguments(program, ready.layout)
+    begun = loop.restore(run, program.name, ready.init(keys, hyper), tell=echo)
+    updates, where = updates_of_chunks(program), _tasks_of_parts(program)
+    done_by = [0, *itertools.accumulate(updates)]
+    per_update = algorithm.num_envs * algorithm.unroll_length
+    total = program.updates * per_update * len(rows)
+    phase = progress.phase(f"learning {len(rows)} policies", total=total, unit="env steps")
+
+    def row(chunk, seconds, metrics):
+        _, scores = metrics
+        steps = done_by[chunk] * per_update
+        shown = float(scores.success[:, 0, 1].mean())
+        phase.update(steps * len(rows), **{"success in evaluations, sampled": shown})
+        found = {"env_steps": steps, "env_steps_per_s": steps * len(rows) / seconds}
+        return found | _by_start(where, scores)
+
+    counts = itertools.islice(updates, begun.chunks, None)
+
+    def step(state):
+        return ready.advance(state, hyper, params, jnp.int32(next(counts)), jnp.asarray(True))
+
+    done = loop.run_chunks(
+        step, begun, run=run, name=program.name, chunks=len(updates), row=row,
+        every_s=configs[0].run.checkpoint_every, keep=configs[0].run.keep_checkpoints,
+    )  # fmt: skip
+    folder = run.path / "policies" / program.name
+    shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here
+    checkpoint.save(
+        folder, program.updates * per_update, hosts.gathered(algorithm.policy(done.state))
+    )
+    return {
+        "rows": [(row.cell, row.seed) for row in rows],
+        "taus": [found and found.tau for found in learned],
+        "starts": {variant: found._asdict() for variant, found in starts(program).items()},
+    }
+
+
+def _parameters(
+    config: RunConfig, found: TrainedReward | None, demos: Callable[[RunConfig], DemoBatch]
+) -> Any:
+    """The parameters of a policy's reward, learned or not."""
+    frames = policy_rewards.begins_at_frames(config)
+    if found is None and not frames:
+        return ()
+    params, num_classes = (found.params, found.num_classes) if found else (None, 0)
+    shown = demos(config) if frames else found.demos
+    return policy_rewards.parameters(config, params, shown, num_classes)
+
+
+def _by_start(where: Sequence[str], scores: training.Scores) -> dict[str, Any]:
+    """The scores of each policy by their names in metrics.jsonl, from (policies, parts, 2)."""
+    found = {}
+    for start in dict.fromkeys(where):
+        parts = [i for i, name in enumerate(where) if name == start]
+        suffix = "" if start == where[0] else f"_{start}"
+        for name, values in scores._asdict().items():
+            mean, sampled = values[:, parts].mean(axis=1).T
+            found[f"{name}{suffix}"], found[f"{name}{suffix}_sampled"] = mean, sampled
+    return found

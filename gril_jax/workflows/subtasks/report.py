@@ -1,0 +1,263 @@
+"""Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
+
+    gril subtasks RUN                   about a minute
+    gril subtasks RUN --films True      and each segment as a film of its own
+    gril subtasks RUN --sets True       and a set for each subtask, for `gril pretrain --demos`
+
+`segments.csv` has a line a segment: its film, frames and seconds.
+
+Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
+where the set has stage times (`DemoEntry.stages`), those of held-out demonstrations are scored.
+Where held-out demonstrations by themselves disagree on how many stages there are, a sentence says
+that the reward may not be fit for stages.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from matplotlib.figure import Figure
+
+from gril_jax import reward
+from gril_jax.config import RunConfig
+from gril_jax.demos import schema
+from gril_jax.demos.schema import DemoEntry
+from gril_jax.demos.vision.video import read_video
+from gril_jax.errors import ConfigError, DemoError, RunError
+from gril_jax.export import lerobot, lerobot_subtasks
+from gril_jax.report.figures.curves import reward_profile
+from gril_jax.report.figures.style import COLOURS, GREY, png, styled
+from gril_jax.runs import run_dir
+from gril_jax.runs.covered import require_same_demos
+from gril_jax.runs.metric_rows import plain
+from gril_jax.runs.progress import Progress
+from gril_jax.safe_files import write_whole
+from gril_jax.subtasks import agreement
+from gril_jax.workflows.build import demonstrations, learners, policy_setup, setup, vocabulary
+
+from . import cuts
+from .ends import doubt, scores, segments, write_sets
+from .options import Options
+
+_FIGURES = 3  # held-out demonstrations that are drawn
+
+
+class Traces(NamedTuple):
+    """Rewards of the successful demonstrations."""
+
+    entries: list[DemoEntry]
+    held_out: list[bool]
+    reward: Float[np.ndarray, "B T"]
+    length: Int[np.ndarray, "B"]
+
+
+def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], None] = print) -> None:
+    """Writes figures, scores and cut demonstrations into a new folder.
+
+    Raises RunError if there is no reward, or if there are no stages to tell apart, ConfigError if
+    what is to be annotated is no LeRobot dataset.
+    """
+    config = run_dir.read_config(folder)
+    dataset = None if options.lerobot is None else _dataset(Path(options.lerobot))
+    with Progress() as progress:
+        demos = _demos(config, folder, progress)
+        traces = traces_of(config, folder, demos)
+        found, alone, rule = discover(traces, options)
+        agreed = np.asarray(found.frames)[:, : int(np.sum(found.kept))]
+        _require_stages(folder, traces, rule, agreed.shape[1])
+        tolerance = round(demos.demo_set.fps)  # one second, in frames
+        measured = _scores(traces, {"agreed": agreed, "each alone": alone}, tolerance)
+        doubtful = doubt(alone, traces.held_out, agreed.shape[1])
+        about = {"rule": rule, "tolerance": tolerance, "doubt": doubtful}
+        about |= _json(traces, found, agreed, measured)
+        with run_dir.writing(out):
+            out.mkdir(parents=True)
+            write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
+            write_whole(out / "segments.csv", cuts.as_csv(about["demonstrations"], demos.demo_set))
+        drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
+        phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
+        for count, i in enumerate(drawn, 1):
+            entry, own = traces.entries[i], traces.reward[i, : traces.length[i]]
+            frames = read_video(demos.demo_set.folder / entry.video)[: len(own)]
+            look = {"stages": entry.stages, "name": entry.name, "fps": demos.demo_set.fps}
+            picture = png(stages_figure(own, agreed[i], frames, **look))
+            with run_dir.writing(out):
+                (out / f"{entry.name.replace('/', '_')}.png").write_bytes(picture)
+            phase.update(count)
+        if options.films:
+            cuts.write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
+        if dataset is not None:
+            seconds = {n: [e / demos.demo_set.fps for e in one["ends"]]
+                       for n, one in about["demonstrations"].items()}  # fmt: skip
+            names = [f"stage {number}" for number in range(1, agreed.shape[1] + 1)]
+            lerobot_subtasks.annotate(dataset, out / "lerobot", seconds, names)
+        if options.sets:
+            write_sets(out, demos.demo_set, traces.entries, agreed, progress)
+    for line in _sentences(agreed.shape[1], found, measured, out):
+        echo(line)
+    if doubtful:
+        echo(doubtful)
+
+
+def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrations) -> Traces:
+    """The run's reward along its successful demonstrations."""
+    params = policy_setup.learned_reward(folder, config, vocabulary.of_run(config, folder))
+    entries = {entry.name: entry for entry in demos.demo_set.entries}
+    names = [*demos.names["train"], *demos.names["validation"]]
+    learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
+    latents = jnp.asarray(learner.latents(params.encoder, learner.films(names), hyper))
+    return Traces(
+        [entries[name] for name in names],
+        [name in demos.names["validation"] for name in names],
+        np.asarray(reward.latent_reward(params, latents)),
+        np.array([entries[name].frames for name in names], np.int32),
+    )
+
+
+def discover(
+    traces: Traces, options: Options
+) -> tuple[agreement.SharedBoundaries, Int[np.ndarray, "B M"], dict[str, Any]]:
+    """Boundaries on which all demonstrations agree, those that each shows alone, and the rule."""
+    given = jnp.asarray(traces.reward), jnp.asarray(traces.length)
+    rule: dict[str, Any] = {"prominence": options.prominence, "smoothing": options.smoothing}
+    support = {"support": options.support}
+    if (patience := options.patience) is None:
+        patience, found = _stages(*given, **rule, **support)
+    else:
+        found = _agreed(*given, **rule, **support, patience=patience)
+    alone = _each_alone(*given, **rule, patience=int(patience))
+    return jax.device_get(found), np.asarray(alone), rule | support | {"patience": int(patience)}
+
+
+_stages = jax.jit(agreement.agreed_stages, static_argnames="smoothing")
+_agreed = jax.jit(agreement.agreed_boundaries, static_argnames="smoothing")
+_each_alone = jax.jit(agreement.each_alone, static_argnames="smoothing")
+
+
+def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstrations.Demonstrations:
+    source = Path(config.demos.path or folder / "demos")
+    if not (source / schema.HEADER).is_file():
+        raise DemoError(f"{source} is gone, but the reward is to be followed along its films")
+    require_same_demos(folder, source / schema.HEADER)
+    return demonstrations.gather(config, setup.task_of(config.env), folder / "demos", progress)
+
+
+def _dataset(folder: Path) -> lerobot.Dataset:
+    if not lerobot.is_dataset(folder):
+        raise ConfigError(f"--lerobot is {folder}, but must be the folder of a LeRobot dataset")
+    lerobot.parquet()  # before anything is computed
+    return lerobot.opened(folder)
+
+
+def _require_stages(folder: Path, traces: Traces, rule: Mapping[str, Any], count: int) -> None:
+    """Two boundaries or more; else says what the rewards look like and which option helps."""
+    if count >= 2:
+        return
+    climbs, pauses = zip(*map(_shape, traces.reward, traces.length.tolist()), strict=True)
+    climb, pause = float(np.median(climbs)), int(np.median(pauses))
+    knob = f"a --patience below {pause} frames (it was {rule['patience']})"
+    if climb < 2 * rule["prominence"]:
+        knob = f"a --prominence below half of that (it was {rule['prominence']:g})"
+    elif pause > rule["patience"]:
+        knob = f"a --support below {rule['support']:g}, since few agree on where it pauses"
+    raise RunError(
+        f"{folder}: {count} of the stages' ends is agreed on by the demonstrations, but at least 2 "
+        f"are needed: their reward climbs by {climb:.2f} with {pause} frames at most between two "
+        f"advances (medians), so try {knob}"
+    )
+
+
+def _shape(reward: Float[np.ndarray, "T"], length: int) -> tuple[float, int]:
+    """Total climb of a trace, and its longest stretch of frames without progress."""
+    trace = np.maximum.accumulate(reward[:length])
+    climb = float(trace[-1] - trace[0])
+    advances = np.flatnonzero(np.diff(np.floor((trace - trace[0]) / max(climb / 40, 1e-9))) > 0)
+    stops = np.concatenate([[0], advances + 1, [length - 1]])
+    return climb, int(np.diff(stops).max())
+
+
+def _scores(
+    traces: Traces, found: Mapping[str, Int[np.ndarray, "B M"]], tolerance: int
+) -> dict[str, Any]:
+    """Scores of held-out demonstrations with stage times; empty if there are none."""
+    known = [i for i, e in enumerate(traces.entries) if traces.held_out[i] and e.stages]
+    stages = [traces.entries[i].stages or {} for i in known]
+    return {
+        name: scores([frames[i] for i in known], stages, tolerance)
+        for name, frames in (found.items() if known else ())
+    }
+
+
+def _json(traces: Traces, found, agreed, measured: Mapping[str, Any]) -> dict[str, Any]:
+    """All results as JSON; `segments` are first and last frames of each subtask."""
+    kept = agreed.shape[1]
+    demos = {
+        entry.name: {
+            "split": "validation" if traces.held_out[i] else "train",
+            "ends": agreed[i].tolist(),
+            "found": found.found[i, :kept].tolist(),
+            "segments": segments(agreed[i], entry.frames),
+            "stages": entry.stages,
+        }
+        for i, entry in enumerate(traces.entries)
+    }
+    return {
+        "scores": measured,
+        "level": found.level[:kept].tolist(),
+        "support": found.support[:kept].tolist(),
+        "demonstrations": demos,
+    }
+
+
+@styled
+def stages_figure(
+    reward: Float[np.ndarray, "T"],
+    ends: Int[np.ndarray, "K"],
+    frames: UInt8[np.ndarray, "T H W 3"],
+    *,
+    stages: Mapping[str, int] | None = None,
+    name: str = "",
+    fps: float | None = None,
+) -> Figure:
+    """The profile with the frames at the found ends; true ends are dashed lines.
+
+    The found ends are last frames of stages; true ones have names, and are -1 for never.
+    """
+    boundary = np.zeros(len(reward), bool)
+    boundary[ends[(ends >= 0) & (ends < len(reward))]] = True
+    figure = reward_profile(reward, boundary, frames=frames, name=name, fps=fps)
+    axes = figure.axes[0]
+    if stages:
+        figure.text(
+            0.988, 1 - 0.08 / figure.get_figheight(), "numbers: stages found; dashed: true ends",
+            ha="right", va="top", fontsize=9, color=GREY,
+        )  # fmt: skip
+    for stage, frame in (stages or {}).items():
+        if 0 <= frame < len(reward):
+            axes.axvline(frame, color=COLOURS[2], linestyle="--", linewidth=1.2, zorder=1)
+            axes.annotate(
+                stage, (frame, 0), (-3, 5), xycoords=("data", "axes fraction"),
+                textcoords="offset points", color=COLOURS[2], fontsize=9, ha="right",
+            )  # fmt: skip
+    return figure
+
+
+def _sentences(count: int, found, measured: Mapping[str, Any], out: Path) -> Sequence[str]:
+    levels = ", ".join(f"{x:.2f}" for x in found.level[:count])
+    lines = [f"{count} stages, which end at rewards of {levels}"]
+    for name, one in measured.items():
+        lines.append(
+            f"held-out demonstrations ({name}): all stages found in {one['all_found']:.0%} of "
+            f"{one['demonstrations']}, precision {one['precision']:.2f}, recall "
+            f"{one['recall']:.2f}, median timing error {one['median_error']:.1f} frames, "
+            f"{one['false']:.2f} false boundaries a demonstration, right number in "
+            f"{one['right_count']:.0%}"
+        )
+    if not measured:
+        lines.append("the demonstrations have no stage times, so the stages are not scored")
+    return [*lines, f"written to {out}"]

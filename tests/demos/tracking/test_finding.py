@@ -1,0 +1,180 @@
+"""Films without boxes, and films as telephones make them: drawn boxes, detectors, time stamps."""
+
+import json
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+import pytest
+from support.hostile_films import turned
+
+from gril_jax.demos.tracking.detector import detecting
+from gril_jax.demos.tracking.drawn import follower
+from gril_jax.demos.vision.timed import frames_of, look, nearest, part, pictures, steps
+from gril_jax.demos.vision.video import write_video
+from gril_jax.errors import DemoError
+
+W, H, SIDE = 96, 64, 20
+
+
+def scene(x, light=1.0):
+    """A patterned block on a patterned ground."""
+    ground = 90 + 12 * np.sin(np.arange(W) / 3)[None, :, None] * np.ones((H, W, 3))
+    block = np.full((SIDE, SIDE, 3), 60.0)
+    cv2.circle(block, (7, 12), 6, (230, 200, 40), -1)
+    ground[20 : 20 + SIDE, x : x + SIDE] = block
+    return np.clip(ground * light, 0, 255).astype(np.uint8)
+
+
+@pytest.fixture
+def film(tmp_path):
+    write_video(tmp_path / "a.mp4", [scene(8 + 2 * t, 1 + t / 80) for t in range(25)], 10.0)
+    return look(tmp_path / "a.mp4")
+
+
+def drawn(tmp_path, rows):
+    (tmp_path / "first.json").write_text(json.dumps(rows))
+    return tmp_path / "first.json"
+
+
+def test_a_box_drawn_on_the_first_frame_is_followed_under_changing_light(tmp_path, film):
+    row = {"class": "cup", "box": [8, 20, 28, 40]}
+    found = follower(drawn(tmp_path, {"a": [row]}))(film)
+    assert [one.frame for one in found] == [*range(25)]
+    for one in found:
+        x = 8 + 2 * one.frame
+        np.testing.assert_allclose(one.edges, [x, 20, x + SIDE, 40], atol=1.0)
+
+
+def test_a_box_may_be_drawn_on_a_later_frame(tmp_path, film):
+    rows = [{"class": "cup", "box": [8, 20, 28, 40]},
+            {"class": "hand", "box": [28, 20, 48, 40], "frame": 10}]  # fmt: skip
+    found = follower(drawn(tmp_path, {"a": rows}))(film)
+    late = {one.frame: one.edges for one in found if one.name == "hand"}
+    assert sorted(late) == [*range(10, 25)]
+    np.testing.assert_allclose(late[24], [56, 20, 76, 40], atol=1.0)
+    assert sum(one.name == "cup" for one in found) == 25
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ({"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": 25}]}, "frame 25 is beyond a"),
+        ({"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": -1}]}, "must be a whole number"),
+        ([], "must have the boxes of each film"),
+        ({}, "the field 'a' is missing"),
+        ({"a": []}, "no box is drawn"),
+        ({"a": [{"box": [1, 1, 9, 9]}]}, "'class' is missing"),
+        ({"a": [{"class": "cup", "box": [1, 1, 9]}]}, "must be x_min"),
+        ({"a": [{"class": "cup", "box": [1, 1, 999, 9]}]}, "must lie within the picture"),
+    ],
+)
+def test_wrong_drawn_boxes_are_a_sentence(tmp_path, film, rows, words):
+    with pytest.raises(DemoError, match=words):
+        follower(drawn(tmp_path, rows))(film)
+
+
+MINE = """
+import numpy as np
+
+def detect(frames):
+    found = []
+    for frame in frames:
+        ys, xs = np.nonzero(frame[..., 2] < 50)
+        found.append([("cup", xs.min(), ys.min(), xs.max() + 1, ys.max() + 1, 0.9)])
+    return found
+
+def short(frames): return []
+def broken(frames): raise RuntimeError("no weights")
+def odd(frames): return [[("cup", 1)] for _ in frames]
+number = 3
+"""
+
+
+def test_a_detector_of_ones_own_is_called(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "my_detector.py").write_text(MINE)
+    frames = []
+    for t in range(40):  # more than a batch
+        frames.append(np.full((H, W, 3), 200, np.uint8))
+        frames[-1][20:40, 10 + t : 30 + t] = (200, 200, 0)
+    write_video(tmp_path / "a.mp4", frames, 10.0)
+    film = look(tmp_path / "a.mp4")
+    found = detecting("my_detector:detect")(film)
+    assert len(found) == 40
+    assert {one.track for one in found} == {"1"}
+    np.testing.assert_allclose(found[39].edges, [49, 20, 69, 40], atol=2)
+    for name, words in {
+        "my_detector": "must be module:function",
+        "my_detector:none": "cannot be imported",
+        "no_such_module:detect": "cannot be imported",
+        "my_detector:number": "must be a function",
+        "my_detector:short": "gave boxes of 0 frames for 32",
+        "my_detector:broken": "failed on a.mp4, frames 0 to 31 .RuntimeError: no weights",
+        "my_detector:odd": "frame 0: a box must be class",
+    }.items():
+        with pytest.raises(DemoError, match=words):
+            detecting(name)(film)
+
+
+# --- time stamps
+
+
+def uneven(path, stamps):
+    """A film whose frames have these time stamps, in milliseconds; its shade is their number."""
+    with av.open(str(path), "w", format="mp4") as out:
+        stream = out.add_stream("libx264", rate=1000)
+        stream.width, stream.height, stream.pix_fmt = W, H, "yuv420p"
+        stream.codec_context.time_base = stream.time_base = Fraction(1, 1000)
+        for number, stamp in enumerate(stamps):
+            picture = np.full((H, W, 3), 40 + 8 * number, np.uint8)
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame.pts, frame.time_base = stamp, Fraction(1, 1000)
+            out.mux(stream.encode(frame))
+        out.mux(stream.encode())
+
+
+def test_a_film_of_no_constant_rate_is_taken_at_equal_steps_of_time(tmp_path):
+    stamps = [0, 30, 60, 90, 300, 520, 740, 770, 800, 1000]
+    uneven(tmp_path / "a.mp4", stamps)
+    film = look(tmp_path / "a.mp4")
+    np.testing.assert_allclose(film.times, np.array(stamps) / 1000, atol=2e-3)
+    at = steps(film.times, 5.0)
+    np.testing.assert_allclose(at, [0, 0.2, 0.4, 0.6, 0.8, 1.0])
+    assert nearest(film.times, at).tolist() == [0, 4, 4, 5, 8, 9]
+    shades = pictures(film, 5.0).mean(axis=(1, 2, 3))
+    np.testing.assert_allclose(shades, 40 + 8 * np.array([0, 4, 4, 5, 8, 9]), atol=2)
+    later = part(film, 0.3, 0.8, "later")
+    np.testing.assert_allclose(later.times, [0, 0.22, 0.44, 0.47], atol=2e-3)
+    shades = [frame.mean() for frame in frames_of(later)]
+    np.testing.assert_allclose(shades, 40 + 8 * np.arange(4, 8), atol=2)
+
+
+@pytest.mark.parametrize("codec", ["libx265", "libsvtav1", "libvpx-vp9"])
+def test_films_of_other_codecs_are_read(tmp_path, codec):
+    if codec not in av.codecs_available:
+        pytest.skip(f"this PyAV has no {codec} to write with")
+    with av.open(str(tmp_path / "a.mp4"), "w") as out:
+        stream = out.add_stream(codec, rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+        for number in range(12):
+            picture = np.full((64, 64, 3), 40 + 9 * number, np.uint8)
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        out.mux(stream.encode())
+    film = look(tmp_path / "a.mp4")
+    assert len(film.times) == 12
+    shades = pictures(film, 10.0).mean(axis=(1, 2, 3))
+    np.testing.assert_allclose(shades, [40, 67, 94, 121], atol=3)
+
+
+def test_a_film_that_was_held_upright_is_looked_at_upright(tmp_path):
+    turned(tmp_path / "a.mp4")
+    film = look(tmp_path / "a.mp4")
+    assert (film.width, film.height) == (16, 32)
+    assert pictures(film, 8.0).shape == (8, 32, 16, 3)
+
+
+def test_a_large_film_is_made_smaller(tmp_path):
+    write_video(tmp_path / "a.mp4", [np.zeros((500, 1000, 3), np.uint8)] * 3, 10.0)
+    assert pictures(look(tmp_path / "a.mp4"), 10.0).shape == (3, 320, 640, 3)

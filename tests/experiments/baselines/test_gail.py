@@ -1,0 +1,92 @@
+"""GAIL: a discriminator beside PPO, and a task with MAGICAL's actions alone."""
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.experiments.baselines.gail import Discrete, Expert, Gail, Options, configured
+from support.probes import Probe
+
+from gril_jax import envs
+from gril_jax.rl.ppo import PPO, Hyper, Static
+from gril_jax.rl.rewards import environmental
+from gril_jax.workflows.study.suite import recorded
+
+STATIC = Static(
+    num_envs=16, unroll_length=8, num_minibatches=2, num_epochs=4, hidden=(16,), window=4,
+    observe_activity=False,
+)  # fmt: skip
+HYPER = Hyper(*map(jnp.float32, Hyper(learning_rate=5e-3, discounting=0.5)))
+
+
+class Signed(Probe):
+    """The probe, whose actions are signs."""
+
+    nearest = staticmethod(jnp.sign)
+
+
+@pytest.fixture(scope="module")
+def learned():
+    """A learner after 60 steps of imitating an expert who answers each sign with its opposite."""
+    sign = np.random.default_rng(0).choice([-1.0, 1.0], 64).astype(np.float32)
+    obs = np.stack([sign, np.zeros_like(sign)], axis=1)
+    expert = Expert(*map(jnp.asarray, (obs, -sign[:, None], np.zeros(2, "f"), np.ones(2, "f"))))
+    gail = Gail(PPO(Signed(), environmental, STATIC), expert, updates=4, learning_rate=1e-3)
+    state, step = gail.init(jax.random.key(0), HYPER), jax.jit(gail.step)
+    metrics = []
+    for _ in range(60):
+        state, found = step(state, HYPER, ())
+        metrics.append(jax.device_get(found))
+    return gail, state, metrics
+
+
+def test_the_policy_does_as_the_expert_and_not_as_the_task_would_pay(learned):
+    _, _, metrics = learned
+    success = [float(m["success"]) for m in metrics]  # of answering with the same sign
+    assert np.mean(success[:5]) > 0.3
+    assert np.mean(success[-10:]) < 0.1
+
+
+def test_at_first_the_discriminator_tells_both_apart_and_in_the_end_it_cannot(learned):
+    apart = [float(m["told_apart"]) for m in learned[2]]
+    assert max(apart[:20]) > 0.58
+    assert np.mean(apart[-10:]) < 0.55
+
+
+def test_the_same_key_brings_the_same_weights(learned):
+    gail, _, _ = learned
+    step = jax.jit(gail.step)
+    one, other = (step(gail.init(jax.random.key(3), HYPER), HYPER, ())[0] for _ in range(2))
+    for a, b in zip(jax.tree.leaves(one.weights), jax.tree.leaves(other.weights), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_actions_are_the_nearest_of_magicals():
+    env = envs.make("move_to_region", padded=True)
+    discrete, known = Discrete(env), np.asarray(recorded.table())
+    assert discrete.action_size == env.action_size
+    aside = jnp.asarray(known) + jax.random.uniform(
+        jax.random.key(0), known.shape, minval=-0.3, maxval=0.3
+    )
+    np.testing.assert_array_equal(discrete.nearest(aside), known)
+    state = env.reset(jax.random.key(0))
+    ours, theirs = (
+        jax.jit(discrete.step)(state, aside[6]),
+        jax.jit(env.step)(state, jnp.asarray(known[6])),
+    )
+    np.testing.assert_array_equal(ours.obs, theirs.obs)
+
+
+def test_films_give_starts_in_demo_and_in_no_variant():
+    options = Options(Path("recorded.json"), Path("sets"), Path("out.json"), num_timesteps=200_000)
+    demo = configured("find_dupe", options)
+    everywhere = configured("find_dupe", dataclasses.replace(options, variant="all"))
+    assert (demo.env.variant, everywhere.env.variant) == ("demo", "all")
+    assert demo.ppo.video_starts > 0
+    assert everywhere.ppo.video_starts == everywhere.ppo.own_starts == 0
+    for config in (demo, everywhere):
+        assert (config.run.reward, config.ppo.num_timesteps) == ("environmental", 200_000)
+        assert config.ppo.observe_activity is False

@@ -1,0 +1,184 @@
+"""LeRobot datasets of both versions: films of a camera, boxes, and segments written back."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import kitchen_films
+from support.paths import TESTS
+
+from gril_jax.demos.own_films import import_films
+from gril_jax.demos.vision.timed import pictures
+from gril_jax.demos.vision.video import write_video
+from gril_jax.errors import ConfigError, DemoError
+from gril_jax.export import lerobot, lerobot_subtasks
+
+pa = pytest.importorskip("pyarrow")
+CAMERA = "observation.images.front"
+SMALL = {"fps": 10.0, "width": 64, "height": 48, "tempo": 3.0}
+STORIES = [kitchen_films.story(number, **SMALL) for number in range(2)]
+
+
+def write(path, rows):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    noted = {"info": {"features": {key: {} for key in rows[0]}}}  # as `datasets` does
+    table = pa.Table.from_pylist(rows).replace_schema_metadata({"huggingface": json.dumps(noted)})
+    lerobot.parquet().write_table(table, path)
+
+
+def frames_of(number, told):
+    for t, boxes in enumerate(told.boxes):
+        seen = [[float("nan")] * 4 if (t + which) % 9 == 0 else boxes[which] for which in range(4)]
+        yield {
+            "episode_index": number, "frame_index": t, "timestamp": t / 10,
+            "task_index": 0, "observation.boxes": [[float(x) for x in edges] for edges in seen],
+        }  # fmt: skip
+
+
+def shade(told, number):
+    """Pictures that say which film and which frame they are of."""
+    return [
+        np.full((48, 64, 3), 40 + 100 * number + t % 50, np.uint8) for t in range(len(told.boxes))
+    ]
+
+
+def dataset(folder, version, *, feature=True):
+    lengths = [len(told.boxes) for told in STORIES]
+    info = {"codebase_version": version, "fps": 10, "chunks_size": 1000, "features": {
+        CAMERA: {"dtype": "video", "shape": [48, 64, 3]},
+    }}  # fmt: skip
+    if feature:
+        about = {"dtype": "float32", "shape": [4, 4], "names": [*kitchen_films.CLASSES]}
+        info["features"]["observation.boxes"] = about
+    rows = [[*frames_of(number, told)] for number, told in enumerate(STORIES)]
+    if version == "v3.0":
+        info["video_path"] = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+        film = folder / "videos" / CAMERA / "chunk-000" / "file-000.mp4"
+        film.parent.mkdir(parents=True)
+        write_video(film, [x for n, told in enumerate(STORIES) for x in shade(told, n)], 10.0)
+        begins = [0.0, lengths[0] / 10]
+        of = f"videos/{CAMERA}/"
+        write(folder / "meta/episodes/chunk-000/file-000.parquet", [
+            {"episode_index": n, "length": lengths[n], f"{of}chunk_index": 0, f"{of}file_index": 0,
+             f"{of}from_timestamp": begins[n], f"{of}to_timestamp": begins[n] + lengths[n] / 10}
+            for n in range(2)
+        ])  # fmt: skip
+        write(folder / "data/chunk-000/file-000.parquet", [*rows[0], *rows[1]])
+    else:
+        info["video_path"] = (
+            "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
+        )
+        for number, told in enumerate(STORIES):
+            film = folder / f"videos/chunk-000/{CAMERA}/episode_{number:06d}.mp4"
+            film.parent.mkdir(parents=True, exist_ok=True)
+            write_video(film, shade(told, number), 10.0)
+            write(folder / f"data/chunk-000/episode_{number:06d}.parquet", rows[number])
+        (folder / "meta").mkdir()
+        lines = [json.dumps({"episode_index": n, "length": lengths[n]}) for n in range(2)]
+        (folder / "meta" / "episodes.jsonl").write_text("\n".join(lines))
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    return lerobot.opened(folder)
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_films_and_boxes_of_a_camera_are_imported(tmp_path, version):
+    found = dataset(tmp_path / "data", version)
+    films = lerobot.films(found, lerobot.camera_of(found, None))
+    assert [film.name for film in films] == ["episode_000000", "episode_000001"]
+    assert [len(film.times) for film in films] == [len(told.boxes) for told in STORIES]
+    second = pictures(films[1], 10.0)
+    assert len(second) == len(STORIES[1].boxes)
+    np.testing.assert_allclose(second[:5].mean(axis=(1, 2, 3)), 140 + np.arange(5), atol=2)
+    boxes = lerobot.boxes_in(found)
+    for film, told in zip(films, STORIES, strict=True):
+        for one in boxes(film):
+            true = told.boxes[one.frame, kitchen_films.CLASSES.index(one.name)]
+            np.testing.assert_allclose(one.edges, true, atol=0.5)
+    made = import_films(
+        tmp_path / "data", tmp_path / "set", robots=("hand",), films=films, boxes=boxes
+    )
+    assert [film.name for film in made.films] == ["episode_000000", "episode_000001"]
+
+
+def test_a_dataset_that_lerobot_wrote_is_read(tmp_path):
+    """Written by lerobot 0.4.4, films in AV1: two episodes of 12 and 9 frames in one file."""
+    found = lerobot.opened(TESTS / "data" / "lerobot")
+    films = lerobot.films(found, lerobot.camera_of(found, None))
+    assert [len(film.times) for film in films] == [12, 9]
+    for number, film in enumerate(films):
+        shown = pictures(film, 10.0).mean(axis=(1, 2, 3))
+        np.testing.assert_allclose(shown, 40 + 60 * number + 5 * np.arange(len(shown)), atol=3)
+        boxes = lerobot.boxes_in(found)(film)
+        cups = {one.frame: one.edges for one in boxes if one.name == "cup"}
+        assert sorted(cups) == [t for t in range(len(film.times)) if t != 3]
+        assert all(edges == (10 + 2 * t, 20, 22 + 2 * t, 32) for t, edges in cups.items())
+        assert sum(one.name == "hand" for one in boxes) == len(film.times)
+    lerobot_subtasks.annotate(found, tmp_path / "new", {"episode_000000": [0.5, 1.0]}, ["a", "b"])
+    assert lerobot.frames(lerobot.opened(tmp_path / "new"), "subtask_index")[0][:6] == [0] * 6
+
+
+def test_boxes_may_be_files_in_the_dataset(tmp_path):
+    found = dataset(tmp_path, "v3.0", feature=False)
+    (tmp_path / "boxes").mkdir()
+    for number, told in enumerate(STORIES):
+        rows = kitchen_films.tracked(told)
+        kitchen_films.write_csv(tmp_path / "boxes" / f"episode_{number:06d}.csv", rows)
+    films = lerobot.films(found, CAMERA)
+    assert len(lerobot.boxes_in(found)(films[1])) > 3 * len(films[1].times)
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_segments_become_subtask_annotations_of_a_copy(tmp_path, version):
+    found = dataset(tmp_path / "data", version)
+    before = {p: p.read_bytes() for p in (tmp_path / "data").rglob("*") if p.is_file()}
+    ends = {"episode_000001": [1.0, 2.0]}
+    lerobot_subtasks.annotate(found, tmp_path / "new", ends, ["cup down", "spoon in"])
+    assert {p: p.read_bytes() for p in before} == before
+    again = lerobot.opened(tmp_path / "new")
+    index = lerobot.frames(again, "subtask_index")
+    assert set(index[0]) == {2}
+    assert index[1][:11] == [0] * 11
+    assert set(index[1][11:]) == {1}
+    for file in lerobot.data_files(again):
+        schema = lerobot.parquet().read_schema(file)
+        assert [*json.loads(schema.metadata[b"huggingface"])["info"]["features"]] == schema.names
+    table = lerobot.parquet().read_table(tmp_path / "new" / "meta" / "subtasks.parquet")
+    assert table.to_pydict() == {
+        "subtask_index": [0, 1, 2], "subtask": ["cup down", "spoon in", "not segmented"]
+    }  # fmt: skip
+    assert again.info["features"]["subtask_index"]["dtype"] == "int64"
+    with pytest.raises(DemoError, match="none of its episodes is among"):
+        lerobot_subtasks.annotate(found, tmp_path / "more", {"a": [1.0]}, ["x"])
+    assert not (tmp_path / "more").exists()
+
+
+def test_what_is_wrong_with_a_dataset_is_a_sentence(tmp_path, monkeypatch):
+    found = dataset(tmp_path, "v3.0")
+    info = dict(found.info)
+    for change, words in (
+        ({"codebase_version": "v1.6"}, "codebase_version is 'v1.6'"),
+        ({"features": {}}, "no camera 'front'; name one of none"),
+        ({"video_path": "../../{video_key}.mp4"}, "leads out of the dataset"),
+        ({"video_path": "{secret}.mp4"}, "which is not known"),
+    ):
+        (tmp_path / "meta" / "info.json").write_text(json.dumps(info | change))
+        camera = "front" if "features" in change else CAMERA
+        with pytest.raises(DemoError, match=words):
+            lerobot.films(now := lerobot.opened(tmp_path), lerobot.camera_of(now, camera))
+    (tmp_path / "meta" / "info.json").write_text(json.dumps(info))
+    for file, words in (
+        ("data", "boxes: *the column|not a parquet"),
+        ("meta/episodes", "not a par"),
+    ):
+        (tmp_path / file / "chunk-000" / "file-000.parquet").write_bytes(b"PAR1 is not enough")
+        with pytest.raises(DemoError, match=words):
+            lerobot.boxes_in(found) if file == "data" else lerobot.films(found, CAMERA)
+    monkeypatch.setattr("importlib.import_module", _missing)
+    with pytest.raises(ConfigError, match="pyarrow is not installed"):
+        lerobot.episodes(found)
+    assert lerobot.is_dataset(Path(tmp_path))
+
+
+def _missing(name):
+    raise ImportError(name)

@@ -1,0 +1,132 @@
+"""Parameters that a policy's reward gets from the demonstrations."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
+from support.kinematic_demos import kinematic_demos
+from support.probes import Probe
+
+from gril_jax.config import PPOConfig, RunConfig, RunSettings
+from gril_jax.errors import ConfigError, DemoError
+from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.reward.staircase import Staircase
+
+FRAMES = 140
+ENDS = (35, 75, 115)
+
+
+def _latents(num):
+    """A number that falls from 3 to 0 in three steps, each demonstration a little later."""
+    frames = np.arange(FRAMES) - 2 * np.arange(num)[:, None]
+    return 3 - sum(np.clip((frames - end + 12) / 12, 0, 1) for end in ENDS)
+
+
+def _films(config, length):
+    """Short films with the task's objects, which each has in another order; and these orders."""
+    env = setup.make_env(config.env, training=False)
+    label = np.asarray(env.reset(jax.random.key(0)).objects.label)
+    orders = np.array(
+        [np.random.default_rng(b).permutation(len(label)) for b in range(len(length))]
+    )
+    demos = kinematic_demos(0, len(length), num_objects=len(label), max_length=20)
+    demos = demos._replace(length=jnp.asarray(length), label=jnp.asarray(label[orders]))
+    return demos, np.argsort(orders, axis=1)
+
+
+def test_frames_to_begin_at_are_those_of_the_videos_with_what_has_moved_in_them():
+    """Evenly over all frames, none of the padding, in order of videos and time, and each object
+    where the task has it."""
+    length = np.array([20, 7, 1, 20, 13, 20])
+    config = RunConfig(ppo=PPOConfig(video_starts=0.5))
+    demos, place = _films(config, length)
+    learned = RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))
+    made = policy_rewards.parameters(config, learned, demos, 18)
+    assert made.reward is learned
+    center = np.asarray(demos.center)
+    shown = np.concatenate([center[b, :n][:, place[b]] for b, n in enumerate(length)])
+    every = np.linspace(0, len(shown) - 1, 2048).round().astype(int)
+    np.testing.assert_array_equal(made.frames.center, shown[every])
+    first, last = made.frames.active[0], made.frames.active[every < 20][-1]
+    assert not first.any()
+    assert last.any()
+    blank = policy_rewards.blank(config, setup.make_env(config.env, training=False))
+    num = center.shape[2]
+    assert [x.shape for x in blank.frames] == [(2048, num, 2), (2048, num, 2), (2048, num)]
+
+
+def test_films_of_other_objects_are_nothing_to_begin_at():
+    config = RunConfig(ppo=PPOConfig(video_starts=0.5))
+    learned = RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))
+    demos = kinematic_demos(0, 4, num_objects=4, max_length=20)
+    with pytest.raises(DemoError, match="show other objects than the task has: video_starts"):
+        policy_rewards.parameters(config, learned, demos, 4)
+
+
+def test_a_task_that_cannot_place_boxes_is_refused_frames_to_begin_at():
+    config = RunConfig(ppo=PPOConfig(video_starts=0.5))
+    with pytest.raises(ConfigError, match=r"video_starts is 0\.5, but match_regions cannot place"):
+        policy_setup.make_algorithm(config, Probe())
+
+
+def test_a_chain_has_the_goals_on_which_demonstrations_agree(monkeypatch):
+    latents = _latents(6)
+    latents[0] -= 0.5 * (np.arange(FRAMES) > 50) * (np.arange(FRAMES) < 56)  # one is hasty
+    latents = jnp.asarray(latents[..., None], jnp.float32)
+    monkeypatch.setattr(policy_rewards.pretrain, "embed", lambda *_: latents)
+    config = RunConfig(run=dataclasses.replace(RunSettings(), reward="subtasks"))
+    learned = RewardParams({}, jnp.zeros(1), jnp.float32(1 / 3), jnp.float32(1.0))
+    demos = kinematic_demos(0, 6, num_objects=4, max_length=20)
+    demos = demos._replace(length=jnp.full(6, FRAMES))
+    _, chain = policy_rewards.parameters(config, learned, demos, 4)
+    assert int(chain.count) == 3
+    assert chain.goals.shape == (8, 1)
+    np.testing.assert_allclose(chain.goals[:3, 0], [2, 1, 0], atol=0.1)
+    np.testing.assert_allclose(chain.scale[:3], 1, rtol=0.1)  # each step is one long
+    assert np.isfinite(np.asarray(chain.radius)).all()
+
+
+def test_stages_end_where_demonstrations_agree_that_the_reward_stands_still(monkeypatch):
+    """At three quarters of each step of three, and in episodes the index follows the reward."""
+    latents = jnp.asarray(_latents(6)[..., None], jnp.float32)
+    monkeypatch.setattr(policy_rewards.pretrain, "embed", lambda *_: latents)
+    config = RunConfig(run=dataclasses.replace(RunSettings(), reward="stages"))
+    learned = RewardParams({}, jnp.zeros(1), jnp.float32(1 / 3), jnp.float32(1.0))
+    demos = kinematic_demos(0, 6, num_objects=4, max_length=20)
+    demos = demos._replace(length=jnp.full(6, FRAMES))
+    same, stairs = policy_rewards.parameters(config, learned, demos, 4)
+    assert same is learned
+    assert int(stairs.count) == 3
+    np.testing.assert_allclose(stairs.least[:3], [-0.75, -5 / 12, -1 / 12], atol=0.03)
+    params = learned, stairs
+    assert stages.stages(params) is stairs
+    shares = jnp.array([[[0.0], [1 / 3]], [[1.0], [1.0]]])
+    assert stages.finished(params, shares) == [1.0, 0.5, 0.5]
+    assert stages.in_words(params, shares[0]) == ["stage 1 of 3", "stage 1 of 3", "stage 2 of 3"]
+    assert stages.in_words(params, shares[1])[-1] == "all stages done"
+
+
+@pytest.mark.parametrize(
+    ("count", "sub_policies", "said"),
+    [
+        (2, 2, None),
+        (3, 1, None),
+        (1, 2, "agree on no stages: one policy learns from one goal, and 1 of 2 sub-policies"),
+        (3, 2, "agree on 3 stages, which 2 sub-policies share out: --ppo.sub-policies 3 gives"),
+    ],
+)
+def test_stages_that_do_not_fit_the_sub_policies_are_said(count, sub_policies, said):
+    run, ppo = RunSettings(reward="stages"), PPOConfig(sub_policies=sub_policies)
+    stairs = Staircase(jnp.zeros(8), jnp.zeros(8), jnp.int32(count))
+    found = stages.note(RunConfig(run=run, ppo=ppo), (None, stairs))
+    assert found is said is None or said in found
+
+
+def test_rewards_without_stages_have_no_word_of_them():
+    for params in ((), RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))):
+        assert stages.stages(params) is None
+        assert stages.finished(params, jnp.zeros((2, 3, 0))) == []
+        assert stages.in_words(params, jnp.zeros((3, 0))) == []
