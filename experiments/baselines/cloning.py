@@ -19,10 +19,10 @@ import optax
 import tyro
 from flax import linen as nn
 from gril_jax.envs import Env
+from gril_jax.experiments.baselines import recorded, variants
 from jaxtyping import Array, Float, Int
 
 from gril_jax import envs
-from gril_jax.workflows.study.suite import recorded, variants
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,9 @@ from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.rl import ppo
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup
 from gril_jax.workflows.study.rows import changed
-from gril_jax.workflows.study.suite import recorded, rows, variants
+from gril_jax.workflows.study.suite import rows, variants
+
+from . import recorded
 
 _MINIBATCH = 512  # pairs of each side
 _PENALTY = 10.0  # of gradients whose norm is not 1, between pairs of both sides

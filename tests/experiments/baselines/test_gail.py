@@ -7,13 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.experiments.baselines import recorded
 from gril_jax.experiments.baselines.gail import Discrete, Expert, Gail, Options, configured
 from support.probes import Probe
 
 from gril_jax import envs
 from gril_jax.rl.ppo import PPO, Hyper, Static
 from gril_jax.rl.rewards import environmental
-from gril_jax.workflows.study.suite import recorded
 
 STATIC = Static(
     num_envs=16, unroll_length=8, num_minibatches=2, num_epochs=4, hidden=(16,), window=4,

@@ -3,12 +3,12 @@
 import jax
 import numpy as np
 import pytest
+from gril_jax.experiments.baselines import recorded
 
 from gril_jax import envs
 from gril_jax.demos.demo_set import Demo, load_demo_set, save_demo_set
 from gril_jax.demos.vision.detect import Tracks
 from gril_jax.errors import DemoError
-from gril_jax.workflows.study.suite import recorded
 
 ACTIONS = np.array([6, 6, 1, 1, 1, 0], np.int32)
 
