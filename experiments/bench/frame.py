@@ -1,25 +1,19 @@
-"""The frame of all benchmarks: the machine, calls in turn, ratios, compilations, new processes.
+"""The frame of all benchmarks: the machine, calls in turn, ratios.
 
 The `main` of a benchmark takes its options and returns the figures of its sides; `gril bench`
 prints them with `machine` as JSON.
 """
 
 import contextlib
-import dataclasses
-import json
-import os
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 
 from gril_jax.compilation.compiler import compiled
-from gril_jax.errors import RunError
 from gril_jax.workflows.build import setup
 
 Calls = Mapping[str, Callable[[], Any]]  # by the side that each is of
@@ -100,40 +94,6 @@ def rounded(values: Mapping[str, int | float], digits: int = 2) -> dict[str, int
     return {name: round(value, digits or None) for name, value in values.items()}
 
 
-@dataclasses.dataclass
-class Compilations:
-    """Counts of the programs given to XLA, and of those found in the persistent cache."""
-
-    requests: int = 0
-    hits: int = 0
-    seconds: float = 0.0
-
-    @property
-    def made(self) -> int:
-        """Number of programs that XLA compiled."""
-        return self.requests - self.hits
-
-    def _on_duration(self, event: str, seconds: float, **_: Any) -> None:
-        if event == "/jax/core/compile/backend_compile_duration":
-            self.requests, self.seconds = self.requests + 1, self.seconds + seconds
-
-    def _on_event(self, event: str, **_: Any) -> None:
-        self.hits += event == "/jax/compilation_cache/cache_hits"
-
-
-@contextlib.contextmanager
-def counted() -> Iterator[Compilations]:
-    """Counts the compilations inside a `with` block."""
-    count = Compilations()
-    jax.monitoring.register_event_duration_secs_listener(count._on_duration)
-    jax.monitoring.register_event_listener(count._on_event)
-    try:
-        yield count
-    finally:
-        jax.monitoring.unregister_event_duration_listener(count._on_duration)
-        jax.monitoring.unregister_event_listener(count._on_event)
-
-
 @contextlib.contextmanager
 def without_cache() -> Iterator[None]:
     """Disables the persistent cache inside a `with` block."""
@@ -145,43 +105,3 @@ def without_cache() -> Iterator[None]:
     finally:
         jax.config.update("jax_enable_compilation_cache", before)
         compilation_cache.reset_cache()
-
-
-_CHILD = """
-import json, sys
-from gril_jax.cli.heavy_imports import heavy_imports
-
-with heavy_imports():
-    from gril_jax.experiments.bench.frame import counted
-    {imports}
-with counted() as count:
-    answer = {call}
-print()
-print(json.dumps([answer, count.requests, count.made, count.seconds]))
-"""
-
-
-class Answer(NamedTuple):
-    """Result of a call in a process of its own, and what XLA compiled for it."""
-
-    value: Any  # as JSON has it
-    requests: int  # programs given to XLA
-    made: int  # those that it compiled
-    compile_s: float
-
-
-def in_new_process(imports: str, call: str, whose: str, **environment: str | None) -> Answer:
-    """A call, as Python code, in a process of its own, which takes no GPU memory beforehand.
-
-    A variable of the environment that is None is left out; `whose` names the work in the error.
-    """
-    variables = {**os.environ, "XLA_PYTHON_CLIENT_PREALLOCATE": "false", **environment}
-    done = subprocess.run(
-        [sys.executable, "-c", _CHILD.format(imports=imports, call=call)],
-        capture_output=True, text=True,
-        env={name: value for name, value in variables.items() if value is not None},
-    )  # fmt: skip
-    if done.returncode:
-        reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        raise RunError(f"{whose} failed: {reason}")
-    return Answer(*json.loads(done.stdout.splitlines()[-1]))
