@@ -27,6 +27,7 @@ from gril_jax.workflows.build import (
     policy_setup,
     setup,
 )
+from gril_jax.workflows.learning import policies
 
 _UNIT = 2**20
 
@@ -92,26 +93,23 @@ def _reward_seconds(config: RunConfig, demos: DemoBatch, classes: int) -> float:
 def _policy(config: RunConfig, echo: Callable[[str], None]) -> dict[str, float]:
     begun = time.monotonic()
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
-    layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
     params = policy_rewards.blank(config, algorithm.episodes.env)
     needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
-    program = train.compiled_for(config, algorithm, layout)
-    placed = sharding.place(layout, jax.tree.map(lambda x: x[None], params))
-    state = program.compiled.init(program.keys, program.hyper)
+    program = train.compiled_for(config, algorithm)
+    init, run_chunk = program.functions
+    placed = sharding.place(program.layout, jax.tree.map(lambda x: x[None], params))
+    state = init(program.keys, program.hyper)
 
     def advance(state: Any) -> Any:
         one, no = jnp.int32(1), jnp.asarray(False)
-        return jax.block_until_ready(
-            program.compiled.advance(state, program.hyper, placed, one, no)[0]
-        )
+        return jax.block_until_ready(run_chunk(state, program.hyper, placed, one, no)[0])
 
     state = advance(state)
     compiled = time.monotonic()
     advance(state)
     each = time.monotonic() - compiled
     section = policy_setup.policy_config(config)
-    updates = -(-section.num_timesteps // (algorithm.num_envs * algorithm.unroll_length))
-    seconds = compiled - begun + updates * each
+    seconds = compiled - begun + policies.plan_of(config, algorithm).updates * each
     available = memory.available_bytes(jax.devices()[0])
     room = "" if available is None else f" of {available / _UNIT:,.0f} MiB"
     echo(

@@ -6,7 +6,7 @@ gril pretrain quickstart --hard-negatives RUN    learn from states that RUN's re
 """
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from gril_jax.config import RunConfig
 from gril_jax.report import run_report
 from gril_jax.report.data import SPLITS
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.runs import loop, run_dir
+from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
 from gril_jax.runs.progress import Progress
 from gril_jax.subtasks import agreement
@@ -36,6 +36,7 @@ from gril_jax.workflows.build import (
     vocabulary,
 )
 from gril_jax.workflows.build.hard_negatives import EarlierPolicy, Echo
+from gril_jax.workflows.learning import encoders
 
 _STAGES = {"prominence": 0.125, "smoothing": 15}  # how ends of stages are found in each trace
 
@@ -114,22 +115,22 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
     pool = hard_negatives.gather_once(
         run.policies, config, demos.batch("train"), run.dir, run.progress, echo=run.echo
     )
-    learner, hyper = learners.learner(config, demos, pool), setup.pretrain_hyper(config)
-    key = jax.random.fold_in(jax.random.key(config.run.seed), 0)
+    learner = learners.learner(config, demos, pool)
     owners = [(name, split) for split in SPLITS for name in demos.names[split]]
     # All in one batch: each length by itself would compile programs of its own.
     films = learner.films([name for name, _ in owners])
     with ahead.compiling() as compilers:
+        programs = encoders.compiled_for([config], learner, compilers)
         successes = len(owners) - len(demos.names["failure"])
-        programs = compiled_for(config, learner, key, films, successes, hyper, compilers)
-        data = learner.data
-        fresh, step = programs["init"].result()(key, data), programs["step"].result()
-        state = _train_encoder(
-            run, learner.static.updates, fresh, lambda state: step(state, data, hyper)
-        )
-        params = programs["reward"].result()(state, data, hyper)
-        measured = programs["measure"].result()(state, data, hyper)
-        rewards, ends = programs["profiles"].result()(params, films, hyper)
+        profiles_of = _profiles_program(config, learner, programs, films, successes, compilers)
+        state = encoders.train(
+            programs, config, name="pretrain", run=run.dir, progress=run.progress, echo=run.echo,
+            what="learning the reward", row=_means,
+        )  # fmt: skip
+        trained = state, programs.data, programs.hyper
+        params, found = programs.reward.result()(*trained), programs.measure.result()(*trained)
+        params, found, state = _only((params, found, state))
+        rewards, ends = profiles_of.result()(params, films, _only(programs.hyper))
     saved = checkpoint.save_part(run.path, "reward", config.pretrain.steps, params)
     np.savez(
         profiles := run.path / "profiles.npz",
@@ -139,7 +140,7 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
         reward=np.asarray(rewards, np.float32),
         transitions=np.asarray(ends),  # True where stages end
     )
-    results = {name: float(value) for name, value in measured.items()} | {
+    results = {name: float(value) for name, value in found.items()} | {
         "demonstrations": {split: len(names) for split, names in demos.names.items()},
         "trimmed_frames": demos.trimmed,
         "hard_negatives": 0 if pool is None else len(pool.label),
@@ -150,54 +151,42 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
     return results
 
 
-def compiled_for(
-    config: RunConfig, learner: learners.Learner, key, films, successes: int, hyper, pool: Executor
-) -> dict[str, Future[Any]]:
-    """Programs of an encoder's training, being compiled: (state, data, hyper) -> ...
-
-    But "init" is (key, data) -> state, "profiles" (reward, films, hyper) -> rewards, stage ends.
-    """
-    boxes = config.encoder.kind != "pixels"  # brief convolutions have not been measured
-    begin = key, learner.data
-    trained = jax.eval_shape(learner.init, *begin), learner.data, hyper
-
-    def ready(function, args, *, brief=boxes):
-        with ahead.tracing():
-            lowered = jax.jit(function).lower(*args())
-        return compiled(lowered, brief=brief)
+def _profiles_program(
+    config: RunConfig,
+    learner: learners.Learner,
+    programs: encoders.Programs,
+    films: Any,
+    successes: int,
+    pool: Executor,
+) -> Future[Any]:
+    """The program (reward, films, hyper) -> rewards and stage ends, being compiled."""
 
     def profiles(params, films, hyper):
         latents = learner.latents(params.encoder, films, hyper)
         return _profiles(params, latents, films.length, successes=successes)
 
-    def after_reward():
-        return jax.eval_shape(learner.reward, *trained), films, hyper
+    def ready() -> Any:
+        key, hyper = jax.eval_shape(_first, (programs.keys, programs.hyper))
+        state = jax.eval_shape(learner.init, key, learner.data)
+        params = jax.eval_shape(learner.reward, state, learner.data, hyper)
+        with ahead.tracing():
+            lowered = jax.jit(profiles).lower(params, films, hyper)
+        return compiled(lowered, brief=config.encoder.kind != "pixels")
 
-    brief = boxes and setup.few_updates(config)
-    return {  # in this order: the first ones take longest
-        "step": pool.submit(ready, learner.step, lambda: trained, brief=brief),
-        "init": pool.submit(ready, learner.init, lambda: begin),
-        "profiles": pool.submit(ready, profiles, after_reward),
-        "measure": pool.submit(ready, learner.measure, lambda: trained),
-        "reward": pool.submit(ready, learner.reward, lambda: trained),
-    }
+    return pool.submit(ready)
 
 
-def _train_encoder(run: OpenRun, updates: int, fresh: Any, step: Callable[[Any], Any]) -> Any:
-    """Runs all gradient steps, `updates` of them in a chunk."""
-    steps = run.config.pretrain.steps
-    phase = run.progress.phase("learning the reward", total=steps)
+def _first(tree: Any) -> Any:
+    """What a tree has of the first seed."""
+    return jax.tree.map(lambda x: x[0], tree)
 
-    def row(chunk, seconds, metrics):
-        means = {name: float(value.mean()) for name, value in metrics._asdict().items()}
-        phase.update(chunk * updates, loss=means["loss"])
-        return {"step": chunk * updates, **means}
 
-    begun = loop.restore(run.dir, "pretrain", fresh, tell=run.echo)
-    return loop.run_chunks(
-        step, begun, run=run.dir, name="pretrain", chunks=steps // updates, row=row,
-        every_s=run.config.run.checkpoint_every, keep=run.config.run.keep_checkpoints,
-    ).state  # fmt: skip
+_only = jax.jit(_first)
+
+
+def _means(metrics: Any) -> dict[str, float]:
+    """The means of a chunk's updates."""
+    return {name: float(value[0].mean()) for name, value in metrics._asdict().items()}
 
 
 def _profiles(

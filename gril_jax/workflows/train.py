@@ -6,16 +6,13 @@ gril train --resume RUN            go on with a run that was cut off
 gril train quickstart --hard-negatives RUN    learn from states that RUN's reward overestimates
 """
 
-import itertools
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
 
 from gril_jax import envs
 from gril_jax.compilation import ahead, sharding
@@ -24,7 +21,7 @@ from gril_jax.report import rates, run_report
 from gril_jax.report.audit import asked
 from gril_jax.report.headline import in_words
 from gril_jax.rl import training
-from gril_jax.runs import loop, reading
+from gril_jax.runs import reading
 from gril_jax.runs.checkpoints import checkpoint, state_leaves
 from gril_jax.workflows import audit, evaluate, pretrain
 from gril_jax.workflows.build import (
@@ -37,6 +34,7 @@ from gril_jax.workflows.build import (
 )
 from gril_jax.workflows.build.given import given
 from gril_jax.workflows.build.starts import evaluated_from
+from gril_jax.workflows.learning import policies
 
 from .pretrain import Echo, OpenRun, opened
 
@@ -56,7 +54,7 @@ def main(
     if resume is None:
         demonstrations.require_usable(config, env)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
-    layout = sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)
+    sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)  # or it cannot be shared out
     with opened(config, "train", resume, hard_negatives, echo) as run, ahead.compiling() as pool:
         begun = lapped = time.monotonic()
 
@@ -67,15 +65,15 @@ def main(
             lapped = now
 
         found = run.dir.finished_phase("policy")
-        program = pool.submit(compiled_for, config, algorithm, layout) if found is None else None
+        program = pool.submit(compiled_for, config, algorithm) if found is None else None
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         lap("demonstrations")
         results = pretrain.learn(run, demos)
         reward_params = _policy_reward(run, env, demos)
         lap("reward")
         if program is not None:
-            params = sharding.place(layout, _one(reward_params))
-            found = _learn_policy(run, algorithm, program.result(), params)
+            params = jax.tree.map(lambda x: x[None], reward_params)
+            found = _learn_policy(run, program.result(), params)
         policy = policy_setup.restore_policy(run.path, config, algorithm)
         lap("policy")
         played = run.dir.finished_phase("evaluation")
@@ -137,82 +135,45 @@ def _silent(line: str) -> None:
 _PLAYED = ("rollout.mp4", "rollouts.npz")  # what `evaluate.play` writes
 
 
-class _Program(NamedTuple):
-    """Chunks of compiled updates for one seed on all devices."""
-
-    compiled: sharding.Compiled
-    keys: Any  # with a leading axis of one seed, as all that it takes
-    hyper: Any
-    seconds: float  # that compiling took
-
-
-def compiled_for(config: RunConfig, algorithm: training.Algorithm, layout: Any) -> _Program:
-    """The program of a policy's training, with what it begins from."""
-    started = time.monotonic()
-    keys = jax.random.fold_in(jax.random.key(config.run.seed), 1)[None]
-    hyper = sharding.place(layout, _one(policy_setup.algorithm_hyper(config)))
-    params = _one(policy_rewards.blank(config, algorithm.episodes.env))
-    # Half of the environments play deterministic actions in evaluations.
+def compiled_for(config: RunConfig, algorithm: training.Algorithm) -> policies.Compiled:
+    """The program of a policy's training; half of its environments play deterministic actions in
+    evaluations."""
     examines = config.run.evaluations > 0 and algorithm.num_envs % 2 == 0
     many = evaluated_from(config.env).many
-    tasks = (setup.make_env(config.env, training=False, variant=many),) if examines else ()
-    most = config.run.updates_per_chunk
-    found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks).compile()
-    return _Program(found, keys, hyper, time.monotonic() - started)
+    tasks = [setup.make_env(config.env, training=False, variant=many)] if examines else []
+    plan = policies.plan_of(config, algorithm)
+    return policies.compiled_for([config], algorithm, jax.devices(), tasks, plan)
 
 
-def _one(tree: Any) -> Any:
-    return jax.tree.map(lambda x: x[None], tree)
-
-
-def _learn_policy(
-    run: OpenRun, algorithm: training.Algorithm, program: _Program, params: Any
-) -> dict[str, Any]:
+def _learn_policy(run: OpenRun, program: policies.Compiled, params: Any) -> dict[str, Any]:
     """Runs all updates, chunk by chunk; saves the policy and returns the results."""
-    config, (compiled, keys, hyper, compile_s) = run.config, program
-    name, per_chunk = config.run.algorithm, config.run.updates_per_chunk
-    per_update = algorithm.num_envs * algorithm.unroll_length
-    updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
-    phase = run.progress.phase("learning the policy", total=updates * per_update, unit="env steps")
-    begun = loop.restore(run.dir, name, compiled.init(keys, hyper), tell=run.echo)
-    phase.update(min(begun.chunks * per_chunk, updates) * per_update)
-    chunks = itertools.count(begun.chunks)
+    config, algorithm = run.config, program.algorithm
+    name, plan = config.run.algorithm, policies.plan_of(config, algorithm)
+    total = plan.updates * plan.steps
+    phase = run.progress.phase("learning the policy", total=total, unit="env steps")
 
-    def plan(chunk: int) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-        """The updates of a chunk, counted from 0, and whether it evaluates."""
-        before, after = (min((chunk + end) * per_chunk, updates) for end in (0, 1))
-        share = [done * config.run.evaluations // updates for done in (before, after)]
-        return jnp.int32(after - before), jnp.asarray(share[0] != share[1])
-
-    def advance(state):
-        return compiled.advance(state, hyper, params, *plan(next(chunks)))
-
-    def row(chunk, seconds, found):
+    def row(done: int, found: Any) -> dict[str, Any]:
         metrics, scores = jax.tree.map(lambda x: x[0], found)
-        count, examined = plan(chunk - 1)
-        means = _means({name: values[: int(count)] for name, values in metrics.items()})
-        steps = min(chunk * per_chunk, updates) * per_update
-        phase.update(steps, **{"success in training": means["success"]}, reward=means["reward"])
+        count = plan.count(done - 1)
+        means = _means({name: values[:count] for name, values in metrics.items()})
+        shown = {"success in training": means["success"]}
+        phase.update(plan.done(done) * plan.steps, **shown, reward=means["reward"])
         scored: dict[str, float] = {}
-        if scores is not None and bool(examined):  # with deterministic actions, and with sampled
-            scored["eval/episodes"] = (
-                algorithm.num_envs // 2
-            )  # of either kind, as many starts drawn
+        if scores is not None and plan.examines(done - 1):
+            # With deterministic actions, and with sampled ones: as many starts of either kind.
+            scored["eval/episodes"] = algorithm.num_envs // 2
             for kind, values in scores._asdict().items():
                 scored[f"eval/{kind}"], scored[f"eval/{kind}_sampled"] = map(float, values[0])
-        return {**means, **scored, "env_steps": steps, "env_steps_per_s": steps / seconds}
+        return {**means, **scored}
 
-    trained = loop.run_chunks(
-        advance, begun, run=run.dir, name=name, chunks=-(-updates // per_chunk), row=row,
-        every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
-    )  # fmt: skip
+    trained = policies.train(
+        program, params, plan, config, name=name, run=run.dir, echo=run.echo, row=row
+    )
     state = jax.tree.map(lambda x: x[0], trained.state)
-    results = {
-        "env_steps": updates * per_update,
-        "state_sha256": state_leaves.digest(state),
-    }
+    results = {"env_steps": total, "state_sha256": state_leaves.digest(state)}
     saved = checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
-    run.dir.times.append(phase=name, compile_s=compile_s, checkpoint_stall_s=trained.stall_s)
+    stall = trained.stall_s
+    run.dir.times.append(phase=name, compile_s=program.seconds, checkpoint_stall_s=stall)
     run.dir.finish_phase("policy", results, [saved])
     return results
 

@@ -2,7 +2,6 @@
 
 import collections
 import contextlib
-import functools
 import random
 import shutil
 import sys
@@ -18,7 +17,7 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import state_leaves
-from gril_jax.workflows import pretrain, train
+from gril_jax.workflows.learning import encoders, policies
 from gril_jax.workflows.study.rows import write_settings
 from gril_jax.workflows.study.soundness.rows import Settings as Soundness
 from gril_jax.workflows.study.table1.columns import COLUMNS
@@ -33,16 +32,22 @@ def task(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         patch.setitem(registry.TASKS, "reach", "reach_task:SPEC")
-        compiled = functools.cache(lambda name, work: work())
-        for module in (train, pretrain):
-            work = module.compiled_for
-            name = module.__name__
-            patch.setattr(
-                module, "compiled_for",
-                lambda *args, name=name, work=work: compiled(name, lambda: work(*args)),
-            )  # fmt: skip
+        for module in (policies, encoders):
+            patch.setattr(module, "compiled_for", _compiled_once(module.compiled_for))
         yield config
     sys.modules.pop("reach_task", None)
+
+
+def _compiled_once(compiled_for):
+    """The same function, but what it has once compiled serves whoever asks later."""
+    made = []
+
+    def found(*args):
+        if not made:
+            made.append(compiled_for(*args))
+        return made[0]
+
+    return found
 
 
 class CutOff(Exception):
@@ -198,7 +203,7 @@ def _verdicts(command, work, kinds, most):
 @pytest.fixture
 def commands(whole, cut, tmp_path, monkeypatch):
     """Commands on these runs and on tables; one that goes on stops where training would begin."""
-    monkeypatch.setattr(train.loop, "run_chunks", _went_on)
+    monkeypatch.setattr(policies.loop, "run_chunks", _went_on)
     return _commands(whole, cut, _tables(tmp_path))
 
 

@@ -54,7 +54,7 @@ def curves(
     for phase, done in finished.items():
         if not phase.startswith("policy-"):
             continue
-        lines = [line for line in metrics if line["phase"] == phase]
+        lines = [x for x in metrics if x["phase"] == phase and "success_sampled" in x]
         named = [name for name, value in lines[-1].items() if isinstance(value, list)]
         values = {
             name: np.array([line[name] for line in lines], float)

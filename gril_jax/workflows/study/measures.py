@@ -27,8 +27,9 @@ from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 from gril_jax.workflows.build import setup
+from gril_jax.workflows.learning.encoders import stack
 
-from .rewards import TrainedReward, learns, reward_key, stack
+from .rewards import TrainedReward, learns, reward_key
 from .rows import Row
 
 

@@ -1,30 +1,29 @@
 """The policies of a table's rows: those that compile to the same program train side by side."""
 
 import functools
-import itertools
 import shutil
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
-from jax.sharding import Mesh
 
 from gril_jax.compilation import ahead, memory, sharding
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.rl import training
-from gril_jax.runs import hosts, loop
+from gril_jax.runs import hosts
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
 from gril_jax.workflows.build.starts import distinct, evaluated_from
+from gril_jax.workflows.learning import policies
+from gril_jax.workflows.learning.encoders import stack
 
 from .counted import Counted
-from .rewards import TrainedReward, keys, learns, reward_key, stack
+from .rewards import TrainedReward, learns, reward_key
 from .rows import Row
 
 
@@ -35,7 +34,7 @@ class Program(NamedTuple):
     rows: list[Row]
     algorithm: training.Algorithm
     tasks: Mapping[str, Any]  # to evaluate in, by where they start; the first is the main one
-    updates: int
+    plan: policies.Plan
 
 
 def programs(
@@ -76,8 +75,7 @@ def programs(
         each = memory.split(len(members), needed, _available_bytes(), len(devices))
         if config.env.impl == "warp":  # it has room for the contacts of so many environments
             each = min(each, config.env.worlds // algorithm.num_envs)
-        per_update = algorithm.num_envs * algorithm.unroll_length
-        updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
+        plan = _plan(config, algorithm)
         tasks = {
             variant: setup.make_env(config.env, training=False, variant=variant or None)
             for variant in starts or (evaluated_from(config.env).many or "",)
@@ -85,7 +83,7 @@ def programs(
         for start in range(0, len(members), each):
             for part in _evenly(members[start : start + each], at_once):
                 sharding.mesh(devices, seeds=len(part), num_envs=algorithm.num_envs)
-                found.append(Program(f"policy-{len(found)}", part, algorithm, tasks, updates))
+                found.append(Program(f"policy-{len(found)}", part, algorithm, tasks, plan))
     return found
 
 
@@ -115,26 +113,18 @@ def _available_bytes() -> int | None:
     return -least << 20
 
 
-class Ready(NamedTuple):
-    """A compiled program."""
-
-    layout: Mesh
-    init: Any  # as `gril_jax.compilation.sharding.Compiled` has them
-    advance: Any
-
-
 def get_ready(
     left: Sequence[Program], devices: Sequence[Any], pool: Executor
-) -> dict[str, Future[Ready]]:
+) -> dict[str, Future[policies.Compiled]]:
     """Starts to compile programs in a pool, in their order; returns them by name."""
     return {program.name: pool.submit(_compiled, program, devices) for program in left}
 
 
 def tasks(
     left: Sequence[Program],
-    ready: dict[str, Future[Ready]],
+    ready: dict[str, Future[policies.Compiled]],
     needs: Callable[[Sequence[Row]], frozenset[str]],
-    train: Callable[[Program, Ready], None],
+    train: Callable[[Program, policies.Compiled], None],
 ) -> list[ahead.Task]:
     """A task for each program, whose compiled form, from `get_ready`, is kept while it trains."""
 
@@ -147,32 +137,18 @@ def tasks(
     ]
 
 
-def _compiled(program: Program, devices: Sequence[Any]) -> Ready:
-    algorithm, config = program.algorithm, program.rows[0].config
-    layout = sharding.mesh(devices, seeds=len(program.rows), num_envs=algorithm.num_envs)
-    tasks = tuple(program.tasks[name] for name in _tasks_of_parts(program))
-    most = max(updates_of_chunks(program))
-    with ahead.tracing():
-        hyper, keys = _arguments(program, layout)
-        blank = [policy_rewards.blank(config, algorithm.episodes.env)] * len(program.rows)
-        params = jax.eval_shape(lambda: stack(blank))
-        found = sharding.lowered(algorithm, layout, keys, hyper, params, most, tasks)
-    return Ready(layout, *found.compile())
-
-
-def _arguments(program: Program, layout: Mesh) -> tuple[Any, Any]:
-    """Hyper-parameters and keys of the policies, placed on their devices."""
+def _compiled(program: Program, devices: Sequence[Any]) -> policies.Compiled:
     configs = [row.config for row in program.rows]
-    hyper = stack([policy_setup.algorithm_hyper(config) for config in configs])
-    found = keys([config.run.seed for config in configs], 1)
-    return sharding.place(layout, hyper), found
+    tasks = [program.tasks[name] for name in _tasks_of_parts(program)]
+    return policies.compiled_for(configs, program.algorithm, devices, tasks, program.plan)
 
 
-def updates_of_chunks(program: Program) -> list[int]:
-    """Updates before each chunk's evaluation, about equally many in each."""
-    chunks = max(1, min(program.rows[0].config.run.evaluations, program.updates))
-    done_by = [program.updates * k // chunks for k in range(chunks + 1)]
-    return [after - before for before, after in itertools.pairwise(done_by)]
+def _plan(config: RunConfig, algorithm: training.Algorithm) -> policies.Plan:
+    """The plan of a training that has all evaluations, and at least the last one."""
+    plan = policies.plan_of(config, algorithm)
+    evaluations = max(1, min(plan.evaluations, plan.updates))
+    most = min(plan.per_chunk, plan.updates // evaluations)
+    return plan._replace(evaluations=evaluations, per_chunk=most)
 
 
 def _tasks_of_parts(program: Program) -> list[str]:
@@ -196,7 +172,7 @@ def starts(program: Program) -> dict[str, Counted]:
 
 def learn_policies(
     program: Program,
-    ready: Ready,
+    ready: policies.Compiled,
     rewards: Mapping[Hashable, TrainedReward],
     demos: Callable[[RunConfig], DemoBatch],
     run: RunDir,
@@ -218,37 +194,26 @@ def learn_policies(
         if said:
             echo(said)
     # Each process has learned rewards; rounding may have driven them apart.
-    params = sharding.place(ready.layout, hosts.same_everywhere(stack(each)))
-    hyper, keys = _arguments(program, ready.layout)
-    begun = loop.restore(run, program.name, ready.init(keys, hyper), tell=echo)
-    updates, where = updates_of_chunks(program), _tasks_of_parts(program)
-    done_by = [0, *itertools.accumulate(updates)]
-    per_update = algorithm.num_envs * algorithm.unroll_length
-    total = program.updates * per_update * len(rows)
+    params = hosts.same_everywhere(stack(each))
+    plan, where = program.plan, _tasks_of_parts(program)
+    total = plan.updates * plan.steps * len(rows)
     phase = progress.phase(f"learning {len(rows)} policies", total=total, unit="env steps")
 
-    def row(chunk, seconds, metrics):
-        _, scores = metrics
-        steps = done_by[chunk] * per_update
-        shown = float(scores.success[:, 0, 1].mean())
-        phase.update(steps * len(rows), **{"success in evaluations, sampled": shown})
-        found = {"env_steps": steps, "env_steps_per_s": steps * len(rows) / seconds}
-        return found | _by_start(where, scores)
+    def row(done: int, found: Any) -> dict[str, Any]:
+        scores, steps = found[1], plan.done(done) * plan.steps * len(rows)
+        if not plan.examines(done - 1):
+            phase.update(steps)
+            return {}
+        sampled = float(scores.success[:, 0, 1].mean())
+        phase.update(steps, **{"success in evaluations, sampled": sampled})
+        return _by_start(where, scores)
 
-    counts = itertools.islice(updates, begun.chunks, None)
-
-    def step(state):
-        return ready.advance(state, hyper, params, jnp.int32(next(counts)), jnp.asarray(True))
-
-    done = loop.run_chunks(
-        step, begun, run=run, name=program.name, chunks=len(updates), row=row,
-        every_s=configs[0].run.checkpoint_every, keep=configs[0].run.keep_checkpoints,
-    )  # fmt: skip
+    done = policies.train(
+        ready, params, plan, configs[0], name=program.name, run=run, echo=echo, row=row
+    )
     folder = run.path / "policies" / program.name
     shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here
-    checkpoint.save(
-        folder, program.updates * per_update, hosts.gathered(algorithm.policy(done.state))
-    )
+    checkpoint.save(folder, plan.updates * plan.steps, hosts.gathered(algorithm.policy(done.state)))
     return {
         "rows": [(row.cell, row.seed) for row in rows],
         "taus": [found and found.tau for found in learned],

@@ -45,7 +45,7 @@ def test_a_program_s_starts_are_drawn_and_counted_for_each_half_of_its_share(nam
     env = EnvConfig(targets=("green square",), distractors=("yellow circle",))
     row = Row(0, 0, RunConfig(env=env))
     algorithm = type("Algorithm", (), {"num_envs": 12})
-    program = Program("policy-0", [row], algorithm, dict.fromkeys(names), 1)
+    program = Program("policy-0", [row], algorithm, dict.fromkeys(names), None)
     assert table_programs.starts(program) == found
     assert read({"starts": {k: x._asdict() for k, x in found.items()}}) == found
     assert read({}) == {}
@@ -54,5 +54,5 @@ def test_a_program_s_starts_are_drawn_and_counted_for_each_half_of_its_share(nam
 def test_environments_that_are_left_go_to_the_variant_with_many_starts():
     algorithm = type("Algorithm", (), {"num_envs": 16})
     tasks = dict.fromkeys(("demo", "jitter", "layout"))
-    program = Program("policy-0", [], algorithm, tasks, 1)
+    program = Program("policy-0", [], algorithm, tasks, None)
     assert table_programs._tasks_of_parts(program) == ["demo", "jitter", "jitter", "layout"]

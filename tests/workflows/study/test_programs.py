@@ -24,16 +24,6 @@ def test_parts_are_at_least_the_starts_and_twice_their_number_divides_the_enviro
     assert table_programs._num_parts(starts, num_envs) == parts
 
 
-@pytest.mark.parametrize(
-    ("evaluations", "updates", "chunks"),
-    [(4, 10, [2, 3, 2, 3]), (1, 7, [7]), (0, 3, [3]), (9, 3, [1, 1, 1])],
-)
-def test_chunks_have_about_as_many_updates_each(evaluations, updates, chunks):
-    row = Row(0, 0, changed(RunConfig(), {"run.evaluations": evaluations}))
-    program = table_programs.Program("policy-0", [row], None, {}, updates)
-    assert table_programs.updates_of_chunks(program) == chunks
-
-
 def test_policies_wait_for_the_rewards_that_they_are_trained_on_and_for_no_others():
     kinds = [
         {"run.reward": "learned"},
@@ -41,7 +31,9 @@ def test_policies_wait_for_the_rewards_that_they_are_trained_on_and_for_no_other
         {"run.reward": "shaped", "loss.near": 0.7},
     ]
     rows = [Row(i, 0, changed(RunConfig(), change)) for i, change in enumerate(kinds)]
-    left = [table_programs.Program(f"policy-{i}", [row], None, {}, 1) for i, row in enumerate(rows)]
+    left = [
+        table_programs.Program(f"policy-{i}", [row], None, {}, None) for i, row in enumerate(rows)
+    ]
     wanted = [
         table_rewards.Wanted([table_rewards.reward_key(row.config)], row.config, None, Future())
         for row in (rows[0], rows[2])

@@ -1,0 +1,1 @@
+"""Training of encoders and of policies, several seeds in one compiled program."""

@@ -1,0 +1,136 @@
+"""Trains policies that compile to the same program: seeds of one configuration, or rows alike.
+
+    program = compiled_for(configs, algorithm, jax.devices(), tasks, plan)
+    trained = train(program, params, plan, config, name="ppo", run=run, ...)
+
+Everything that differs between them has a leading axis S.
+"""
+
+import itertools
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.sharding import Mesh
+
+from gril_jax.compilation import ahead, sharding
+from gril_jax.config import RunConfig
+from gril_jax.rl import training
+from gril_jax.runs import loop
+from gril_jax.runs.run_dir import RunDir
+from gril_jax.workflows.build import policy_rewards, policy_setup
+
+from .encoders import Echo, keys, stack
+
+POLICY_STREAM = 1  # of a run's random numbers
+
+
+class Plan(NamedTuple):
+    """The updates of a training, in chunks of one compiled call, and when it evaluates."""
+
+    updates: int
+    per_chunk: int
+    evaluations: int
+    steps: int  # environment steps of an update, of one policy
+
+    @property
+    def chunks(self) -> int:
+        """Number of calls."""
+        return -(-self.updates // self.per_chunk)
+
+    def done(self, chunks: int) -> int:
+        """Updates after so many chunks."""
+        return min(chunks * self.per_chunk, self.updates)
+
+    def count(self, chunk: int) -> int:
+        """Updates of a chunk, counted from 0."""
+        return self.done(chunk + 1) - self.done(chunk)
+
+    def examines(self, chunk: int) -> bool:
+        """True if an evaluation falls due in a chunk, which then ends with it."""
+        due = [self.done(n) * self.evaluations // self.updates for n in (chunk, chunk + 1)]
+        return due[0] != due[1]
+
+
+def plan_of(config: RunConfig, algorithm: training.Algorithm) -> Plan:
+    """The plan of a configuration."""
+    steps = algorithm.num_envs * algorithm.unroll_length
+    updates = -(-policy_setup.policy_config(config).num_timesteps // steps)
+    return Plan(updates, config.run.updates_per_chunk, config.run.evaluations, steps)
+
+
+class Compiled(NamedTuple):
+    """The compiled training of S policies, and its arguments."""
+
+    algorithm: training.Algorithm
+    layout: Mesh
+    functions: sharding.Compiled
+    keys: Any
+    hyper: Any
+    seconds: float  # that compiling took
+
+
+def compiled_for(
+    configs: Sequence[RunConfig],
+    algorithm: training.Algorithm,
+    devices: Sequence[Any],
+    tasks: Sequence[Any],
+    plan: Plan,
+) -> Compiled:
+    """Compiles the training of configurations that differ in traced numbers and seeds alone; parts
+    of the environments are evaluated in these tasks, in either kind of actions."""
+    started = time.monotonic()
+    layout = sharding.mesh(devices, seeds=len(configs), num_envs=algorithm.num_envs)
+    with ahead.tracing():
+        hyper = stack([policy_setup.algorithm_hyper(config) for config in configs])
+        hyper = sharding.place(layout, hyper)
+        begin = keys([config.run.seed for config in configs], POLICY_STREAM)
+        blank = [policy_rewards.blank(configs[0], algorithm.episodes.env)] * len(configs)
+        params = jax.eval_shape(lambda: stack(blank))
+        most = min(plan.per_chunk, plan.updates)
+        found = sharding.lowered(algorithm, layout, begin, hyper, params, most, tuple(tasks))
+    done = found.compile()
+    return Compiled(algorithm, layout, done, begin, hyper, time.monotonic() - started)
+
+
+def train(
+    program: Compiled,
+    params: Any,
+    plan: Plan,
+    config: RunConfig,
+    *,
+    name: str,
+    run: RunDir,
+    echo: Echo,
+    row: Callable[[int, Any], dict[str, Any]],
+) -> loop.Trained:
+    """Runs all updates as the phase `name`; the state has a leading axis S.
+
+    Args:
+      params: the policy rewards' parameters (S, ...).
+      config: one of the configurations: steps and checkpoints are the same in all.
+      row: from the chunks done and a chunk's (metrics, scores), on the host, to its line of
+        metrics.jsonl; scores mean something where `plan.examines`.
+    """
+    init, run_chunk = program.functions
+    hyper = program.hyper
+    params = sharding.place(program.layout, params)
+    begun = loop.restore(run, name, init(program.keys, hyper), tell=echo)
+    chunks = itertools.count(begun.chunks)
+
+    def advance(state: Any) -> Any:
+        chunk = next(chunks)
+        count, examine = jnp.int32(plan.count(chunk)), jnp.asarray(plan.examines(chunk))
+        return run_chunk(state, hyper, params, count, examine)
+
+    def line(done: int, seconds: float, found: Any) -> dict[str, Any]:
+        steps = plan.done(done) * plan.steps
+        speed = steps * len(program.keys) / seconds
+        return row(done, found) | {"env_steps": steps, "env_steps_per_s": speed}
+
+    return loop.run_chunks(
+        advance, begun, run=run, name=name, chunks=plan.chunks, row=line,
+        every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
+    )  # fmt: skip
