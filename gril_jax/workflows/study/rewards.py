@@ -15,8 +15,8 @@ from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import REWARDS
 from gril_jax.runs import loop
+from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
-from gril_jax.runs.run_dir import RunDir
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import demonstrations, learners, setup
 
@@ -106,7 +106,7 @@ def get_ready(
 def tasks(
     wanted: Sequence[Wanted],
     found: dict[Hashable, TrainedReward],
-    run: RunDir,
+    run: Run,
     progress: Progress,
     echo: Callable[[str], None],
 ) -> list[ahead.Task]:
@@ -132,7 +132,7 @@ def _name(number: int) -> str:
 
 
 def _learned(
-    name: str, one: Wanted, run: RunDir, progress: Progress, echo: Callable[[str], None]
+    name: str, one: Wanted, run: Run, progress: Progress, echo: Callable[[str], None]
 ) -> dict[Hashable, TrainedReward]:
     """Trains the encoders of a program."""
     ready, chosen = one.ready.result(), one.config
