@@ -7,5 +7,6 @@ __all__, __getattr__ = offer(
     progress="Progress",
     run_dir="RunDir read_config read_metrics read_results",
     phases="read_phases",
+    memory="MemoryRun Run",
     loop="run_chunks",
 )

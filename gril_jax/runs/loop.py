@@ -11,17 +11,13 @@ processes (`gril_jax.runs.hosts`) the first decides when to save, logs, and writ
 import signal
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 
-from gril_jax.runs.checkpoints import checkpoint
-from gril_jax.runs.checkpoints.writer import CheckpointWriter
-
 from . import hosts
 from .interrupt import Interrupted, noticed
-from .run_dir import RunDir
+from .memory import Run
 
 
 class Begun(NamedTuple):
@@ -40,7 +36,7 @@ class Trained(NamedTuple):
     stall_s: float  # that the longest copy of a checkpoint held the training up
 
 
-def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) -> Begun:
+def restore(run: Run, name: str, state: Any, *, tell: Callable[[str], None]) -> Begun:
     """The newest undamaged checkpoint of a phase, or the fresh state, strongly typed, without one.
 
     Later rows of metrics.jsonl are cut off. Damaged checkpoints are set aside, and `tell` takes a
@@ -49,7 +45,7 @@ def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) 
     """
     found, chunks, seconds = state, 0, 0.0
     if hosts.is_first():
-        found, chunks = _newest(run.checkpoints / name, state, tell)
+        found, chunks = run.newest(name, state, tell)
         rows = [row for row in run.cut_metrics(name, chunks) if row.get("phase") == name]
         seconds = float(rows[-1].get("seconds") or 0.0) if rows else 0.0
     (chunks,) = hosts.largest([chunks])  # those of the first: others know of none
@@ -58,22 +54,11 @@ def restore(run: RunDir, name: str, state: Any, *, tell: Callable[[str], None]) 
     return Begun(jax.tree.map(_strong, state), chunks, seconds)
 
 
-def _newest(folder: Path, state: Any, tell: Callable[[str], None]) -> tuple[Any, int]:
-    """The newest undamaged checkpoint and its chunks; the fresh state and 0 if there is none."""
-    while (path := checkpoint.latest(folder)) is not None:
-        try:
-            return checkpoint.restore(path, state), int(path.name)
-        except checkpoint.DamagedError as error:
-            aside = checkpoint.discard(path)
-            tell(f"{error}: it is set aside as {aside.name}, and the one before it is taken")
-    return state, 0
-
-
 def run_chunks(
     advance: Callable[[Any], tuple[Any, Any]],
     begun: Begun,
     *,
-    run: RunDir,
+    run: Run,
     name: str,
     chunks: int,
     row: Callable[[int, float, Any], Mapping[str, Any]],
@@ -97,11 +82,9 @@ def run_chunks(
       RunError: the disk is full or not writable; the last good checkpoint stays.
     """
     state, done, before_s = begun
-    folder = run.checkpoints / name
-    writer = CheckpointWriter(folder, keep=keep, before=run.sync)
     begun_s = saved_s = time.monotonic()
     seconds = before_s
-    with writer, noticed() as notice:
+    with run.saving(name, keep=keep) as writer, noticed() as notice:
         while done < chunks:
             state, metrics = advance(state)
             metrics = jax.device_get(metrics)
@@ -116,19 +99,15 @@ def run_chunks(
             if due or number or done == chunks:
                 whole = hosts.gathered(state)
                 if hosts.is_first():
-                    writer.save(done, whole, run.rows.mark())
+                    writer.save(done, whole)
                 saved_s = now
             if number:
                 writer.wait()
-                how = f"gril {run.experiment} --resume {run.path} goes on with it"
-                raise Interrupted(
-                    f"{signal.Signals(number).name} came, and the run is saved after {done} of "
-                    f"{chunks} chunks of phase {name!r}: "
-                    f"{how if hosts.is_first() else 'the first process says how to go on'}",
-                    number,
-                )
+                where = f"after {done} of {chunks} chunks of phase {name!r}"
+                left = run.cut_off(where) if hosts.is_first() else f"the run ends {where}"
+                raise Interrupted(f"{signal.Signals(number).name} came, and {left}", number)
     if hosts.is_first():
-        checkpoint.keep_newest(folder, 1)  # how many there were is up to the clock
+        run.settle(name)
     return Trained(state, seconds, writer.longest_stall_s)
 
 

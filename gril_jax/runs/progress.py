@@ -1,6 +1,7 @@
 """A progress line for the phases of a run: compiling, rate, time left, metrics.
 
-On a terminal one line is redrawn in place; elsewhere a plain line is printed now and then.
+On a terminal one line is redrawn in place; elsewhere, as in a notebook, a plain line is printed now
+and then.
 """
 
 import io
@@ -26,15 +27,16 @@ class Progress:
             phase.update(100, loss=0.31)
 
     The seconds of compilation count on by themselves: the line redraws in a thread of its own.
-    Without a stream the lines go to stderr.
+    Without a stream the lines go to stderr; with `shown=False` there are none.
     """
 
-    def __init__(self, *, stream: io.TextIOBase | None = None):
-        self._stream = sys.stderr if stream is None else stream
+    def __init__(self, *, stream: io.TextIOBase | None = None, shown: bool = True):
+        self._stream = (sys.stderr if stream is None else stream) if shown else io.StringIO()
         self._phase: Phase | None = None
         self._printed_s = _clock()
         self._live: Live | None = None
-        if self._stream.isatty():
+        # A notebook's stream may say that it is a terminal, for its colours, but redraws no line.
+        if self._stream.isatty() and "ipykernel" not in sys.modules:
             console = Console(file=self._stream)
             self._live = Live(get_renderable=self._line, console=console, refresh_per_second=4)
 

@@ -18,7 +18,7 @@ import hashlib
 import itertools
 import json
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -27,7 +27,7 @@ from gril_jax.config.files import to_yaml
 from gril_jax.errors import RunError
 from gril_jax.safe_files import sync, take_lock, write_whole, writing
 
-from . import times
+from . import checkpoints, times
 from .covered import digests
 from .metric_rows import MetricRows, plain, read_rows
 from .phases import Phases, read_phases, write_phases
@@ -99,6 +99,14 @@ class RunDir:
         self.times.sync()
         self.rows.sync()
 
+    def metrics(self) -> list[dict[str, Any]]:
+        """The rows so far, with their clocks."""
+        return self._with_clocks(read_rows(self.rows.file))
+
+    def note_time(self, **fields: Any) -> None:
+        """Adds a line to times.jsonl, such as what a stage took."""
+        self.times.append(**fields)
+
     def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
         """Keeps and returns the first `count` rows of a phase, and other rows before them."""
         rows = self._with_clocks(self.rows.keep(phase, count))
@@ -137,6 +145,49 @@ class RunDir:
         metrics = self.rows.mark()
         self._phases = dataclasses.replace(self._phases, files=files, metrics=metrics)
         write_phases(self.path, self._phases)
+
+    def save_part(self, part: str, step: int, state: Any) -> list[Path]:
+        """Saves a part of the run, such as "reward"; returns the files that cover it."""
+        return [checkpoints.save_part(self.path, part, step, state)]
+
+    def load_part(self, part: str, like: Any) -> Any:
+        """Reads a part back, into the structure of another; a RunError if it is damaged."""
+        return checkpoints.restore(checkpoints.newest(self.path, part), like)
+
+    def save_arrays(self, name: str, **arrays: Any) -> list[Path]:
+        """Writes NumPy's arrays to a file of the folder; returns it in a list."""
+        file = self.path / name
+        with writing(self.path):
+            checkpoints.save_arrays(file, arrays)
+        return [file]
+
+    def newest(self, phase: str, state: Any, tell: Callable[[str], None]) -> tuple[Any, int]:
+        """The newest undamaged checkpoint of a phase and its chunks; the state and 0 without one.
+
+        Damaged ones are set aside, and `tell` takes a sentence for each.
+        """
+        while (path := checkpoints.latest(self.checkpoints / phase)) is not None:
+            try:
+                return checkpoints.restore(path, state), int(path.name)
+            except checkpoints.DamagedError as error:
+                aside = checkpoints.discard(path)
+                tell(f"{error}: it is set aside as {aside.name}, and the one before it is taken")
+        return state, 0
+
+    def saving(self, phase: str, *, keep: int) -> "checkpoints.CheckpointWriter":
+        """The writer of a phase's checkpoints, of which so many of the newest stay."""
+        return checkpoints.CheckpointWriter(
+            self.checkpoints / phase, keep=keep, before=self.sync, mark=self.rows.mark
+        )
+
+    def settle(self, phase: str) -> None:
+        """Removes all but a phase's last checkpoint: how many there were is up to the clock."""
+        checkpoints.keep_newest(self.checkpoints / phase, 1)
+
+    def cut_off(self, where: str) -> str:
+        """What is said of a run that a signal ends at some point."""
+        how = f"gril {self.experiment} --resume {self.path} goes on with it"
+        return f"the run is saved {where}: {how}"
 
     def finish(self, results: Mapping[str, Any]) -> None:
         """Writes results.json, which marks the run as finished."""

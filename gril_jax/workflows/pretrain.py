@@ -20,11 +20,13 @@ from gril_jax import reward
 from gril_jax.compilation import ahead
 from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
+from gril_jax.errors import RunError
 from gril_jax.report import run_report
 from gril_jax.report.data import SPLITS
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.runs import run_dir
-from gril_jax.runs.checkpoints import checkpoint, state_leaves
+from gril_jax.runs.checkpoints import state_leaves
+from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
 from gril_jax.subtasks import agreement
 from gril_jax.workflows.build import (
@@ -45,14 +47,16 @@ class OpenRun(NamedTuple):
     """A run, with what every part of it needs."""
 
     config: RunConfig
-    dir: run_dir.RunDir
+    dir: Run
     progress: Progress
     echo: Echo  # says what happens
     policies: Sequence[EarlierPolicy]  # that give hard negatives
 
     @property
     def path(self) -> Path:
-        """The run's folder."""
+        """The run's folder; a RunError where no folder keeps it."""
+        if self.dir.path is None:
+            raise RunError("the run has no folder, but must have one for its files")
         return self.dir.path
 
 
@@ -131,9 +135,9 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
         params, found = programs.reward.result()(*trained), programs.measure.result()(*trained)
         params, found, state = _only((params, found, state))
         rewards, ends = profiles_of.result()(params, films, _only(programs.hyper))
-    saved = checkpoint.save_part(run.path, "reward", config.pretrain.steps, params)
-    np.savez(
-        profiles := run.path / "profiles.npz",
+    saved = run.dir.save_part("reward", config.pretrain.steps, params)
+    saved += run.dir.save_arrays(
+        "profiles.npz",
         names=np.array([name for name, _ in owners]),
         split=np.array([split for _, split in owners]),
         length=np.asarray(films.length, np.int32),
@@ -147,7 +151,7 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
         "reward_sha256": state_leaves.digest(params),
         "state_sha256": state_leaves.digest(state),
     }
-    run.dir.finish_phase("reward", results, [saved, profiles])
+    run.dir.finish_phase("reward", results, saved)
     return results
 
 

@@ -21,8 +21,7 @@ from gril_jax.report import rates, run_report
 from gril_jax.report.audit import asked
 from gril_jax.report.headline import in_words
 from gril_jax.rl import training
-from gril_jax.runs import reading
-from gril_jax.runs.checkpoints import checkpoint, state_leaves
+from gril_jax.runs.checkpoints import state_leaves
 from gril_jax.workflows import audit, evaluate, pretrain
 from gril_jax.workflows.build import (
     demonstrations,
@@ -61,7 +60,7 @@ def main(
         def lap(name: str) -> None:
             nonlocal lapped
             now = time.monotonic()
-            run.dir.times.append(stage=name, seconds=now - lapped)
+            run.dir.note_time(stage=name, seconds=now - lapped)
             lapped = now
 
         found = run.dir.finished_phase("policy")
@@ -74,7 +73,8 @@ def main(
         if program is not None:
             params = jax.tree.map(lambda x: x[None], reward_params)
             found = _learn_policy(run, program.result(), params)
-        policy = policy_setup.restore_policy(run.path, config, algorithm)
+        blank = policy_setup.fresh_policy(config, algorithm, jax.random.key(0))
+        policy = run.dir.load_part("policy", blank)
         lap("policy")
         played = run.dir.finished_phase("evaluation")
         if played is None:
@@ -84,10 +84,10 @@ def main(
         results = results | found | played | _audited(run) | {"given": str(given(config))}
         lap("audit")
         run.dir.finish(results)
+        speed = run.dir.metrics()[-1].get("env_steps_per_s") or 0.0
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
-    speed = reading.read_metrics(run.path, clocks=True)[-1].get("env_steps_per_s") or 0.0
     for line in (*rates.sentences(results), asked.sentence(results)):
         echo(line)
     echo(f"given: {results['given']}")
@@ -101,15 +101,15 @@ def main(
 def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrations) -> Any:
     """The policy reward's parameters, saved once beside the learned reward."""
     if run.dir.finished_phase("policy_reward") is None:
-        learned = policy_setup.learned_reward(run.path, run.config, env)
         num_classes = len(env.classes)
+        learned = run.dir.load_part("reward", setup.blank_reward(run.config, num_classes))
         params = policy_rewards.parameters(run.config, learned, demos.batch("train"), num_classes)
         steps = run.config.pretrain.steps
-        saved = checkpoint.save_part(run.path, "policy_reward", steps, params)
-        run.dir.finish_phase("policy_reward", {}, [saved])
+        saved = run.dir.save_part("policy_reward", steps, params)
+        run.dir.finish_phase("policy_reward", {}, saved)
         if said := stages.note(run.config, params):
             run.echo(said)
-    return policy_setup.policy_reward(run.path, run.config, env)
+    return run.dir.load_part("policy_reward", policy_rewards.blank(run.config, env))
 
 
 def _audited(run: OpenRun) -> dict[str, Any]:
@@ -171,10 +171,10 @@ def _learn_policy(run: OpenRun, program: policies.Compiled, params: Any) -> dict
     )
     state = jax.tree.map(lambda x: x[0], trained.state)
     results = {"env_steps": total, "state_sha256": state_leaves.digest(state)}
-    saved = checkpoint.save_part(run.path, "policy", results["env_steps"], algorithm.policy(state))
+    saved = run.dir.save_part("policy", total, algorithm.policy(state))
     stall = trained.stall_s
-    run.dir.times.append(phase=name, compile_s=program.seconds, checkpoint_stall_s=stall)
-    run.dir.finish_phase("policy", results, [saved])
+    run.dir.note_time(phase=name, compile_s=program.seconds, checkpoint_stall_s=stall)
+    run.dir.finish_phase("policy", results, saved)
     return results
 
 

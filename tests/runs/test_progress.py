@@ -152,6 +152,23 @@ def test_a_terminal_gets_each_phase_once_at_its_end(clock):
     assert "training: 3/3 steps (100%), 0.017 steps/s\n" in terminal.getvalue()
 
 
+def test_a_notebook_gets_plain_lines(clock, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ipykernel", None)
+    terminal = Terminal()
+    with Progress(stream=terminal) as progress:
+        progress.phase("training", total=3).update(3)
+    lines = ["training: compiling ... 0:00", "training: 3/3 steps (100%)"]
+    assert terminal.getvalue().splitlines() == lines
+
+
+def test_it_can_be_switched_off(clock, capfd):
+    with Progress(shown=False) as progress:
+        phase = progress.phase("training", total=3)
+        phase.update(3)
+    assert capfd.readouterr() == ("", "")
+    assert phase.line() == "training: 3/3 steps (100%)"
+
+
 def test_brackets_in_a_name_are_not_markup(clock):
     terminal = Terminal()
     with Progress(stream=terminal) as progress:

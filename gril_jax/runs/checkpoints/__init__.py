@@ -3,5 +3,9 @@
 from gril_jax.lazy import offer
 
 __all__, __getattr__ = offer(
-    __name__, writer="CheckpointWriter", checkpoint="DamagedError latest restore save steps"
+    __name__,
+    writer="CheckpointWriter",
+    manifest="DamagedError latest steps",
+    checkpoint="discard keep_newest newest restore save save_part",
+    arrays="save_arrays",
 )

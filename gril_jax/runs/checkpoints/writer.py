@@ -20,12 +20,20 @@ class CheckpointWriter:
     """Writes a state's checkpoints to one folder; closed by `with`, which waits for the last one.
 
     What goes wrong in the thread is raised by the next call of any function. The `keep` newest ones
-    stay; `before` is called in the thread ahead of each, to bring to the disk what it counts on.
+    stay. `before` is called in the thread ahead of each, to bring to the disk what it counts on;
+    `mark` says how far the metrics have come as a state is handed over.
     """
 
-    def __init__(self, folder: Path, *, keep: int, before: Callable[[], None] = lambda: None):
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        keep: int,
+        before: Callable[[], None] = lambda: None,
+        mark: Callable[[], Mark | None] = lambda: None,
+    ):
         self.longest_stall_s = 0.0  # that `save` held its caller up, waiting for another left out
-        self._folder, self._keep, self._before = folder, keep, before
+        self._folder, self._keep, self._before, self._mark = folder, keep, before, mark
         self._threads = ThreadPoolExecutor(max_workers=1, thread_name_prefix="checkpoint")
         self._last: Future[None] | None = None
 
@@ -36,13 +44,10 @@ class CheckpointWriter:
             self.wait()
         return self._last is not None
 
-    def save(self, step: int, state: Any, metrics: Mark | None = None) -> None:
-        """Copies the state, then writes it in the thread, with the mark of the metrics so far.
-
-        Waits for the one before if necessary.
-        """
+    def save(self, step: int, state: Any) -> None:
+        """Copies the state, then writes it in the thread; waits for the one before if necessary."""
         self.wait()
-        begun = time.monotonic()
+        begun, metrics = time.monotonic(), self._mark()
         leaves = host_copy(state)
         self.longest_stall_s = max(self.longest_stall_s, time.monotonic() - begun)
 

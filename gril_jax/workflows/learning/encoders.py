@@ -21,8 +21,8 @@ from gril_jax.compilation import ahead, sharding
 from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
 from gril_jax.runs import loop
+from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
-from gril_jax.runs.run_dir import RunDir
 from gril_jax.workflows.build import learners, setup
 
 Echo = Callable[[str], None]
@@ -95,7 +95,7 @@ def train(
     config: RunConfig,
     *,
     name: str,
-    run: RunDir,
+    run: Run,
     progress: Progress,
     echo: Echo,
     what: str,

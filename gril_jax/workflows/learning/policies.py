@@ -19,7 +19,7 @@ from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
 from gril_jax.rl import training
 from gril_jax.runs import loop
-from gril_jax.runs.run_dir import RunDir
+from gril_jax.runs.memory import Run
 from gril_jax.workflows.build import policy_rewards, policy_setup
 
 from .encoders import Echo, keys, stack
@@ -102,7 +102,7 @@ def train(
     config: RunConfig,
     *,
     name: str,
-    run: RunDir,
+    run: Run,
     echo: Echo,
     row: Callable[[int, Any], dict[str, Any]],
 ) -> loop.Trained:

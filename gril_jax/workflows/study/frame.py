@@ -107,10 +107,9 @@ def _train(table: Table, config, settings, rows, plan, run, progress, echo: Echo
         return gather(config).batch("train")
 
     def train(program, compiled) -> None:
-        done = learn_policies(program, compiled, learned, shown, run, progress, echo)
+        done, saved = learn_policies(program, compiled, learned, shown, run, progress, echo)
         finish(program, run)
-        saved = (run.path / "policies" / program.name).glob("*/manifest.json")
-        run.finish_phase(program.name, done, sorted(saved))
+        run.finish_phase(program.name, done, saved)
         written()
 
     with ahead.compiling() as pool:

@@ -24,8 +24,8 @@ from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.encoders.encoder import GraphConfig
 from gril_jax.errors import ConfigError
 from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
-from gril_jax.runs.run_dir import RunDir
 from gril_jax.workflows.build import setup
 from gril_jax.workflows.learning.encoders import stack
 
@@ -61,7 +61,7 @@ def tasks(
     rows: Sequence[Row],
     learned: Mapping[Hashable, TrainedReward],
     needs: Callable[[Sequence[Row]], frozenset[str]],
-    run: RunDir,
+    run: Run,
     pool: Executor,
     progress: Progress,
     then: Callable[[], Any],

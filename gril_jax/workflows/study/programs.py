@@ -1,9 +1,9 @@
 """The policies of a table's rows: those that compile to the same program train side by side."""
 
 import functools
-import shutil
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor, Future
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -13,9 +13,8 @@ from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.rl import training
 from gril_jax.runs import hosts
-from gril_jax.runs.checkpoints import checkpoint
+from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
-from gril_jax.runs.run_dir import RunDir
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
 from gril_jax.workflows.build.starts import distinct, evaluated_from
@@ -175,11 +174,13 @@ def learn_policies(
     ready: policies.Compiled,
     rewards: Mapping[Hashable, TrainedReward],
     demos: Callable[[RunConfig], DemoBatch],
-    run: RunDir,
+    run: Run,
     progress: Progress,
     echo: Callable[[str], None],
-) -> dict[str, Any]:
-    """Trains a program's policies; their scores during training are rows of metrics.jsonl.
+) -> tuple[dict[str, Any], list[Path]]:
+    """Trains a program's policies: results and files of its phase of the run.
+
+    Their scores during training are rows of the run's metrics.
 
     `demos` are the demonstrations of a configuration, for training that begins at their frames.
 
@@ -211,14 +212,14 @@ def learn_policies(
     done = policies.train(
         ready, params, plan, configs[0], name=program.name, run=run, echo=echo, row=row
     )
-    folder = run.path / "policies" / program.name
-    shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here
-    checkpoint.save(folder, plan.updates * plan.steps, hosts.gathered(algorithm.policy(done.state)))
-    return {
+    trained = hosts.gathered(algorithm.policy(done.state))
+    saved = run.save_part(f"policies/{program.name}", plan.updates * plan.steps, trained)
+    results = {
         "rows": [(row.cell, row.seed) for row in rows],
         "taus": [found and found.tau for found in learned],
         "starts": {variant: found._asdict() for variant, found in starts(program).items()},
     }
+    return results, saved
 
 
 def _parameters(

@@ -11,8 +11,8 @@ from gril_jax import reward
 from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import REWARDS
+from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
-from gril_jax.runs.run_dir import RunDir
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import demonstrations, learners
 from gril_jax.workflows.learning import encoders
@@ -83,7 +83,7 @@ def get_ready(
 def tasks(
     wanted: Sequence[Wanted],
     found: dict[Hashable, TrainedReward],
-    run: RunDir,
+    run: Run,
     progress: Progress,
     echo: Callable[[str], None],
 ) -> list[ahead.Task]:
@@ -110,7 +110,7 @@ def _name(number: int) -> str:
 
 
 def _learned(
-    name: str, one: Wanted, run: RunDir, progress: Progress, echo: Callable[[str], None]
+    name: str, one: Wanted, run: Run, progress: Progress, echo: Callable[[str], None]
 ) -> dict[Hashable, TrainedReward]:
     """Trains the encoders of a program."""
     programs = one.programs
