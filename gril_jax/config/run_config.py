@@ -32,6 +32,9 @@ class RunSettings:
     """Reward of the policy: the learned one, the task's own, the chain of the learned subtasks, the
     learned one in its stages, the first two together, or the task's own with the learned one as its
     potential."""
+    reward_file: str | None = None
+    """A reward that has been learned before, to train the policy on: a file of `gril export`, or
+    the folder of a run. None learns one."""
     reward_weights: tuple[float, float] = field(
         default=(1.0, 0.1), metadata=rule(lambda x: all(map(isfinite, x)), "two finite numbers")
     )

@@ -95,6 +95,19 @@ def save_reward(
     _write(Path(path), packed(arrays, text), overwrite)
 
 
+def save_learned(
+    path: str | os.PathLike, learned: LearnedReward, *, overwrite: bool = False
+) -> None:
+    """Writes a reward with the description that it has; errors are those of `save_reward`."""
+    about = learned.about
+    save_reward(
+        path, learned.params, learned.config, classes=learned.classes, robots=learned.robots,
+        objects=learned.objects, activity=learned.activity, softness=learned.softness,
+        half_extent=about.get("half_extent"), unit=about.get("unit"),
+        provenance=about.get("provenance"), overwrite=overwrite,
+    )  # fmt: skip
+
+
 def load_reward(path: str | os.PathLike) -> LearnedReward:
     """Reads a reward; its values equal the saved parameters bit for bit.
 

@@ -12,6 +12,7 @@ encoder's `history`; positions and sizes are in the world units that the reward 
 
 import dataclasses
 import json
+import os
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -92,6 +93,18 @@ class LearnedReward:
           ConfigError: a name is not one of `classes`.
         """
         return dataclasses.replace(self, objects=tuple(objects))
+
+    def save(self, path: str | os.PathLike, *, overwrite: bool = False) -> None:
+        """Writes the reward to a new file, which `gril_jax.load_reward` reads.
+
+        Raises:
+          RewardFileError: the file exists, its folder is missing, full or not writable, or a
+            parameter is not finite.
+        """
+        # A file is the host's: nothing else here knows of any.
+        from gril_jax.export.reward_file import save_learned
+
+        save_learned(path, self, overwrite=overwrite)
 
     def __call__(
         self,

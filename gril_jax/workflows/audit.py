@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import json
 import math
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -62,7 +61,37 @@ def main(
         if task is not None:
             raise ConfigError(f"{source} was trained on films alone, but --task is {task}")
         return film_audit.main(source, config, out, scenes=ascents, seed=seed, echo=echo)
-    learned, env, names, scenes = _subject(source, task, variant, starts, seed)
+    learned, chosen = _subject(source, task)
+    findings = search(
+        learned, chosen, str(source), variant=variant, ascents=ascents, starts=starts, seed=seed
+    )
+    settings = {
+        "source": str(source), "ascents": findings.audit.found.reward.size, "starts": starts,
+        "seed": seed, "variant": variant or _variant(chosen),
+    }  # fmt: skip
+    results = findings.as_json() | {"settings": settings}
+    with run_dir.writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "audit.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    page = write_report(out, findings, results, title=f"Audit of {source.name}")
+    for line in findings.in_words():
+        echo(line)
+    echo(f"report: {page}")
+    return results
+
+
+def search(
+    learned: LearnedReward,
+    chosen: EnvConfig,
+    source: str,
+    *,
+    variant: str | None = None,
+    ascents: int = 1000,
+    starts: int = 4,
+    seed: int = 0,
+) -> Findings:
+    """The audit of a reward in a task; `source` names the reward in errors, those of `main`."""
+    env, names, scenes = _scenes(learned, chosen, source, variant, starts, seed)
     stages = env.stages
     reward = scene_reward(learned.config, softness=learned.softness)
     first = jax.tree.map(lambda x: x[0], scenes)
@@ -80,20 +109,7 @@ def main(
     found: Audit = jax.tree.map(np.asarray, jax.jit(run)(learned.params, key=keys[0]))
     states = jax.tree.map(np.asarray, states)
     _check_finite(states, found, names)
-    findings = Findings(states, found, names, stages)
-    settings = {
-        "source": str(source), "ascents": found.found.reward.size, "starts": starts, "seed": seed,
-        "variant": getattr(env, "variant", None),
-    }  # fmt: skip
-    results = findings.as_json() | {"settings": settings}
-    with run_dir.writing(out):
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "audit.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    page = write_report(out, findings, results, title=f"Audit of {source.name}")
-    for line in findings.in_words():
-        echo(line)
-    echo(f"report: {page}")
-    return results
+    return Findings(states, found, names, stages)
 
 
 def require_possible(config: RunConfig, env: envs.Env) -> None:
@@ -107,40 +123,50 @@ def require_possible(config: RunConfig, env: envs.Env) -> None:
         raise ConfigError(f"{none} the task {config.env.name} has no stage definition")
 
 
-def _subject(source: Path, task: str | None, variant: str | None, starts: int, seed: int):
-    """The reward, its task, the names of the scene's objects, and scenes with its own labels."""
-    if source.is_dir():
-        config = run_dir.read_config(source)
-        setup.require_boxes(config, "an audit, which moves boxes")
-        chosen = config.env
-        if task not in (None, chosen.name):
-            raise ConfigError(f"{source} was trained for {chosen.name}, but --task is {task}")
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "reward.npz"
-            export_reward.main(source, file, echo=lambda line: None)
-            learned = load_reward(file)
-    else:
+def _subject(source: Path, task: str | None) -> tuple[LearnedReward, EnvConfig]:
+    """The reward of a run or a file, and its task."""
+    if not source.is_dir():
         learned = load_reward(source)
-        if isinstance(learned.config, PixelConfig):
-            raise ConfigError(f"{source} takes pictures, but an audit moves boxes")
-        chosen = _env_of(learned, task or EnvConfig.name)
+        return learned, env_of(learned, task or EnvConfig.name)
+    config = run_dir.read_config(source)
+    setup.require_boxes(config, "an audit, which moves boxes")
+    if task not in (None, config.env.name):
+        raise ConfigError(f"{source} was trained for {config.env.name}, but --task is {task}")
+    return export_reward.of_run(source), config.env
+
+
+def _variant(chosen: EnvConfig) -> str | None:
+    """The variant that a task of this configuration has; None for one without variants."""
+    return getattr(setup.make_env(chosen, training=False), "variant", None)
+
+
+def _scenes(
+    learned: LearnedReward,
+    chosen: EnvConfig,
+    source: str,
+    variant: str | None,
+    starts: int,
+    seed: int,
+) -> tuple[envs.Env, tuple[str, ...], Scene]:
+    """The task, the names of its objects, and first scenes with the reward's own labels."""
+    if isinstance(learned.config, PixelConfig):
+        raise ConfigError(f"{source} takes pictures, but an audit moves boxes")
     env = setup.make_env(chosen, training=False, variant=variant)
     if getattr(env, "stages", None) is None:
         raise ConfigError(
             f"the task {chosen.name} has no stage definition, but an audit needs its attribute "
             "`stages` (see gril_jax.envs.stages)"
         )
-    _require_one_unit(learned, chosen.name, env, source)
+    require_one_unit(learned, chosen.name, env, source)
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), starts)
     objects = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
     names = tuple(env.classes[i] for i in np.asarray(objects.label[0]))
     label = _labels(learned, env.classes, np.asarray(objects.label), source)
     resting = jnp.zeros(label.shape, bool)
-    scenes = Scene(objects.center, objects.size, label, objects.is_robot, resting)
-    return learned, env, names, scenes
+    return env, names, Scene(objects.center, objects.size, label, objects.is_robot, resting)
 
 
-def _require_one_unit(learned: LearnedReward, task: str, env: envs.Env, source: Path) -> None:
+def require_one_unit(learned: LearnedReward, task: str, env: envs.Env, source: str) -> None:
     """Raises ConfigError if a reward's lengths are of another unit than the task's."""
     unit, extent = (learned.about.get(name) for name in ("unit", "half_extent"))
     known = unit in (None, vocabulary.unit_of_task(task)) or extent is None
@@ -151,7 +177,7 @@ def _require_one_unit(learned: LearnedReward, task: str, env: envs.Env, source: 
         )
 
 
-def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
+def env_of(learned: LearnedReward, task: str) -> EnvConfig:
     """The task; one with targets has those of its usual blocks that the reward was made for."""
     chosen = EnvConfig(name=task)
     if chosen.is_own:
@@ -170,7 +196,7 @@ def _env_of(learned: LearnedReward, task: str) -> EnvConfig:
     return dataclasses.replace(chosen, targets=targets, distractors=distractors)
 
 
-def _labels(learned: LearnedReward, classes, label: np.ndarray, source: Path) -> jax.Array:
+def _labels(learned: LearnedReward, classes, label: np.ndarray, source: str) -> jax.Array:
     """The task's labels as indices into the reward's classes."""
     for index in np.unique(label):
         if classes[index] not in learned.classes:

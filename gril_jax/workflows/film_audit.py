@@ -25,6 +25,7 @@ from gril_jax.pretraining import pretrain
 from gril_jax.pretraining.copies import Ends, displaced
 from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.data import read_finished
+from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.runs import run_dir
 from gril_jax.runs.covered import require_same_demos
 from gril_jax.runs.metric_rows import plain
@@ -62,14 +63,8 @@ def main(
     words = vocabulary.of_run(config, folder)
     params = policy_setup.learned_reward(folder, config, words)
     results = read_finished(folder) or {}
-    measured = _measure(config, params, demos, len(words.classes), scenes, seed)
-    sound = measured["touch_share"] <= _TOUCH and measured["outbid_share"] <= _OUTBID
-    found = measured | {
-        "tau": results.get("tau"),
-        "reward_time_tau": results.get("reward_time_tau"),
-        "sound_as_far_as_asked": sound,
-        "left_out": LEFT_OUT,
-    }
+    known = {name: results.get(name) for name in ("tau", "reward_time_tau")}
+    found = measured(config, params, demos, scenes=scenes, seed=seed) | known
     with run_dir.writing(out):
         out.mkdir(parents=True, exist_ok=True)
         write_whole(out / "audit.json", json.dumps(plain(found), indent=2) + "\n")
@@ -93,8 +88,22 @@ def in_words(found: dict[str, Any]) -> list[str]:
     ]
 
 
+def measured(
+    config: RunConfig,
+    params: RewardParams,
+    demos: demonstrations.Demonstrations,
+    *,
+    scenes: int = 1000,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """The audit as plain numbers; shares are of the range from first to last frames."""
+    found = _measure(config, params, demos, len(demos.demo_set.classes), scenes, seed)
+    sound = found["touch_share"] <= _TOUCH and found["outbid_share"] <= _OUTBID
+    return found | {"sound_as_far_as_asked": sound, "left_out": LEFT_OUT}
+
+
 def _measure(config, params, demos, num_classes, scenes, seed) -> dict[str, Any]:
-    """The measures, as plain numbers; shares are of the range from first to last frames."""
+    """The measures, as plain numbers."""
     static, hyper = setup.pretrain_config(config, num_classes), setup.pretrain_hyper(config)
     train, held = demos.batch("train"), demos.batch("validation")
     places = pretrain.places(train, num_classes, static)

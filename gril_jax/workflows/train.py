@@ -2,6 +2,7 @@
 
 gril quickstart                    one block, about 4 minutes on two CPU cores
 gril train match_regions           five blocks, sized for a GPU: see README for both results
+gril train match_regions --reward FILE|RUN    on a reward that exists: no encoder is trained
 gril train --resume RUN            go on with a run that was cut off
 gril train quickstart --hard-negatives RUN    learn from states that RUN's reward overestimates
 """
@@ -9,7 +10,7 @@ gril train quickstart --hard-negatives RUN    learn from states that RUN's rewar
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -17,12 +18,15 @@ import numpy as np
 from gril_jax import envs
 from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
+from gril_jax.config.tables import REWARDS
+from gril_jax.errors import ConfigError
 from gril_jax.report import rates, run_report
 from gril_jax.report.audit import asked
 from gril_jax.report.headline import in_words
+from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.rl import training
 from gril_jax.runs.checkpoints import state_leaves
-from gril_jax.workflows import audit, evaluate, pretrain
+from gril_jax.workflows import audit, evaluate, pretrain, reuse
 from gril_jax.workflows.build import (
     demonstrations,
     own_task,
@@ -47,10 +51,15 @@ def main(
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.make_env(config.env, training=False)
-    own_task.require_demonstrations(config, env)
-    if config.run.audit:
+    config, reused = _reused(config, env)
+    needs = needs_of(config)
+    if hard_negatives and not needs.encoder:
+        raise ConfigError("--hard-negatives is given, but the run learns no reward from them")
+    if needs.demos:
+        own_task.require_demonstrations(config, env)
+    if config.run.audit and needs.reward:
         audit.require_possible(config, env)
-    if resume is None:
+    if resume is None and needs.demos:
         demonstrations.require_usable(config, env)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)  # or it cannot be shared out
@@ -65,9 +74,11 @@ def main(
 
         found = run.dir.finished_phase("policy")
         program = pool.submit(compiled_for, config, algorithm) if found is None else None
-        demos = demonstrations.gather_once(config, env, run.dir, run.progress)
+        demos = None
+        if needs.demos:
+            demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         lap("demonstrations")
-        results = pretrain.learn(run, demos)
+        results = pretrain.learn(run, demos) if needs.encoder else _kept(run, reused)
         reward_params = _policy_reward(run, env, demos)
         lap("reward")
         if program is not None:
@@ -81,35 +92,75 @@ def main(
             played = evaluate.play(config, env, policy, reward_params, run.path, run.progress)
             run.dir.finish_phase("evaluation", played, [run.path / name for name in _PLAYED])
         lap("evaluation")
-        results = results | found | played | _audited(run) | {"given": str(given(config))}
+        audited = _audited(run) if needs.reward else {}
+        results = results | found | played | audited | {"given": str(given(config))}
         lap("audit")
         run.dir.finish(results)
         speed = run.dir.metrics()[-1].get("env_steps_per_s") or 0.0
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
-    for line in (*rates.sentences(results), asked.sentence(results)):
+    for line in (*rates.sentences(results), *([asked.sentence(results)] if needs.reward else [])):
         echo(line)
     echo(f"given: {results['given']}")
-    echo(
-        f"tau {results['tau']:.3f}, {speed:,.0f} env steps/s, "
-        f"{in_words(time.monotonic() - begun)} in all\nreport: {page}"
-    )
+    tau = f"tau {results['tau']:.3f}, " if "tau" in results else ""
+    took = in_words(time.monotonic() - begun)
+    echo(f"{tau}{speed:,.0f} env steps/s, {took} in all\nreport: {page}")
     return run.path
 
 
-def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrations) -> Any:
+class Needs(NamedTuple):
+    """The parts of a run that its policy depends on."""
+
+    reward: bool  # a learned one
+    encoder: bool  # to be trained in this run
+    demos: bool
+
+
+def needs_of(config: RunConfig) -> Needs:
+    """The parts that a configuration needs."""
+    form = REWARDS[config.run.reward]
+    encoder = form.learns and config.run.reward_file is None
+    demos = encoder or form.staged or policy_rewards.begins_at_frames(config)
+    return Needs(form.learns, encoder, demos)
+
+
+def _reused(config: RunConfig, env: envs.Env) -> tuple[RunConfig, LearnedReward | None]:
+    """The configuration with the encoder of the reward that it names, and that reward."""
+    source = config.run.reward_file
+    if source is None or not REWARDS[config.run.reward].learns:
+        return config, None
+    learned = reuse.load(Path(source))
+    return reuse.configured(config, learned, env, source), learned
+
+
+def _kept(run: OpenRun, reused: LearnedReward | None) -> dict[str, Any]:
+    """The results of a run that learns no reward; one that was learned before is kept in it."""
+    if reused is None:
+        return {}
+    results = run.dir.finished_phase("reward")
+    if results is None:
+        digest = state_leaves.digest(reused.params)
+        results = {"reward_from": run.config.run.reward_file, "reward_sha256": digest}
+        run.dir.finish_phase("reward", results, run.dir.save_part("reward", 0, reused.params))
+        run.echo(f"the reward is that of {results['reward_from']} (sha256 {digest[:12]})")
+    return results
+
+
+def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrations | None) -> Any:
     """The policy reward's parameters, saved once beside the learned reward."""
+    config, num_classes = run.config, len(env.classes)
     if run.dir.finished_phase("policy_reward") is None:
-        num_classes = len(env.classes)
-        learned = run.dir.load_part("reward", setup.blank_reward(run.config, num_classes))
-        params = policy_rewards.parameters(run.config, learned, demos.batch("train"), num_classes)
-        steps = run.config.pretrain.steps
-        saved = run.dir.save_part("policy_reward", steps, params)
+        learned = None
+        if REWARDS[config.run.reward].learns:
+            learned = run.dir.load_part("reward", setup.blank_reward(config, num_classes))
+        shown = None if demos is None else demos.batch("train")
+        params = policy_rewards.parameters(config, learned, shown, num_classes)
+        saved = run.dir.save_part("policy_reward", config.pretrain.steps, params)
         run.dir.finish_phase("policy_reward", {}, saved)
-        if said := stages.note(run.config, params):
+        if said := stages.note(config, params):
             run.echo(said)
-    return run.dir.load_part("policy_reward", policy_rewards.blank(run.config, env))
+    return run.dir.load_part("policy_reward", policy_rewards.blank(config, env))
 
 
 def _audited(run: OpenRun) -> dict[str, Any]:
