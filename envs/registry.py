@@ -81,9 +81,26 @@ def names() -> tuple[str, ...]:
     return tuple(TASKS)
 
 
+_LENT: dict[str, Any] = {}  # tasks that exist already, by their names here
+
+
+def lend(task: Any) -> str:
+    """A name for a task that exists already: `build` gives it back, and takes no options.
+
+    It is kept for as long as the process runs.
+    """
+    name = next((name for name, known in _LENT.items() if known is task), None)
+    if name is None:
+        name = f"{type(task).__name__}-{len(_LENT)}"
+        _LENT[name] = task
+    return name
+
+
 def is_own(name: str) -> bool:
-    """True if a task is a function of a file or an entry point, and has no `TaskSpec`."""
-    return files.is_reference(name) or (name not in TASKS and name in _installed())
+    """True if a task is a user's own, and has no `TaskSpec`: a function of a file, an entry point
+    or an object that was lent."""
+    known = files.is_reference(name) or name in _LENT
+    return known or (name not in TASKS and name in _installed())
 
 
 def shown_name(name: str) -> str:
@@ -171,22 +188,22 @@ def make(name: str, **options: Any) -> Any:
 
 def build(name: str, options: Mapping[str, Any]) -> Any:
     """`make` for a name out of a configuration: the file of one's own must have been named."""
-    constructor = _constructor(name)
+    maker = constructor(name)
     if not is_own(name):
-        return constructor(**options)
+        return maker(**options)
     file = _file(name)
-    known = _keywords(constructor)
+    known = _keywords(maker)
     if known is not None and (unknown := [option for option in options if option not in known]):
         takes = f"it takes {', '.join(sorted(known))}" if known else "it takes none"
         raise ValueError(
-            f"{file}: {constructor.__name__} has no option {unknown[0]!r}"
+            f"{file}: {maker.__name__} has no option {unknown[0]!r}"
             f"{nearest(unknown[0], [*known])}: {takes}"
         )
     try:
-        task = constructor(**options)
+        task = maker(**options)
     except Exception as error:
         where = files.fault(error, file)
-        raise ValueError(f"{file}: {constructor.__name__} failed at {where}") from error
+        raise ValueError(f"{file}: {maker.__name__} failed at {where}") from error
     return import_module("gril_jax.envs.user_tasks.protocol").completed(task, file)
 
 
@@ -205,7 +222,10 @@ def _entry_point(name: str) -> Callable[..., Any]:
     return made
 
 
-def _constructor(name: str) -> Callable[..., Any]:
+def constructor(name: str) -> Callable[..., Any]:
+    """The function or class that makes a task."""
+    if name in _LENT:
+        return lambda: _LENT[name]
     if files.is_reference(name):
         return files.load(name)
     return _entry_point(name) if is_own(name) else pkgutil.resolve_name(spec(name).make)
@@ -215,6 +235,8 @@ def _file(name: str) -> Path:
     """The file of one's own task, for messages."""
     if files.is_reference(name):
         return files.reference(name).file
+    if name in _LENT:
+        return Path(type(_LENT[name]).__name__)
     return Path(inspect.getsourcefile(_entry_point(name)) or name)
 
 
@@ -239,7 +261,7 @@ def options(name: str) -> frozenset[str]:
     Those that it passes on as `**options` are the ones of the class that it returns.
     """
     if is_own(name):
-        return _keywords(_constructor(name)) or frozenset()
+        return _keywords(constructor(name)) or frozenset()
     signature = inspect.signature(pkgutil.resolve_name(spec(name).make))
     parameters = [*signature.parameters.values()]
     if any(p.kind is p.VAR_KEYWORD for p in parameters):

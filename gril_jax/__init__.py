@@ -15,10 +15,15 @@ _names, __getattr__ = offer(
     __name__,
     **{room: room for room in _ROOMS}
     | {
-        "demos.demo_set": "load_demo_set save_demo_set",
-        "envs": "envs make",
+        "api.demos": "load_demos",
+        "api.policies": "evaluate load_policy train_policy",
+        "api.rewards": "Audit Subtasks audit_reward find_subtasks learn_reward",
+        "api.tasks": "make",
+        "api.trained_policy": "Rates TrainedPolicy",
+        "demos.demo_set": "DemoSet",
+        "envs": "envs",
         "graphs.scene": "scene_graph",
-        "export.reward_file": "load_reward reward_file save_reward",
+        "export.reward_file": "load_reward save_reward",
         "reward.latent_goal": "latent_goal_reward",
         "reward.learned_reward": "LearnedReward",
     },

@@ -65,22 +65,38 @@ def main(
     if engine is not None:
         config = replace(config, env=replace(config.env, engine=engine))
     env = setup.make_env(config.env, training=False, variant=variant)
-    algorithm = policy_setup.make_algorithm(config, env)
-    policy = policy_setup.restore_policy(folder, config, algorithm)
+    policy = policy_setup.restore_policy(folder, config, policy_setup.make_algorithm(config, env))
     reward_params = policy_setup.policy_reward(folder, config, env)
+    found, means = rates_of(
+        config, policy, reward_params, episodes=episodes, seed=seed, variant=variant
+    )
+    for line in rates.sentences(found):
+        echo(line)
+    about = {name: float(getattr(means, name)[:episodes].mean()) for name in ("score", "reward")}
+    numbers = "  ".join(f"{name} {value:.4f}" for name, value in about.items())
+    echo(f"{numbers}  (means over the same episodes with deterministic actions)")
+    return found | about
+
+
+def rates_of(
+    config: RunConfig,
+    policy: Policy,
+    reward_params: Any,
+    *,
+    episodes: int,
+    seed: int,
+    variant: str | None = None,
+) -> tuple[dict[str, Any], Evaluation]:
+    """The rates of a policy with what they count, as `results.json` has them, and its episodes with
+    deterministic actions; `variant` is the one to begin in, None those of `evaluated_from`."""
+    env = setup.make_env(config.env, training=False, variant=variant)
+    algorithm = policy_setup.make_algorithm(config, env)
     key_begin, key_act = jax.random.split(jax.random.key(seed))
     among = evaluated_from(config.env)
     if variant is not None and among.own is not None:
         among = Starts(variant, variant, None)
     player = _player(config, algorithm, among, reward_params, key_begin, episodes)
-    found, means = _trained(player, policy, key_act)
-    for line in rates.sentences(found):
-        echo(line)
-    number = len(player.many.start)
-    about = {name: float(getattr(means, name)[:number].mean()) for name in ("score", "reward")}
-    numbers = "  ".join(f"{name} {value:.4f}" for name, value in about.items())
-    echo(f"{numbers}  (means over the same episodes with deterministic actions)")
-    return found | about
+    return _trained(player, policy, key_act)
 
 
 def play(

@@ -44,6 +44,11 @@ def configured(config: RunConfig, learned: LearnedReward, env: Env, source: str)
             "in the same order"
         )
     require_one_unit(learned, config.env.name, env, source)
+    return with_choices(config, learned, source)
+
+
+def with_choices(config: RunConfig, learned: LearnedReward, source: str) -> RunConfig:
+    """The configuration with a reward's choices, whatever the task; errors as `configured`."""
     goal = learned.params.goal
     goals = goal.shape[0] if goal.ndim == 2 and num_members(learned.config) == 1 else 1
     found = dataclasses.replace(

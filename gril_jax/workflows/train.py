@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 
 from gril_jax import envs
 from gril_jax.compilation import ahead, sharding
@@ -36,7 +35,6 @@ from gril_jax.workflows.build import (
     stages,
 )
 from gril_jax.workflows.build.given import given
-from gril_jax.workflows.build.starts import evaluated_from
 from gril_jax.workflows.learning import policies
 
 from .pretrain import Echo, OpenRun, opened
@@ -189,9 +187,7 @@ _PLAYED = ("rollout.mp4", "rollouts.npz")  # what `evaluate.play` writes
 def compiled_for(config: RunConfig, algorithm: training.Algorithm) -> policies.Compiled:
     """The program of a policy's training; half of its environments play deterministic actions in
     evaluations."""
-    examines = config.run.evaluations > 0 and algorithm.num_envs % 2 == 0
-    many = evaluated_from(config.env).many
-    tasks = [setup.make_env(config.env, training=False, variant=many)] if examines else []
+    tasks = policies.tasks_to_evaluate(config, algorithm)
     plan = policies.plan_of(config, algorithm)
     return policies.compiled_for([config], algorithm, jax.devices(), tasks, plan)
 
@@ -204,18 +200,10 @@ def _learn_policy(run: OpenRun, program: policies.Compiled, params: Any) -> dict
     phase = run.progress.phase("learning the policy", total=total, unit="env steps")
 
     def row(done: int, found: Any) -> dict[str, Any]:
-        metrics, scores = jax.tree.map(lambda x: x[0], found)
-        count = plan.count(done - 1)
-        means = _means({name: values[:count] for name, values in metrics.items()})
-        shown = {"success in training": means["success"]}
-        phase.update(plan.done(done) * plan.steps, **shown, reward=means["reward"])
-        scored: dict[str, float] = {}
-        if scores is not None and plan.examines(done - 1):
-            # With deterministic actions, and with sampled ones: as many starts of either kind.
-            scored["eval/episodes"] = algorithm.num_envs // 2
-            for kind, values in scores._asdict().items():
-                scored[f"eval/{kind}"], scored[f"eval/{kind}_sampled"] = map(float, values[0])
-        return {**means, **scored}
+        line = {name: values[0] for name, values in policies.metrics_of(plan, done, found).items()}
+        shown = {"success in training": line["success"]}
+        phase.update(plan.done(done) * plan.steps, **shown, reward=line["reward"])
+        return line
 
     trained = policies.train(
         program, params, plan, config, name=name, run=run.dir, echo=run.echo, row=row
@@ -227,17 +215,3 @@ def _learn_policy(run: OpenRun, program: policies.Compiled, params: Any) -> dict
     run.dir.note_time(phase=name, compile_s=program.seconds, checkpoint_stall_s=stall)
     run.dir.finish_phase("policy", results, saved)
     return results
-
-
-def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:
-    """Means over one chunk's updates; success and score weigh each update by its episodes."""
-    episodes = metrics["episodes"]
-    row = {}
-    for name, values in metrics.items():
-        if name in ("episodes", "nonfinite"):
-            row[name] = float(values.sum())
-        elif name in ("success", "score"):
-            row[name] = float((values * episodes).sum() / max(episodes.sum(), 1.0))
-        else:
-            row[name] = float(values.mean())
-    return row

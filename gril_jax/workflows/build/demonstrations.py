@@ -3,7 +3,7 @@
 import math
 import shutil
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from gril_jax.envs import Env
 
@@ -83,7 +83,15 @@ def require_usable(config: RunConfig, env: Env | None) -> None:
 
 def chosen(config: RunConfig, env: Env | None, source: Path) -> Demonstrations:
     """The demonstrations of the set in a folder, reduced and split as `gather` has it."""
-    demo_set = load_demo_set(source)
+    own = config.demos.path is not None
+    return of_set(config, env, load_demo_set(source), own=own, source=source)
+
+
+def of_set(
+    config: RunConfig, env: Env | None, demo_set: DemoSet, *, own: bool = True, source: Any = "demos"
+) -> Demonstrations:
+    """The demonstrations of a set, reduced and split; of somebody's `own` videos a quarter at the
+    most is kept aside. Errors are those of `gather`, in which `source` names the set."""
     if env is not None:
         if config.env.is_own:
             demo_set = own_task.fitted(demo_set, env, config.env.shown_name)
@@ -93,7 +101,7 @@ def chosen(config: RunConfig, env: Env | None, source: Path) -> Demonstrations:
     if len(good) < 3:
         raise DemoError(f"{source}: holds {len(good)} demonstrations, but at least 3 are needed")
     held = config.demos.num_validation
-    if config.demos.path is not None:  # of somebody's own videos a quarter at the most
+    if own:
         held = min(held, math.ceil(len(good) / 4))
     if len(good) - held < config.pretrain.num_videos:
         raise DemoError(

@@ -31,14 +31,19 @@ class Vocabulary(NamedTuple):
 def of_run(config: RunConfig, folder: Path) -> Vocabulary:
     """The vocabulary of a run with a reward: its task's words, and the lengths of its films."""
     found = _of_films(config, folder)
+    if config.env.name == NO_TASK and found is None:
+        raise RunError(f"{folder} does not say which classes its films have")
+    return with_task(config, found)
+
+
+def with_task(config: RunConfig, films: Vocabulary | None) -> Vocabulary:
+    """The words of a configuration's task with the lengths of the films; without a task, theirs."""
     if config.env.name == NO_TASK:
-        if found is None:
-            raise RunError(f"{folder} does not say which classes its films have")
-        return found
-    of_task_ = of_task(setup.make_env(config.env, training=False), config.env.name)
-    if found is None:
-        return of_task_
-    return of_task_._replace(half_extent=found.half_extent, unit=found.unit, fps=found.fps)
+        return films
+    words = of_task(setup.make_env(config.env, training=False), config.env.name)
+    if films is None:
+        return words
+    return words._replace(half_extent=films.half_extent, unit=films.unit, fps=films.fps)
 
 
 def of_task(env: Env, name: str) -> Vocabulary:

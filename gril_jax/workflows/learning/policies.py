@@ -13,14 +13,17 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.sharding import Mesh
 
 from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
+from gril_jax.envs import Env
 from gril_jax.rl import training
 from gril_jax.runs import loop
 from gril_jax.runs.memory import Run
-from gril_jax.workflows.build import policy_rewards, policy_setup
+from gril_jax.workflows.build import policy_rewards, policy_setup, setup
+from gril_jax.workflows.build.starts import evaluated_from
 
 from .encoders import Echo, keys, stack
 
@@ -34,6 +37,7 @@ class Plan(NamedTuple):
     per_chunk: int
     evaluations: int
     steps: int  # environment steps of an update, of one policy
+    episodes: int = 0  # of an evaluation, of either kind of actions
 
     @property
     def chunks(self) -> int:
@@ -58,7 +62,13 @@ def plan_of(config: RunConfig, algorithm: training.Algorithm) -> Plan:
     """The plan of a configuration."""
     steps = algorithm.num_envs * algorithm.unroll_length
     updates = -(-policy_setup.policy_config(config).num_timesteps // steps)
-    return Plan(updates, config.run.updates_per_chunk, config.run.evaluations, steps)
+    return Plan(
+        updates,
+        config.run.updates_per_chunk,
+        config.run.evaluations,
+        steps,
+        algorithm.num_envs // 2,
+    )
 
 
 class Compiled(NamedTuple):
@@ -134,3 +144,45 @@ def train(
         advance, begun, run=run, name=name, chunks=plan.chunks, row=line,
         every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
     )  # fmt: skip
+
+
+def tasks_to_evaluate(config: RunConfig, algorithm: training.Algorithm) -> list[Env]:
+    """The task whose starts evaluations during training begin from; empty if there are none."""
+    if not config.run.evaluations or algorithm.num_envs % 2:
+        return []
+    return [setup.make_env(config.env, training=False, variant=evaluated_from(config.env).many)]
+
+
+def metrics_of(plan: Plan, done: int, found: Any) -> dict[str, list[float]]:
+    """A chunk's line of metrics: of each quantity one number a policy.
+
+    `found` are (metrics, scores) with a leading axis of policies, and `done` the chunks so far.
+    Where an evaluation fell due, its scores are there, too, with deterministic actions and sampled.
+    """
+    metrics, scores = found
+    each = [
+        _means({name: x[i][: plan.count(done - 1)] for name, x in metrics.items()})
+        for i in range(len(metrics["success"]))
+    ]
+    line = {name: [one[name] for one in each] for name in each[0]}
+    if scores is None or not plan.examines(done - 1):
+        return line
+    line["eval/episodes"] = [plan.episodes] * len(each)
+    for kind, values in scores._asdict().items():
+        line[f"eval/{kind}"] = [float(x) for x in values[:, 0, 0]]
+        line[f"eval/{kind}_sampled"] = [float(x) for x in values[:, 0, 1]]
+    return line
+
+
+def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:
+    """Means over one chunk's updates; success and score weigh each update by its episodes."""
+    episodes = metrics["episodes"]
+    row = {}
+    for name, values in metrics.items():
+        if name in ("episodes", "nonfinite"):
+            row[name] = float(values.sum())
+        elif name in ("success", "score"):
+            row[name] = float((values * episodes).sum() / max(episodes.sum(), 1.0))
+        else:
+            row[name] = float(values.mean())
+    return row

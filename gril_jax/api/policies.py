@@ -1,0 +1,172 @@
+"""Policies in Python: trained on a learned reward, evaluated, filmed, saved and loaded."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from gril_jax.compilation import ahead
+from gril_jax.config import RunConfig
+from gril_jax.config.grid import with_seed
+from gril_jax.config.tables import REWARDS
+from gril_jax.demos.demo_set import DemoSet
+from gril_jax.envs import Env
+from gril_jax.errors import ConfigError
+from gril_jax.reward.learned_reward import LearnedReward
+from gril_jax.runs.memory import MemoryRun
+from gril_jax.runs.progress import Progress
+from gril_jax.workflows import reuse
+from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
+from gril_jax.workflows.learning import encoders, policies
+
+from . import settings
+from .trained_policy import Rates, TrainedPolicy
+
+
+def train_policy(
+    task: str | Env,
+    reward: LearnedReward | Sequence[LearnedReward] | None = None,
+    *,
+    preset: str | None = None,
+    demos: DemoSet | None = None,
+    seeds: int = 1,
+    seed: int = 0,
+    progress: bool = True,
+    **options: Mapping[str, Any],
+) -> TrainedPolicy:
+    """Trains policies for a task: rollout, reward and update in one compiled step, seeds by vmap.
+
+    Args:
+      task: by name, with all settings of its preset; or an object from `make` or of your own
+        (`reset`, `step`, boxes of its objects), which is trained in as it is.
+      reward: a learned reward, or one for each seed; None takes the task's own.
+      preset: a shipped configuration or the path of a YAML file; by default that of the task.
+      demos: the demonstrations, where training resets to their states or the reward has stages.
+      seeds: policies to train side by side, from `seed` on.
+      progress: show a progress line on stderr.
+      options: sections of the configuration with the fields to change:
+        `ppo={"num_timesteps": 2_000_000}`.
+
+    Raises:
+      ConfigError: an option is unknown or out of range, or the reward does not fit the task.
+
+    Example:
+      >>> policy = train_policy("match_regions", reward, seeds=5)
+      >>> print(policy.evaluate(episodes=256))
+    """
+    config = settings.for_task(task, preset, options, seed, demos)
+    rewards = _of_seeds(reward, seeds)
+    if rewards[0] is None:
+        config = settings.changed(config, {"run": {"reward": "environmental"}}, seed)
+    env = setup.make_env(config.env, training=False)
+    if rewards[0] is not None:
+        config = reuse.configured(config, rewards[0], env, "the reward")
+    chosen = _shown(config, env, demos)
+    shown_batch = None if chosen is None else chosen.batch("train")
+    configs = [with_seed(config, number) for number in range(seeds)]
+    algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
+    plan = policies.plan_of(config, algorithm)
+    tasks = policies.tasks_to_evaluate(config, algorithm)
+    with ahead.compiling() as pool:
+        ready = pool.submit(policies.compiled_for, configs, algorithm, jax.devices(), tasks, plan)
+        params = encoders.stack(
+            [
+                policy_rewards.parameters(config, one and one.params, shown_batch, len(env.classes))
+                for one in rewards
+            ]
+        )
+        program = ready.result()
+    what = "learning the policy" if seeds == 1 else f"learning {seeds} policies"
+    with MemoryRun() as run, Progress(shown=progress) as shown:
+        total = plan.updates * plan.steps * seeds
+        phase = shown.phase(what, total=total, unit="env steps")
+
+        def row(done: int, found: Any) -> dict[str, Any]:
+            line = policies.metrics_of(plan, done, found)
+            steps = plan.done(done) * plan.steps * seeds
+            success, value = (float(np.mean(line[name])) for name in ("success", "reward"))
+            phase.update(steps, **{"success in training": success}, reward=value)
+            return line
+
+        trained = policies.train(
+            program, params, plan, config, name=config.run.algorithm, run=run, echo=print, row=row
+        )
+        curves = _curves(run.metrics())
+    policy = jax.device_get(jax.vmap(algorithm.policy)(trained.state))
+    return TrainedPolicy(config, env, algorithm, policy, params, curves)
+
+
+def evaluate(
+    policy: TrainedPolicy,
+    task: str | Env | None = None,
+    *,
+    episodes: int = 256,
+    seed: int = 0,
+) -> Rates:
+    """The success of a policy over distinct initial states.
+
+    Args:
+      policy: of `train_policy` or `load_policy`.
+      task: another variant of its task, from `make`; None is the task that it was trained in.
+      episodes: initial states to sample.
+      seed: of the episodes.
+
+    Example:
+      >>> print(evaluate(policy, make("match_regions", variant="layout")))
+    """
+    return policy.evaluate(episodes=episodes, seed=seed, task=task)
+
+
+def load_policy(path: str | os.PathLike) -> TrainedPolicy:
+    """The policy in a file of `TrainedPolicy.save`, or of `gril export`.
+
+    Raises:
+      ValueError: the file is damaged or no policy file.
+
+    Example:
+      >>> load_policy("policy.npz").evaluate(episodes=256)
+    """
+    return TrainedPolicy.load(Path(path))
+
+
+def _of_seeds(
+    reward: LearnedReward | Sequence[LearnedReward] | None, seeds: int
+) -> list[LearnedReward | None]:
+    """The reward of each seed."""
+    if seeds < 1:
+        raise ConfigError(f"seeds is {seeds}, but must be at least 1")
+    if reward is None or isinstance(reward, LearnedReward):
+        return [reward] * seeds
+    if len(reward) != seeds:
+        raise ConfigError(f"there are {len(reward)} rewards for {seeds} seeds: give one for each")
+    if any(one.config != reward[0].config for one in reward):
+        raise ConfigError("the rewards have different encoders, but one program trains all seeds")
+    return list(reward)
+
+
+def _shown(
+    config: RunConfig, env: Env, demos: DemoSet | None
+) -> demonstrations.Demonstrations | None:
+    """The demonstrations that training needs beside the reward."""
+    if demos is not None:
+        return demonstrations.of_set(config, env, demos)
+    if REWARDS[config.run.reward].staged or policy_rewards.begins_at_frames(config):
+        raise ConfigError(
+            f"run.reward {config.run.reward!r} or resets to video states need the demonstrations: "
+            "train_policy(..., demos=...)"
+        )
+    return None
+
+
+def _curves(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """Each logged quantity against `env_steps` (E,): arrays (S, E); evaluations are NaN between."""
+    names = dict.fromkeys(name for row in rows for name in row if name not in ("phase",))
+    width = max(np.size(row["success"]) for row in rows)
+    found = {}
+    for name in names:
+        values = [np.broadcast_to(row.get(name, np.nan), width).astype(float) for row in rows]
+        found[name] = np.stack(values, axis=1)
+    return {name: x[0] if name in ("env_steps", "seconds") else x for name, x in found.items()}

@@ -1,0 +1,67 @@
+"""Tasks by name and tasks as objects, for the functions of the front door."""
+
+import contextlib
+import dataclasses
+import inspect
+import io
+import weakref
+from typing import Any
+
+from gril_jax import envs
+from gril_jax.config import EnvConfig
+from gril_jax.envs import Env, registry
+
+_PRESET = "own_task"  # of a user's task
+_MADE: weakref.WeakKeyDictionary[Any, tuple[str, dict[str, Any]]] = weakref.WeakKeyDictionary()
+
+
+def make(name: str, **options: Any) -> Env:
+    """A task: an environment with pure functions `reset(key)` and `step(state, action)`.
+
+    Args:
+      name: one of `gril_jax.envs.registry.names()`, the file of a task of yours and the function
+        that makes it, such as "my_task.py:make", or an entry point of `gril_jax.tasks`.
+      options: keyword arguments of the task's constructor, such as `variant="jitter"`.
+
+    Raises:
+      ValueError: no task has that name, or an option is out of range.
+
+    Example:
+      >>> task = make("match_regions", variant="jitter")
+      >>> state = jax.jit(task.reset)(jax.random.key(0))
+    """
+    with contextlib.redirect_stdout(io.StringIO()):  # mjx reports parts that are not installed
+        task = envs.make(name, **options)
+    with contextlib.suppress(TypeError):  # one that takes no weak reference is an object like any
+        _MADE[task] = name, options
+    return task
+
+
+def preset(task: str | Env) -> str:
+    """The name of the configuration that a task is trained with unless another is named."""
+    name = task if isinstance(task, str) else _MADE.get(task, ("", {}))[0]
+    if not name or registry.is_own(name):
+        return _PRESET
+    return registry.spec(name).config or name
+
+
+def env_config(task: str | Env, usual: EnvConfig) -> EnvConfig:
+    """The section `env` of a task: by its name as a preset has it, but an object as it is."""
+    if isinstance(task, str):
+        return dataclasses.replace(usual, name=task)
+    known = [field.name for field in dataclasses.fields(EnvConfig)]
+    name, options = _MADE.get(task, ("", {}))
+    if not name or registry.is_own(name) or not {*options} <= {*known}:
+        return EnvConfig(name=registry.lend(task))
+    values = {option: _default(name, option) for option in registry.options(name)} | options
+    return EnvConfig(name=name, **{n: x for n, x in values.items() if n in known})
+
+
+def _default(name: str, option: str) -> Any:
+    """The value that a task's constructor takes for an option that it is not given."""
+    constructor = registry.constructor(name)
+    parameters = dict(inspect.signature(constructor).parameters)
+    made = inspect.signature(constructor).return_annotation
+    if option not in parameters and inspect.isclass(made):
+        parameters |= inspect.signature(made).parameters
+    return parameters[option].default

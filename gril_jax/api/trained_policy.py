@@ -1,0 +1,204 @@
+"""Trained policies of one or several seeds, with their curves."""
+
+import dataclasses
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.demos.vision import video
+from gril_jax.envs import Env
+from gril_jax.errors import ConfigError
+from gril_jax.export import policy_file, read_policy
+from gril_jax.report import rates
+from gril_jax.rl.policy import MAX_OBSERVATION, Policy
+from gril_jax.rl.training import Algorithm
+from gril_jax.workflows import evaluate as evaluation
+from gril_jax.workflows.build import filming, policy_setup, setup, stages
+
+from . import tasks
+
+
+@dataclasses.dataclass(frozen=True)
+class Rates:
+    """Success rates, each an array of one number a policy, (S,)."""
+
+    found: Sequence[Mapping[str, Any]]
+    """Of each policy, what `gril eval` writes, by name."""
+
+    @property
+    def success(self) -> Float[np.ndarray, "S"]:
+        """Success at the end of the episode, deterministic actions."""
+        return np.array([one["success"] for one in self.found])
+
+    @property
+    def success_sampled(self) -> Float[np.ndarray, "S"]:
+        """The same with sampled actions."""
+        return np.array([one["success_sampled"] for one in self.found])
+
+    def __str__(self) -> str:
+        lines = rates.sentences(self.found[0])
+        if len(self.found) == 1:
+            return "\n".join(lines)
+        each = ", ".join(f"{100 * x:.1f}" for x in self.success)
+        first = self.found[0]
+        kind = f"{first['variant'].capitalize()} start".strip()
+        return (
+            f"success with deterministic actions: {100 * self.success.mean():.1f}% of "
+            f"{first['starts']} {kind}s, mean of {len(self.found)} policies ({each})"
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TrainedPolicy:
+    """Policies of S seeds for one task; `policy[i]` is one of them.
+
+    `curves` holds what was logged while they were trained: `env_steps` (E,), and by name arrays
+    (S, E) such as `success`, `reward` and, NaN between evaluations, `eval/success`.
+    """
+
+    config: RunConfig
+    task: Env
+    algorithm: Algorithm
+    parameters: Policy
+    """Leaves (S, ...)."""
+    reward_parameters: Any
+    """Of the policy's reward, leaves (S, ...)."""
+    curves: Mapping[str, np.ndarray]
+
+    def __len__(self) -> int:
+        return jax.tree.leaves(self.parameters)[0].shape[0]
+
+    def __getitem__(self, index: int) -> "TrainedPolicy":
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"there are {len(self)} policies, but none at {index}")
+        chosen = slice(index, index + 1 or None)
+        curves = {n: x if x.ndim == 1 else x[chosen] for n, x in self.curves.items()}
+        parts = (
+            jax.tree.map(lambda x: x[chosen], tree)
+            for tree in (self.parameters, self.reward_parameters)
+        )
+        params, reward = parts
+        return dataclasses.replace(self, parameters=params, reward_parameters=reward, curves=curves)
+
+    def __repr__(self) -> str:
+        name = self.config.env.shown_name
+        return f"<{len(self)} {self.config.run.algorithm.upper()} policies for {name}>"
+
+    def evaluate(
+        self, episodes: int = 256, *, seed: int = 0, task: str | Env | None = None
+    ) -> Rates:
+        """The success of each policy over distinct initial states; see `gril_jax.evaluate`."""
+        played = [self._played(one, episodes, seed, task) for one in range(len(self))]
+        return Rates([rates_ for rates_, _ in played])
+
+    def film(self, path: str | os.PathLike, *, episodes: int = 16, seed: int = 0) -> None:
+        """Writes a video of the best policy: its first success among some episodes, if any."""
+        best = self.best
+        _, means = self._played(best, episodes, seed, None)
+        success = np.asarray(means.success)[:episodes]
+        shown = int(np.argmax(success))
+        frames = filming.episode(self.task, jax.tree.map(lambda x: x[shown], means.states))
+        words = stages.in_words(_at(self.reward_parameters, best), means.remembered[shown])
+        frames = filming.with_captions(frames, words)
+        video.write_video(Path(path), frames, self.task.control_hz)
+
+    @property
+    def best(self) -> int:
+        """The policy with the highest success at the end of training."""
+        scores = self.curves.get("eval/success", self.curves.get("success"))
+        if scores is None:
+            return 0
+        known = [row[np.isfinite(row)] for row in scores]
+        return int(np.argmax([row[-1] if len(row) else -1.0 for row in known]))
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Writes the best policy to a new file, which `gril_jax.load_policy` reads, and a program
+        with NumPy alone by `gril_jax.export.read_policy`.
+
+        Raises:
+          ConfigError: the policy is more than one plain network.
+          RunError: the file exists or cannot be written.
+        """
+        require_plain(self.config)
+        arrays = policy_file.policy_arrays(_at(self.parameters, self.best))
+        env, objects = self.task, []
+        if self.algorithm.episodes.observe_activity:
+            label = jax.jit(lambda key: env.reset(key).objects.label)(jax.random.key(0))
+            objects = [env.classes[i] for i in np.asarray(label)]
+        description = policy_file.describe(self.config, env, arrays, objects)
+        policy_file.write(Path(path), arrays, description)
+
+    @classmethod
+    def load(cls, path: Path) -> "TrainedPolicy":
+        """See `gril_jax.load_policy`."""
+        about, arrays = read_policy.unpack(path)
+        read_policy.load_policy(path)  # checks that layers and arrays fit together
+        hidden = tuple(layer["out"] for layer in about["layers"][:-1])
+        known = {n: tuple(x) if isinstance(x, list) else x for n, x in about["env"].items()}
+        config = RunConfig()
+        config = dataclasses.replace(
+            config,
+            env=EnvConfig(**known),
+            ppo=dataclasses.replace(
+                config.ppo, hidden=hidden, observe_activity=about["activity"] is not None
+            ),
+            run=dataclasses.replace(config.run, reward="environmental", algorithm="ppo"),
+        )
+        env = setup.make_env(config.env, training=False)
+        algorithm = policy_setup.make_algorithm(config, env)
+        policy = _restored(policy_setup.fresh_policy(config, algorithm, jax.random.key(0)), arrays)
+        return cls(config, env, algorithm, jax.tree.map(lambda x: x[None], policy), (), {})
+
+    def _played(self, index: int, episodes: int, seed: int, task: str | Env | None):
+        """The rates of one policy and its episodes with deterministic actions."""
+        config = self.config
+        if task is not None:
+            config = dataclasses.replace(config, env=tasks.env_config(task, config.env))
+        params, reward = (_at(x, index) for x in (self.parameters, self.reward_parameters))
+        return evaluation.rates_of(
+            config, jax.device_put(params), reward, episodes=episodes, seed=seed
+        )
+
+
+def require_plain(config: RunConfig) -> None:
+    """Raises ConfigError if a policy is more than one plain network, which no policy file holds."""
+    ppo = config.ppo
+    if config.run.algorithm != "ppo":
+        return
+    found = {
+        "sub-policies": ("sub_policies", ppo.sub_policies, ppo.sub_policies > 1),
+        "a network that reads objects one by one": ("by_object", ppo.by_object, ppo.by_object),
+        "a network of several observations": ("stacked", ppo.stacked, ppo.stacked > 1),
+    }
+    for what, (name, value, holds) in found.items():
+        if holds:
+            raise ConfigError(
+                f"the policy is {what} (ppo.{name} is {value}), but a policy file holds one plain "
+                "network"
+            )
+
+
+def _at(tree: Any, index: int) -> Any:
+    return jax.tree.map(lambda x: x[index], tree)
+
+
+def _restored(blank: Policy, arrays: Mapping[str, np.ndarray]) -> Policy:
+    """A policy with a file's arrays, in which the division by the deviation is folded."""
+    deviation = arrays["observation_limit"] / MAX_OBSERVATION
+    layers = {
+        f"hidden_{i}": {"kernel": arrays[f"kernel_{i}"], "bias": arrays[f"bias_{i}"]}
+        for i in range(len(blank.params["params"]))
+    }
+    first = layers["hidden_0"]
+    layers["hidden_0"] = first | {"kernel": first["kernel"] * deviation[:, None]}
+    normalizer = blank.normalizer.replace(
+        mean=jnp.asarray(arrays["observation_mean"]), std=jnp.asarray(deviation)
+    )
+    return Policy(normalizer, jax.tree.map(jnp.asarray, {"params": layers}))
