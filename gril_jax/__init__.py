@@ -15,15 +15,12 @@ _names, __getattr__ = offer(
     __name__,
     **{room: room for room in _ROOMS}
     | {
-        "api.demos": "load_demos",
-        "api.policies": "evaluate load_policy train_policy",
-        "api.rewards": "Audit Subtasks audit_reward find_subtasks learn_reward",
-        "api.tasks": "make",
-        "api.trained_policy": "Rates TrainedPolicy",
+        "api": "Audit Rates Subtasks TrainedPolicy audit_reward evaluate find_subtasks "
+        "learn_reward load_demos load_policy make train_policy",
         "demos.demo_set": "DemoSet",
         "envs": "envs",
         "graphs.scene": "scene_graph",
-        "export.reward_file": "load_reward save_reward",
+        "export.reward_file": "load_reward reward_file save_reward",
         "reward.latent_goal": "latent_goal_reward",
         "reward.learned_reward": "LearnedReward",
     },

@@ -1,1 +1,12 @@
 """The functions of the package's front door: from videos to a reward, from a reward to a policy."""
+
+from gril_jax.lazy import offer
+
+__all__, __getattr__ = offer(
+    __name__,
+    demos="load_demos",
+    policies="evaluate load_policy train_policy",
+    rewards="Audit Subtasks audit_reward find_subtasks learn_reward",
+    tasks="make",
+    trained_policy="Rates TrainedPolicy",
+)

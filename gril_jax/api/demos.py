@@ -12,6 +12,6 @@ def load_demos(folder: str | os.PathLike) -> DemoSet:
       DemoError: there are none, or a file is missing or was changed.
 
     Example:
-      >>> demos = load_demos("mine")
+      demos = load_demos("mine")
     """
     return load_demo_set(folder)

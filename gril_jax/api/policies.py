@@ -54,8 +54,8 @@ def train_policy(
       ConfigError: an option is unknown or out of range, or the reward does not fit the task.
 
     Example:
-      >>> policy = train_policy("match_regions", reward, seeds=5)
-      >>> print(policy.evaluate(episodes=256))
+      policy = train_policy("match_regions", reward, seeds=5)
+      print(policy.evaluate(episodes=256))
     """
     config = settings.for_task(task, preset, options, seed, demos)
     rewards = _of_seeds(reward, seeds)
@@ -115,7 +115,7 @@ def evaluate(
       seed: of the episodes.
 
     Example:
-      >>> print(evaluate(policy, make("match_regions", variant="layout")))
+      print(evaluate(policy, make("match_regions", variant="layout")))
     """
     return policy.evaluate(episodes=episodes, seed=seed, task=task)
 
@@ -127,7 +127,7 @@ def load_policy(path: str | os.PathLike) -> TrainedPolicy:
       ValueError: the file is damaged or no policy file.
 
     Example:
-      >>> load_policy("policy.npz").evaluate(episodes=256)
+      load_policy("policy.npz").evaluate(episodes=256)
     """
     return TrainedPolicy.load(Path(path))
 

@@ -59,9 +59,9 @@ def learn_reward(
       DemoError: the demonstrations are too few, or are not of the task.
 
     Example:
-      >>> demos = load_demos("mine")
-      >>> reward = learn_reward(demos, pretrain={"steps": 2000})
-      >>> reward.save("kitchen.npz")
+      demos = load_demos("mine")
+      reward = learn_reward(demos, pretrain={"steps": 2000})
+      reward.save("kitchen.npz")
     """
     config = settings.for_demos(demos, preset, task, options, seed)
     chosen = demonstrations.of_set(config, setup.task_of(config.env), demos)
@@ -138,7 +138,7 @@ def audit_reward(
       ConfigError: neither task nor demonstrations are given, or the reward does not fit them.
 
     Example:
-      >>> print(audit_reward(reward, make("match_regions")))
+      print(audit_reward(reward, make("match_regions")))
     """
     if task is not None:
         chosen = (
@@ -206,7 +206,7 @@ def find_subtasks(
       ConfigError: a number is out of its range, or the reward does not fit the demonstrations.
 
     Example:
-      >>> print(find_subtasks(reward, demos))
+      print(find_subtasks(reward, demos))
       3 stages in 12 demonstrations, at rewards of -0.66, -0.35, -0.02
     """
     config, chosen = _of_demos(reward, demos, preset)

@@ -27,8 +27,8 @@ def make(name: str, **options: Any) -> Env:
       ValueError: no task has that name, or an option is out of range.
 
     Example:
-      >>> task = make("match_regions", variant="jitter")
-      >>> state = jax.jit(task.reset)(jax.random.key(0))
+      task = make("match_regions", variant="jitter")
+      state = jax.jit(task.reset)(jax.random.key(0))
     """
     with contextlib.redirect_stdout(io.StringIO()):  # mjx reports parts that are not installed
         task = envs.make(name, **options)

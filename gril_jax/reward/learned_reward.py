@@ -12,7 +12,6 @@ encoder's `history`; positions and sizes are in the world units that the reward 
 
 import dataclasses
 import json
-import os
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -94,7 +93,7 @@ class LearnedReward:
         """
         return dataclasses.replace(self, objects=tuple(objects))
 
-    def save(self, path: str | os.PathLike, *, overwrite: bool = False) -> None:
+    def save(self, path: Any, *, overwrite: bool = False) -> None:
         """Writes the reward to a new file, which `gril_jax.load_reward` reads.
 
         Raises:
