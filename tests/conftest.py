@@ -26,7 +26,7 @@ LONGEST = """pipeline envs/magical/match_regions/expert/scripted docs report/run
 envs/tabletop/shoes_in_box/task envs/planar/physics envs/magical/raster pretraining/pretrain
 compilation/sharding pretraining/pixel_pretrain pretraining/contrast encoders/encoder rl/ppo
 envs/magical/match_regions/task experiments/adding demos/vision/detect envs/planar/mjx_engine
-older_files runs/faults""".split()
+runs/faults""".split()
 
 SECONDS: collections.Counter[str] = collections.Counter()  # of each file, tests and fixtures
 SLOWEST = 10

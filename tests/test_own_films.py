@@ -42,8 +42,8 @@ def test_a_set_has_the_classes_the_robot_the_unit_and_the_rate_of_the_films(home
     told = kitchen_films.story(0, **SMALL)
     cup = told.boxes[:, 0]
     middle = ((cup[:, :2] + cup[:, 2:]) / 2 - [32, 24]) / 64 * [1, -1]
-    kept = mine.entries[0].frames
-    np.testing.assert_allclose(mine.tracks[0].center[:, 1], middle[:kept], atol=1e-4)
+    kept = len(mine[0])
+    np.testing.assert_allclose(mine[0].tracks.center[:, 1], middle[:kept], atol=1e-4)
     assert (home / "mine" / "import.png").stat().st_size > 10_000
     assert "5 films, 10 frames a second" in (home / "mine" / "import.txt").read_text()
 

@@ -179,9 +179,9 @@ def test_the_reward_can_be_taken_home_from_the_folder(run):
 def test_selecting_objects_drops_the_others_and_says_what_is_missing(run):
     demo_set = load_demo_set(run / "demos")
     fewer = select_objects(demo_set, ("goal", "robot", "green square"))
-    assert all(entry.objects == ["goal", "robot", "green square"] for entry in fewer.entries)
-    assert all(t.center.shape[1] == 3 for t in fewer.tracks)
-    assert all(len(t.center) == e.frames for t, e in zip(fewer.tracks, fewer.entries, strict=True))
+    assert all(fewer.objects(entry) == ["goal", "robot", "green square"] for entry in fewer)
+    assert all(entry.tracks.center.shape[1] == 3 for entry in fewer)
+    assert all(len(entry.frames) == len(entry) for entry in fewer)
     with pytest.raises(DemoError, match="red star"):
         select_objects(demo_set, ("goal", "red star"))
 

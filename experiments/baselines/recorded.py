@@ -75,15 +75,15 @@ def of_task(
 ) -> tuple[Float[np.ndarray, "F O"], Int[np.ndarray, "F"]]:
     """`pairs` of all films of a demonstration set, whose actions come in the order of the films."""
     found = load_demo_set(folder)
-    if len(found.entries) != len(recorded):
+    if len(found) != len(recorded):
         raise DemoError(
-            f"{folder} has {len(found.entries)} films, but there are recorded actions of "
-            f"{len(recorded)}"
+            f"{folder} has {len(found)} films, but there are recorded actions of {len(recorded)}"
         )
     seen = env.reset(jax.random.key(0)).objects
     label, there = np.asarray(seen.label), np.asarray(seen.size).any(axis=1)
     centers, actions = [], []
-    for tracks, own in zip(found.tracks, recorded, strict=True):
+    for demo, own in zip(found, recorded, strict=True):
+        tracks = demo.tracks
         order = in_the_order_of(label[there], np.asarray(tracks.label))
         count = min(len(own), len(tracks.center))
         center = np.tile(np.asarray(seen.center), (count, 1, 1))  # of what is not there, too

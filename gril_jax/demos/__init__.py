@@ -4,7 +4,7 @@ from gril_jax.lazy import offer
 
 __all__, __getattr__ = offer(
     __name__,
-    boxes_csv="BoxesFileDetector",
-    demo_set="Demo DemoSet demo_batch load_demo_set save_demo_set",
-    importing="import_magical import_videos",
+    demo="Demo Tracks",
+    demo_set="DemoSet demo_batch load_demo_set save_demo_set",
+    importing="import_videos",
 )

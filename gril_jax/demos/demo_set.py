@@ -1,159 +1,173 @@
-"""Demonstrations on disk: a folder with a readable header, one video and one tracks file each.
+"""Demonstrations of one task or scene, in memory or in a folder.
 
-    demos.json   task, class names, half_extent, fps, source, an entry for each demonstration; newer
-                 sets also have robots, unit, noise and smoothing (`DemoSet`)
+    demos.json   task, class names, half_extent, fps, source, robots, unit, noise and smoothing
+                 (`DemoSet`), an entry for each demonstration
     000.mp4      its frames, as far as something still happens
     000.npz      its boxes: center (T, N, 2), size (T, N, 2), label (N,), seen (T, N)
+    import.txt   what an import found and mended, if the set was imported
 
-T is frames, N objects; positions and sizes are in world units. A folder appears whole or not at
-all, and is checked against its digests whenever it is loaded.
+T is frames, N objects. A folder appears whole or not at all, and is checked against its digests
+whenever it is loaded.
 """
 
-import json
+import math
 import os
 import pathlib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-import cv2
 import jax
 import numpy as np
-from jaxtyping import UInt8
 
-from gril_jax.demos.vision.detect import Tracks
-from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError
-from gril_jax.types import DemoBatch, VideoBatch
+from gril_jax.threads import parallel_map
+from gril_jax.types import DemoBatch
 
-from .plain_npz import NotPlainError, read_plain
-from .schema import DTYPES, HEADER, DemoEntry, check_header, check_tracks, digest
-from .writer import Demo as Demo
-from .writer import save_demo_set as save_demo_set
+from .demo import Demo
+from .reader import read_demo, read_header
+from .schema import robots_among
+from .tail import trim_static_tail
+from .writer import write_demo_set
 
-# Classes that are parts of a robot, of a set that does not say which are.
-ROBOTS = ("robot", "left finger", "right finger", "hand")
-_MARGIN = 5  # frames kept after the first in which all blocks have arrived
-_MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
+_ABOUT = "task classes half_extent fps source robots unit noise smoothing".split()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DemoSet:
-    """A loaded folder: header, entries and tracks; videos stay on disk."""
+    """Demonstrations and the words and units of their boxes; iterating gives each `Demo`.
 
-    folder: pathlib.Path
+    Two sets are equal if all is but their videos, folders and notes.
+
+    >>> import numpy as np
+    >>> from gril_jax.demos.demo import Tracks
+    >>> place, seen = np.zeros((5, 1, 2), np.float32), np.ones((5, 1), bool)
+    >>> cup = Tracks(place, place + 1, np.zeros(1, np.int32), seen)
+    >>> demo = Demo("first", np.zeros((5, 8, 8, 3), np.uint8), cup)
+    >>> demos = DemoSet((demo,), "tidy", ("cup",), half_extent=0.5, fps=10.0, source="by hand")
+    >>> len(demos), demos.names, len(demos["first"]), demos.boxes.center.shape
+    (1, ['first'], 5, (1, 5, 1, 2))
+    >>> demos
+    DemoSet(tidy: 1 demonstration of 5 frames, 10 a second; classes: cup)
+    """
+
+    demos: tuple[Demo, ...]
     task: str  # its name; empty where there is none
     classes: tuple[str, ...]  # a label is an index into them
-    half_extent: float  # world units: half the width of the world that a frame shows
-    fps: float
+    half_extent: float  # half the width of what a frame shows, in the set's unit
+    fps: float  # frames a second
     source: str  # where the videos came from, in words
-    entries: tuple[DemoEntry, ...]
-    tracks: tuple[Tracks, ...]  # one an entry
-    robots: tuple[str, ...] = ROBOTS  # classes that are parts of a robot, or of a person
-    unit: str | None = None  # of lengths, in words; None where an older set does not say
+    robots: tuple[str, ...] | None = None  # classes of a robot or person; None: `ROBOTS` among them
+    unit: str | None = None  # of lengths, in words; None where nobody says
     noise: float | None = None  # jitter of a detected centre along one axis, in that unit
     smoothing: int = 1  # frames of the running median that such jitter calls for
+    folder: pathlib.Path | None = field(default=None, compare=False)  # None: in memory
+    notes: str = field(default="", compare=False)  # what an import found and mended: import.txt
+
+    def __post_init__(self):
+        if self.robots is None:
+            object.__setattr__(self, "robots", robots_among(self.classes))
+
+    def __len__(self) -> int:
+        return len(self.demos)
+
+    def __iter__(self) -> Iterator[Demo]:
+        return iter(self.demos)
+
+    def __getitem__(self, key: int | str) -> Demo:
+        """A demonstration by its place or its name; a DemoError if none has that name."""
+        return self.select([key])[0] if isinstance(key, str) else self.demos[key]
+
+    def __repr__(self) -> str:
+        lengths = sorted({len(demo) for demo in self.demos}) or [0]
+        frames = f"{lengths[0]}" if len(lengths) == 1 else f"{lengths[0]} to {lengths[-1]}"
+        acting = [f"{name} (robot)" if name in self.robots else name for name in self.classes]
+        return (
+            f"DemoSet({self.task or 'no task'}: {len(self)} demonstration{'s'[: len(self) != 1]} "
+            f"of {frames} frames, {self.fps:g} a second; classes: {', '.join(acting)})"
+        )
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the demonstrations, in order."""
+        return [demo.name for demo in self.demos]
+
+    @property
+    def where(self) -> str:
+        """The folder, or where the videos came from: how errors begin."""
+        return self.source if self.folder is None else str(self.folder)
+
+    @property
+    def boxes(self) -> DemoBatch:
+        """All demonstrations as arrays (B, T, N, ...): `demo_batch` of the set."""
+        return demo_batch(self)
 
     @property
     def about(self) -> dict[str, Any]:
-        """The arguments of `save_demo_set` beside the demonstrations."""
-        names = "task classes half_extent fps source robots unit noise smoothing"
-        return {name: getattr(self, name) for name in names.split()}
+        """All fields that a saved set has beside its demonstrations."""
+        return {name: getattr(self, name) for name in _ABOUT}
+
+    def objects(self, demo: Demo) -> list[str]:
+        """Class names of a demonstration's objects, in the order of its tracks."""
+        return [self.classes[label] for label in demo.tracks.label]
+
+    def select(self, names: Sequence[str]) -> tuple[Demo, ...]:
+        """The demonstrations of these names, in this order; a DemoError if there is none."""
+        known = dict(zip(self.names, self.demos, strict=True))
+        if unknown := [name for name in names if name not in known]:
+            raise DemoError(
+                f"{self.where}: there is no demonstration {unknown[0]!r}; there are "
+                f"{', '.join(known)}."
+            )
+        return tuple(known[name] for name in names)
+
+    def split(self, held_out: int | None = None) -> dict[str, list[str]]:
+        """Names of demonstrations to "train" on, of the last ones, kept aside for "validation", and
+        of each "failure". None keeps a quarter aside, rounded up."""
+        good = [demo.name for demo in self.demos if demo.outcome != "failure"]
+        held = math.ceil(len(good) / 4) if held_out is None else held_out
+        bad = [demo.name for demo in self.demos if demo.outcome == "failure"]
+        train = len(good) - held
+        return {"train": good[:train], "validation": good[train:], "failure": bad}
+
+    def save(self, folder: str | os.PathLike, **options: Any) -> None:
+        """Writes the set; see `save_demo_set`."""
+        save_demo_set(self, folder, **options)
 
 
-def trim_static_tail(
-    tracks: Tracks,
-    classes: Sequence[str],
+def save_demo_set(
+    demo_set: DemoSet,
+    folder: str | os.PathLike,
     *,
-    robots: Sequence[str] = ROBOTS,
-    moving: float = _MOVING,
-) -> int:
-    """The number of frames to keep: all in which a block is still on its way, and a few more.
+    preset: str = "medium",
+    progress: Callable[[int], None] | None = None,
+) -> None:
+    """Writes a set to a new or empty folder, or in place of an older set once it is complete.
 
-    Many equal frames at the end would carry different times, which temporal cycle-consistency
-    can only fit by chance. Robot and goal do not count. At least 6 frames are kept if there are.
-    A block has arrived once it stays within `moving` of its last place, in the set's unit.
+    Few videos are in memory at once. `preset` is as in `write_video`; `progress` is called after
+    each video with the number of all. Errors are those of `write_demo_set`.
     """
-    kinds = [classes[label] for label in tracks.label]
-    blocks = [i for i, kind in enumerate(kinds) if kind not in ("goal", *robots)]
-    away = np.linalg.norm(tracks.center[:, blocks] - tracks.center[-1:, blocks], axis=-1)
-    travelling = np.flatnonzero((away > moving).any(axis=1))
-    arrived = int(travelling[-1]) + 1 if len(travelling) else 0
-    return min(len(tracks.center), arrived + 1 + _MARGIN)
+
+    def read() -> Iterator[Demo]:
+        videos = parallel_map(lambda demo: demo.frames, demo_set)
+        for demo, frames in zip(demo_set, videos, strict=True):
+            yield replace(demo, video=frames)
+            if progress is not None:
+                progress(len(demo_set))
+
+    about = demo_set.about | {"notes": demo_set.notes, "preset": preset}
+    write_demo_set(folder, read(), **about)
 
 
 def load_demo_set(folder: str | os.PathLike) -> DemoSet:
     """Reads a demo set; a DemoError for what is missing, was changed, or breaks the schema."""
     folder = pathlib.Path(folder)
-    try:
-        header = json.loads((folder / HEADER).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DemoError(f"{folder / HEADER}: no demo set here ({error.strerror}).") from error
-    except (ValueError, RecursionError) as error:
-        raise DemoError(f"{folder / HEADER}: not a JSON file ({error}).") from error
-    entries = check_header(header, folder)
-    return DemoSet(
-        folder=folder,
-        task=header["task"],
-        classes=tuple(header["classes"]),
-        half_extent=float(header["half_extent"]),
-        fps=float(header["fps"]),
-        source=header["source"],
-        entries=entries,
-        tracks=tuple(_load_tracks(folder, entry, header["classes"]) for entry in entries),
-        robots=tuple(header.get("robots", [n for n in ROBOTS if n in header["classes"]])),
-        unit=header.get("unit"),
-        noise=header.get("noise"),
-        smoothing=header.get("smoothing", 1),
-    )
-
-
-def _load_tracks(folder: pathlib.Path, entry: DemoEntry, classes: list[str]) -> Tracks:
-    for file, expected in ((entry.video, entry.video_sha256), (entry.tracks, entry.tracks_sha256)):
-        if not (folder / file).is_file():
-            raise DemoError(f"{folder / file}: the file of {entry.name!r} is missing.")
-        if digest(folder / file) != expected:
-            raise DemoError(
-                f"{folder / file}: the contents differ from the digest in {HEADER}; "
-                "the file was changed or damaged after it was saved."
-            )
-    path = folder / entry.tracks
-    try:
-        arrays = read_plain(path, Tracks._fields)
-    except NotPlainError as error:
-        raise DemoError(f"{path}: {error}.") from error
-    if missing := set(DTYPES) - set(arrays):
-        raise DemoError(f"{path}: the array {sorted(missing)[0]!r} is missing.")
-    tracks = Tracks(**arrays)
-    check_tracks(tracks, entry.frames, len(entry.objects), classes, str(path))
-    if [classes[label] for label in tracks.label] != entry.objects:
-        raise DemoError(f"{path}: label does not agree with the objects that {HEADER} lists.")
-    return tracks
-
-
-def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
-    """The same demonstrations with only the named objects, trimmed to the end of their motion; a
-    DemoError if one lacks an object.
-
-    A task with fewer blocks than a video shows can so learn from it. Files stay as they are.
-    """
-    entries, tracks = [], []
-    for entry, track in zip(demo_set.entries, demo_set.tracks, strict=True):
-        if missing := [name for name in objects if name not in entry.objects]:
-            raise DemoError(
-                f"{demo_set.folder}: {entry.name!r} shows {', '.join(entry.objects)}, but the "
-                f"task also has {missing[0]}."
-            )
-        keep = [i for i, name in enumerate(entry.objects) if name in objects]
-        track = track.of(keep)
-        frames = entry.frames
-        if len(keep) < len(entry.objects):
-            frames = trim_static_tail(track, demo_set.classes, robots=demo_set.robots)
-            track = track.during(slice(frames))
-        tracks.append(track)
-        trimmed, names = entry.trimmed + entry.frames - frames, [entry.objects[i] for i in keep]
-        entries.append(replace(entry, frames=frames, trimmed=trimmed, objects=names))
-    return replace(demo_set, entries=tuple(entries), tracks=tuple(tracks))
+    header = read_header(folder)
+    about = {name: header[name] for name in _ABOUT}
+    about |= {name: float(header[name]) for name in ("half_extent", "fps")}
+    about |= {name: tuple(header[name]) for name in ("classes", "robots")}
+    demos = tuple(read_demo(folder, entry, header["classes"]) for entry in header["demos"])
+    return DemoSet(demos, **about, folder=folder)
 
 
 def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBatch:
@@ -162,16 +176,16 @@ def demo_batch(demo_set: DemoSet, names: Sequence[str] | None = None) -> DemoBat
     Objects are ordered by label, those of one label by their x in the first frame; a DemoError if
     they differ between demonstrations. One that a demonstration never shows is padding there.
     """
-    names = [entry.name for entry in demo_set.entries] if names is None else list(names)
+    names = demo_set.names if names is None else list(names)
     if not names:
-        raise DemoError(f"{demo_set.folder}: a batch needs at least 1 demonstration, got none.")
-    tracks = _named(demo_set, names, demo_set.tracks)
+        raise DemoError(f"{demo_set.where}: a batch needs at least 1 demonstration, got none.")
+    tracks = [demo.tracks for demo in demo_set.select(names)]
     tracks = [track.of(np.lexsort((track.center[0, :, 0], track.label))) for track in tracks]
     for name, track in zip(names, tracks, strict=True):
         if not np.array_equal(track.label, tracks[0].label):
             objects = [", ".join(demo_set.classes[i] for i in t.label) for t in (tracks[0], track)]
             raise DemoError(
-                f"{demo_set.folder}: all demonstrations of a batch must hold the same objects, "
+                f"{demo_set.where}: all demonstrations of a batch must hold the same objects, "
                 f"but {names[0]!r} has {objects[0]} and {name!r} has {objects[1]}."
             )
     label = np.stack([track.label for track in tracks])
@@ -193,50 +207,25 @@ def padded(arrays: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack([a[np.minimum(np.arange(longest), len(a) - 1)] for a in arrays])
 
 
-def frame_batch(
-    demo_set: DemoSet, names: Sequence[str], *, pixels: int, half_extent: float | None = None
-) -> VideoBatch:
-    """The frames of some demonstrations as small squares, padded as `demo_batch` pads their boxes.
+def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
+    """The same demonstrations with only the named objects, trimmed to the end of their motion; a
+    DemoError if one lacks an object.
 
-    They show the world as far as `half_extent`, or the set's own. One video at a time is decoded; a
-    DemoError if it is damaged, not square, or not as long as its boxes.
+    A task with fewer blocks than a video shows can so learn from it. Files stay as they are.
     """
-    zoom = 1.0 if half_extent is None else half_extent / demo_set.half_extent
-    videos = []
-    for entry in _named(demo_set, names, demo_set.entries):
-        path = demo_set.folder / entry.video
-        frames = read_video(path)
-        count, height, width, _ = frames.shape
-        if count != entry.frames:
+    demos = []
+    for demo in demo_set:
+        own = demo_set.objects(demo)
+        if missing := [name for name in objects if name not in own]:
             raise DemoError(
-                f"{path}: holds {count} frames, but its boxes are those of {entry.frames}."
+                f"{demo_set.where}: {demo.name!r} shows {', '.join(own)}, but the task also has "
+                f"{missing[0]}."
             )
-        if height != width:
-            raise DemoError(f"{path}: frames are {width} x {height}, but must be square.")
-        videos.append(shrink(frames, pixels, zoom=zoom))
-    return VideoBatch(padded(videos), np.array([len(frames) for frames in videos], np.int32))
-
-
-def shrink(
-    frames: UInt8[np.ndarray, "T S S 3"], pixels: int, *, zoom: float = 1.0
-) -> UInt8[np.ndarray, "T P P 3"]:
-    """Frames resized by area, of which a square of `zoom` times their side is shown: above 1 the
-    outermost pixels go on."""
-    margin = round((zoom - 1.0) * frames.shape[1] / 2)
-    if margin < 0:
-        frames = frames[:, -margin:margin, -margin:margin]
-    border = (max(margin, 0),) * 4
-    wider = (cv2.copyMakeBorder(frame, *border, cv2.BORDER_REPLICATE) for frame in frames)
-    size = (pixels, pixels)
-    return np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in wider])
-
-
-def _named(demo_set: DemoSet, names: Sequence[str], values: Sequence[Any]) -> list[Any]:
-    """The values of the demonstrations of these names, out of one value for each of the set."""
-    known = {entry.name: value for entry, value in zip(demo_set.entries, values, strict=True)}
-    if unknown := [name for name in names if name not in known]:
-        raise DemoError(
-            f"{demo_set.folder}: there is no demonstration {unknown[0]!r}; there are "
-            f"{', '.join(known)}."
-        )
-    return [known[name] for name in names]
+        keep = [i for i, name in enumerate(own) if name in objects]
+        fewer = replace(demo, tracks=demo.tracks.of(keep))
+        if len(keep) < len(own):
+            kept = trim_static_tail(fewer.tracks, demo_set.classes, robots=demo_set.robots)
+            cut = replace(fewer, trimmed=demo.trimmed + len(demo) - kept)
+            fewer = cut.during(slice(kept))
+        demos.append(fewer)
+    return replace(demo_set, demos=tuple(demos))

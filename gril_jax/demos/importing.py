@@ -1,174 +1,158 @@
-"""Converts foreign demonstrations to a demo set, one in memory at a time: detect, trim, save."""
+"""Demonstrations from videos: the boxes that come with them, or those that a detector finds.
 
-import itertools
+    demos = import_videos("films", robot=["hand"])      # in memory
+    demos.save("mine")                                  # or import_videos("films", "mine", ...)
+
+A folder holds videos, MAGICAL's `*.pkl.gz` files, or a LeRobot dataset.
+"""
+
 import os
 import pathlib
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
-import numpy as np
-
-from gril_jax.config import EnvConfig
-from gril_jax.demos.demo_set import ROBOTS, Demo, save_demo_set, trim_static_tail
-from gril_jax.demos.vision.detect import PALETTE_CLASSES, ColourDetector, Detector, Tracks
-from gril_jax.demos.vision.fills import FillDetector
-from gril_jax.demos.vision.palette import SUITE, SUITE_CLASSES
-from gril_jax.demos.vision.video import read_fps, read_video
 from gril_jax.errors import DemoError
 from gril_jax.threads import parallel_map
 
-from .boxes_csv import BoxesFileDetector
-from .magical_pickles import FPS, HALF_EXTENT, list_magical, read_magical
+from . import boxed, detected
+from .demo_set import DemoSet, load_demo_set, save_demo_set
+from .formats import lerobot
+from .formats.recognise import boxes_of
+from .formats.record import Box, Film
+from .schema import NO_TASK
+from .tracking.detector import Detect, detecting
+from .tracking.drawn import follower
+from .vision.detect import Detector
+from .vision.timed import look
 
 _VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif")
-
-
-class Imported(NamedTuple):
-    """The outcome of importing one demonstration."""
-
-    name: str
-    frames: int  # kept
-    trimmed: int  # cut from the static tail
-    outcome: str
-    seen: float  # share of (frame, object) pairs that were detected and not carried on
-
-
-WORLD = "world units"  # that whoever imports films has named by their half extent
-
-_Seen = tuple[str, np.ndarray, Tracks, str]  # a video's name, frames, tracks and outcome
-
-AfterEach = Callable[[int, int, Imported], None]
-"""Called after each demonstration with the number done, the total, and the last result."""
-
-
-def import_magical(
-    source_dir: str | os.PathLike,
-    out_dir: str | os.PathLike,
-    *,
-    task: str | None = None,
-    progress: AfterEach | None = None,
-) -> list[Imported]:
-    """Converts a folder of MAGICAL's public `*.pkl.gz` files to a demo set.
-
-    Frames of the allocentric view are kept, actions are not. A demonstration is a success where
-    its score is 1. An older demo set of that name is replaced. `task` is the one that the set is
-    for, if not the one of the recordings' name.
-
-    Raises:
-      DemoError: no files, a damaged or foreign one, different tasks, or objects not found.
-    """
-    paths = list_magical(source_dir)
-    recorded = read_magical(paths[0]).env_name
-    name = task or re.sub("(?<!^)(?=[A-Z])", "_", recorded.split("-")[0]).lower()  # match_regions
-    detector, classes = _by_colour(name, PALETTE_CLASSES, HALF_EXTENT)
-
-    def seen(path: pathlib.Path) -> _Seen:
-        demo = read_magical(path)
-        if demo.env_name != recorded:
-            raise DemoError(
-                f"{path}: recorded in {demo.env_name!r}, but {paths[0].name} in {recorded!r}; "
-                "a demo set holds one task."
-            )
-        tracks = detector.detect(demo.frames, name=str(path))
-        outcome = "success" if demo.score >= 1 else "failure"
-        return path.name.removesuffix(".pkl.gz"), demo.frames, tracks, outcome
-
-    return _save(
-        out_dir,
-        map(seen, paths),
-        len(paths),
-        progress,
-        task=name,
-        classes=classes,
-        half_extent=HALF_EXTENT,
-        fps=FPS,
-        source=f"MAGICAL human demonstrations, {recorded}, allocentric view",
-        unit=f"world units of {name}",
-    )
+_BOXED = ("robot", "classes", "fps", "jitter", "smoothing", "camera")  # not of detected boxes
 
 
 def import_videos(
-    source_dir: str | os.PathLike,
-    out_dir: str | os.PathLike,
-    half_extent: float,
-    task: str = EnvConfig.name,
-    boxes: bool = False,
+    folder: str | os.PathLike,
+    out: str | os.PathLike | None = None,
     *,
-    classes: Sequence[str] = PALETTE_CLASSES,
-    objects: Sequence[str] | None = None,
+    boxes: str | os.PathLike | Detect | Detector = "auto",
+    robot: Sequence[str] = (),
+    half_extent: float | None = None,
+    classes: Sequence[str] | None = None,
+    task: str | None = None,
+    fps: float | None = None,
+    jitter: float | None = None,
+    smoothing: int | None = None,
     outcome: str | Mapping[str, str] = "unknown",
+    camera: str | None = None,
     source: str | None = None,
-    unit: str = WORLD,
-    progress: AfterEach | None = None,
-) -> list[Imported]:
-    """Converts a folder of videos of one frame rate to a demo set, sorted by name.
+    progress: Callable[[int, int], None] | None = None,
+) -> DemoSet:
+    """Demonstrations of a folder, sorted by name.
 
     Args:
-      out_dir: the demo set; replaced if it is one already.
-      half_extent: half the width of the world that a frame shows, in world units.
-      boxes: read `NAME.csv` beside each `NAME.mp4` (`gril_jax.demos.boxes_csv`) instead of
-        detecting by colour.
-      objects: the objects that every video holds; None takes what is found.
-      outcome: "success", "failure" or "unknown": of all the videos, or of each by its stem.
+      folder: of videos, of MAGICAL's `*.pkl.gz` files, or of a LeRobot dataset.
+      out: a folder for the set, which replaces an older set there; None writes nothing.
+      boxes: "auto" reads the boxes beside each video, in any known format. "colour" finds the
+        objects of MAGICAL's palette. A JSON file has boxes drawn on one frame of each video, which
+        are followed. A function, or its name `module:function`, is a detector: `Detect`. A
+        `Detector` gives `Tracks` itself.
+      robot: classes that are parts of a robot, or of a person; what they do is no progress.
+      half_extent: half the width of what a frame shows, in a unit of one's own; None measures in
+        widths of the picture.
+      classes: those of a task, which the boxes must be of; None takes those of the boxes.
+      task: its name, if the videos are of one.
+      fps: frames a second of the set; None takes those of the slowest video, at most 10.
+      jitter: standard deviation of a box's centre, pixels; None estimates it.
+      smoothing: frames of the video that boxes are smoothed over, odd; None takes those of 0.3 s
+        where boxes jitter.
+      outcome: "success", "failure" or "unknown": of all the videos, or of each by its name.
+      camera: of a LeRobot dataset that has several.
       source: where the videos came from, in words; None names the folder.
-      unit: of lengths, in words.
+      progress: called with the numbers of steps done and of all steps; each video is a step, and
+        one more where the set is written.
 
     Raises:
-      DemoError: no videos, a damaged one, different frame rates, or objects not found.
+      DemoError: no videos, a damaged one, or boxes that are missing, malformed or do not fit.
+
+    Example:
+      >>> demos = import_videos("films", boxes="auto", robot=["hand"])  # doctest: +SKIP
     """
-    if not half_extent > 0:
-        raise DemoError(f"half_extent: must be above 0 world units, not {half_extent}.")
-    folder = pathlib.Path(source_dir)
-    paths = videos_in(folder, out_dir)
-    fps = read_fps(paths[0])
-    colours, classes = _by_colour(task, classes, half_extent, None if boxes else objects)
+    folder = pathlib.Path(folder)
+    steps = _Steps(progress, 1 if out is None else 2)
+    options = {"half_extent": half_extent, "outcome": outcome, "source": source}
+    if next(folder.glob("*.pkl.gz"), None):
+        found = detected.of_magical(folder, task, steps)
+    elif boxes == "colour" or isinstance(boxes, Detector):
+        given = (robot, classes, fps, jitter, smoothing, camera)
+        if wrong := [name for name, value in zip(_BOXED, given, strict=True) if value]:
+            raise DemoError(f"{wrong[0]} is of boxes beside the videos, not of boxes by colour.")
+        detector = None if boxes == "colour" else boxes
+        found = detected.of_videos(
+            folder, videos_in(folder, out), detector, task=task, progress=steps, **options
+        )
+    else:
+        films, own = _films(folder, out, camera)
+        found = boxed.of_films(
+            folder, films, _reader(boxes) or own, robots=robot, classes=classes, fps=fps,
+            task=NO_TASK if task is None else task, jitter=jitter, smoothing=smoothing,
+            progress=steps, **options,
+        )  # fmt: skip
+    if out is None:
+        return found
+    # What a camera films takes long to encode, and is looked at by people only.
+    preset = "medium" if found.notes == "" else "veryfast"
+    save_demo_set(found, out, preset=preset, progress=steps)
+    return replace(load_demo_set(out), notes=found.notes)
 
-    def seen(path: pathlib.Path) -> _Seen:
-        if abs(read_fps(path) - fps) > 0.01:
-            raise DemoError(
-                f"{path}: has {read_fps(path):g} frames per second, but {paths[0].name} "
-                f"has {fps:g}; a demo set holds one frame rate."
-            )
-        frames, detector = read_video(path), colours
-        if boxes:
-            detector = BoxesFileDetector(path.with_suffix(".csv"), classes, half_extent)
-        kind = outcome if isinstance(outcome, str) else outcome[path.stem]
-        return path.stem, frames, detector.detect(frames, name=str(path)), kind
 
-    return _save(
-        out_dir,
-        parallel_map(seen, paths),
-        len(paths),
-        progress,
-        task=task,
-        classes=classes,
-        half_extent=half_extent,
-        fps=fps,
-        source=f"{len(paths)} videos of {folder.name}" if source is None else source,
-        unit=unit,
+class _Steps:
+    """Counts steps for `progress`, of which there are `rounds` for each video."""
+
+    def __init__(self, tell: Callable[[int, int], None] | None, rounds: int):
+        self.tell, self.rounds, self.done = tell, rounds, 0
+
+    def __call__(self, videos: int) -> None:
+        self.done += 1
+        if self.tell is not None:
+            self.tell(self.done, self.rounds * videos)
+
+
+def _films(
+    folder: pathlib.Path, out: str | os.PathLike | None, camera: str | None
+) -> tuple[list[Film], Callable[[Film], list[Box]]]:
+    """The videos of a folder, and what reads the boxes that come with them."""
+    if lerobot.is_dataset(folder):
+        dataset = lerobot.opened(folder)
+        films = lerobot.films(dataset, lerobot.camera_of(dataset, camera))
+        return films, lerobot.boxes_in(dataset)
+    if camera is not None:
+        raise DemoError(f"camera is {camera!r}, but {folder} is no LeRobot dataset.")
+    return list(parallel_map(look, videos_in(folder, out))), boxes_of
+
+
+def _reader(boxes: str | os.PathLike | Detect) -> Callable[[Film], list[Box]] | None:
+    """What gives the boxes of a video; None for those that come with it."""
+    if callable(boxes):
+        return detecting(boxes)
+    words = os.fspath(boxes)
+    if words == "auto":
+        return None
+    if words.endswith(".json"):
+        return follower(pathlib.Path(words))
+    if ":" in words:
+        return detecting(words)
+    raise DemoError(
+        f"boxes is {words!r}, but must be auto, colour, a JSON file of boxes that are drawn, or a "
+        "detector module:function."
     )
 
 
-def _by_colour(
-    task: str, classes: Sequence[str], half_extent: float, objects: Sequence[str] | None = None
-) -> tuple[Detector, Sequence[str]]:
-    """The detector for a task's palette, and the classes that it finds."""
-    if task in SUITE:
-        return FillDetector(half_extent), SUITE_CLASSES
-    return ColourDetector(classes, half_extent, objects=objects), classes
-
-
-def videos_in(
-    folder: pathlib.Path, out_dir: str | os.PathLike, *, files: Iterable[pathlib.Path] | None = None
-) -> list[pathlib.Path]:
+def videos_in(folder: pathlib.Path, out: str | os.PathLike | None) -> list[pathlib.Path]:
     """The videos of a folder, sorted by name; a DemoError if there is none, if two have one name,
     or if the demo set would go into the folder itself."""
-    files = folder.glob("*") if files is None else files
-    paths = sorted(p for p in files if p.suffix.lower() in _VIDEOS)
+    paths = sorted(p for p in folder.glob("*") if p.suffix.lower() in _VIDEOS)
     if not paths:
         raise DemoError(f"{folder}: the folder holds no video ({', '.join(_VIDEOS)}).")
-    if os.path.realpath(folder) == os.path.realpath(out_dir):
+    if out is not None and os.path.realpath(folder) == os.path.realpath(out):
         raise DemoError(f"{folder}: this folder is read, so the demo set must go to another one.")
     stems = [path.stem for path in paths]
     for path in paths:
@@ -179,36 +163,3 @@ def videos_in(
         if stems.count(path.stem) > 1:
             raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")
     return paths
-
-
-def _save(
-    out_dir: str | os.PathLike,
-    videos: Iterable[_Seen],
-    total: int,
-    progress: AfterEach | None,
-    **header: Any,
-) -> list[Imported]:
-    """Saves videos without their static tails, each reported once the next is asked for.
-
-    Where a robot is all that can move, it is the one whose place counts, and no robot.
-    """
-    report: list[Imported] = []
-    first, videos = itertools.tee(videos)
-    labels = next(first)[2].label
-    del first  # or it would keep all videos
-    found = {header["classes"][label] for label in labels}
-    alone = all(name == "robot" or name.endswith("region") for name in found)
-    if alone:
-        header["robots"] = ()
-
-    def demos() -> Iterator[Demo]:
-        for name, frames, tracks, outcome in videos:
-            kept = trim_static_tail(tracks, header["classes"], robots=() if alone else ROBOTS)
-            short, cut = tracks.during(slice(kept)), len(frames) - kept
-            report.append(Imported(name, kept, cut, outcome, float(short.seen.mean())))
-            yield Demo(name, frames[:kept], short, cut, outcome)
-            if progress is not None:
-                progress(len(report), total, report[-1])
-
-    save_demo_set(out_dir, demos(), **header)
-    return report

@@ -3,12 +3,13 @@
 import hashlib
 import pathlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from gril_jax.demos.vision.detect import Tracks
 from gril_jax.errors import DemoError
+
+from .demo import Tracks
 
 HEADER = "demos.json"
 SCHEMA_VERSION = 1
@@ -16,86 +17,75 @@ _LONGEST = 255  # bytes of a file's name, on every usual file system
 OUTCOMES = ("success", "failure", "unknown")
 DTYPES = {"center": np.float32, "size": np.float32, "label": np.int32, "seen": np.bool_}
 _FIELDS = {
-    "task": str, "classes": list, "half_extent": float, "fps": float, "source": str, "demos": list,
+    "task": str, "classes": list, "half_extent": float, "fps": float, "source": str, "robots": list,
+    "unit": str | None, "noise": float | None, "smoothing": int, "demos": list,
 }  # fmt: skip
-# Fields that came later; a set without them is read.
-_LATER = {"robots": list, "unit": str, "noise": float, "smoothing": int}
+_ENTRY = {
+    "name": str,
+    "video": str,  # file name in the folder
+    "tracks": str,
+    "frames": int,
+    "trimmed": int,
+    "outcome": str,
+    "objects": list,  # class names, in the order of the tracks
+    "video_sha256": str,
+    "tracks_sha256": str,
+}  # and "stages" where they are known, see `Demo`
 NO_TASK = ""  # of a set of somebody's own films
 
 
-@dataclass(frozen=True)
-class DemoEntry:
-    """The header's entry of one demonstration."""
-
-    name: str
-    video: str  # file name in the folder
-    tracks: str
-    frames: int
-    trimmed: int
-    outcome: str
-    objects: list[str]  # class names, in the order of the tracks
-    video_sha256: str
-    tracks_sha256: str
-    # Frame at which each stage of the task was first finished, -1 never; None: not known.
-    stages: dict[str, int] | None = None
+# Classes that are parts of a robot, of a set that does not say which are.
+ROBOTS = ("robot", "left finger", "right finger", "hand")
 
 
-# What every entry has. Stages came later: a set without them is read, and older readers skip them.
-_ENTRY = {field: kind for field, kind in DemoEntry.__annotations__.items() if field != "stages"}
+def robots_among(classes: Sequence[str]) -> tuple[str, ...]:
+    """Those of the classes that are parts of a robot by their names."""
+    return tuple(name for name in ROBOTS if name in classes)
 
 
-def check_header(header: object, folder: pathlib.Path) -> tuple[DemoEntry, ...]:
-    """The entries of a header; raises `DemoError` with the name of the wrong field."""
+def check_header(header: object, folder: pathlib.Path) -> dict[str, Any]:
+    """The header; raises `DemoError` with the name of the wrong field."""
     where = folder / HEADER
     version = header.get("schema_version") if isinstance(header, dict) else None
-    if type(version) is not int or version < 1:
-        raise DemoError(f"{where}: schema_version must be {SCHEMA_VERSION}, not {version!r}.")
-    if version > SCHEMA_VERSION:
-        raise DemoError(
-            f"{where}: schema_version is {version}, newer than the {SCHEMA_VERSION} that this "
-            "version of gril-jax reads; update gril-jax."
-        )
+    if type(version) is not int or version != SCHEMA_VERSION:
+        raise DemoError(f"{where}: schema_version must be {SCHEMA_VERSION}, not {version!r:.60}.")
     _check_fields(header, _FIELDS, f"{where}")
-    _check_fields(
-        header, {name: kind for name, kind in _LATER.items() if name in header}, f"{where}"
-    )
     for field in ("half_extent", "fps"):
         if not 0 < header[field] < 1e30:  # beyond it, a whole number may be no float
             raise DemoError(f"{where}: {field} must be above 0, not {header[field]!s:.60}.")
-    if not all(isinstance(name, str) for name in header["classes"]):
-        raise DemoError(f"{where}: classes must be a list of names.")
-    for name in header.get("robots", ()):
+    for field in ("classes", "robots"):
+        if not all(isinstance(name, str) for name in header[field]):
+            raise DemoError(f"{where}: {field} must be a list of names.")
+    for name in header["robots"]:
         if name not in header["classes"]:
             raise DemoError(f"{where}: robots names {name!r:.60}, which is not one of the classes.")
-    if not 0 <= header.get("noise", 0.0) < 1e30:
+    if not 0 <= (header["noise"] or 0.0) < 1e30:
         raise DemoError(f"{where}: noise must be at least 0, not {header['noise']!s:.60}.")
-    if not 1 <= header.get("smoothing", 1) < 100 or header.get("smoothing", 1) % 2 == 0:
+    if not 1 <= header["smoothing"] < 100 or header["smoothing"] % 2 == 0:
         raise DemoError(f"{where}: smoothing must be odd and from 1 to 99.")
     if not header["demos"]:
         raise DemoError(f"{where}: demos is empty; a demo set needs at least 1 demonstration.")
-    entries = [
-        _entry(entry, header["classes"], f"{where}, demos[{i}]")
-        for i, entry in enumerate(header["demos"])
-    ]
-    names = [entry.name for entry in entries]
+    for i, entry in enumerate(header["demos"]):
+        _check_entry(entry, header["classes"], f"{where}, demos[{i}]")
+    names = [entry["name"] for entry in header["demos"]]
     for name in names:
         if names.count(name) > 1:
             raise DemoError(f"{where}: two demonstrations are called {name!r}; names must differ.")
-    return tuple(entries)
+    return header
 
 
-def _check_fields(holder: object, fields: dict[str, object], where: str) -> None:
+def _check_fields(holder: object, fields: dict[str, Any], where: str) -> None:
     if not isinstance(holder, dict):
         raise DemoError(f"{where}: must be an object with fields, not {type(holder).__name__}.")
     for field, kind in fields.items():
         if field not in holder:
             raise DemoError(f"{where}: the field {field!r} is missing.")
-        kind = list if kind == list[str] else kind
         value = holder[field]
-        number = kind is float and isinstance(value, int)
+        number = isinstance(0.0, kind) and isinstance(value, int)
         _check_text(value, f"{where}: {field}")
         if isinstance(value, bool) or not (number or isinstance(value, kind)):
-            raise DemoError(f"{where}: {field} must be {kind.__name__}, not {value!r:.60}.")
+            named = getattr(kind, "__name__", str(kind))
+            raise DemoError(f"{where}: {field} must be {named}, not {value!r:.60}.")
 
 
 def _check_text(value: object, where: str) -> None:
@@ -108,24 +98,22 @@ def _check_text(value: object, where: str) -> None:
             raise DemoError(f"{where} must be text, not {text!r:.60}.") from None
 
 
-def _entry(fields: object, classes: list[str], where: str) -> DemoEntry:
-    _check_fields(fields, _ENTRY, where)
-    _check_stages(stages := fields.get("stages"), where)
-    entry = DemoEntry(**{field: fields[field] for field in _ENTRY}, stages=stages)
-    for file in (entry.video, entry.tracks):
+def _check_entry(entry: object, classes: list[str], where: str) -> None:
+    _check_fields(entry, _ENTRY, where)
+    _check_stages(entry.get("stages"), where)
+    for file in (entry["video"], entry["tracks"]):
         plain = pathlib.PurePath(file).name == file != ".." and not {"\\", "\0"} & {*file}
         if not plain or len(file.encode()) > _LONGEST:
             raise DemoError(f"{where}: {file!r:.60} must be a plain file name within the folder.")
-    if entry.outcome not in OUTCOMES:
+    if entry["outcome"] not in OUTCOMES:
         raise DemoError(f"{where}: outcome must be one of {', '.join(OUTCOMES)}.")
-    if entry.trimmed < 0:
-        raise DemoError(f"{where}: trimmed must be at least 0, not {entry.trimmed}.")
-    if entry.frames < 2:
-        raise DemoError(f"{where}: a demonstration needs at least 2 frames, not {entry.frames}.")
-    for name in entry.objects:
+    if entry["trimmed"] < 0:
+        raise DemoError(f"{where}: trimmed must be at least 0, not {entry['trimmed']}.")
+    if entry["frames"] < 2:
+        raise DemoError(f"{where}: a demonstration needs at least 2 frames, not {entry['frames']}.")
+    for name in entry["objects"]:
         if name not in classes:
             raise DemoError(f"{where}: the object {name!r} is not one of the set's classes.")
-    return entry
 
 
 def _check_stages(stages: object, where: str) -> None:

@@ -8,32 +8,29 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import UInt8
 
-from gril_jax.demos.vision.detect import Tracks
 from gril_jax.demos.vision.video import write_video
 from gril_jax.errors import DemoError
 
-from .schema import HEADER, OUTCOMES, SCHEMA_VERSION, check_header, check_tracks, digest
+from .demo import Demo
+from .schema import (
+    HEADER,
+    OUTCOMES,
+    SCHEMA_VERSION,
+    check_header,
+    check_tracks,
+    digest,
+    robots_among,
+)
 
+NOTES = "import.txt"
 _OURS = re.compile(r"demos\.json|\d{3,}\.(mp4|npz)|import\.(txt|png)")  # names of a set's files
 
 
-class Demo(NamedTuple):
-    """A demonstration to save."""
-
-    name: str
-    frames: UInt8[np.ndarray, "T H W 3"]
-    tracks: Tracks  # of the same T frames
-    trimmed: int = 0  # frames already cut from the static tail
-    outcome: str = "unknown"  # or "success", "failure"
-    stages: dict[str, int] | None = None  # frames, see `DemoEntry`
-
-
-def save_demo_set(
+def write_demo_set(
     folder: str | os.PathLike,
     demos: Iterable[Demo],
     *,
@@ -43,14 +40,16 @@ def save_demo_set(
     fps: float,
     source: str,
     robots: Sequence[str] | None = None,
+    unit: str | None = None,
+    noise: float | None = None,
+    smoothing: int = 1,
+    notes: str = "",
     preset: str = "medium",
-    **known: Any,
 ) -> None:
     """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
     Demonstrations are consumed one at a time, so that a generator need hold only one video; the
-    other arguments are as in `DemoSet`, of which `known` may have `unit`, `noise` and `smoothing`;
-    `preset` is as in `write_video`.
+    other arguments are as in `DemoSet`, and `preset` is as in `write_video`.
 
     Raises:
       DemoError: the folder holds something else, also beside an older set, a demonstration is
@@ -87,10 +86,14 @@ def save_demo_set(
             "half_extent": half_extent,
             "fps": fps,
             "source": source,
-            **({} if robots is None else {"robots": list(robots)}),
-            **{name: value for name, value in known.items() if value is not None},
+            "robots": [*(robots_among(classes) if robots is None else robots)],
+            "unit": unit,
+            "noise": noise,
+            "smoothing": smoothing,
             "demos": entries,
         }
+        if notes:
+            (part / NOTES).write_text(notes, encoding="utf-8")
         (part / HEADER).write_text(json.dumps(header, indent=2) + "\n")
         check_header(header, folder)
         _move_into_place(part, folder)
@@ -125,22 +128,23 @@ def _write(
     fps: float,
     preset: str,
 ) -> dict[str, Any]:
-    """Writes the files of a demonstration; returns its entry in the header, a `DemoEntry`."""
+    """Writes the files of a demonstration; returns its entry in the header."""
     where = f"{where}, demonstration {demo.name!r}"
     if demo.outcome not in OUTCOMES:
         raise DemoError(f"{where}: outcome {demo.outcome!r} is not one of {', '.join(OUTCOMES)}.")
-    check_tracks(demo.tracks, len(demo.frames), len(demo.tracks.label), classes, where)
+    frames = demo.frames
+    check_tracks(demo.tracks, len(frames), len(demo.tracks.label), classes, where)
     video, tracks = f"{number:03d}.mp4", f"{number:03d}.npz"
-    write_video(part / video, demo.frames, fps, preset=preset)
+    write_video(part / video, frames, fps, preset=preset)
     np.savez_compressed(part / tracks, **demo.tracks._asdict())
     return {
         "name": demo.name,
         "video": video,
         "tracks": tracks,
-        "frames": len(demo.frames),
+        "frames": len(frames),
         "trimmed": demo.trimmed,
         "outcome": demo.outcome,
         "objects": [classes[label] for label in demo.tracks.label],
         "video_sha256": digest(part / video),
         "tracks_sha256": digest(part / tracks),
-    } | ({"stages": demo.stages} if demo.stages else {})
+    } | ({"stages": dict(demo.stages)} if demo.stages else {})

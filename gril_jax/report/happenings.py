@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gril_jax.demos.demo_set import ROBOTS
-from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.demo import Tracks
+from gril_jax.demos.schema import ROBOTS
 
 _FRAMES = 4  # before and after, in which something moves or rests
 _MOVES = 0.1  # of its box's diagonal, in so many frames; less is the detector's jitter

@@ -9,11 +9,10 @@ import numpy as np
 
 from gril_jax.config import RunConfig
 from gril_jax.config.task import NO_TASK
+from gril_jax.demos.demo import Demo
 from gril_jax.demos.demo_set import DemoSet, load_demo_set, select_objects
-from gril_jax.demos.schema import HEADER, DemoEntry
-from gril_jax.demos.vision.detect import Tracks
-from gril_jax.demos.vision.video import read_video, write_video
-from gril_jax.errors import RunError
+from gril_jax.demos.schema import HEADER
+from gril_jax.demos.vision.video import write_video
 from gril_jax.graphs import activity
 from gril_jax.report.figures.filmstrip import Film
 from gril_jax.runs.covered import require_same_demos, require_unchanged
@@ -63,7 +62,7 @@ def read_inputs(folder: Path) -> Inputs:
     # Sets of one's own films have no objects but those that are wanted.
     if demos is not None and config.env.name != NO_TASK and not config.env.is_own:
         wanted = ("goal", "robot", *config.env.targets, *config.env.distractors)
-        known = [o for o in wanted if all(o in entry.objects for entry in demos.entries)]
+        known = [o for o in wanted if all(o in demos.objects(demo) for demo in demos)]
         fewer = {*config.env.targets} <= {*known}  # a task without blocks to choose has them all
         demos = select_objects(demos, known) if fewer else demos
     rows, results = read_rows(folder), read_finished(folder) or {}
@@ -73,7 +72,7 @@ def read_inputs(folder: Path) -> Inputs:
 def _to_show(profiles: Profiles | None, demos: DemoSet | None) -> str | None:
     """A demonstration that the encoder was not trained on, if there is one."""
     if profiles is None:
-        return None if demos is None else demos.entries[0].name
+        return None if demos is None else demos.names[0]
     first = [profiles.split.index(s) for s in ("validation", "train") if s in profiles.split]
     return profiles.names[first[0] if first else 0]
 
@@ -82,28 +81,23 @@ def films_of(run: Inputs) -> list[Film]:
     """The shown demonstration, then others; one of them failed, if any did."""
     if run.demos is None:
         return []
-    known = {e.name: (e, t) for e, t in zip(run.demos.entries, run.demos.tracks, strict=True)}
-    failed = [name for name, (entry, _) in known.items() if entry.outcome == "failure"]
-    chosen = sorted(known, key=lambda name: (name != run.shown, name in failed))[:_FILMS]  # stable
+    failed = run.demos.split()["failure"]
+    order = sorted(run.demos.names, key=lambda name: (name != run.shown, name in failed))  # stable
+    chosen = order[:_FILMS]
     if failed and not set(failed) & set(chosen):
         chosen[-1] = failed[0]
-    picked = [known[name] for name in chosen]
-    most = max(entry.frames for entry, _ in picked)
-    videos = parallel_map(read_video, [run.demos.folder / entry.video for entry, _ in picked])
-    return [_film(run, *pick, video, most) for pick, video in zip(picked, videos, strict=True)]
+    picked = run.demos.select(chosen)
+    most = max(map(len, picked))
+    videos = parallel_map(lambda demo: demo.frames, picked)
+    return [_film(run, demo, frames, most) for demo, frames in zip(picked, videos, strict=True)]
 
 
-def _film(run: Inputs, entry: DemoEntry, tracks: Tracks, frames: np.ndarray, most: int) -> Film:
+def _film(run: Inputs, demo: Demo, frames: np.ndarray, most: int) -> Film:
     """A demonstration with its activity bits; the longest that is shown has `most` frames."""
-    if len(frames) < entry.frames:
-        raise RunError(
-            f"{run.demos.folder / entry.video} has {len(frames)} frames, but {HEADER} says "
-            f"{entry.frames}"
-        )
     # A bit depends on no later frame: all films as long as the longest are one program.
-    edge = ((0, most - entry.frames), (0, 0), (0, 0))
-    padded = [np.pad(x, edge, mode="edge") for x in (tracks.center, tracks.size)]
+    edge = ((0, most - len(demo)), (0, 0), (0, 0))
+    padded = [np.pad(x, edge, mode="edge") for x in (demo.tracks.center, demo.tracks.size)]
     pool = run.config.pool
     rule = {"window": pool.window, "smoothing": pool.smoothing, "noise": pool.noise}
-    bits = np.asarray(_bits(*padded, tau=pool.tau, **rule))[: entry.frames]
-    return Film(entry.name, frames[: entry.frames], tracks, bits)
+    bits = np.asarray(_bits(*padded, tau=pool.tau, **rule))[: len(demo)]
+    return Film(demo.name, frames, demo.tracks, bits)

@@ -99,7 +99,7 @@ def _demonstrations(run: Inputs, films: Sequence[Film]) -> tuple[list[Part], Par
     )
     return [
         Part(
-            f"{len(films)} of {len(demos.entries)} demonstrations ({demos.source}), each from "
+            f"{len(films)} of {len(demos)} demonstrations ({demos.source}), each from "
             "its first frame to its last. Every object should be in a box with its own number "
             "throughout; a thick box marks what has moved, which counts more in the reward.",
             sheet,

@@ -64,7 +64,7 @@ def _demonstrations(
     if chosen.path is not None:
         demo_set = load_demo_set(chosen.path)
         shown = ", ".join(demo_set.classes if env is None else env.classes)
-        echo(f"demonstrations: {len(demo_set.entries)} of {chosen.path}, of {shown}")
+        echo(f"demonstrations: {len(demo_set)} of {chosen.path}, of {shown}")
         return demo_batch(demo_set), len(demo_set.classes)
     num = chosen.num + chosen.num_validation
     echo(f"demonstrations: {num} of the expert of {config.env.shown_name} would be made first")

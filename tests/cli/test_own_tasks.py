@@ -108,7 +108,7 @@ def test_demonstrations_come_from_the_tasks_expert(folder):
     assert main.main(["demos", "make", "small.yaml", *task, "--out", "shown"]) == 0
     found = load_demo_set(folder / "shown")
     assert (found.task, found.classes, found.robots) == ("my_task", own_task.CLASSES, ("hand",))
-    assert [entry.outcome for entry in found.entries] == ["success"] * 6
+    assert [entry.outcome for entry in found] == ["success"] * 6
 
 
 MISTAKES = [

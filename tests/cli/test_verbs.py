@@ -2,6 +2,7 @@
 
 import sys
 import types
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,11 @@ import pytest
 from gril_jax.cli import arguments, doctor, main, verbs
 from gril_jax.config import MakeDemosConfig, RunConfig
 from gril_jax.config.files import load
+from gril_jax.demos import importing
+from gril_jax.demos.demo_set import DemoSet
 from gril_jax.errors import DemoError, RunError
 from gril_jax.runs import run_dir
+from gril_jax.workflows import import_videos as workflow
 
 _PIPELINE = "gril_jax.workflows.build"
 
@@ -262,16 +266,16 @@ def test_ablate_takes_a_number_of_seeds_and_rows(experiment, monkeypatch, capsys
 
 
 def test_imports_hand_on_their_folders_and_tell_their_progress(
-    experiment, tmp_path, capsys, demo_set
+    monkeypatch, tmp_path, capsys, demo_set
 ):
     calls = []
 
     def importer(*args, progress, **kwargs):
-        progress(1, 2, None)
+        progress(1, 2)
         calls.append((args, kwargs))
+        return DemoSet((), "", (), 1.0, 1.0, "")
 
-    both = {"import_magical": importer, "import_videos": importer}
-    experiment("importing", "gril_jax.demos", **both)
+    monkeypatch.setattr(workflow, "import_videos", importer)
     out = tmp_path / "out"
     assert main.main(["demos", "import-magical", str(tmp_path), "--out", str(out)]) == 0
     args = ["demos", "import-magical", str(tmp_path), "--out", str(out)]
@@ -279,23 +283,20 @@ def test_imports_hand_on_their_folders_and_tell_their_progress(
     assert main.main([*args, "--task", "match_regons"]) == 2
     capsys.readouterr()
     args = ["demos", "import-videos", str(tmp_path), "--out", str(out), "--half-extent", "1.5"]
-    assert main.main([*args, "--outcome", "success", "--boxes", "True"]) == 0
-    chosen = {"half_extent": 1.5, "task": "match_regions", "boxes": True, "outcome": "success"}
-    given = [{"task": None}, {"task": "match_regions_magical"}, chosen]
-    assert calls == [((tmp_path, out), one) for one in given]
+    assert main.main([*args, "--outcome", "success", "--boxes", "colour"]) == 0
+    assert [given for given, _ in calls] == [(tmp_path, out)] * 3
+    takes = signature(importing.import_videos)
+    for _, options in calls:
+        takes.bind("a", "b", **options, progress=None)
+    given = [(o["task"], o["boxes"], o.get("half_extent"), o.get("outcome")) for _, o in calls]
+    assert given == [
+        (None, "colour", None, None),
+        ("match_regions_magical", "colour", None, None),
+        (None, "colour", 1.5, "success"),
+    ]
     stdout, stderr = capsys.readouterr()
     assert stdout == f"wrote {out}\n"
-    assert "reading: 1/2 demonstrations (50%)" in stderr
-
-
-def test_the_arguments_that_an_import_gets_are_those_that_it_takes():
-    from inspect import signature
-
-    from gril_jax.demos import importing
-
-    signature(importing.import_magical).bind("a", "b", progress=None)
-    given = {"half_extent": 1.0, "task": "match_regions", "boxes": False, "outcome": "unknown"}
-    signature(importing.import_videos).bind("a", "b", **given, progress=None)
+    assert "reading: 1/2 videos (50%)" in stderr
 
 
 # --- failures at work

@@ -10,17 +10,14 @@ from support.run_folders import moving_scene, save_demos
 from support.scenes import HALF_EXTENT
 
 from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
-from gril_jax.demos.demo_set import (
-    Demo,
-    demo_batch,
-    frame_batch,
-    load_demo_set,
-    save_demo_set,
-    shrink,
-)
+from gril_jax.demos import reader
+from gril_jax.demos.demo import Demo, Tracks
+from gril_jax.demos.demo_set import demo_batch, load_demo_set
+from gril_jax.demos.frames import frame_batch, shrink
 from gril_jax.demos.vision import render
-from gril_jax.demos.vision.detect import PALETTE_CLASSES, Tracks
+from gril_jax.demos.vision.detect import PALETTE_CLASSES
 from gril_jax.demos.vision.video import read_video, write_video
+from gril_jax.demos.writer import write_demo_set
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.rl import rewards
 from gril_jax.types import VideoBatch
@@ -34,7 +31,7 @@ def demo_set(tmp_path_factory):
     folder = tmp_path_factory.mktemp("frames") / "set"
     frames, tracks = moving_scene()
     short = Tracks(tracks.center[:5], tracks.size[:5], tracks.label, tracks.seen[:5])
-    save_demo_set(
+    write_demo_set(
         folder,
         [Demo("long", frames, tracks), Demo("short", frames[:5], short)],
         task="match_regions",
@@ -53,7 +50,7 @@ def test_frames_are_the_means_of_the_decoded_pixels_padded_as_the_boxes(demo_set
     assert found.frames.dtype == np.uint8
     assert found.frames.shape == (2, 8, 24, 24, 3)
     np.testing.assert_array_equal(found.length, boxes.length)
-    decoded = read_video(demo_set.folder / demo_set.entries[1].video)
+    decoded = read_video(demo_set.folder / "001.mp4")
     means = decoded.reshape(5, 24, 4, 24, 4, 3).mean((2, 4))  # area: means of 4 x 4 pixels
     np.testing.assert_allclose(found.frames[0, :5], means, atol=0.51)
     for t in range(5, 8):
@@ -70,7 +67,7 @@ def test_a_wider_world_continues_the_border_and_a_narrower_one_cuts_it_off():
 
 def test_another_world_is_asked_for_by_its_half_extent(demo_set):
     found = frame_batch(demo_set, ["long"], pixels=24, half_extent=HALF_EXTENT / 2)
-    decoded = read_video(demo_set.folder / demo_set.entries[0].video)[:, 24:72, 24:72]
+    decoded = read_video(demo_set.folder / "000.mp4")[:, 24:72, 24:72]
     means = decoded.reshape(8, 24, 2, 24, 2, 3).mean((2, 4))
     np.testing.assert_allclose(found.frames[0], means, atol=0.51)
 
@@ -122,11 +119,12 @@ def test_no_policy_is_paid_for_pictures_of_a_task_that_has_none():
 def test_what_does_not_fit_is_named(demo_set, tmp_path):
     with pytest.raises(DemoError, match="there is no demonstration 'third'"):
         frame_batch(demo_set, ["third"], pixels=8)
-    wrong = dataclasses.replace(demo_set.entries[0], frames=7)
+    path = demo_set.folder / "000.mp4"
+    wrong = dataclasses.replace(demo_set[0], video=lambda: reader._video(path, 7))
     with pytest.raises(DemoError, match=r"holds 8 frames, but its boxes are those of 7"):
-        frame_batch(dataclasses.replace(demo_set, entries=(wrong,)), ["long"], pixels=8)
+        frame_batch(dataclasses.replace(demo_set, demos=(wrong,)), ["long"], pixels=8)
     save_demos(tmp_path / "set")
     wide = load_demo_set(tmp_path / "set")
-    write_video(wide.folder / wide.entries[0].video, [np.zeros((8, 16, 3), np.uint8)] * 8, fps=8.0)
+    write_video(wide.folder / "000.mp4", [np.zeros((8, 16, 3), np.uint8)] * 8, fps=8.0)
     with pytest.raises(DemoError, match="frames are 16 x 8, but must be square"):
         frame_batch(wide, ["one"], pixels=8)

@@ -32,7 +32,7 @@ def test_a_task_is_a_folder_a_line_and_a_yaml_file(run):
     assert (run / "report.html").is_file()
     demos = load_demo_set(run / "demos")
     assert (demos.task, demos.classes) == ("reach", ("goal", "robot"))
-    assert [e.outcome for e in demos.entries] == ["success"] * 6 + ["failure"]
+    assert [e.outcome for e in demos] == ["success"] * 6 + ["failure"]
 
 
 def test_an_encoder_is_a_file_and_a_line(run):

@@ -8,11 +8,12 @@ import pytest
 from support import kitchen_films
 from support.paths import TESTS
 
-from gril_jax.demos.own_films import import_films
+from gril_jax.demos.formats import lerobot
+from gril_jax.demos.importing import import_videos
 from gril_jax.demos.vision.timed import pictures
 from gril_jax.demos.vision.video import write_video
 from gril_jax.errors import ConfigError, DemoError
-from gril_jax.export import lerobot, lerobot_subtasks
+from gril_jax.export.lerobot import annotate
 
 pa = pytest.importorskip("pyarrow")
 CAMERA = "observation.images.front"
@@ -95,10 +96,8 @@ def test_films_and_boxes_of_a_camera_are_imported(tmp_path, version):
         for one in boxes(film):
             true = told.boxes[one.frame, kitchen_films.CLASSES.index(one.name)]
             np.testing.assert_allclose(one.edges, true, atol=0.5)
-    made = import_films(
-        tmp_path / "data", tmp_path / "set", robots=("hand",), films=films, boxes=boxes
-    )
-    assert [film.name for film in made.films] == ["episode_000000", "episode_000001"]
+    made = import_videos(tmp_path / "data", robot=["hand"])
+    assert made.names == ["episode_000000", "episode_000001"]
 
 
 def test_a_dataset_that_lerobot_wrote_is_read(tmp_path):
@@ -114,7 +113,7 @@ def test_a_dataset_that_lerobot_wrote_is_read(tmp_path):
         assert sorted(cups) == [t for t in range(len(film.times)) if t != 3]
         assert all(edges == (10 + 2 * t, 20, 22 + 2 * t, 32) for t, edges in cups.items())
         assert sum(one.name == "hand" for one in boxes) == len(film.times)
-    lerobot_subtasks.annotate(found, tmp_path / "new", {"episode_000000": [0.5, 1.0]}, ["a", "b"])
+    annotate(found, tmp_path / "new", {"episode_000000": [0.5, 1.0]}, ["a", "b"])
     assert lerobot.frames(lerobot.opened(tmp_path / "new"), "subtask_index")[0][:6] == [0] * 6
 
 
@@ -133,7 +132,7 @@ def test_segments_become_subtask_annotations_of_a_copy(tmp_path, version):
     found = dataset(tmp_path / "data", version)
     before = {p: p.read_bytes() for p in (tmp_path / "data").rglob("*") if p.is_file()}
     ends = {"episode_000001": [1.0, 2.0]}
-    lerobot_subtasks.annotate(found, tmp_path / "new", ends, ["cup down", "spoon in"])
+    annotate(found, tmp_path / "new", ends, ["cup down", "spoon in"])
     assert {p: p.read_bytes() for p in before} == before
     again = lerobot.opened(tmp_path / "new")
     index = lerobot.frames(again, "subtask_index")
@@ -149,7 +148,7 @@ def test_segments_become_subtask_annotations_of_a_copy(tmp_path, version):
     }  # fmt: skip
     assert again.info["features"]["subtask_index"]["dtype"] == "int64"
     with pytest.raises(DemoError, match="none of its episodes is among"):
-        lerobot_subtasks.annotate(found, tmp_path / "more", {"a": [1.0]}, ["x"])
+        annotate(found, tmp_path / "more", {"a": [1.0]}, ["x"])
     assert not (tmp_path / "more").exists()
 
 

@@ -4,7 +4,7 @@ import os
 
 import pytest
 from support.hostile_films import BOXES, film
-from support.hostile_home import IMPORT, command, films, refused
+from support.hostile_home import IMPORT, SET, command, films, refused
 
 
 def overwrites_a_letter(home):
@@ -66,7 +66,7 @@ def test_a_link_to_a_set_keeps_its_place(home, capsys):
     assert command([*IMPORT, "--out", "link"], capsys)[0] == 0
     assert (home / "link").is_symlink()
     assert sorted(os.listdir(home)) == ["films", "letter.txt", "link", "run", "set"]
-    assert sorted(os.listdir(home / "set")) == ["000.mp4", "000.npz", "demos.json"]
+    assert sorted(os.listdir(home / "set")) == [*SET, "import.png", "import.txt"]
 
 
 @pytest.mark.parametrize(

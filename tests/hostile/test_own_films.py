@@ -135,7 +135,7 @@ KINDS = {
     ),
     "no name of the robot": (None, (*AUTO, "--robot", ""), "no box is of the robot's class ''"),
     "a robot too many": (None, (*AUTO, "--robot", "hand", "foot"), "of the robot's class 'foot'"),
-    "boxes of a format's name": (None, ("--boxes", "coco"), "--boxes is 'coco', but must be one"),
+    "boxes of a format's name": (None, ("--boxes", "coco"), "boxes is 'coco', but must be auto"),
     "jitter that is no number": (None, (*AUTO, "--jitter", "nan"), "--jitter is nan, but must be"),
     "endless width": (None, (*AUTO, "--half-extent", "inf"), "--half-extent is inf, but must be"),
     "a frame rate without end": (None, (*AUTO, "--fps", "1e9"), "--fps is 1000000000.0, but must"),
@@ -145,7 +145,7 @@ KINDS = {
         named("hand\n\nhand\n"), AUTO, "names.txt, line 3: 'hand' stands in line 1, too"
     ),
     "a detector with a mistake": (
-        broken, ("--detector", "broken_detector:f"), "cannot be imported (invalid syntax (broken"
+        broken, ("--boxes", "broken_detector:f"), "cannot be imported (invalid syntax (broken"
     ),
     "a film that is no folder": (None, (*AUTO, "films/a.mp4"), "there is no use for"),
     "no frame rate": (None, (*AUTO, "--fps", "0"), "--fps is 0.0"),
@@ -158,15 +158,16 @@ KINDS = {
     "jitter below 0": (None, (*AUTO, "--jitter", "-1"), "--jitter"),
     "an unknown outcome": (None, (*AUTO, "--outcome", "fine"), "outcome"),
     "a camera of no dataset": (None, (*AUTO, "--camera", "front"), "is no LeRobot dataset"),
-    "two ways to boxes": (
-        None, ("--track", "t.json", "--detector", "m:f"), "--track and --detector are both given"
+    "a robot by colour": (
+        None, ("--boxes", "colour", "--half-extent", "1"), "robot is of boxes beside the videos"
     ),
-    "a detector without a function": (None, ("--detector", "numpy"), "must be module:function"),
-    "a detector that is missing": (None, ("--detector", "nowhere:f"), "cannot be imported"),
-    "a detector that is a number": (None, ("--detector", "math:pi"), "but must be a function"),
-    "a detector that fails": (None, ("--detector", "math:sqrt"), "failed on a.mp4, frames 0 to 4"),
-    "a detector of another length": (None, ("--detector", "builtins:repr"), "gave boxes of"),
-    "first boxes that are missing": (None, ("--track", "t.json"), "t.json: the boxes file cannot"),
+    "colours of no width": (None, ("--boxes", "colour"), "needs --half-extent where --boxes is"),
+    "a detector without a function": (None, ("--boxes", "numpy"), "but must be auto, colour"),
+    "a detector that is missing": (None, ("--boxes", "nowhere:f"), "cannot be imported"),
+    "a detector that is a number": (None, ("--boxes", "math:pi"), "but must be a function"),
+    "a detector that fails": (None, ("--boxes", "math:sqrt"), "failed on a.mp4, frames 0 to 4"),
+    "a detector of another length": (None, ("--boxes", "builtins:repr"), "gave boxes of"),
+    "first boxes that are missing": (None, ("--boxes", "t.json"), "t.json: the boxes file cannot"),
 }  # fmt: skip
 
 
@@ -201,7 +202,7 @@ FIRST = {
 def test_wrong_first_boxes_are_refused(kitchen, capsys, kind):
     text, words = FIRST[kind]
     (kitchen / "t.json").write_text(text)
-    assert refused(kitchen, [*IMPORT, "--track", "t.json"], words, capsys) == 2
+    assert refused(kitchen, [*IMPORT, "--boxes", "t.json"], words, capsys) == 2
 
 
 def test_names_that_are_paths_stay_names(kitchen):

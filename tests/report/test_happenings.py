@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.demo import Tracks
 from gril_jax.report.happenings import at_frames
 
 CLASSES = ("robot", "star", "square")

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gril_jax.demos.demo_set import Demo, save_demo_set
-from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.demo import Demo, Tracks
+from gril_jax.demos.writer import write_demo_set
 
 CLASSES = ("mat", "hand", "puck")
 TASK = """
@@ -69,5 +69,5 @@ def demonstrations(folder: Path, classes=CLASSES, *, half_extent: float = 1.0, r
             yield Demo(f"film {number}", np.zeros((10, 16, 16, 3), np.uint8), tracks, 0, "success")
 
     about = {"task": "", "half_extent": half_extent, "fps": 10.0, "source": "a test"}
-    save_demo_set(folder, films(), classes=classes, robots=robots, **about)
+    write_demo_set(folder, films(), classes=classes, robots=robots, **about)
     return folder

@@ -20,7 +20,8 @@ def write_films(source, folder, *, rough=True, seed=0):
     """Films and our CSV beside them, of the frames and at the rate of a set; the set."""
     folder.mkdir(parents=True)
     made = load_demo_set(source)
-    for number, (entry, tracks) in enumerate(zip(made.entries, made.tracks, strict=True)):
+    for number, entry in enumerate(made):
+        tracks = entry.tracks
         rows = _rows(tracks, made.half_extent, np.random.default_rng([seed, number]), rough)
         with open(folder / f"{entry.name}.csv", "w", newline="", encoding="utf-8") as file:
             table = csv.writer(file)
@@ -61,7 +62,8 @@ def true_ends(made, place):
     """Seconds at which what is brought into an object is there for good, in order, by film; those
     that the set knows where it does."""
     found = {}
-    for entry, tracks in zip(made.entries, made.tracks, strict=True):
+    for entry in made:
+        tracks = entry.tracks
         if entry.stages:
             found[entry.name] = sorted(t / made.fps for t in entry.stages.values() if t >= 0)
             continue

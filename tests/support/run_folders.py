@@ -6,9 +6,10 @@ import json
 import numpy as np
 
 from gril_jax.config import DemosConfig, RunConfig
-from gril_jax.demos.demo_set import Demo, save_demo_set
-from gril_jax.demos.vision.detect import PALETTE_CLASSES, Tracks
+from gril_jax.demos.demo import Demo, Tracks
+from gril_jax.demos.vision.detect import PALETTE_CLASSES
 from gril_jax.demos.vision.video import write_video
+from gril_jax.demos.writer import write_demo_set
 from gril_jax.runs import run_dir
 from support.scenes import BLOCKS, GOAL, HALF_EXTENT, ROBOT, box_of, scene
 
@@ -59,7 +60,7 @@ def save_demos(folder, names=("one", "two", "fell short"), source="drawn for a t
     """A demo set of three equal demonstrations, of which the last is a failure."""
     frames, tracks = moving_scene()
     outcomes = ["success"] * (len(names) - 1) + ["failure"]
-    save_demo_set(
+    write_demo_set(
         folder,
         [Demo(n, frames, tracks, outcome=o) for n, o in zip(names, outcomes, strict=True)],
         task="match_regions",

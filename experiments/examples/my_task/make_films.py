@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from my_task import MAT, PushPuck
 
-from gril_jax.demos.importing import import_videos
+from gril_jax.demos import import_videos
 
 PIXELS, COLOURS = 128, {"mat": (90, 160, 60), "hand": (60, 60, 60), "puck": (40, 90, 220)}
 
@@ -59,7 +59,8 @@ def film(path, seed):
 def main(count=40):
     Path("films").mkdir(exist_ok=True)
     done = [film(Path(f"films/{seed:02d}.mp4"), seed) for seed in range(count)]
-    import_videos("films", "mine", 1.0, "my_task", True, classes=PushPuck.classes)
+    of = {"task": "my_task", "classes": PushPuck.classes, "robot": ["hand"]}
+    import_videos("films", "mine", half_extent=1.0, **of)
     print(f"{sum(done)} of {count} films end on the mat")
 
 

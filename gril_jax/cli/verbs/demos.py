@@ -1,8 +1,7 @@
 """Verbs that make demonstration sets."""
 
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Literal
 
 import tyro
 
@@ -16,14 +15,12 @@ from .. import own_tasks
 from ..arguments import (
     Work,
     demo_set_to_write,
-    echo,
     existing_folder,
     explained,
     in_full,
     positional,
     take,
 )
-from ..heavy_imports import heavy_imports
 from . import Verb, experiment
 
 _SHORTCUTS = {
@@ -59,92 +56,52 @@ def _make(args: list[str]) -> Work:
 @dataclass(frozen=True)
 class _Import:
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")]
-    """Folder of MAGICAL's *.pkl.gz files, of videos, or of a LeRobot dataset."""
+    """Folder of videos, of MAGICAL's *.pkl.gz files, or of a LeRobot dataset."""
     out: str
     """Folder of the demonstration set."""
-
-
-@dataclass(frozen=True)
-class _ImportVideos(_Import):
+    boxes: str = "auto"
+    """auto reads the boxes beside each video, in any of the formats that are known; colour finds
+    the objects of MAGICAL's palette; FILE.json has boxes drawn on one frame of each video, to be
+    followed; module:function is a detector of yours, from frames to boxes."""
     half_extent: float | None = field(default=None, metadata=optional(above(0)))
-    """Half the width of the world that a frame shows, in a unit of yours; with --boxes auto None
-    measures in widths of the picture."""
+    """Half the width of the world that a frame shows, in a unit of yours; None measures in widths
+    of the picture."""
     task: str | None = None
-    """The task whose classes the boxes have; None, with --boxes auto, takes the boxes' own."""
-    boxes: Literal["auto", "True", "False"] = "False"
-    """auto reads the boxes beside each film, in any of the formats that are known, of any classes;
-    True reads NAME.csv of a task's classes; False detects the blocks of match_regions by colour."""
+    """The task whose classes the boxes have; None takes the boxes' own."""
     robot: tuple[str, ...] = ()
-    """With auto: classes that are the robot, or the hand; what they do is no progress."""
+    """Classes that are the robot, or the hand; what they do is no progress."""
     camera: str | None = None
     """The camera of a LeRobot dataset, if it has several."""
-    track: str | None = None
-    """A JSON file of boxes drawn on the first frame of each film, to be followed where no boxes are
-    beside the films."""
-    detector: str | None = None
-    """A detector of yours, module:function, from frames to boxes, where no boxes are."""
     fps: float | None = field(default=None, metadata=optional(between(0.1, 1000)))
-    """With auto: frames per second of the set; None is the slowest film's, at most 10."""
+    """Frames per second of the set; None is the slowest video's, at most 10."""
     jitter: float | None = field(default=None, metadata=optional(between(0, 1000)))
-    """With auto: standard deviation of a box's place, pixels of the film; None estimates it."""
+    """Standard deviation of a box's place, pixels of the video; None estimates it."""
     smoothing: int | None = field(
         default=None, metadata=optional(rule(lambda x: 1 <= x < 1000 and x % 2 == 1, "odd"))
     )
-    """With auto: frames of the film that boxes are smoothed over; None is 0.3 s if they jitter."""
+    """Frames of the video that boxes are smoothed over; None is 0.3 s if they jitter."""
     outcome: Literal["success", "failure", "unknown"] = "unknown"
     """Outcome of all the videos."""
 
 
-_OWN = ("robot", "camera", "track", "detector", "fps", "jitter", "smoothing")
-
-
 def _videos(args: list[str]) -> Work:
-    prog = "gril demos import-videos"
-    given = parse(_ImportVideos, args, prog=prog, description=f"Make {_VIDEOS.summary}.")
-    if given.boxes == "auto" or given.track or given.detector:
-        if given.track and given.detector:
-            raise ConfigError("--track and --detector are both given, but boxes come from one")
-        if given.task is not None:
-            EnvConfig(name=given.task)  # a ConfigError if there is none
-        source, out = existing_folder(given.source), demo_set_to_write(given.out)
-        options = {name: getattr(given, name) for name in ("half_extent", "task", "outcome")}
-        options |= {name: getattr(given, name) for name in ("camera", "detector", *_OWN[4:])}
-        options |= {"robots": given.robot, "track": Path(given.track) if given.track else None}
-        return experiment("import_films", source, out, **options)
-    for name in _OWN:
-        if getattr(given, name) != getattr(_ImportVideos, name):
-            raise ConfigError(f"--{name} is for films of your own, so it needs --boxes auto")
-    if given.half_extent is None:
-        raise ConfigError(f"{prog} needs --half-extent, unless --boxes is auto: see {prog} --help")
-    known = {"half_extent": given.half_extent, "task": given.task or EnvConfig.name}
-    known |= {"boxes": given.boxes == "True", "outcome": given.outcome}
-    return _import("videos", given, known)
-
-
-def _import(kind: str, given: _Import, options: dict[str, Any]) -> Work:
-    """The work of `gril_jax.demos.importing.import_KIND`, which tells its progress."""
-    source, out = existing_folder(given.source), demo_set_to_write(given.out)
-
-    def work() -> None:
-        with heavy_imports():
-            from gril_jax.demos import importing
-            from gril_jax.runs.progress import Progress
-
-        with Progress() as progress:
-            phase = progress.phase("reading", total=0, unit="demonstrations", compiles=False)
-
-            def tell(done: int, total: int, last: object) -> None:
-                phase.total = total
-                phase.update(done)
-
-            getattr(importing, f"import_{kind}")(source, out, **options, progress=tell)
-        echo(f"wrote {out}")
-
-    return work
+    prog = f"gril {_VIDEOS.name}"
+    given = parse(_Import, args, prog=prog, description=f"Make {_VIDEOS.summary}.")
+    if given.task is not None:
+        EnvConfig(name=given.task)  # a ConfigError if there is none
+    if given.boxes == "colour" and given.half_extent is None:
+        raise ConfigError(f"{prog} needs --half-extent where --boxes is colour")
+    options = {one.name: getattr(given, one.name) for one in fields(_Import)}
+    folders = existing_folder(options.pop("source")), demo_set_to_write(options.pop("out"))
+    return experiment("import_videos", *folders, **options)
 
 
 @dataclass(frozen=True)
-class _ImportMagical(_Import):
+class _ImportMagical:
+    source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")]
+    """Folder of MAGICAL's *.pkl.gz files."""
+    out: str
+    """Folder of the demonstration set."""
     task: str | None = None
     """Task that the set is for, such as match_regions_magical; None is that of the recordings'
     name."""
@@ -155,7 +112,8 @@ def _magical(args: list[str]) -> Work:
     given = parse(_ImportMagical, args, prog=f"gril {_MAGICAL.name}", description=about)
     if given.task is not None:
         EnvConfig(name=given.task)  # a ConfigError if there is none
-    return _import("magical", given, {"task": given.task})
+    folders = existing_folder(given.source), demo_set_to_write(given.out)
+    return experiment("import_videos", *folders, task=given.task, boxes="colour")
 
 
 _VIDEOS = Verb("demos import-videos DIR", "a demonstration set from a folder of videos", _videos)

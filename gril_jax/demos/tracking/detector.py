@@ -1,4 +1,4 @@
-"""Boxes by a detector of one's own, `module:function`, called in this process.
+"""Boxes by a detector of one's own, a function or `module:function`, called in this process.
 
     def detect(frames):                       # (T, H, W, 3) uint8, RGB
         return [[("cup", 317, 295, 371, 349, 0.93), ...], ...]   # of each frame
@@ -9,7 +9,7 @@ come from `gril_jax.demos.tracking.sort`.
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +20,17 @@ from gril_jax.errors import DemoError
 
 from .sort import tracked
 
+Detect = Callable[[np.ndarray], Iterable[Sequence[tuple]]]
+"""(frames) -> for each frame its boxes: class, x_min, y_min, x_max, y_max, and at most a
+confidence, in pixels."""
+
 _TOGETHER = 32  # frames that a detector is given at once
 
 
-def detecting(name: str) -> Callable[[Film], list[Box]]:
-    """(film) -> boxes with identities, by the function of this name."""
-    detect = _found(name)
+def detecting(given: str | Detect) -> Callable[[Film], list[Box]]:
+    """(film) -> boxes with identities, by a function or that of this name."""
+    detect = _found(given) if isinstance(given, str) else given
+    name = given if isinstance(given, str) else getattr(given, "__name__", "detector")
 
     def boxes(film: Film) -> list[Box]:
         made, first = [], 0
@@ -51,18 +56,18 @@ def detecting(name: str) -> Callable[[Film], list[Box]]:
     return boxes
 
 
-def _found(name: str) -> Callable[[np.ndarray], list[list[tuple]]]:
+def _found(name: str) -> Detect:
     module, colon, function = name.partition(":")
     if not colon or not function:
-        raise DemoError(f"--detector is {name!r}, but must be module:function.")
+        raise DemoError(f"the detector {name!r} must be module:function.")
     if "" not in sys.path:
         sys.path.insert(0, "")  # a file in the folder in which the command was given
     try:
         found = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError, ValueError, SyntaxError) as error:
-        raise DemoError(f"--detector {name} cannot be imported ({error}).") from error
+        raise DemoError(f"the detector {name} cannot be imported ({error}).") from error
     if not callable(found):
-        raise DemoError(f"--detector {name} is a {type(found).__name__}, but must be a function.")
+        raise DemoError(f"the detector {name} is a {type(found).__name__}, but must be a function.")
     return found
 
 

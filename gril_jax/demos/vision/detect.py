@@ -1,18 +1,19 @@
 """Detects object boxes in world units from frames.
 
 `ColourDetector` reads the flat palette of MAGICAL and x-magical; anything else that implements
-`Detector` (`gril_jax.demos.boxes_csv` for a general detector's output) can take its place.
+`Detector` can take its place.
 World coordinates have their origin in the middle of the frame and y up; T is frames, N objects.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, UInt8
 
+from gril_jax.demos.demo import Tracks
 from gril_jax.errors import DemoError
 
 from .block_tracks import BlockTracker, count_shapes
@@ -23,27 +24,12 @@ SAMPLES = 16  # frames, spread over a video, from which the goal and the set of 
 _SLACK = 0.3  # pixels: what the codec's edges move a resting block's centre and box
 
 
-class Tracks(NamedTuple):
-    """The objects of one video, frame by frame."""
-
-    center: Float32[np.ndarray, "T N 2"]  # centre of mass, world units
-    size: Float32[np.ndarray, "T N 2"]  # width and height of the axis-aligned box, world units
-    label: Int32[np.ndarray, "N"]  # index into the class names
-    seen: Bool[np.ndarray, "T N"]  # False where the last (or first) sighting stands in
-
-    def during(self, frames: slice) -> "Tracks":
-        """The same objects in some of the frames."""
-        return Tracks(self.center[frames], self.size[frames], self.label, self.seen[frames])
-
-    def of(self, objects: Sequence[int] | np.ndarray) -> "Tracks":
-        """Only these objects, in this order."""
-        center, size, seen = (x[:, objects] for x in (self.center, self.size, self.seen))
-        return Tracks(center, size, self.label[objects], seen)
-
-
 @runtime_checkable
 class Detector(Protocol):
     """Anything that finds the same objects in every frame of a video."""
+
+    classes: Sequence[str]  # a label is an index into them
+    half_extent: float  # world units: half the width of the world that a frame shows
 
     def detect(self, frames: UInt8[np.ndarray, "T H W 3"], *, name: str = "video") -> Tracks:
         """Boxes of all objects in all frames; errors are `DemoError`s that give `name`."""

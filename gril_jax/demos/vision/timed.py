@@ -116,7 +116,7 @@ def frames_of(
                 continue
             if count == len(film.times) and film.begin is not None:
                 break
-            yield nothing if only is not None and count not in only else _shown(frame, size)
+            yield nothing if only is not None and count not in only else _shown(film, frame, size)
             count += 1
     if count != len(film.times):
         raise DemoError(
@@ -125,9 +125,13 @@ def frames_of(
         )
 
 
-def _shown(frame: av.VideoFrame, size: tuple[int, int] | None) -> UInt8[np.ndarray, "H W 3"]:
+def _shown(
+    film: Film, frame: av.VideoFrame, size: tuple[int, int] | None
+) -> UInt8[np.ndarray, "H W 3"]:
     turned = np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))
     picture = np.ascontiguousarray(turned)
+    if picture.shape[:2] != (film.height, film.width):
+        raise DemoError(f"{film.path}: the frame size changes within the video.")
     if size is None or picture.shape[1::-1] == size:
         return picture
     return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)

@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.demo import Tracks
 from gril_jax.errors import ShapeError
 
 from .style import COLOURS, GREY, HALF, pixels, shortened, styled

@@ -97,7 +97,7 @@ def of_set(
             demo_set = own_task.fitted(demo_set, env, config.env.shown_name)
         _require_fitting(demo_set, env, config.env.shown_name)
         demo_set = select_objects(demo_set, _objects(env))
-    good = [e.name for e in demo_set.entries if e.outcome != "failure"]
+    good = [demo for demo in demo_set if demo.outcome != "failure"]
     if len(good) < 3:
         raise DemoError(f"{source}: holds {len(good)} demonstrations, but at least 3 are needed")
     held = config.demos.num_validation
@@ -113,12 +113,8 @@ def of_set(
             f"{source}: {len(good) - held} demonstrations are left to train on, but loss.goals is "
             f"{config.loss.goals} and must be at most that"
         )
-    names = {
-        "train": good[: len(good) - held],
-        "validation": good[len(good) - held :],
-        "failure": [e.name for e in demo_set.entries if e.outcome == "failure"],
-    }
-    return Demonstrations(demo_set, names, sum(e.trimmed for e in demo_set.entries))
+    names, trimmed = demo_set.split(held), sum(demo.trimmed for demo in demo_set)
+    return Demonstrations(demo_set, names, trimmed)
 
 
 def _objects(env: Env) -> tuple[str, ...]:

@@ -13,10 +13,12 @@ import numpy as np
 
 from gril_jax import envs
 from gril_jax.config import MakeDemosConfig, RunConfig
-from gril_jax.demos.demo_set import Demo, save_demo_set
-from gril_jax.demos.importing import Imported, import_videos
+from gril_jax.demos.demo import Demo, Tracks
+from gril_jax.demos.demo_set import DemoSet, load_demo_set
+from gril_jax.demos.detected import by_colour
+from gril_jax.demos.importing import import_videos
 from gril_jax.demos.vision import video
-from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.writer import write_demo_set
 from gril_jax.errors import DemoError
 from gril_jax.runs.progress import Progress
 from gril_jax.threads import parallel_map
@@ -28,11 +30,11 @@ def main(config: MakeDemosConfig, out: Path, echo: Callable[[str], None] = print
     """Writes a demonstration set to `out`."""
     with Progress() as progress:
         made = make(config, out, progress)
-    trimmed, frames = sum(m.trimmed for m in made), sum(m.frames for m in made)
+    trimmed, frames = sum(demo.trimmed for demo in made), sum(map(len, made))
     echo(f"wrote {len(made)} demonstrations of {frames} frames to {out} ({trimmed} trimmed)")
 
 
-def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> list[Imported]:
+def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> DemoSet:
     """Plays the task's expert, films it, and saves what a detector reads as a set at `out`.
 
     Raises DemoError if the expert fails too often, or lacks something that it needs.
@@ -63,7 +65,7 @@ def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> 
 
 def _save_videos(
     shown: envs.Demonstrations, out: Path, progress: Progress, **header: str
-) -> list[Imported]:
+) -> DemoSet:
     """Films the episodes by their outlines, and reads the videos by colour."""
     env, episodes = shown.env, shown.episodes
     stems = [f"{number:03d}_{episode.outcome}" for number, episode in enumerate(episodes)]
@@ -78,32 +80,36 @@ def _save_videos(
             phase.update(done)
         phase = progress.phase("detecting", total=len(episodes), unit="videos", compiles=False)
         outcome = {stem: one.outcome for stem, one in zip(stems, episodes, strict=True)}
+        boxes = by_colour(
+            header["task"], env.half_extent, classes=env.classes, objects=shown.objects
+        )
+
+        def tell(done: int, total: int) -> None:
+            phase.total = total
+            phase.update(done)
+
         return import_videos(
-            scratch, out, env.half_extent, classes=env.classes, objects=shown.objects,
-            outcome=outcome, progress=lambda done, total, last: phase.update(done), **header,
-        )  # fmt: skip
+            scratch, out, boxes=boxes, outcome=outcome, progress=tell, **header
+        )
 
 
 def _save_films(
     shown: envs.Demonstrations, out: Path, progress: Progress, **header: str
-) -> list[Imported]:
+) -> DemoSet:
     """Saves films whose boxes the task's own detector has read."""
     env, episodes = shown.env, shown.episodes
     phase = progress.phase("filming", total=len(episodes), unit="videos", compiles=False)
     label = np.array([env.classes.index(name) for name in shown.objects], np.int32)
-    report: list[Imported] = []
 
     def demos() -> Iterator[Demo]:
         for number, (episode, film) in enumerate(zip(episodes, shown.films, strict=True)):
             name = f"{number:03d}_{episode.kind.replace(' ', '_')}"
             tracks = Tracks(film.center, film.size, label, film.seen)
             yield Demo(name, film.frames, tracks, 0, episode.outcome, episode.stages)
-            seen = float(film.seen.mean())
-            report.append(Imported(name, len(film.frames), 0, episode.outcome, seen))
             phase.update(number + 1)
 
-    save_demo_set(
+    write_demo_set(
         out, demos(), classes=env.classes, half_extent=env.half_extent, fps=env.control_hz,
         robots=shown.robots, **header,
     )  # fmt: skip
-    return report
+    return load_demo_set(out)

@@ -48,12 +48,16 @@ def fitted(demo_set: DemoSet, env: Env, task: str) -> DemoSet:
             f"{source}: the robot is {said} there, but {', '.join(sorted(robots)) or 'none'} in "
             f"{task}"
         )
-    for entry in demo_set.entries:
-        if Counter(entry.objects) != Counter(names):
+    for demo in demo_set:
+        shown = demo_set.objects(demo)
+        if Counter(shown) != Counter(names):
             raise DemoError(
-                f"{source}: {entry.name!r} shows {', '.join(sorted(entry.objects))}, but {task} "
+                f"{source}: {demo.name!r} shows {', '.join(sorted(shown))}, but {task} "
                 f"has {', '.join(sorted(names))}"
             )
     order = np.array([env.classes.index(name) for name in demo_set.classes], np.int32)
-    tracks = tuple(track._replace(label=order[track.label]) for track in demo_set.tracks)
-    return replace(demo_set, classes=tuple(env.classes), tracks=tracks)
+    demos = tuple(
+        replace(demo, tracks=demo.tracks._replace(label=order[demo.tracks.label]))
+        for demo in demo_set
+    )
+    return replace(demo_set, classes=tuple(env.classes), demos=demos)

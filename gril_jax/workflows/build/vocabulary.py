@@ -63,7 +63,7 @@ def unit_of_task(name: str) -> str:
 
 def of_set(demo_set: DemoSet, task: str) -> Vocabulary:
     """The vocabulary of a demonstration set's boxes; an older set's are in its task's unit."""
-    first = demo_set.tracks[0]
+    first = demo_set[0].tracks
     order = np.lexsort((first.center[0, :, 0], first.label))
     objects = tuple(demo_set.classes[i] for i in first.label[order])
     unit = demo_set.unit or unit_of_task(task)

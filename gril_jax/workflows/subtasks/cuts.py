@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gril_jax.demos.demo_set import DemoSet
-from gril_jax.demos.vision.video import read_video, write_video
+from gril_jax.demos.vision.video import write_video
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 
@@ -39,11 +39,10 @@ def write_films(
 ) -> None:
     """Each segment as `NAME-1.mp4`, `NAME-2.mp4`, ... in a new folder."""
     phase = progress.phase("cutting", total=len(demos), unit="films", compiles=False)
-    entries = {entry.name: entry for entry in demo_set.entries}
     with run_dir.writing(folder):
         folder.mkdir()
     for done, (name, one) in enumerate(demos.items(), 1):
-        frames = read_video(demo_set.folder / entries[name].video)
+        frames = demo_set[name].frames
         for number, (first, last) in enumerate(one["segments"], 1):
             file = folder / f"{name.replace('/', '_')}-{number}.mp4"
             write_video(file, frames[first : last + 1], demo_set.fps)

@@ -1,6 +1,7 @@
 """Found ends of stages: doubted, scored against the true ones, and demonstrations cut at them."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from gril_jax.demos.demo_set import Demo, DemoSet, save_demo_set
-from gril_jax.demos.schema import DemoEntry
-from gril_jax.demos.vision.video import read_video
+from gril_jax.demos.demo import Demo
+from gril_jax.demos.demo_set import DemoSet
+from gril_jax.demos.writer import write_demo_set
 from gril_jax.runs.progress import Progress
 from gril_jax.subtasks.matching import match_within
 
@@ -95,7 +96,7 @@ _match = jax.jit(match_within, static_argnames="tolerance")
 def write_sets(
     out: Path,
     demo_set: DemoSet,
-    entries: Sequence[DemoEntry],
+    shown: Sequence[Demo],
     ends: Int[np.ndarray, "B K"],
     progress: Progress,
 ) -> None:
@@ -106,27 +107,24 @@ def write_sets(
     where the task is done for certain. Those of fewer than 2 frames are left out.
     """
     phase = progress.phase("cutting", total=ends.size, unit="films", compiles=False)
-    tracks = {e.name: t for e, t in zip(demo_set.entries, demo_set.tracks, strict=True)}
     done = 0
 
     def demos(number: int) -> Iterator[Demo]:
         nonlocal done
-        for entry, own in zip(entries, ends, strict=True):
-            first, last = segments(own, entry.frames)[number]
+        for demo, own in zip(shown, ends, strict=True):
+            first, last = segments(own, len(demo))[number]
             if last - first + 1 >= _LEAST:
-                span = slice(first, last + 1)
-                frames = read_video(demo_set.folder / entry.video)[span]
-                stages = entry.stages and {
-                    name: frame - first if first <= frame < first + len(frames) else -1
-                    for name, frame in entry.stages.items()
+                stages = demo.stages and {
+                    name: frame - first if first <= frame <= last else -1
+                    for name, frame in demo.stages.items()
                 }
-                during = tracks[entry.name].during(span)
-                yield Demo(entry.name, frames, during, 0, entry.outcome, stages)
+                cut = demo.during(slice(first, last + 1))
+                yield replace(cut, trimmed=0, stages=stages)
             done += 1
             phase.update(done)
 
     for number in range(ends.shape[1]):
-        save_demo_set(
+        write_demo_set(
             out / f"subtask-{number + 1}", demos(number),
             **(demo_set.about
                | {"source": f"subtask {number + 1} of {ends.shape[1]} of: {demo_set.source}"}),

@@ -7,7 +7,7 @@
 `segments.csv` has a line a segment: its film, frames and seconds.
 
 Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
-where the set has stage times (`DemoEntry.stages`), those of held-out demonstrations are scored.
+where the set has stage times (`Demo.stages`), those of held-out demonstrations are scored.
 Where held-out demonstrations by themselves disagree on how many stages there are, a sentence says
 that the reward may not be fit for stages.
 """
@@ -26,10 +26,10 @@ from matplotlib.figure import Figure
 from gril_jax import reward
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
-from gril_jax.demos.schema import DemoEntry
-from gril_jax.demos.vision.video import read_video
+from gril_jax.demos.demo import Demo
+from gril_jax.demos.formats import lerobot
 from gril_jax.errors import ConfigError, DemoError, RunError
-from gril_jax.export import lerobot, lerobot_subtasks
+from gril_jax.export.lerobot import annotate
 from gril_jax.report.figures.curves import reward_profile
 from gril_jax.report.figures.style import COLOURS, GREY, png, styled
 from gril_jax.runs import run_dir
@@ -50,7 +50,7 @@ _FIGURES = 3  # held-out demonstrations that are drawn
 class Traces(NamedTuple):
     """Rewards of the successful demonstrations."""
 
-    entries: list[DemoEntry]
+    demos: Sequence[Demo]
     held_out: list[bool]
     reward: Float[np.ndarray, "B T"]
     length: Int[np.ndarray, "B"]
@@ -82,12 +82,11 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
         drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
         phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
         for count, i in enumerate(drawn, 1):
-            entry, own = traces.entries[i], traces.reward[i, : traces.length[i]]
-            frames = read_video(demos.demo_set.folder / entry.video)[: len(own)]
-            look = {"stages": entry.stages, "name": entry.name, "fps": demos.demo_set.fps}
-            picture = png(stages_figure(own, agreed[i], frames, **look))
+            demo, own = traces.demos[i], traces.reward[i, : traces.length[i]]
+            look = {"stages": demo.stages, "name": demo.name, "fps": demos.demo_set.fps}
+            picture = png(stages_figure(own, agreed[i], demo.frames, **look))
             with run_dir.writing(out):
-                (out / f"{entry.name.replace('/', '_')}.png").write_bytes(picture)
+                (out / f"{demo.name.replace('/', '_')}.png").write_bytes(picture)
             phase.update(count)
         if options.films:
             cuts.write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
@@ -95,9 +94,9 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
             seconds = {n: [e / demos.demo_set.fps for e in one["ends"]]
                        for n, one in about["demonstrations"].items()}  # fmt: skip
             names = [f"stage {number}" for number in range(1, agreed.shape[1] + 1)]
-            lerobot_subtasks.annotate(dataset, out / "lerobot", seconds, names)
+            annotate(dataset, out / "lerobot", seconds, names)
         if options.sets:
-            write_sets(out, demos.demo_set, traces.entries, agreed, progress)
+            write_sets(out, demos.demo_set, traces.demos, agreed, progress)
     for line in _sentences(agreed.shape[1], found, measured, out):
         echo(line)
     if doubtful:
@@ -107,15 +106,15 @@ def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], Non
 def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrations) -> Traces:
     """The run's reward along its successful demonstrations."""
     params = policy_setup.learned_reward(folder, config, vocabulary.of_run(config, folder))
-    entries = {entry.name: entry for entry in demos.demo_set.entries}
     names = [*demos.names["train"], *demos.names["validation"]]
     learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
     latents = jnp.asarray(learner.latents(params.encoder, learner.films(names), hyper))
+    shown = demos.demo_set.select(names)
     return Traces(
-        [entries[name] for name in names],
+        shown,
         [name in demos.names["validation"] for name in names],
         np.asarray(reward.latent_reward(params, latents)),
-        np.array([entries[name].frames for name in names], np.int32),
+        np.array([*map(len, shown)], np.int32),
     )
 
 
@@ -185,8 +184,8 @@ def _scores(
     traces: Traces, found: Mapping[str, Int[np.ndarray, "B M"]], tolerance: int
 ) -> dict[str, Any]:
     """Scores of held-out demonstrations with stage times; empty if there are none."""
-    known = [i for i, e in enumerate(traces.entries) if traces.held_out[i] and e.stages]
-    stages = [traces.entries[i].stages or {} for i in known]
+    known = [i for i, e in enumerate(traces.demos) if traces.held_out[i] and e.stages]
+    stages = [traces.demos[i].stages or {} for i in known]
     return {
         name: scores([frames[i] for i in known], stages, tolerance)
         for name, frames in (found.items() if known else ())
@@ -197,14 +196,14 @@ def _json(traces: Traces, found, agreed, measured: Mapping[str, Any]) -> dict[st
     """All results as JSON; `segments` are first and last frames of each subtask."""
     kept = agreed.shape[1]
     demos = {
-        entry.name: {
+        demo.name: {
             "split": "validation" if traces.held_out[i] else "train",
             "ends": agreed[i].tolist(),
             "found": found.found[i, :kept].tolist(),
-            "segments": segments(agreed[i], entry.frames),
-            "stages": entry.stages,
+            "segments": segments(agreed[i], len(demo)),
+            "stages": demo.stages,
         }
-        for i, entry in enumerate(traces.entries)
+        for i, demo in enumerate(traces.demos)
     }
     return {
         "scores": measured,

@@ -7,8 +7,9 @@ import pytest
 from support import scenes
 from support.scenes import BLOCKS, ROBOT, box_of, scene
 
+from gril_jax.demos.demo import Tracks
 from gril_jax.demos.magical_pickles import read_magical
-from gril_jax.demos.vision.detect import PALETTE_CLASSES, ColourDetector, Detector, Tracks
+from gril_jax.demos.vision.detect import PALETTE_CLASSES, ColourDetector, Detector
 from gril_jax.demos.vision.palette import GREY, RGB, block_code, classify, goal_code
 from gril_jax.demos.vision.shape_fit import (
     angle_of,

@@ -6,8 +6,9 @@ import pytest
 from gril_jax.experiments.baselines import recorded
 
 from gril_jax import envs
-from gril_jax.demos.demo_set import Demo, load_demo_set, save_demo_set
-from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.demo import Demo, Tracks
+from gril_jax.demos.demo_set import load_demo_set
+from gril_jax.demos.writer import write_demo_set
 from gril_jax.errors import DemoError
 
 ACTIONS = np.array([6, 6, 1, 1, 1, 0], np.int32)
@@ -35,7 +36,7 @@ def film(driven, tmp_path):
         seen.center[:, there], seen.size[:, there], seen.label[0, there],
         np.ones((len(ACTIONS), len(there)), bool),
     )  # fmt: skip
-    save_demo_set(
+    write_demo_set(
         tmp_path / "set", [Demo("film-000", np.zeros((6, 16, 16, 3), np.uint8), tracks)],
         task="find_dupe", classes=env.classes, half_extent=1.0, fps=8.0, source="made up",
     )  # fmt: skip
@@ -52,7 +53,7 @@ def test_what_our_simulator_did_itself_is_observed_again(driven):
 
 def test_objects_of_a_film_are_put_in_the_order_of_the_task(driven, film):
     env, own, _ = driven
-    assert len(load_demo_set(film).entries) == 1
+    assert len(load_demo_set(film)) == 1
     obs, chosen = recorded.of_task(env, ACTIONS[None], film)
     assert chosen.tolist() == ACTIONS.tolist()
     np.testing.assert_allclose(obs, own, atol=1e-3)

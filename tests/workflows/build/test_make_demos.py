@@ -40,17 +40,17 @@ def made(tmp_path_factory):
 def test_a_set_has_successes_and_failures_named_after_their_kind(made):
     folder, report = made
     demos = load_demo_set(folder)
-    assert [e.name for e in demos.entries] == [
+    assert [e.name for e in demos] == [
         *("000_success", "001_success", "002_success", "003_lid_only", "004_one_shoe")
     ]
-    assert [e.outcome for e in demos.entries] == ["success"] * 3 + ["failure"] * 2
-    assert [r.frames for r in report] == [e.frames for e in demos.entries]
+    assert [e.outcome for e in demos] == ["success"] * 3 + ["failure"] * 2
+    assert report == demos
     assert (demos.task, demos.half_extent, demos.fps) == ("shoes_in_box", 1.0, 20.0)
-    assert demos.entries[0].objects == list(demos.classes)
-    success, _, _, lid_only, _ = (e.stages for e in demos.entries)
+    assert demos.objects(demos[0]) == list(demos.classes)
+    success, _, _, lid_only, _ = (e.stages for e in demos)
     assert [*success] == ["lid open", "shoe A in", "shoe B in"]
     assert 0 < success["lid open"] < min(success["shoe A in"], success["shoe B in"])
-    assert max(success.values()) < demos.entries[0].frames
+    assert max(success.values()) < len(demos[0])
     assert lid_only["lid open"] > 0
     assert lid_only["shoe A in"] == lid_only["shoe B in"] == -1
 
@@ -62,9 +62,9 @@ def test_frames_and_boxes_belong_together_in_units_of_the_picture(made):
     assert (np.abs(batch.center) <= 1).all()
     assert (batch.size <= 2).all()
     frames = read_video(folder / "000.mp4")
-    assert frames.shape == (demos.entries[0].frames, PIXELS, PIXELS, 3)
+    assert frames.shape == (len(demos[0]), PIXELS, PIXELS, 3)
     # the middle of a shoe's box is brown in the first frame
-    x, y = demos.tracks[0].center[0, demos.classes.index("shoe B")]
+    x, y = demos[0].tracks.center[0, demos.classes.index("shoe B")]
     red, _, blue = frames[0, int((1 - y) / 2 * PIXELS), int((1 + x) / 2 * PIXELS)].astype(int)
     assert red > blue + 20
 
@@ -72,7 +72,7 @@ def test_frames_and_boxes_belong_together_in_units_of_the_picture(made):
 def test_in_a_success_the_lid_moves_first_and_both_shoes_end_in_the_box(made):
     folder, _ = made
     demos = load_demo_set(folder)
-    center, size = demos.tracks[0].center, demos.tracks[0].size
+    center, size = demos[0].tracks.center, demos[0].tracks.size
     box, lid, *shoes = (demos.classes.index(n) for n in ("box", "lid", "shoe A", "shoe B"))
     away = np.linalg.norm(center - center[0], axis=-1) > 0.1
     for shoe in shoes:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from gril_jax.cli import main
-from gril_jax.demos.demo_set import Demo, load_demo_set, save_demo_set
-from gril_jax.demos.schema import DemoEntry
-from gril_jax.demos.vision.detect import Tracks
+from gril_jax.demos.demo import Demo, Tracks
+from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.demos.vision.video import read_video
+from gril_jax.demos.writer import write_demo_set
 from gril_jax.errors import RunError
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.subtasks import cuts
@@ -23,7 +23,9 @@ STAGES = [{"lid": 20, "A": 60, "B": 40}, {"lid": 10, "A": 30, "B": -1}]
 
 
 def _entry(name="x", stages=None, frames=80):
-    return DemoEntry(name, "v", "t", frames, 0, "success", ["cup"], "0", "0", stages)
+    return Demo(
+        name, lambda: None, Tracks(np.zeros((frames, 1, 2)), None, None, None), 0, "success", stages
+    )
 
 
 def test_scores_count_what_is_met_once_and_in_order():
@@ -74,7 +76,7 @@ def _saved(folder, lengths=(30, 40)):
         stages = {"one": 9, "two": count - 5}
         made.append(Demo(f"d{number}", frames, tracks, 0, "success", stages))
     options = {"task": "tidy", "classes": ("cup",), "half_extent": 1.0, "fps": 10.0, "source": "-"}
-    save_demo_set(folder, made, **options)
+    write_demo_set(folder, made, **options)
     return load_demo_set(folder)
 
 
@@ -82,13 +84,13 @@ def test_a_subtask_begins_where_the_one_before_ends_and_the_last_ends_with_the_f
     demos = _saved(tmp_path / "set")
     ends = np.array([[10, 24], [12, 30]])
     with Progress(stream=io.StringIO()) as progress:
-        stage_ends.write_sets(tmp_path, demos, demos.entries, ends, progress)
+        stage_ends.write_sets(tmp_path, demos, demos.demos, ends, progress)
     first, last = (load_demo_set(tmp_path / f"subtask-{n}") for n in (1, 2))
-    assert [e.frames for e in first.entries] == [11, 13]
-    assert [e.frames for e in last.entries] == [20, 28]
-    np.testing.assert_array_equal(last.tracks[0].center, demos.tracks[0].center[10:])
-    assert first.entries[0].stages == {"one": 9, "two": -1}
-    assert last.entries[0].stages == {"one": -1, "two": 15}
+    assert [len(e) for e in first] == [11, 13]
+    assert [len(e) for e in last] == [20, 28]
+    np.testing.assert_array_equal(last[0].tracks.center, demos[0].tracks.center[10:])
+    assert first[0].stages == {"one": 9, "two": -1}
+    assert last[0].stages == {"one": -1, "two": 15}
     assert first.source.startswith("subtask 1 of 2 of: ")
 
 
@@ -150,7 +152,7 @@ class _Demos(NamedTuple):
 def test_a_report_has_scores_segments_and_figures(tmp_path, monkeypatch):
     demos = _saved(tmp_path / "set", lengths=(90, 90, 90))
     step = np.concatenate([np.full(10, -1.0), np.full(75, -0.5), np.zeros(5)]).astype(np.float32)
-    entries = [e for e in demos.entries]
+    entries = [e for e in demos]
     traces = subtask_report.Traces(
         entries, [False, False, True], np.tile(step, (3, 1)), np.full(3, 90, np.int32)
     )

@@ -19,7 +19,7 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
-from gril_jax.demos.importing import import_magical, import_videos
+from gril_jax.demos.importing import import_videos
 from gril_jax.demos.magical_pickles import HALF_EXTENT
 from gril_jax.demos.vision.video import write_video
 from gril_jax.report import html
@@ -38,7 +38,7 @@ from gril_jax.workflows.study.results import Found, Table
 from gril_jax.workflows.study.written import Column, Line, Section, column, markdown, mean_range
 
 from . import rewards, variants
-from .rows import FILMS, ROWS, Settings, films_of, parts
+from .rows import ROWS, Settings, films_of, parts
 
 _LINE = "make_line"  # its score counts a clump as a line
 _VARIANTS = ("demo", "jitter", "color", "shape", "layout", "countplus", "dynamics", "all")
@@ -56,10 +56,7 @@ def _prepare(settings: Settings, echo: Callable[[str], None]) -> None:
         folder = films_of(Path(settings.films), task)
         echo(f"finding the objects in the films of {folder}")
         out.parent.mkdir(parents=True, exist_ok=True)
-        if next(folder.glob(FILMS[0]), None):
-            import_magical(folder, out, task=task)
-        else:
-            import_videos(folder, out, HALF_EXTENT, task)
+        import_videos(folder, out, boxes="colour", half_extent=HALF_EXTENT, task=task)
 
 
 def _policy(curve: Curve) -> dict[str, float]:

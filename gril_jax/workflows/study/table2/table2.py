@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gril_jax import reward
-from gril_jax.demos.schema import DemoEntry
+from gril_jax.demos.demo import Demo
 from gril_jax.errors import DemoError
 from gril_jax.metrics.separation import CONVENTIONS, cumulative, ratio, stage_order, success_auc
 from gril_jax.report.figures.curves import spread
@@ -106,9 +106,9 @@ _SPREAD = "rho of held-out recordings, held to one length; lower is better"
 
 def _measures(config, settings, demos: Demonstrations) -> list[Measure]:
     """The reward's measures of each seed; refuses demonstrations that are too few for them."""
-    _check(demos.demo_set.folder, demos.names)
+    _check(Path(demos.demo_set.where), demos.names)
     chosen = _recordings(demos)
-    length = np.array([entry.frames for entry in chosen], np.int32)
+    length = np.array([*map(len, chosen)], np.int32)
 
     def measured(programs, config, found):
         learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
@@ -133,10 +133,10 @@ def _check(folder: Path, names: Mapping[str, Sequence[str]]) -> None:
             )
 
 
-def _recordings(demos: Demonstrations) -> list[DemoEntry]:
+def _recordings(demos: Demonstrations) -> list[Demo]:
     """Held-out successes, then failures."""
-    entries = {entry.name: entry for entry in demos.demo_set.entries}
-    return [entries[name] for split in ("validation", "failure") for name in demos.names[split]]
+    names = [*demos.names["validation"], *demos.names["failure"]]
+    return [*demos.demo_set.select(names)]
 
 
 def _of_true_stages(demos: Demonstrations) -> list[dict[str, Any]]:
@@ -144,13 +144,13 @@ def _of_true_stages(demos: Demonstrations) -> list[dict[str, Any]]:
     chosen = _recordings(demos)
     if not all(entry.stages for entry in chosen):
         return []
-    length = np.array([entry.frames for entry in chosen], np.int32)
+    length = np.array([*map(len, chosen)], np.int32)
     left = [1 - stages_done(e, int(length.max())) / len(e.stages or "-") for e in chosen]
     values = measure(-np.stack(left).astype(np.float32), length, chosen)
     return [{"row": "true stages, -(1 - done / all)", "seed": 0} | values]
 
 
-def kind_of(entry: DemoEntry) -> str:
+def kind_of(entry: Demo) -> str:
     """The kind of failure in a name such as "051_one_shoe"; "success" if it is none."""
     if entry.outcome != "failure":
         return "success"
@@ -158,7 +158,7 @@ def kind_of(entry: DemoEntry) -> str:
     return found[1].replace("_", " ") if found else "failure"
 
 
-def stages_done(entry: DemoEntry, num_frames: int) -> Int[np.ndarray, "T"]:
+def stages_done(entry: Demo, num_frames: int) -> Int[np.ndarray, "T"]:
     """The number of stages finished by each frame; 0 where they are unknown."""
     ends = [frame for frame in (entry.stages or {}).values() if frame >= 0]
     done = np.arange(num_frames) >= np.array(ends, int)[:, None]
@@ -166,7 +166,7 @@ def stages_done(entry: DemoEntry, num_frames: int) -> Int[np.ndarray, "T"]:
 
 
 def measure(
-    reward: Float[np.ndarray, "B T"], length: Int[np.ndarray, "B"], entries: Sequence[DemoEntry]
+    reward: Float[np.ndarray, "B T"], length: Int[np.ndarray, "B"], entries: Sequence[Demo]
 ) -> dict[str, float]:
     """Computes `MEASURES`, and for each kind of failure `auc KIND` and `last KIND`.
 

@@ -7,7 +7,7 @@ import pytest
 
 from gril_jax.cli import main
 from gril_jax.config import EnvConfig, RunConfig
-from gril_jax.demos.schema import DemoEntry
+from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.errors import DemoError
 from gril_jax.workflows.build import setup
 from gril_jax.workflows.study import frame
@@ -21,7 +21,9 @@ CONFIG = RunConfig(env=EnvConfig(name="shoes_in_box"))
 
 
 def _entry(name, outcome, frames, stages=None):
-    return DemoEntry(name, "v", "t", frames, 0, outcome, ["cup"], "0", "0", stages)
+    return Demo(
+        name, lambda: None, Tracks(np.zeros((frames, 1, 2)), None, None, None), 0, outcome, stages
+    )
 
 
 ENTRIES = [

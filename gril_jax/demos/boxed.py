@@ -1,62 +1,35 @@
-"""Converts somebody's own films, with boxes beside them, to a demo set with classes of its own.
+"""Demonstrations of somebody's own films, with boxes that come with them, and classes of their own.
 
 Films may differ in size, length and frame rate; the set has one frame rate, by time stamps, and
 lengths in widths of the picture unless half of a picture's width is given in another unit.
 """
 
-import os
+import functools
 import pathlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from gril_jax.demos.formats.recognise import boxes_of
-from gril_jax.demos.formats.record import Box, Film
-from gril_jax.demos.tracking.identities import in_order, linked, objects_at_once
-from gril_jax.demos.tracking.mending import Mended, mended
 from gril_jax.errors import DemoError
-from gril_jax.threads import parallel_map
 
-from .demo_set import Demo, save_demo_set, trim_static_tail
-from .importing import WORLD, videos_in
-from .schema import NO_TASK
-from .vision.detect import Tracks
-from .vision.timed import look, pictures, steps
+from . import import_notes
+from .demo import Demo, Tracks
+from .demo_set import DemoSet
+from .detected import WORLD
+from .formats.record import Box, Film
+from .import_notes import Found
+from .tail import trim_static_tail
+from .tracking.identities import in_order, linked, objects_at_once
+from .tracking.mending import Mended, mended
+from .vision.timed import pictures, steps
 
 WIDTHS, _HALF = "widths of the picture", 0.5
 _FASTEST = 10.0  # frames a second: a hand's work needs no more, and methods are made for such films
 _RESTING = 0.02  # half extents: what is nearer to its last place has arrived
 _DEVIATIONS = 3.0  # of the jitter, which the same takes of boxes that jitter
 _MEDIAN = 3  # frames of the median over positions that jitter calls for
-
-
-class Found(NamedTuple):
-    """The findings of an import in one film, and what it mended."""
-
-    name: str
-    frames: int  # kept
-    trimmed: int  # cut from the static tail
-    objects: dict[str, int]  # classes to how many of their objects the film shows
-    missing: float  # share of (frame, object) pairs without a sighting
-    carried: int  # times that an object was hidden by the robot or hand that carried it
-    stray: int  # sightings that were of something else, as where identities were exchanged
-    renewed: int  # times that a tracker went on with another identity
-    extra: int  # second sightings of an object, left out
-    outside: int  # boxes outside of the picture, left out
-    late: float  # seconds until the last object is first seen
-    jitter: float  # of centres along one axis, pixels of the film
-    smoothing: int  # frames of the film that boxes were smoothed over
-
-
-class Import(NamedTuple):
-    """An import's outcome."""
-
-    films: list[Found]
-    fps: float
-    unit: str
-    half_extent: float
-    noise: float  # jitter in that unit
 
 
 class _Plan(NamedTuple):
@@ -71,45 +44,57 @@ class _Plan(NamedTuple):
     fps: float
 
 
-def import_films(
-    source_dir: str | os.PathLike,
-    out_dir: str | os.PathLike,
+def of_films(
+    folder: pathlib.Path,
+    films: Sequence[Film],
+    boxes: Callable[[Film], list[Box]],
     *,
-    robots: Sequence[str] = (),
-    half_extent: float | None = None,
-    classes: Sequence[str] | None = None,
-    task: str = NO_TASK,
-    fps: float | None = None,
-    jitter: float | None = None,
-    smoothing: int | None = None,
-    outcome: str | Mapping[str, str] = "unknown",
-    boxes: Callable[[Film], list[Box]] = boxes_of,
-    films: Sequence[Film] | None = None,
-    progress: Callable[[int, int, Found], None] | None = None,
-) -> Import:
-    """Converts a folder of films to a demo set; an older one of that name is replaced.
-
-    Args:
-      robots: classes that are parts of a robot, or of a person.
-      half_extent: half the width of what a film shows, in a unit of one's own; None measures in
-        widths of the picture.
-      classes: those of a task, which the boxes must be of; None takes those of the boxes.
-      task: its name, if the films are of one.
-      fps: of the set; None takes that of the slowest film, at most 10.
-      jitter: standard deviation of a box's centre, pixels; None estimates it.
-      smoothing: frames of the film that boxes are smoothed over, odd; None takes those of 0.3 s
-        where boxes jitter.
-      outcome: "success", "failure" or "unknown": of all the films, or of each by its stem.
-      boxes: a film's boxes; by default those of the file beside it.
-      films: those to import; None takes all videos of the folder.
+    robots: Sequence[str],
+    half_extent: float | None,
+    classes: Sequence[str] | None,
+    task: str,
+    fps: float | None,
+    jitter: float | None,
+    smoothing: int | None,
+    outcome: str | Mapping[str, str],
+    source: str | None,
+    progress: Callable[[int], None],
+) -> DemoSet:
+    """The demonstrations of films, whose boxes a function gives; options are those of
+    `gril_jax.demos.import_videos`.
 
     Raises:
-      DemoError: no films, a damaged one, or boxes that are missing, malformed or do not fit.
+      DemoError: a damaged film, or boxes that are missing, malformed or do not fit.
     """
-    folder = pathlib.Path(source_dir)
-    if films is None:
-        films = list(parallel_map(look, videos_in(folder, out_dir)))
     plan = _planned(folder, [*films], list(map(boxes, films)), classes, fps)
+    acting = _acting(folder, plan, robots, classes)
+    kinds = np.repeat([*plan.counts], [*plan.counts.values()])
+    hands = np.flatnonzero(np.isin(kinds, [*robots])).tolist()
+    extent = _HALF if half_extent is None else half_extent
+    _require_as_long(films, smoothing)
+    every = [_followed(plan, number, hands, jitter, smoothing) for number in range(len(films))]
+    noise = max(
+        one.jitter / film.width * 2 * extent for (one, *_), film in zip(every, films, strict=True)
+    )
+    demos, found = [], []
+    for number, film in enumerate(films):
+        kind = outcome if isinstance(outcome, str) else outcome[film.name]
+        demo, about = _demo(plan, number, every[number], acting, extent, noise)
+        demos.append(replace(demo, outcome=kind)), found.append(about)
+        progress(len(films))
+    made = DemoSet(
+        tuple(demos), task, plan.classes, float(extent), plan.fps,
+        f"{len(films)} films of {folder.resolve().name}" if source is None else source,
+        robots=tuple(acting), unit=WIDTHS if half_extent is None else WORLD, noise=noise or None,
+        smoothing=_MEDIAN if noise else 1,
+    )  # fmt: skip
+    return replace(made, notes=import_notes.text(made, found, robots))
+
+
+def _acting(
+    folder: pathlib.Path, plan: _Plan, robots: Sequence[str], classes: Sequence[str] | None
+) -> list[str]:
+    """The set's classes of the robot's classes; a DemoError if no box is of one, or all are."""
     known = plan.counts if classes is None else plan.classes
     for name in robots:
         if name not in known:
@@ -121,35 +106,10 @@ def import_films(
         raise DemoError(
             f"{folder}: all classes are the robot's, but its own motion is no progress."
         )
+    if classes is not None:
+        return [*robots]
     kinds = np.repeat([*plan.counts], [*plan.counts.values()])
-    hands = np.flatnonzero(np.isin(kinds, [*robots])).tolist()
-    if classes is None:
-        robots = [node for node, kind in zip(plan.nodes, kinds, strict=True) if kind in robots]
-    extent = _HALF if half_extent is None else half_extent
-    found: list[Found] = []
-    _require_as_long(films, smoothing)
-    every = [_followed(plan, number, hands, jitter, smoothing) for number in range(len(films))]
-    noise = max(
-        one.jitter / film.width * 2 * extent for (one, *_), film in zip(every, films, strict=True)
-    )
-
-    def demos() -> Iterator[Demo]:
-        shots = parallel_map(lambda film: pictures(film, plan.fps), films)
-        for number, frames in enumerate(shots):
-            demo, about = _demo(plan, number, frames, every[number], robots, extent, noise)
-            found.append(about)
-            kind = outcome if isinstance(outcome, str) else outcome[demo.name]
-            yield demo._replace(outcome=kind)
-            if progress is not None:
-                progress(len(found), len(films), about)
-
-    unit = WIDTHS if half_extent is None else WORLD
-    save_demo_set(
-        out_dir, demos(), task=task, classes=plan.classes, half_extent=extent, fps=plan.fps,
-        source=f"{len(films)} films of {folder.resolve().name}", robots=robots, unit=unit,
-        noise=noise or None, smoothing=_MEDIAN if noise else 1, preset="veryfast",
-    )  # fmt: skip
-    return Import(found, plan.fps, unit, extent, noise)
+    return [node for node, kind in zip(plan.nodes, kinds, strict=True) if kind in robots]
 
 
 def _planned(folder, films, boxes, classes, fps) -> _Plan:
@@ -236,15 +196,16 @@ def _places(counts: Mapping[str, int]) -> list[tuple[int, int]]:
     return [(end - number, number) for end, number in zip(ends, counts.values(), strict=True)]
 
 
-def _demo(plan, number, frames, followed, robots, extent, noise) -> tuple[Demo, Found]:
+def _demo(plan, number, followed, robots, extent, noise) -> tuple[Demo, Found]:
     """A film's demonstration, and what was found in it."""
     film = plan.films[number]
     mend, renewed, extra, sighted = followed
     tracks = _tracks(plan, film, mend, extent)
     resting = max(_RESTING * extent, _DEVIATIONS * noise)
     kept = trim_static_tail(tracks, plan.classes, robots=robots, moving=resting)
-    kept = max(kept, min(2, len(frames)))
-    short, cut = tracks.during(slice(kept)), len(frames) - kept
+    whole = Demo(film.name, functools.partial(pictures, film, plan.fps), tracks)
+    kept = max(kept, min(2, len(whole)))
+    cut = len(whole) - kept
     shown = sighted.any(axis=0)
     first = np.argmax(sighted[:, shown], axis=0) if shown.any() else np.zeros(1, int)
     names = np.repeat([*plan.counts], [*plan.counts.values()])
@@ -254,7 +215,7 @@ def _demo(plan, number, frames, followed, robots, extent, noise) -> tuple[Demo, 
         mend.off, renewed, extra, plan.outside[number], float(film.times[int(first.max())]),
         mend.jitter, mend.smoothing,
     )  # fmt: skip
-    return Demo(film.name, frames[:kept], short, cut), about
+    return replace(whole, trimmed=cut).during(slice(kept)), about
 
 
 def _tracks(plan: _Plan, film: Film, mend: Mended, extent: float) -> Tracks:

@@ -1,0 +1,68 @@
+"""One demonstration: its objects in every frame, and its video. T is frames, N objects."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int32, UInt8
+
+Frames = UInt8[np.ndarray, "T H W 3"]
+
+
+class Tracks(NamedTuple):
+    """The objects of one video, frame by frame."""
+
+    center: Float32[np.ndarray, "T N 2"]  # centre of mass, in the set's unit
+    size: Float32[np.ndarray, "T N 2"]  # width and height of the axis-aligned box, same unit
+    label: Int32[np.ndarray, "N"]  # index into the class names
+    seen: Bool[np.ndarray, "T N"]  # False where the last (or first) sighting stands in
+
+    def during(self, frames: slice) -> "Tracks":
+        """The same objects in some of the frames."""
+        return Tracks(self.center[frames], self.size[frames], self.label, self.seen[frames])
+
+    def of(self, objects: Sequence[int] | np.ndarray) -> "Tracks":
+        """Only these objects, in this order."""
+        center, size, seen = (x[:, objects] for x in (self.center, self.size, self.seen))
+        return Tracks(center, size, self.label[objects], seen)
+
+
+@dataclass(frozen=True, eq=False)
+class Demo:
+    """One demonstration; `len` is its number of frames.
+
+    Two are equal if all but their videos are.
+    """
+
+    name: str
+    video: Frames | Callable[[], Frames]  # RGB, or a function that reads it: see `frames`
+    tracks: Tracks  # of the same T frames
+    trimmed: int = 0  # frames already cut from the static tail
+    outcome: str = "unknown"  # or "success", "failure"
+    # Frame at which each stage of the task was first finished, -1 never; None: not known.
+    stages: Mapping[str, int] | None = None
+
+    def __len__(self) -> int:
+        return len(self.tracks.center)
+
+    @property
+    def frames(self) -> Frames:
+        """The frames of the video, read anew each time unless they are in memory; a DemoError if
+        they cannot be read."""
+        return self.video() if callable(self.video) else self.video
+
+    def during(self, span: slice) -> "Demo":
+        """The same demonstration in some of its frames; stages keep the frames of the whole."""
+        tracks = self.tracks.during(span)
+        return replace(self, video=lambda: self.frames[span], tracks=tracks)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Demo):
+            return NotImplemented
+        fields = ("name", "trimmed", "outcome", "stages")
+        return all(getattr(self, name) == getattr(other, name) for name in fields) and all(
+            np.array_equal(one, two) for one, two in zip(self.tracks, other.tracks, strict=True)
+        )
+
+    __hash__ = None  # it holds arrays

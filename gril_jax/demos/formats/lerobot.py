@@ -1,0 +1,230 @@
+"""LeRobot datasets, v3.0 and v2.1: the films of one camera, and boxes that come with them.
+
+    meta/info.json     version, fps, features, and where data and videos are
+    meta/episodes      a row an episode: v3.0 in parquet files, v2.1 in episodes.jsonl
+
+Boxes are those of a feature of shape (N, 4) whose name ends in "boxes" and whose `names` are N
+classes: x_min, y_min, x_max, y_max in pixels, NaN where an object is not seen. Else they are files
+`boxes/episode_000000.*` in the dataset, in any format that boxes beside films have. Parquet is read
+by pyarrow, an optional extra. Paths of a dataset stay within its folder.
+"""
+
+import importlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gril_jax.demos.formats.json_text import field, load
+from gril_jax.demos.formats.recognise import file_of, reader
+from gril_jax.demos.formats.record import Box, Film, box, checked
+from gril_jax.demos.vision.timed import look, part
+from gril_jax.errors import ConfigError, DemoError
+
+_VERSIONS = ("v3.0", "v2.1")
+_WHERE = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
+_BOXES = "boxes"  # how a feature's name ends, and the folder of files
+
+
+class Dataset(NamedTuple):
+    """A dataset's folder and what its meta/info.json says."""
+
+    folder: Path
+    info: Mapping[str, Any]
+
+    @property
+    def where(self) -> str:
+        """The file that says it."""
+        return str(self.folder / "meta" / "info.json")
+
+    @property
+    def packed(self) -> bool:
+        """True if a file holds several episodes: v3.0."""
+        return self.info["codebase_version"].startswith("v3")
+
+
+def is_dataset(folder: Path) -> bool:
+    """True for the folder of a LeRobot dataset."""
+    return (folder / "meta" / "info.json").is_file()
+
+
+def opened(folder: Path) -> Dataset:
+    """A dataset; a DemoError if it is of a version that is not known."""
+    info = load(folder / "meta" / "info.json")
+    where = str(folder / "meta" / "info.json")
+    version = field(info, "codebase_version", str, where)
+    if version not in _VERSIONS:
+        raise DemoError(
+            f"{where}: codebase_version is {version!r:.20}, but must be of {', '.join(_VERSIONS)}."
+        )
+    field(info, "fps", int | float, where)
+    field(info, "features", dict, where)
+    return Dataset(folder, info)
+
+
+def episodes(dataset: Dataset) -> list[dict[str, Any]]:
+    """A row an episode, in order."""
+    if dataset.packed:
+        files = sorted((dataset.folder / "meta" / "episodes").glob("chunk-*/file-*.parquet"))
+        rows = [row for file in files for row in table_of(file, "episode_index").to_pylist()]
+    else:
+        file = dataset.folder / "meta" / "episodes.jsonl"
+        rows = list(_json_lines(file))
+    if not rows:
+        raise DemoError(f"{dataset.folder / 'meta'}: the dataset has no episodes.")
+    return sorted(rows, key=lambda row: row["episode_index"])
+
+
+def camera_of(dataset: Dataset, camera: str | None) -> str:
+    """The camera of this name, or the only one; else a DemoError that lists them."""
+    features = dataset.info["features"].items()
+    known = [name for name, about in features if about.get("dtype") == "video"]
+    if camera is None and len(known) == 1:
+        return known[0]
+    if camera not in known:
+        asked = "several cameras" if camera is None else f"no camera {camera!r}"
+        listed = ", ".join(known) or "none"
+        raise DemoError(f"{dataset.where}: there are {asked}; name one of {listed} with --camera.")
+    return camera
+
+
+def films(dataset: Dataset, camera: str) -> list[Film]:
+    """The film of each episode."""
+    found, whole = [], {}
+    for row in episodes(dataset):
+        number = row["episode_index"]
+        places = {"video_key": camera, "episode_index": number}
+        if dataset.packed:
+            of = f"videos/{camera}/"
+            if lacks := [
+                key for key in _WHERE if not isinstance(row.get(f"{of}{key}"), int | float)
+            ]:
+                raise DemoError(f"{dataset.folder}: its episodes lack {of}{lacks[0]}.")
+            places |= {key: row[f"{of}{key}"] for key in _WHERE[:2]}
+        else:
+            places["episode_chunk"] = number // int(dataset.info.get("chunks_size", 1000))
+        path = place(dataset, "video_path", places)
+        if path not in whole:
+            whole[path] = look(path)
+        film, title = whole[path], title_of(number)
+        if dataset.packed:
+            found.append(part(film, row[f"{of}from_timestamp"], row[f"{of}to_timestamp"], title))
+        else:
+            found.append(film._replace(title=title))
+    return found
+
+
+def title_of(number: int) -> str:
+    """The name of an episode's film.
+
+    >>> title_of(3)
+    'episode_000003'
+    """
+    return f"episode_{number:06d}"
+
+
+def place(dataset: Dataset, name: str, values: Mapping[str, Any]) -> Path:
+    """The path that a template of meta/info.json gives, which must be within the dataset."""
+    template = field(dataset.info, name, str, dataset.where)
+
+    def filled(match: re.Match) -> str:
+        key, digits = match[1], match[2]
+        if key not in values:
+            raise DemoError(f"{dataset.where}: {name} has {match[0]!r:.60}, which is not known.")
+        return str(values[key]) if digits is None else f"{int(values[key]):0{int(digits)}d}"
+
+    path = dataset.folder / re.sub(r"\{(\w+)(?::0?(\d)d)?\}", filled, template)
+    if not path.resolve().is_relative_to(dataset.folder.resolve()):
+        raise DemoError(f"{dataset.where}: {name} leads out of the dataset, to {path}.")
+    return path
+
+
+def boxes_in(dataset: Dataset):
+    """(film) -> the boxes of an episode's film, of a feature or of a file."""
+    features = dataset.info["features"].items()
+    named = [name for name, about in features if name.endswith(_BOXES)]
+    if not named:
+        return lambda film: _beside(dataset, film)
+    about = dataset.info["features"][named[0]]
+    classes, shape = about.get("names"), about.get("shape")
+    if not isinstance(classes, list) or shape != [len(classes), 4]:
+        raise DemoError(
+            f"{dataset.where}: {named[0]} has shape {shape!r:.60}, but must have (N, 4) and N "
+            "class names."
+        )
+    rows = frames(dataset, named[0])
+    return lambda film: _of_feature(film, rows.get(int(film.name[-6:]), []), classes, named[0])
+
+
+def _beside(dataset: Dataset, film: Film) -> list[Box]:
+    path = file_of(dataset.folder / _BOXES / f"{film.name}.mp4")
+    return reader(path)(path, film)
+
+
+def frames(dataset: Dataset, column: str) -> dict[int, list[Any]]:
+    """A column of the data, in order of time, by episode."""
+    found: dict[int, list[Any]] = {}
+    for file in data_files(dataset):
+        table = table_of(file, "episode_index", "frame_index", column)
+        for row in sorted(table.to_pylist(), key=lambda row: row["frame_index"]):
+            found.setdefault(row["episode_index"], []).append(row[column])
+    return found
+
+
+def data_files(dataset: Dataset) -> list[Path]:
+    """The parquet files of the data."""
+    return sorted((dataset.folder / "data").glob("chunk-*/*.parquet"))
+
+
+def _of_feature(film: Film, rows: list[Any], classes: list[str], name: str) -> list[Box]:
+    found = []
+    for frame, row in enumerate(rows[: len(film.times)]):
+        where = f"{film.path}, {film.name}, {name}, frame {frame}"
+        if row is None or len(row) != len(classes):
+            raise DemoError(f"{where}: there must be {len(classes)} boxes, one a class.")
+        for track, (kind, edges) in enumerate(zip(classes, row, strict=True)):
+            if len(edges) != 4:
+                raise DemoError(f"{where}: a box must be x_min, y_min, x_max and y_max.")
+            if not np.isnan(edges).any():
+                found.append(box(film, frame, kind, list(edges), where, track=track))
+    return checked(found, film.path, film)
+
+
+def _json_lines(file: Path) -> Iterator[dict[str, Any]]:
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        raise DemoError(f"{file}: there is no such text.") from None
+    for number, line in enumerate(lines, 1):
+        try:
+            row = json.loads(line) if line.strip() else None
+        except (ValueError, RecursionError):
+            raise DemoError(f"{file}, line {number}: not JSON.") from None
+        if row is not None:
+            field(row, "episode_index", int, f"{file}, line {number}")
+            yield row
+
+
+def table_of(file: Path, *columns: str) -> Any:
+    """A parquet file as a table that has these columns; a DemoError if it is none."""
+    try:
+        table = parquet().read_table(file)
+    except (OSError, ValueError) as error:
+        raise DemoError(f"{file}: not a parquet file ({str(error).splitlines()[0]}).") from None
+    if lacks := [name for name in columns if name not in table.column_names]:
+        raise DemoError(f"{file}: the column {lacks[0]!r} is missing.")
+    return table
+
+
+def parquet() -> Any:
+    """The module that reads and writes parquet; a ConfigError if it is not installed."""
+    try:
+        return importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise ConfigError(
+            "LeRobot datasets are in parquet files, but pyarrow is not installed: "
+            "pip install gril-jax[lerobot]"
+        ) from None

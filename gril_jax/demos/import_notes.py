@@ -1,0 +1,98 @@
+"""Sentences on an import: what was found in each film, and what was mended."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .demo_set import DemoSet
+
+_MANY = 0.3  # share of the boxes that may be missing before it is worth a sentence
+
+
+class Found(NamedTuple):
+    """The findings of an import in one film, and what it mended."""
+
+    name: str
+    frames: int  # kept
+    trimmed: int  # cut from the static tail
+    objects: dict[str, int]  # classes to how many of their objects the film shows
+    missing: float  # share of (frame, object) pairs without a sighting
+    carried: int  # times that an object was hidden by the robot or hand that carried it
+    stray: int  # sightings that were of something else, as where identities were exchanged
+    renewed: int  # times that a tracker went on with another identity
+    extra: int  # second sightings of an object, left out
+    outside: int  # boxes outside of the picture, left out
+    late: float  # seconds until the last object is first seen
+    jitter: float  # of centres along one axis, pixels of the film
+    smoothing: int  # frames of the film that boxes were smoothed over
+
+
+def text(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> str:
+    """Sentences on the films together, an empty line, and a line for each film."""
+    return "\n".join([*_together(made, films, robots), "", *map(_line, films), ""])
+
+
+def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> list[str]:
+    """Sentences on the films together."""
+    classes = dict.fromkeys(name for film in films for name in film.objects)
+    most = {name: max(film.objects[name] for film in films) for name in classes}
+    shown = ", ".join(f"{n} x {name}" if n > 1 else name for name, n in most.items())
+    acting = f"of these the robot or person is {', '.join(robots)}" if robots else "none acts"
+    jitter = max(film.jitter for film in films)
+    lines = [
+        f"{len(films)} films, {made.fps:g} frames a second; objects: {shown}; {acting}",
+        f"lengths are in {made.unit}; a frame shows {made.half_extent:g} to each side of its "
+        "middle",
+        _mended(films),
+    ]
+    if jitter:
+        lines.append(
+            f"boxes jitter by {jitter:.1f} pixels: this is in the set as noise {made.noise:.4f} "
+            f"({made.unit}), so that resting objects do not count as moved (jitter sets it)"
+        )
+    if several := [name for name, n in most.items() if n > 1]:
+        lines.append(
+            f"there are several of {', '.join(several)}: in each film {several[0]} 1 is the first "
+            "that moves, and those that stay where they are follow from left to right"
+        )
+    if not robots:
+        lines.append("no class is the robot's or the person's: name it as the robot if one is")
+    lines += [f"doubtful: {doubt}" for film in films for doubt in _doubts(film)]
+    return lines
+
+
+def _mended(films: Sequence[Found]) -> str:
+    """A sentence on what was missing or wrong in the boxes of all films."""
+    missing = np.mean([film.missing for film in films])
+    carried, stray, renewed = (
+        sum(getattr(film, name) for film in films) for name in ("carried", "stray", "renewed")
+    )
+    said = [f"{missing:.0%} of the boxes are missing and were filled in"]
+    if carried:
+        said.append(f"{carried} times something was carried out of sight, and goes with the hand")
+    if stray:
+        said.append(f"{stray} were of another object and left out")
+    if renewed:
+        said.append(f"{renewed} changes of a tracker's identity were followed")
+    return "; ".join(said)
+
+
+def _doubts(film: Found) -> list[str]:
+    lacks = [name for name, count in film.objects.items() if not count]
+    said = [f"{film.name} never shows {', '.join(lacks)}"] if lacks else []
+    if film.missing > _MANY:
+        said.append(f"{film.name} lacks {film.missing:.0%} of its boxes")
+    return said
+
+
+def _line(film: Found) -> str:
+    objects = ", ".join(f"{count} x {name}" for name, count in film.objects.items())
+    return (
+        f"{film.name}: {film.frames} frames kept and {film.trimmed} cut from its resting end; "
+        f"{objects}; {film.missing:.1%} of the boxes missing, all objects seen from "
+        f"{film.late:.1f} s; {film.carried} times carried out of sight; {film.stray} stray, "
+        f"{film.extra} second and {film.outside} outside boxes left out; {film.renewed} "
+        f"identities renewed; jitter {film.jitter:.2f} pixels, "
+        f"smoothed over {film.smoothing} frames"
+    )
