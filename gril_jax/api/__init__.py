@@ -4,7 +4,7 @@ from gril_jax.lazy import offer
 
 __all__, __getattr__ = offer(
     __name__,
-    demos="load_demos",
+    demos="import_videos load_demos",
     policies="evaluate load_policy train_policy",
     rewards="Audit Subtasks audit_reward find_subtasks learn_reward",
     tasks="make",
