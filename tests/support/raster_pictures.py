@@ -46,8 +46,8 @@ def made_scene(names, blocks, robot=scenes.ROBOT, fingers=(OPEN, -OPEN), goal=GO
         pose=jnp.array([*poses, *blocks], jnp.float32).reshape(-1, 3),
         shape=jnp.array([SHAPES.index(s) for _, s in split], jnp.int32),
         colour=jnp.array([raster.COLOURS.index(c) for c, _ in split], jnp.int32),
-        goal=jnp.array(goal, jnp.float32),
-        goal_colour=jnp.array(raster.COLOURS.index(colour)),
+        regions=jnp.array([goal], jnp.float32),
+        region_colour=jnp.array([raster.COLOURS.index(colour)]),
     )
 
 
@@ -155,3 +155,21 @@ def exact_picture(names, blocks, robot, fingers, goal, colour, *, stick=None, si
         canvas.disc(*eye, 0.04, (255, 255, 255))
         canvas.disc(*eye, 0.024, (26, 26, 26))
     return canvas
+
+
+# ---------------------------------------------------------------- beside the host's
+
+
+def near_edge(image):
+    """Pixels one of whose eight neighbours, or who themselves, stand at a change of colour."""
+    padded = np.pad(image.astype(int), ((1, 1), (1, 1), (0, 0)), mode="edge")
+    size = len(image)
+    around = [padded[r : r + size, c : c + size] for r in range(3) for c in range(3)]
+    return np.any([(a != image).any(axis=2) for a in around], axis=0)
+
+
+def compare(ours, theirs):
+    """Share of pixels that differ at all and by much, and whether one is far from an edge."""
+    difference = np.abs(ours.astype(int) - theirs).max(axis=2)
+    stray = (difference > 3) & ~near_edge(theirs)  # 3: a smooth star's tips are pointed
+    return (difference > 0).mean(), (difference > 40).mean(), stray.any()

@@ -33,7 +33,7 @@ def test_demo_begins_at_the_reference_poses(demo):
     robot = planar_scenes.parts("gripper", (-0.5, 0.1, -1.2 * math.pi))
     np.testing.assert_allclose(pose[:3], robot, rtol=1e-6)
     np.testing.assert_allclose(pose[3:], [scenes.BLOCKS[n] for n in NAMES], rtol=1e-6)
-    np.testing.assert_allclose(demo.data.goal[0], [*GOAL, 0.6, 0.7], rtol=1e-6)
+    np.testing.assert_allclose(demo.data.regions[0, 0], [*GOAL, 0.6, 0.7], rtol=1e-6)
     np.testing.assert_array_equal(demo.data.velocity, 0.0)
     np.testing.assert_array_equal(demo.data.memory, 0.0)
     assert (np.asarray(demo.data.pose) == pose).all()  # the same for every key
@@ -41,7 +41,7 @@ def test_demo_begins_at_the_reference_poses(demo):
 
 
 def test_demo_distances_are_the_references(demo):
-    np.testing.assert_allclose(demo.data.start_distance[0], [1.1236, 1.1416], atol=1e-4)
+    np.testing.assert_allclose(demo.data.progress.start_distance[0], [1.1236, 1.1416], atol=1e-4)
 
 
 def _half_way(block):
