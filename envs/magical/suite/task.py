@@ -14,7 +14,7 @@ With the physics "magical" an action is rounded to MAGICAL's 18: forward 0.8, st
 left, none or right; open or closed. Physics and engines: see `magical.simulator`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -30,7 +30,7 @@ from gril_jax.envs.planar import robots
 from gril_jax.envs.planar import shapes as block_shapes
 from gril_jax.envs.planar.joints import Command, Strengths
 from gril_jax.envs.planar.shapes import NOTHING
-from gril_jax.envs.stages import Stages, free_place
+from gril_jax.envs.stages import Stage, Stages, free_place
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from . import from_boxes, pictures, places, state
@@ -250,6 +250,14 @@ class SuiteTask:
         look = dict(arena=self.arena, look=self.look, robot_first=self.robot_first)
         shown = dict(half_extent=self.half_extent, size=size, antialias=antialias)
         return pictures.render(data, self.robot, **look, **shown)
+
+    def _staged(
+        self, stages: Sequence[Stage], movable: tuple[int, ...], faults: Sequence[Stage] = ()
+    ) -> Stages:
+        """Stages whose progress is the score; the robot, object 0, moves things."""
+        return Stages(
+            tuple(stages), movable, self.arena, self.scored, robots=(0,), faults=tuple(faults)
+        )
 
     def _scatter(self, block: int, holds: Holds, others: tuple[int, ...]) -> Place:
         """Puts a block anywhere where a stage holds."""

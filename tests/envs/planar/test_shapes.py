@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gril_jax.envs.planar import shapes as block_shapes
 from gril_jax.envs.planar.plane import Vec
+from gril_jax.envs.planar.polygons import nearest_arms
 from support import scenes
 
 ROUNDED = {"star": 0.0, "square": 0.002127, "pentagon": 0.0, "circle": 0.0}  # radius of the corners
@@ -35,11 +36,15 @@ def _exact(name, points):
     return _to_polygon(points, scenes.corners(name)) - ROUNDED[name]
 
 
+def _signed_distance(shape, point):
+    return block_shapes.arm_distance(shape, point, nearest_arms(shape, point)[0])
+
+
 def _ours(name, points):
     """Distances (P,) and normals (P, 2)."""
     shape = block_shapes.blocks(jnp.array([block_shapes.SHAPES.index(name)]))
     x, y = jnp.asarray(points, jnp.float32).T[..., None]
-    distance, normal = jax.jit(block_shapes.signed_distance)(shape, Vec(x, y))
+    distance, normal = jax.jit(_signed_distance)(shape, Vec(x, y))
     return np.asarray(distance)[:, 0], np.concatenate([normal.x, normal.y], axis=1)
 
 
@@ -136,7 +141,7 @@ def test_inertias_are_the_references():
 def test_a_mix_of_blocks_is_each_block_alone():
     order, points = [2, 0, 3, 3, 1], _points(5, seed=4)
     x, y = jnp.asarray(points, jnp.float32).T
-    mixed, _ = block_shapes.signed_distance(block_shapes.blocks(jnp.array(order)), Vec(x, y))
+    mixed, _ = _signed_distance(block_shapes.blocks(jnp.array(order)), Vec(x, y))
     alone = [
         _ours(block_shapes.SHAPES[k], p[None])[0][0] for k, p in zip(order, points, strict=True)
     ]
