@@ -10,6 +10,7 @@ from gril_jax.envs.planar import robots
 from gril_jax.envs.planar.shapes import SHAPES, outline
 
 from support import scenes
+from support.planar_scenes import signed_distance
 
 HALF = 1.122
 OPEN = math.pi / 8
@@ -68,18 +69,6 @@ def demo_arguments():
 # ---------------------------------------------------------------- exact geometry, in float64
 
 
-def _distance(x, y, vertices):
-    """Signed distance (H, W) to a polygon, with round corners; negative inside."""
-    best, inside = np.full(np.broadcast(x, y).shape, np.inf), False
-    for (ax, ay), (bx, by) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        dx, dy = bx - ax, by - ay
-        share = np.clip(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0, 1)
-        best = np.minimum(best, np.hypot(x - ax - share * dx, y - ay - share * dy))
-        crosses = (ay > y) != (by > y)
-        inside = inside ^ (crosses & (x < ax + (y - ay) / (dy or np.inf) * dx))
-    return np.where(inside, -best, best)
-
-
 class _Exact:
     """A painter of exact shapes, and of where it would not quarrel about a pixel."""
 
@@ -101,7 +90,7 @@ class _Exact:
             self.doubt |= np.hypot(self.x - x, self.y - y) < 2.4 * reach
 
     def polygon(self, vertices, fill, rim=None, width=0):
-        self.coat(_distance(self.x, self.y, vertices), fill, rim, width, vertices)
+        self.coat(signed_distance(self.x, self.y, vertices), fill, rim, width, vertices)
 
     def disc(self, x, y, radius, fill, rim=None, width=0):
         self.coat(np.hypot(self.x - x, self.y - y) - radius, fill, rim, width)

@@ -40,8 +40,7 @@ def _render(scene, **options):
     return np.asarray(_jitted(**options)(scene))
 
 
-@pytest.mark.parametrize("size", [384, 97, 64])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "size"), [(0, 384), (1, 97), (2, 64)])
 def test_every_pixel_is_that_of_the_exact_shapes(seed, size):
     arguments = random_arguments(seed)
     exact = exact_picture(*arguments, size=size)
@@ -287,16 +286,14 @@ def test_any_mix_of_shapes_and_colours_is_one_trace():
     assert (pictures[0] != pictures[1]).any()
 
 
-@pytest.mark.parametrize("size", [1, 2, 7, 63, 97, 385])
-@pytest.mark.parametrize("antialias", [False, True])
+@pytest.mark.parametrize(("size", "antialias"), [(1, False), (2, True), (63, True), (385, False)])
 def test_any_size_will_do(size, antialias):
     image = _render(made_scene(*demo_arguments()), size=size, antialias=antialias)
     assert image.shape == (size, size, 3)
     assert image.dtype == np.uint8
 
 
-@pytest.mark.parametrize("antialias", [False, True])
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize(("bad", "antialias"), [(np.nan, False), (np.inf, True)])
 def test_a_pose_that_is_not_finite_hides_its_body(bad, antialias):
     names, blocks = demo_arguments()
     full = made_scene(names, blocks)

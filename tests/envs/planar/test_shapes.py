@@ -7,7 +7,7 @@ import pytest
 from gril_jax.envs.planar import shapes as block_shapes
 from gril_jax.envs.planar.plane import Vec
 from gril_jax.envs.planar.polygons import nearest_arms
-from support import scenes
+from support import planar_scenes, scenes
 
 ROUNDED = {"star": 0.0, "square": 0.002127, "pentagon": 0.0, "circle": 0.0}  # radius of the corners
 
@@ -16,24 +16,10 @@ def _points(count=400, reach=0.3, seed=0):
     return np.random.default_rng(seed).uniform(-reach, reach, (count, 2))
 
 
-def _to_polygon(points, corners):
-    """Signed distances (P,) of points to a polygon, negative inside."""
-    nearest = np.full(len(points), np.inf)
-    crossings = np.zeros(len(points), int)
-    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        share = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
-        nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * (b - a), axis=1))
-        spans = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            x = a[0] + (points[:, 1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-        crossings += spans & (points[:, 0] < x)
-    return np.where(crossings % 2 == 1, -nearest, nearest)
-
-
 def _exact(name, points):
     if name == "circle":
         return np.linalg.norm(points, axis=1) - 0.12
-    return _to_polygon(points, scenes.corners(name)) - ROUNDED[name]
+    return planar_scenes.signed_distance(*points.T, scenes.corners(name)) - ROUNDED[name]
 
 
 def _signed_distance(shape, point):

@@ -52,24 +52,6 @@ def _lane(states, i):
     return jax.tree.map(lambda x: x[i], states)
 
 
-# ---------------------------------------------------------------- starts
-
-
-def test_starts_are_random_clear_and_at_rest(starts):
-    many = _reset()(jax.random.split(jax.random.key(1), 64))
-    data = many.data
-    assert not data.unplaced.any()
-    assert not np.asarray(data.motion.qvel).any()
-    shoes = np.asarray(data.motion.qpos[:, 10:]).reshape(64, 2, 7)
-    np.testing.assert_allclose(shoes[:, :, 2], model.SHOE_HALF[2], atol=1e-6)
-    assert (np.ptp(shoes[:, :, :2], axis=0) > 0.05).all()
-    assert (np.asarray(data.motion.qpos[:, 9]) == 0).all()
-    first = _lane(starts, 0)
-    chex.assert_trees_all_equal(
-        first, _lane(_reset()(jax.random.split(jax.random.key(0), LANES)), 0)
-    )
-
-
 # ---------------------------------------------------------------- stages
 
 
