@@ -1,9 +1,10 @@
 """The table of tasks: a name, and where the task's entry is found.
 
-A task is a folder with an entry `SPEC` in its `__init__.py`, one line of `TASKS`, and a YAML file
-of its name in `configs`. A task of another package needs no line here: its name is its entry's
-import path, such as "my_package.my_task:SPEC". One's own is a function that makes it: of a file,
-"my_task.py:make", or of an installed package that lists it as an entry point of `ENTRY_POINTS`.
+A task has an entry in the `__init__.py` of its folder or of the one above, one line of `TASKS`, and
+a YAML file of its name in `configs`. A task of another package needs no line here: its name is its
+entry's import path, such as "my_package.my_task:SPEC". One's own is a function that makes it: of a
+file, "my_task.py:make", or of an installed package that lists it as an entry point of
+`ENTRY_POINTS`.
 
 Nothing here imports JAX or MuJoCo, nor may a task's `__init__.py`: the command line reads entries
 before it imports either. Parts of an entry are import paths, followed when they are called.
@@ -34,12 +35,12 @@ TASKS = {
     "cluster_shape": "gril_jax.envs.magical.suite:CLUSTER_SHAPE",
     "make_line": "gril_jax.envs.magical.suite:MAKE_LINE",
     "match_regions_magical": "gril_jax.envs.magical.suite:MATCH_REGIONS_MAGICAL",
-    "shoes_in_box": "gril_jax.envs.tabletop.shoes_in_box:SPEC",
-    "rubbish_in_bin": "gril_jax.envs.tabletop.rubbish_in_bin:SPEC",
-    "umbrella_out": "gril_jax.envs.tabletop.umbrella_out:SPEC",
-    "item_in_drawer": "gril_jax.envs.tabletop.item_in_drawer:SPEC",
-    "shoes_out_of_box": "gril_jax.envs.tabletop.shoes_out_of_box:SPEC",
-    "empty_container": "gril_jax.envs.tabletop.empty_container:SPEC",
+    "shoes_in_box": "gril_jax.envs.tabletop:SHOES_IN_BOX",
+    "rubbish_in_bin": "gril_jax.envs.tabletop:RUBBISH_IN_BIN",
+    "umbrella_out": "gril_jax.envs.tabletop:UMBRELLA_OUT",
+    "item_in_drawer": "gril_jax.envs.tabletop:ITEM_IN_DRAWER",
+    "shoes_out_of_box": "gril_jax.envs.tabletop:SHOES_OUT_OF_BOX",
+    "empty_container": "gril_jax.envs.tabletop:EMPTY_CONTAINER",
 }
 
 

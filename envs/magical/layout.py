@@ -29,23 +29,24 @@ _FACING = (0.55, 0.75, 0.4)  # distances from which a robot faces a point, and r
 _DYNAMICS = Strengths((3.2, 5.5), (0.7, 1.5), (2.5, 4.5), (1.0, 1.8), (0.07, 0.15))
 
 
-class Layout(NamedTuple):
-    """The start of an episode."""
+class Places(NamedTuple):
+    """Where everything stands at the start of an episode."""
 
     robot: Float[Array, "3"]
     blocks: Float[Array, "B 3"]
-    goal: Float[Array, "4"]  # centre x, y; width, height
+    regions: Float[Array, "R 4"]  # centre x, y; width, height
     unplaced: Bool[Array, ""]  # something found no free place
 
 
-def jitter(key: PRNGKeyArray, layout: Layout, *, arena: float) -> Layout:
+def jitter(key: PRNGKeyArray, start: Places, *, arena: float) -> Places:
     """MAGICAL's Jitter variant: every number changes a little, and no overlap can arise."""
     keys = jax.random.split(key, 3)
     spread = jnp.array([0.025 * arena, 0.025 * arena, 0.157])
     size = jnp.array([0.025 * arena, 0.025 * arena, 0.0075, 0.0075])
     near = lambda k, x, most: x + most * jax.random.uniform(k, x.shape, minval=-1.0)  # noqa: E731
-    robot, blocks = near(keys[0], layout.robot, spread), near(keys[1], layout.blocks, spread)
-    return layout._replace(robot=robot, blocks=blocks, goal=near(keys[2], layout.goal, size))
+    robot, blocks = near(keys[0], start.robot, spread), near(keys[1], start.blocks, spread)
+    region = near(keys[2], start.regions[0], size)
+    return start._replace(robot=robot, blocks=blocks, regions=region[None])
 
 
 def radii(shape: Int[Array, "*B"]) -> Float[Array, "*B"]:
@@ -121,7 +122,22 @@ def place_robot(
     return poses[jnp.argmax(free)], ~free.any()
 
 
-def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena: float) -> Layout:
+def stand(
+    keys: tuple[PRNGKeyArray, PRNGKeyArray],
+    robot: Robot,
+    blocks: Float[Array, "B 3"],
+    radii: Float[Array, "B"],
+    *,
+    arena: float,
+    at: Float[Array, "2"],
+) -> Float[Array, "3"]:
+    """A robot's pose at a place or beside it, and anywhere if it is not free near there."""
+    there, taken = place_robot(keys[0], robot, blocks, radii, None, arena=arena, at=at)
+    elsewhere, _ = place_robot(keys[1], robot, blocks, radii, None, arena=arena)
+    return jnp.where(taken, elsewhere, there)
+
+
+def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena: float) -> Places:
     """MAGICAL's Layout variant: region, robot and blocks, placed in this order without overlap."""
     key_goal, key_robot, *keys = jax.random.split(key, 2 + len(radii))
     unit = jax.random.uniform(key_goal, (4,))
@@ -139,7 +155,7 @@ def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena:
         clear &= (apart > (radii[b] + radii[:b]) ** 2).all(axis=1)
         blocks = jnp.concatenate([blocks, poses[jnp.argmax(clear)][None]])
         unplaced |= ~clear.any()
-    return Layout(pose, blocks, goal, unplaced)
+    return Places(pose, blocks, goal[None], unplaced)
 
 
 def colours(key: PRNGKeyArray, colour: Int[Array, "B"], num_targets: int) -> Int[Array, "B"]:
@@ -151,11 +167,6 @@ def colours(key: PRNGKeyArray, colour: Int[Array, "B"], num_targets: int) -> Int
     rank = colour - (colour > colour[0])  # among the colours that the targets do not have
     other = rank + (rank >= target)
     return jnp.where(jnp.arange(len(colour)) < num_targets, target, other).astype(jnp.int32)
-
-
-def shapes(key: PRNGKeyArray, num_blocks: int) -> Int[Array, "B"]:
-    """MAGICAL's Shape variant: any shape for every block."""
-    return jax.random.randint(key, (num_blocks,), 0, len(SHAPES), jnp.int32)
 
 
 def dynamics(key: PRNGKeyArray) -> Strengths:

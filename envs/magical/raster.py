@@ -1,13 +1,13 @@
-"""MatchRegions rendered from above as pixels, by one pure function on the device.
+"""A scene of MAGICAL's rendered from above as pixels, by one pure function on the device.
 
 Geometry and colours are those of `scene`, whose outlines are painted on the host. Here each pixel
 asks every body how far from its outline it is, and bodies are painted one over the other:
 arithmetic alone, which XLA fuses into one pass, so that pictures stay where they are made.
 
 Distances are in pixels, from a pixel's centre, negative inside. Outside a corner they are those to
-an edge's line and not to the corner, so that lines have pointed corners. B blocks; N bodies: the
-robot's, then (gripper only) its left and right finger, then the blocks. One scene a call: batch
-with `jax.vmap`.
+an edge's line and not to the corner, so that lines have pointed corners. B blocks; R regions; N
+bodies: the robot's, then (gripper only) its left and right finger, then the blocks. One scene a
+call: batch with `jax.vmap`.
 """
 
 import functools
@@ -21,9 +21,9 @@ from gril_jax.envs.checks import check_known
 from gril_jax.envs.planar import robots, shapes
 from jaxtyping import Array, Float, Int, UInt8
 
-from . import scene as look
+from . import scene
 
-COLOURS = tuple(look.FILL)
+COLOURS = tuple(scene.FILL)
 
 _Plane = Float[Array, "#S #S"]  # a number a pixel, or a row or column of them
 _Pixels = Float[Array, "S S 3"]
@@ -35,8 +35,8 @@ class Painting(NamedTuple):
     pose: Float[Array, "N 3"]  # x, y, angle; a finger's x, y is its pivot; closed: robot's angle
     shape: Int[Array, "B"]  # index into `planar.shapes.SHAPES`: star, square, pentagon, circle
     colour: Int[Array, "B"]  # index into `COLOURS`: green, blue, yellow, red
-    goal: Float[Array, "4"]  # the region's centre x, y; width, height
-    goal_colour: Int[Array, ""]  # index into `COLOURS`
+    regions: Float[Array, "R 4"]  # centre x, y; width, height
+    region_colour: Int[Array, "R"]  # index into `COLOURS`
 
 
 class _Canvas(NamedTuple):
@@ -69,21 +69,24 @@ class _Layer(NamedTuple):
 
 
 def render(
-    scene: Painting,
+    drawn: Painting,
     *,
     robot: str = "gripper",
     arena: float = 1.1,
     size: int = 384,
     half_extent: float = 1.122,
     antialias: bool = False,
+    look: scene.Look = scene.X_MAGICAL,
+    robot_first: bool = False,
 ) -> UInt8[Array, "size size 3"]:
     """Renders one picture of a scene in RGB; x points right, y up, and row 0 is the top.
 
     Every keyword is static; poses, shapes and colours are data, so one compiled picture serves
-    all scenes of as many blocks. A pose that is not finite hides its body.
+    all scenes of as many blocks and regions. A pose that is not finite hides its body, and so does
+    one outside of the picture.
 
     Args:
-      scene: what to paint; an index beyond its list counts as the nearest in it.
+      drawn: what to paint; an index beyond its list counts as the nearest in it.
       robot: one of `planar.robots.ROBOTS`.
       arena, half_extent: half the width of the floor, and of the world that the picture shows.
       size: width and height of the picture in pixels.
@@ -92,33 +95,37 @@ def render(
         Without it, every pixel has one colour of the palette, and lines are whole pixels wide: as
         in `gril_jax.demos.vision.render`, those of blocks and robot vanish in pictures of 192
         pixels or less.
+      look: how floor and regions are painted.
+      robot_first: paint the robot below the blocks, not above them.
 
     Raises:
       ValueError: an option is not one of those above, or shapes, colours and poses do not fit
         together.
     """
-    _check(scene, robot, size, half_extent, arena)
+    _check(drawn, robot, size, half_extent, arena)
     place = jnp.arange(size, dtype=jnp.float32) - (size - 1) / 2
     scale, zoom = size / (2 * half_extent), size / 384
     canvas = _Canvas(place[None, :], -place[:, None], scale, zoom, antialias)
-    ground, blocks = _ground(scene.goal, scene.goal_colour, arena, canvas), _blocks(scene, canvas)
-    parts = scene.pose[: scene.pose.shape[0] - scene.shape.shape[0]]
-    return _paint([*ground, *blocks, *_robot(parts, robot, canvas)], size, antialias)
+    ground, blocks = _ground(drawn, look, arena, canvas), [*_blocks(drawn, canvas)]
+    parts = drawn.pose[: drawn.pose.shape[0] - drawn.shape.shape[0]]
+    machine = [*_robot(parts, robot, canvas)]
+    bodies = machine + blocks if robot_first else blocks + machine
+    return _paint([*ground, *bodies], size, antialias)
 
 
-def _check(scene: Painting, robot: str, size: int, half_extent: float, arena: float) -> None:
+def _check(drawn: Painting, robot: str, size: int, half_extent: float, arena: float) -> None:
     check_known("robot", robot, robots.ROBOTS)
     if size < 1:
         raise ValueError(f"size is {size}, but a picture needs at least 1 pixel")
     for name, value in (("half_extent", half_extent), ("arena", arena)):
         if not 0 < value < math.inf:
             raise ValueError(f"{name} is {value}, but must be a positive length")
-    parts, blocks = (3 if robot == "gripper" else 1), scene.shape.shape[0]
-    if scene.colour.shape[0] != blocks:
-        raise ValueError(f"{blocks} shapes need as many colours, not {scene.colour.shape[0]}")
-    if scene.pose.shape != (parts + blocks, 3):
+    parts, blocks = (3 if robot == "gripper" else 1), drawn.shape.shape[0]
+    if drawn.colour.shape[0] != blocks:
+        raise ValueError(f"{blocks} shapes need as many colours, not {drawn.colour.shape[0]}")
+    if drawn.pose.shape != (parts + blocks, 3):
         raise ValueError(
-            f"poses of shape {scene.pose.shape} do not fit: the {robot} robot with {blocks} blocks "
+            f"poses of shape {drawn.pose.shape} do not fit: the {robot} robot with {blocks} blocks "
             f"needs {(parts + blocks, 3)}"
         )
 
@@ -133,7 +140,7 @@ def _paint(layers: Iterable[_Layer], size: int, antialias: bool) -> UInt8[Array,
         share = jnp.where(depth > -0.5, jnp.minimum(depth + 0.5, 1.0), 0.0)  # 0 for NaN
         return image + share * (colour - below)
 
-    image = jnp.broadcast_to(jnp.array(look.BACKGROUND, jnp.float32), (size, size, 3))
+    image = jnp.broadcast_to(jnp.array(scene.BACKGROUND, jnp.float32), (size, size, 3))
     for distance, fill, rim, width in layers:
         depth = -distance[..., None]
         if not width:
@@ -144,31 +151,30 @@ def _paint(layers: Iterable[_Layer], size: int, antialias: bool) -> UInt8[Array,
     return jnp.round(image).astype(jnp.uint8)
 
 
-def _ground(
-    goal: Float[Array, "4"], colour: Int[Array, ""], arena: float, canvas: _Canvas
-) -> Iterable[_Layer]:
+def _ground(drawn: Painting, look: scene.Look, arena: float, canvas: _Canvas) -> Iterable[_Layer]:
     floor = jnp.maximum(jnp.abs(canvas.x), jnp.abs(canvas.y)) - canvas.scale * arena
-    line = canvas.width(look.FLOOR_WIDTH)
-    yield _Layer(floor, jnp.array(look.FLOOR), jnp.array(look.GREY), line)
-    (x, y), half = canvas.scale * goal[:2], canvas.scale * goal[2:] / 2
-    region = jnp.maximum(jnp.abs(canvas.x - x) - half[0], jnp.abs(canvas.y - y) - half[1])
-    yield _Layer(region, _pick(look.GOAL_FILL, colour))
-    if canvas.width(look.GOAL_WIDTH):
-        yield _Layer(_dashes(goal, canvas), _pick(look.FILL, colour))
+    line = canvas.width(look.floor_width)
+    yield _Layer(floor, jnp.array(scene.FLOOR), jnp.array(scene.GREY), line)
+    for place, colour in zip(drawn.regions, drawn.region_colour, strict=True):
+        (x, y), half = canvas.scale * place[:2], canvas.scale * place[2:] / 2
+        region = jnp.maximum(jnp.abs(canvas.x - x) - half[0], jnp.abs(canvas.y - y) - half[1])
+        yield _Layer(region, _pick(look.goal_fill, colour))
+        if canvas.width(look.goal_width):
+            yield _Layer(_dashes(place, look, canvas), _pick(scene.FILL, colour))
 
 
-def _blocks(scene: Painting, canvas: _Canvas) -> Iterable[_Layer]:
-    blocks = scene.shape.shape[0]
-    wedges = jnp.take(_WEDGES, scene.shape, axis=0, mode="clip")
-    for i, pose in enumerate(scene.pose[scene.pose.shape[0] - blocks :]):
+def _blocks(drawn: Painting, canvas: _Canvas) -> Iterable[_Layer]:
+    blocks = drawn.shape.shape[0]
+    wedges = jnp.take(_WEDGES, drawn.shape, axis=0, mode="clip")
+    for i, pose in enumerate(drawn.pose[drawn.pose.shape[0] - blocks :]):
         distance = _block(wedges[i], *canvas.local(pose), canvas.scale)
-        fill, rim = (_pick(palette, scene.colour[i]) for palette in (look.FILL, look.RIM))
-        yield _Layer(distance, fill, rim, canvas.width(look.BODY_WIDTH))
+        fill, rim = (_pick(palette, drawn.colour[i]) for palette in (scene.FILL, scene.RIM))
+        yield _Layer(distance, fill, rim, canvas.width(scene.BODY_WIDTH))
 
 
 def _robot(parts: Float[Array, "P 3"], robot: str, canvas: _Canvas) -> Iterable[_Layer]:
-    scale, line = canvas.scale, canvas.width(look.BODY_WIDTH)
-    grey, grey_rim = jnp.array(look.GREY), jnp.array(look.GREY_RIM)
+    scale, line = canvas.scale, canvas.width(scene.BODY_WIDTH)
+    grey, grey_rim = jnp.array(scene.GREY), jnp.array(scene.GREY_RIM)
     right, forward = canvas.local(parts[0])
     if robot != "gripper":
         half_width, half_depth = robots.robot(robot).parts[0].boxes[0].half
@@ -179,11 +185,11 @@ def _robot(parts: Float[Array, "P 3"], robot: str, canvas: _Canvas) -> Iterable[
         return
     for side, pose in zip((-1, 1), parts[1:], strict=True):
         across, along = canvas.local(pose)
-        yield _Layer(_finger(side * across, along, scale), jnp.array(look.BACKGROUND), grey, line)
-    yield _Layer(_disc(right, forward, scale * look.ROBOT_RADIUS), grey, grey_rim, line)
-    eye = jnp.abs(right) - scale * look.EYE[0], forward - scale * look.EYE[1]  # both at once
-    yield _Layer(_disc(*eye, scale * look.EYE_RADIUS), jnp.array(look.EYE_FILL))
-    yield _Layer(_disc(*eye, scale * look.PUPIL_RADIUS), jnp.array(look.PUPIL_FILL))
+        yield _Layer(_finger(side * across, along, scale), jnp.array(scene.BACKGROUND), grey, line)
+    yield _Layer(_disc(right, forward, scale * scene.ROBOT_RADIUS), grey, grey_rim, line)
+    eye = jnp.abs(right) - scale * scene.EYE[0], forward - scale * scene.EYE[1]  # both at once
+    yield _Layer(_disc(*eye, scale * scene.EYE_RADIUS), jnp.array(scene.EYE_FILL))
+    yield _Layer(_disc(*eye, scale * scene.PUPIL_RADIUS), jnp.array(scene.PUPIL_FILL))
 
 
 def _pick(palette: dict[str, tuple[int, int, int]], index: Int[Array, ""]) -> Int[Array, "3"]:
@@ -253,17 +259,17 @@ def _finger(x: _Plane, y: _Plane, scale: float) -> _Plane:
     return jnp.where(beyond, outside(_SIDES, 1, 2, 3), outside(_SIDES, 4, 5, 0))
 
 
-def _dashes(goal: Float[Array, "4"], canvas: _Canvas) -> _Plane:
-    """The dashes of the region's rim, which restart at each corner.
+def _dashes(goal: Float[Array, "4"], look: scene.Look, canvas: _Canvas) -> _Plane:
+    """The dashes of a region's rim, which restart at each corner.
 
     Sides run counter-clockwise, so half a turn takes top to bottom and left to right.
     """
     x, y = canvas.x - canvas.scale * goal[0], canvas.y - canvas.scale * goal[1]
-    length, dash = canvas.scale * goal[2:], canvas.zoom * look.GOAL_DASH
+    length, dash = canvas.scale * goal[2:], canvas.zoom * look.goal_dash
     start = 2 * dash * jnp.floor(length / (2 * dash))
-    short = length - start <= canvas.zoom * look.GOAL_WIDTH  # such a last dash is left out
+    short = length - start <= canvas.zoom * look.goal_width  # such a last dash is left out
     end = jnp.where(short, start - dash, length)
-    half_width = canvas.width(look.GOAL_WIDTH) / 2
+    half_width = canvas.width(look.goal_width) / 2
 
     def side(along: _Plane, across: _Plane, i: int) -> _Plane:
         along = along + length[i] / 2

@@ -3,6 +3,8 @@
 Colours are those of MAGICAL and x-magical, so that their videos and ours pass the same detector.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from gril_jax.envs.base import Outline
 from gril_jax.envs.planar import shapes
@@ -17,15 +19,26 @@ _SHADES = {  # of a block, of the line around it, and of the region: half as sat
     "red": ((245, 129, 165), (243, 94, 141), (250, 192, 210)),
 }
 FILL, RIM, GOAL_FILL = ({c: shades[k] for c, shades in _SHADES.items()} for k in range(3))
-FLOOR_WIDTH, GOAL_WIDTH, GOAL_DASH, BODY_WIDTH = 2, 4, 10, 1  # pixels of a 384-pixel picture
+BODY_WIDTH = 1  # of the line around a body, in pixels of a 384-pixel picture
 ORIGINAL_GOAL_FILL = {  # MAGICAL's, a little off x-magical's
     "green": (224, 231, 191), "blue": (194, 219, 233), "yellow": (254, 234, 188),
     "red": (250, 190, 209),
 }  # fmt: skip
-_ORIGINAL_FLOOR, _ORIGINAL_GOAL, _ORIGINAL_DASH = 1, 2, 8  # widths and dashes of MAGICAL's lines
 ROBOT_RADIUS = 0.2
 EYE, EYE_RADIUS, PUPIL_RADIUS = (0.08, 0.06), 0.04, 0.024  # the right eye, in the robot's frame
 EYE_FILL, PUPIL_FILL = (255, 255, 255), (26, 26, 26)
+
+
+class Look(NamedTuple):
+    """How floor and regions are painted; lengths in pixels of a 384-pixel picture."""
+
+    floor_width: int
+    goal_width: int
+    goal_dash: int
+    goal_fill: dict[str, tuple[int, int, int]]
+
+
+X_MAGICAL, ORIGINAL = Look(2, 4, 10, GOAL_FILL), Look(1, 2, 8, ORIGINAL_GOAL_FILL)
 
 
 def _placed(vertices: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -49,21 +62,17 @@ def outlines(
     pose: np.ndarray,
     regions: list[tuple[str, np.ndarray]],
     *,
-    original: bool = False,
+    look: Look = X_MAGICAL,
     robot_first: bool = False,
 ) -> list[Outline]:
     """Outlines from the blocks' (colour, shape), all poses (E, 3), and the regions' colours and
-    boxes (centre, size); blocks are painted before the robot, or after it if it is the first. Lines
-    and floors are x-magical's, or the `original` MAGICAL's."""
+    boxes (centre, size); blocks are painted before the robot, or after it if it is the first."""
     floor = _box(np.zeros(2), np.full(2, 2 * arena))
-    width, look, fills = FLOOR_WIDTH, dict(width=GOAL_WIDTH, dash=GOAL_DASH), GOAL_FILL
-    if original:
-        width, look = _ORIGINAL_FLOOR, dict(width=_ORIGINAL_GOAL, dash=_ORIGINAL_DASH)
-        fills = ORIGINAL_GOAL_FILL
-    ground = [Outline(floor, FLOOR, GREY, width=width)]
+    ground = [Outline(floor, FLOOR, GREY, width=look.floor_width)]
+    line = dict(width=look.goal_width, dash=look.goal_dash)
     for colour, place in regions:
         box = _box(place[:2], place[2:])
-        ground.append(Outline(box, fills[colour], FILL[colour], **look))
+        ground.append(Outline(box, look.goal_fill[colour], FILL[colour], **line))
     parts, painted = len(robot.parts), []
     for (colour, shape), place in zip(blocks, pose[parts:], strict=True):
         vertices = _placed(shapes.outline(shape), place)

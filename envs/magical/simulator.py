@@ -9,7 +9,7 @@ Engines: "impulse", our own solver in JAX (`planar.physics`), which follows the 
 serves every option and has gradients; "kernel", the same in one NVIDIA Warp kernel
 (`planar.kernel`), many times as fast and without gradients; or "mjx", MuJoCo's
 (`planar.mjx_engine`), which serves the gripper, fixed shapes and "xmagical" physics. "auto" is the
-kernel where it runs. What an action means: see `match_regions.task`.
+kernel where it runs. What an action means: see `suite.task`.
 """
 
 import functools
@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.checks import check_counts, check_known
 from gril_jax.envs.planar import robots, shapes
-from gril_jax.envs.planar.joints import TURN_RATE, Command, Strengths
+from gril_jax.envs.planar.joints import Command, Strengths
 from gril_jax.envs.planar.mjx_engine import MjxPhysics
 from gril_jax.envs.planar.physics import Physics
 from gril_jax.envs.planar.robots import FINGER_OPEN
@@ -33,7 +33,7 @@ from .physics import MagicalPhysics
 CONTROL_HZ = 8.0
 _MAX_SPEED = 0.8  # units/s
 _OFFSET = 1.5  # rad: how far from the heading MAGICAL's turns aim
-TURN_GAIN = {"original": 40.0, "smooth": TURN_RATE}  # rad/s for a turn of 1, before saturation
+TURN_GAIN = 40.0  # rad/s for a turn of 1, before saturation: bang-bang beyond 0.0625
 _SOLVING = {
     "impulse": (10, 6),
     "kernel": (10, 6),
@@ -127,13 +127,13 @@ def _in_a_kernel(physics: Physics) -> Engine:
     return kernel.KernelPhysics(physics, pins=isinstance(physics, MagicalPhysics))
 
 
-def command(action: Float[Array, "A"], *, gain: float, dt: float) -> Command:
-    """x-magical's command for an action; `gain` is one of `TURN_GAIN`, `dt` the substep in s."""
+def command(action: Float[Array, "A"], *, dt: float) -> Command:
+    """x-magical's command for an action; `dt` is the substep in s."""
     grip = action[2] if action.shape[0] > 2 else jnp.zeros(())
     speed = jnp.clip(action[0], -PRESETS["xmagical"].reverse, _MAX_SPEED)
     opening = jnp.clip(FINGER_OPEN - grip, 0.0, FINGER_OPEN)
     # A heading offset of a turns at a / (2 dt), because half of it is done when the servo acts.
-    return Command(speed, 2 * dt * gain * action[1], opening)
+    return Command(speed, 2 * dt * TURN_GAIN * action[1], opening)
 
 
 def rounded_command(action: Float[Array, "A"]) -> Command:
@@ -145,12 +145,12 @@ def rounded_command(action: Float[Array, "A"]) -> Command:
     return Command(speed, turn, jnp.where(grip > 0, 0.0, FINGER_OPEN))
 
 
-def commanded(action: Float[Array, "A"], *, physics: str, gain: float, dt: float) -> Command:
-    """The command for an action, clipped to [-1, 1], of a preset; MAGICAL has turns of its own."""
+def commanded(action: Float[Array, "A"], *, physics: str, dt: float) -> Command:
+    """The command for an action, clipped to [-1, 1], of a preset."""
     action = jnp.clip(action, -1.0, 1.0)
     if physics == "magical":
         return rounded_command(action)
-    return command(action, gain=gain, dt=dt)
+    return command(action, dt=dt)
 
 
 def from_magical(ids: Int[np.ndarray, "*T"]) -> Float[np.ndarray, "*T 3"]:

@@ -103,23 +103,9 @@ def outline(name: str) -> np.ndarray:
     return corners[: 4 if name == "square" else 5]
 
 
-def signed_distance(shape: BlockShape, point: Vec) -> tuple[Array, Vec]:
-    """Signed distance of points to the blocks' rims, negative inside, and the outward unit normal.
-
-    Points (..., B) are in the frames of the B blocks.
-    """
-    along = jnp.full_like(point.x, -jnp.inf)
-    nearest = Vec(jnp.zeros_like(along), jnp.zeros_like(along))
-    for k in range(5):
-        direction = shape.directions[k]
-        dot = direction.dot(point)
-        nearest = where(dot > along, direction, nearest)
-        along = jnp.maximum(dot, along)
-    return arm_distance(shape, point, nearest)
-
-
 def arm_distance(shape: BlockShape, point: Vec, direction: Vec) -> tuple[Array, Vec]:
-    """As `signed_distance`, to the part of the rim in one of `directions`: a star's arm."""
+    """Signed distance of points (..., B) to the blocks' rims, negative inside, and the outward unit
+    normal, in the blocks' frames. The rim's part in one of `directions` counts: a star's arm."""
     across = direction.cross(point)
     side = jnp.where(across < 0, -1.0, 1.0)
     rim = shape.rim_end - shape.rim_start

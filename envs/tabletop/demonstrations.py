@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float32, Int8
 from .environment import Tabletop
 from .recorded import Run
 from .render import Renderer
+from .script import Script
 
 JITTER = {"demo": 0.0, "jitter": 0.5, "layout": 1.0}  # of starts, by `Wanted.places`
 _BATCH = 32  # starts drawn at once
@@ -34,16 +35,8 @@ class Sightings(NamedTuple):
     seen: Bool[np.ndarray, "*T N"]
 
 
-class Expert(NamedTuple):
-    """A task's scripted expert."""
-
-    kinds: tuple[str, ...]  # "success", then the failures in the order in which they are shown
-    play: Callable[[Tabletop, State, tuple[int, int], str], Run]  # (env, start, seed, kind)
-    as_meant: Callable[[Run], bool]  # whether an episode succeeds, or fails, as its kind says
-
-
 def record(
-    env: Tabletop, expert: Expert, wanted: Wanted, tell: Callable[[int], None]
+    env: Tabletop, script: Script, wanted: Wanted, tell: Callable[[int], None]
 ) -> Demonstrations:
     """The demonstrations wanted; the jitter of their starts is the environment's.
 
@@ -54,7 +47,7 @@ def record(
         renderer = Renderer(env, next(_starts(env, wanted.seed)), pixels=_PIXELS)
     except RuntimeError as error:
         raise ExpertError(str(error)) from error
-    runs = play(env, expert, wanted, tell)
+    runs = play(env, script, wanted, tell)
     episodes = [
         Episode(
             run.kind, "success" if run.succeeded else "failure", run,
@@ -65,20 +58,20 @@ def record(
     return Demonstrations(env, env.classes, episodes, _films(env, renderer, runs))
 
 
-def play(env: Tabletop, expert: Expert, wanted: Wanted, tell: Callable[[int], None]) -> list[Run]:
+def play(env: Tabletop, script: Script, wanted: Wanted, tell: Callable[[int], None]) -> list[Run]:
     """Plays successes, then failures of all kinds in turn; keeps episodes that match their label.
 
     Raises:
       ExpertError: the expert fails too often.
     """
-    success, *failures = expert.kinds
+    success, *failures = script.kinds
     kinds = [success] * wanted.successes
     kinds += [failures[i % len(failures)] for i in range(wanted.failures)]
     runs: list[Run] = []
     tries = zip(range(_PATIENCE * len(kinds)), _starts(env, wanted.seed), strict=False)
     for number, start in tries:
-        run = expert.play(env, start, (wanted.seed, number), kinds[len(runs)])
-        if expert.as_meant(run):
+        run = script.play(env, start, (wanted.seed, number), kinds[len(runs)])
+        if script.as_meant(run):
             runs.append(run)
             tell(len(runs))
         if len(runs) == len(kinds):

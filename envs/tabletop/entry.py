@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from gril_jax.envs.base import Demonstrations, Wanted
 
-from .demonstrations import JITTER, Expert, record
+from .demonstrations import JITTER, record
 from .environment import Tabletop
 from .recorded import moments
 from .script import Script
@@ -46,5 +46,5 @@ class Entry:
         demonstrations stay the same.
         """
         del make
-        shown = Expert(self.script.kinds, self.script.play, self.script.as_meant)
-        return record(self._demonstrated(jitter=JITTER[wanted.places]), shown, wanted, tell)
+        env = self._demonstrated(jitter=JITTER[wanted.places])
+        return record(env, self.script, wanted, tell)

@@ -73,6 +73,24 @@ def grasp(
     hand.move((*spot, pace.arc), speed=pace.speed)
 
 
+def take(
+    hand: Hand, joint: int, pace: Pace, *, depth: float, above: float, aloft: float,
+    aside: float, turned: bool = True,
+) -> None:  # fmt: skip
+    """Takes a free thing and lifts it beyond a height of `aloft`; tries again once if it slips.
+
+    It is taken `aside` of its middle along the fingers' turn: its own, or the hand's if it is not
+    `turned`.
+    """
+    for _ in range(2):
+        place = pose(hand, joint)
+        turn = folded(yaw_of(place[3:])) if turned else hand.yaw
+        spot = place[:2] + aside * np.array([np.cos(turn), np.sin(turn)])
+        grasp(hand, spot, pace, depth=depth, above=above, yaw=turn)
+        if holds(hand, joint, above=aloft):
+            return
+
+
 def put_back(hand: Hand, pace: Pace, *, depth: float, up: float) -> None:
     """Puts down what is held where it was taken, and lets go."""
     here = hand.place.copy()

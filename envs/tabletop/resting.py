@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .start import Footprint
+from .start import Footprint, reach
 
 _ROUNDS = 12  # of moving apart
 _GAP = 0.001  # metres, from walls and between things
@@ -31,16 +31,10 @@ def clear(a: Footprint, b: Footprint) -> Float[Array, "2"]:
     yaws = jnp.stack([a.place[2], a.place[2] + jnp.pi / 2, b.place[2], b.place[2] + jnp.pi / 2])
     axes = jnp.stack([jnp.cos(yaws), jnp.sin(yaws)], axis=1)
     away = axes @ (a.place[:2] - b.place[:2])
-    depth = _reach(yaws, a) + _reach(yaws, b) - jnp.abs(away)
+    depth = reach(yaws, a) + reach(yaws, b) - jnp.abs(away)
     least = jnp.argmin(depth)
     way = jnp.where(away[least] < 0, -1.0, 1.0) * axes[least]
     return way * jnp.maximum(depth[least], 0.0)
-
-
-def _reach(yaws: Float[Array, "*K"], thing: Footprint) -> Float[Array, "*K"]:
-    """Half of a thing's extent along directions."""
-    turn = yaws - thing.place[2]
-    return thing.half[0] * jnp.abs(jnp.cos(turn)) + thing.half[1] * jnp.abs(jnp.sin(turn))
 
 
 def over(space: Space, base: Float[Array, "3"], places: Float[Array, "N 3"]) -> Bool[Array, "N"]:
@@ -86,8 +80,8 @@ def _walled(space: Space, base, place, half, inside) -> Float[Array, "3"]:
     """The place of one thing, kept between the walls of a space or out of them."""
     local = _into(base, place[:2])
     thing = Footprint(place, half[:2])
-    reach = _reach(base[2] + jnp.array([0.0, jnp.pi / 2]), thing)
-    room = jnp.maximum(jnp.array(space.inside) - reach - _GAP, 0.0)
+    across = reach(base[2] + jnp.array([0.0, jnp.pi / 2]), thing)
+    room = jnp.maximum(jnp.array(space.inside) - across - _GAP, 0.0)
     kept = jnp.clip(local, -room, room)
     out = clear(thing, Footprint(base, jnp.array(space.outside) + _GAP))
     c, s = jnp.cos(base[2]), jnp.sin(base[2])

@@ -42,17 +42,18 @@ class Footprint(NamedTuple):
 NOTHING = Footprint(np.zeros((0, 3), np.float32), np.zeros((0, 2), np.float32))
 
 
+def reach(yaws: Float[Array, "*K"], thing: Footprint) -> Float[Array, "*K"]:
+    """Half of a thing's extent along directions."""
+    turn = yaws - thing.place[2]
+    return thing.half[0] * jnp.abs(jnp.cos(turn)) + thing.half[1] * jnp.abs(jnp.sin(turn))
+
+
 def apart(a: Footprint, b: Footprint) -> Bool[Array, ""]:
     """True if a gap of 1 cm or more is between two things (the separating axis theorem)."""
     yaws = jnp.stack([a.place[2], a.place[2] + jnp.pi / 2, b.place[2], b.place[2] + jnp.pi / 2])
     axes = jnp.stack([jnp.cos(yaws), jnp.sin(yaws)], axis=1)  # (4, 2)
-
-    def spread(thing: Footprint) -> Float[Array, "4"]:
-        turn = yaws - thing.place[2]
-        return thing.half[0] * jnp.abs(jnp.cos(turn)) + thing.half[1] * jnp.abs(jnp.sin(turn))
-
     distance = jnp.abs(jnp.sum(axes * (a.place[:2] - b.place[:2]), axis=1))
-    return (distance - spread(a) - spread(b) >= _GAP).any()
+    return (distance - reach(yaws, a) - reach(yaws, b) >= _GAP).any()
 
 
 def group(key: PRNGKeyArray, places: Float[Array, "N 3"], *, share: float) -> Float[Array, "N 3"]:

@@ -173,83 +173,89 @@ def not_finite(state: State) -> str | None:
 # --- what takes episodes to see
 
 
+def _judged(name: str, holds: Any, yes: str, no: str, *, needed: bool = True) -> Finding:
+    return Finding(name, bool(holds), yes if holds else no, needed)
+
+
 def findings(env: Completed) -> Iterator[Finding]:
     """Every point that needs episodes, in turn; `env` has passed `completed`."""
     keys = jax.random.split(jax.random.key(0), _EPISODES)
     first = jax.jit(jax.vmap(env.reset))(keys)
     yield _pure(env, keys, first)
-    yield _vmapped(env, keys, first)
+    yield _vmapped(env, first)
     states = jax.device_get(jax.jit(lambda: _played(env, keys))())
-    bad = not_finite(states)
-    random = f"{_EPISODES} episodes of random actions"
-    yield Finding(
-        "finite", bad is None,
-        f"all numbers stay finite in {random}" if bad is None
-        else f"{bad} becomes NaN or infinite in {random}",
+    bad, random = not_finite(states), f"{_EPISODES} episodes of random actions"
+    yield _judged(
+        "finite", bad is None, f"all numbers stay finite in {random}",
+        f"{bad} becomes NaN or infinite in {random}",
     )  # fmt: skip
     yield _in_picture(env, states)
     yield from _ends(env, first, states)
-    yield _moves(states)
+    label, robot = states.objects.label, states.objects.is_robot
+    yield _judged(
+        "labels stay", (label == label[:1]).all() and (robot == robot[:1]).all(),
+        "label and is_robot stay the same",
+        "label or is_robot changes in an episode, but says what an object is",
+    )  # fmt: skip
     if env.stages is not None:
         yield _stages(env, states)
     if env.place is not None:
         yield _placed(env, first)
     if env.expert is not None:
-        yield _expert(env, keys)
+        success = np.asarray(jax.jit(play(env, env.expert))(keys).metrics["success"])[-1]
+        said = f"the expert ends {success.mean():.0%} of {_EPISODES} episodes with success"
+        yield Finding("expert", bool(success.mean() > 0), said, needed=False)
+
+
+def _random(env: Completed, key: Any) -> Any:
+    return jax.random.uniform(key, (_EPISODES, env.action_size), minval=-1.0)
 
 
 def _played(env: Completed, keys: Any) -> State:
     """Whole episodes of random actions, leaves (T + 1, E, ...)."""
+    steps = jax.random.split(jax.random.key(1), env.episode_length)
+    move = lambda states, key: jax.vmap(env.step)(states, _random(env, key))  # noqa: E731
+    return _rolled(move, jax.vmap(env.reset)(keys), steps)
 
-    def move(states, key):
-        actions = jax.random.uniform(key, (_EPISODES, env.action_size), minval=-1.0)
-        states = jax.vmap(env.step)(states, actions)
-        return states, states
 
-    first = jax.vmap(env.reset)(keys)
-    _, after = jax.lax.scan(move, first, jax.random.split(jax.random.key(1), env.episode_length))
+def _rolled(move: Callable[[State, Any], State], first: State, keys: Any) -> State:
+    """All states from the first on, one move for each key: leaves (T + 1, E, ...)."""
+    _, after = jax.lax.scan(lambda states, key: (move(states, key),) * 2, first, keys)
     return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, after)
 
 
 def _same(a: Any, b: Any) -> bool:
     pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
     numbers = [(x, y) for x, y in pairs if not jnp.issubdtype(x.dtype, jax.dtypes.prng_key)]
-    close = [np.allclose(x, y, rtol=1e-4, atol=1e-5, equal_nan=True) for x, y in numbers]
-    return all(close)
+    return all(np.allclose(x, y, rtol=1e-4, atol=1e-5, equal_nan=True) for x, y in numbers)
 
 
 def _pure(env: Completed, keys: Any, first: State) -> Finding:
-    again = jax.jit(jax.vmap(env.reset))(keys)
-    with jax.disable_jit(False):
-        alone = env.reset(keys[0])
-    one = jax.tree.map(lambda x: x[0], first)
-    holds = _same(first, again) and _same(one, alone)
-    return Finding(
-        "pure", holds,
-        "the same key gives the same start, compiled or not" if holds
-        else "the same key gives different starts: reset may use its key alone, and keep nothing",
+    again, one = jax.jit(jax.vmap(env.reset))(keys), jax.tree.map(lambda x: x[0], first)
+    return _judged(
+        "pure", _same(first, again) and _same(one, env.reset(keys[0])),
+        "the same key gives the same start, compiled or not",
+        "the same key gives different starts: reset may use its key alone, and keep nothing",
     )  # fmt: skip
 
 
-def _vmapped(env: Completed, keys: Any, first: State) -> Finding:
-    actions = jax.random.uniform(jax.random.key(2), (_EPISODES, env.action_size), minval=-1.0)
+def _vmapped(env: Completed, first: State) -> Finding:
+    actions = _random(env, jax.random.key(2))
     many = jax.jit(jax.vmap(env.step))(first, actions)
     one = jax.jit(env.step)(jax.tree.map(lambda x: x[1], first), actions[1])
-    holds = _same(jax.tree.map(lambda x: x[1], many), one)
-    return Finding(
-        "vmap", holds,
-        "many environments at once step as each does alone" if holds
-        else "step gives another state under jax.vmap than alone",
+    return _judged(
+        "vmap", _same(jax.tree.map(lambda x: x[1], many), one),
+        "many environments at once step as each does alone",
+        "step gives another state under jax.vmap than alone",
     )  # fmt: skip
 
 
 def _in_picture(env: Completed, states: State) -> Finding:
     far = np.abs(states.objects.center).max()
-    inside = far <= _SLACK * env.half_extent
-    return Finding(
-        "in the picture", bool(inside),
-        f"boxes stay within half_extent, {env.half_extent:g}" if inside
-        else f"a box gets to {far:.3g} from the middle, but half_extent, half the width of what a "
+    return _judged(
+        "in the picture", far <= _SLACK * env.half_extent,
+        f"boxes stay within half_extent, {env.half_extent:g}",
+        f"a box gets to {far:.3g} from the middle, but half_extent, half the width of what a "
         f"picture shows, is {env.half_extent:g}",
         needed=False,
     )  # fmt: skip
@@ -257,42 +263,25 @@ def _in_picture(env: Completed, states: State) -> Finding:
 
 def _ends(env: Completed, first: State, states: State) -> Iterator[Finding]:
     begun = float(np.asarray(first.metrics["success"]).mean())
-    yield Finding(
-        "starts unsolved", begun < 0.5,
-        f"{begun:.0%} of the starts are solved already", needed=False,
-    )  # fmt: skip
+    said = f"{begun:.0%} of the starts are solved already"
+    yield Finding("starts unsolved", begun < 0.5, said, needed=False)
     centers = np.asarray(first.objects.center).reshape(_EPISODES, -1)
     distinct = len(np.unique(np.round(centers, 5), axis=0))
-    yield Finding(
-        "starts differ", distinct > 1,
-        f"{distinct} of {_EPISODES} starts are distinct"
-        + ("" if distinct > 1 else ": success is counted over distinct starts, so draw them"),
-        needed=False,
-    )  # fmt: skip
+    said = f"{distinct} of {_EPISODES} starts are distinct"
+    advice = f"{said}: success is counted over distinct starts, so draw them"
+    yield _judged("starts differ", distinct > 1, said, advice, needed=False)
     done = np.asarray(states.done)
-    kinds = set(np.unique(done)) <= {0.0, 1.0}
     early = (done[1:].max(axis=0) > 0).mean()
     how = f"by itself in {early:.0%} of them" if early else "by the time limit"
-    yield Finding(
-        "episode end", kinds,
-        f"episodes of at most {env.episode_length} steps end {how}" if kinds
-        else "done has other numbers than 0 and 1",
+    yield _judged(
+        "episode end", set(np.unique(done)) <= {0.0, 1.0},
+        f"episodes of at most {env.episode_length} steps end {how}",
+        "done has other numbers than 0 and 1",
     )  # fmt: skip
     success = np.unique(np.asarray(states.metrics["success"]))
-    yield Finding(
-        "success", set(success) <= {0.0, 1.0},
-        "success is 0 or 1" if set(success) <= {0.0, 1.0}
-        else f"success has {success[0]:g} to {success[-1]:g}, but must be 0 or 1",
-    )  # fmt: skip
-
-
-def _moves(states: State) -> Finding:
-    label, robot = states.objects.label, states.objects.is_robot
-    still = (label == label[:1]).all() and (robot == robot[:1]).all()
-    return Finding(
-        "labels stay", bool(still),
-        "label and is_robot stay the same" if still
-        else "label or is_robot changes in an episode, but says what an object is",
+    yield _judged(
+        "success", set(success) <= {0.0, 1.0}, "success is 0 or 1",
+        f"success has {success[0]:g} to {success[-1]:g}, but must be 0 or 1",
     )  # fmt: skip
 
 
@@ -300,40 +289,23 @@ def _stages(env: Completed, states: State) -> Finding:
     center, size = (x.reshape(-1, *x.shape[2:]) for x in states.objects[:2])
     done = np.asarray(jax.jit(jax.vmap(env.stages.progress))(center, size)) > 0.999
     wrong = float(np.mean(done != (np.asarray(states.metrics["success"]).ravel() > 0.5)))
-    return Finding(
-        "stages", wrong < 0.01,
-        "stages are all done where success is 1" if wrong < 0.01
-        else f"stages and success disagree in {wrong:.0%} of the frames",
-        needed=False,
+    return _judged(
+        "stages", wrong < 0.01, "stages are all done where success is 1",
+        f"stages and success disagree in {wrong:.0%} of the frames", needed=False,
     )  # fmt: skip
 
 
 def _placed(env: Completed, first: State) -> Finding:
+    how = "place(center, size, key)"
     try:
         keys = jax.random.split(jax.random.key(0), len(first.objects.center))
         made = jax.jit(jax.vmap(env.place))(first.objects.center, first.objects.size, keys)
     except Exception as error:
-        return Finding(
-            "place",
-            False,
-            f"place(center, size, key) fails ({type(error).__name__}: {error!s:.100})",
-        )
-    holds = np.allclose(made.objects.center, first.objects.center, atol=1e-3)
-    return Finding(
-        "place", holds,
-        "place(center, size, key) gives a state with the boxes there" if holds
-        else "place(center, size, key) gives a state whose boxes lie elsewhere",
-    )  # fmt: skip
-
-
-def _expert(env: Completed, keys: Any) -> Finding:
-    from_start = play(env, env.expert)
-    success = np.asarray(jax.jit(from_start)(keys).metrics["success"])[-1]
-    share = float(success.mean())
-    return Finding(
-        "expert", share > 0,
-        f"the expert ends {share:.0%} of {_EPISODES} episodes with success",
-        needed=False,
+        return Finding("place", False, f"{how} fails ({type(error).__name__}: {error!s:.100})")
+    return _judged(
+        "place", np.allclose(made.objects.center, first.objects.center, atol=1e-3),
+        f"{how} gives a state with the boxes there",
+        f"{how} gives a state whose boxes lie elsewhere",
     )  # fmt: skip
 
 
@@ -348,13 +320,8 @@ def play(env: Completed, expert: Callable[..., Any]) -> Callable[[Any], State]:
         return env.step(state, jnp.clip(jnp.asarray(action, jnp.float32), -1.0, 1.0))
 
     def episodes(keys):
-        def move(states, key):
-            states = jax.vmap(one)(states, jax.random.split(key, len(keys)))
-            return states, states
-
-        first = jax.vmap(env.reset)(keys)
+        move = lambda s, key: jax.vmap(one)(s, jax.random.split(key, len(keys)))  # noqa: E731
         steps = jax.random.split(jax.random.fold_in(keys[0], 1), env.episode_length)
-        _, after = jax.lax.scan(move, first, steps)
-        return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, after)
+        return _rolled(move, jax.vmap(env.reset)(keys), steps)
 
     return episodes

@@ -91,3 +91,15 @@ def overhang(env, pose):
         y = pose[..., e, 1, None] + s * outline[:, 0] + c * outline[:, 1]
         worst = np.maximum(worst, np.maximum(abs(x), abs(y)).max(axis=-1) - env.arena)
     return worst
+
+
+def signed_distance(x, y, vertices):
+    """Signed distances of points to a polygon, in float64; negative inside."""
+    best, inside = np.full(np.broadcast(x, y).shape, np.inf), False
+    for (ax, ay), (bx, by) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
+        dx, dy = bx - ax, by - ay
+        share = np.clip(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0, 1)
+        best = np.minimum(best, np.hypot(x - ax - share * dx, y - ay - share * dy))
+        crosses = (ay > y) != (by > y)
+        inside = inside ^ (crosses & (x < ax + (y - ay) / (dy or np.inf) * dx))
+    return np.where(inside, -best, best)

@@ -10,6 +10,7 @@ from gril_jax.envs.planar import robots
 from gril_jax.envs.planar.shapes import SHAPES, outline
 
 from support import scenes
+from support.planar_scenes import signed_distance
 
 HALF = 1.122
 OPEN = math.pi / 8
@@ -46,8 +47,8 @@ def made_scene(names, blocks, robot=scenes.ROBOT, fingers=(OPEN, -OPEN), goal=GO
         pose=jnp.array([*poses, *blocks], jnp.float32).reshape(-1, 3),
         shape=jnp.array([SHAPES.index(s) for _, s in split], jnp.int32),
         colour=jnp.array([raster.COLOURS.index(c) for c, _ in split], jnp.int32),
-        goal=jnp.array(goal, jnp.float32),
-        goal_colour=jnp.array(raster.COLOURS.index(colour)),
+        regions=jnp.array([goal], jnp.float32),
+        region_colour=jnp.array([raster.COLOURS.index(colour)]),
     )
 
 
@@ -66,18 +67,6 @@ def demo_arguments():
 
 
 # ---------------------------------------------------------------- exact geometry, in float64
-
-
-def _distance(x, y, vertices):
-    """Signed distance (H, W) to a polygon, with round corners; negative inside."""
-    best, inside = np.full(np.broadcast(x, y).shape, np.inf), False
-    for (ax, ay), (bx, by) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        dx, dy = bx - ax, by - ay
-        share = np.clip(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0, 1)
-        best = np.minimum(best, np.hypot(x - ax - share * dx, y - ay - share * dy))
-        crosses = (ay > y) != (by > y)
-        inside = inside ^ (crosses & (x < ax + (y - ay) / (dy or np.inf) * dx))
-    return np.where(inside, -best, best)
 
 
 class _Exact:
@@ -101,7 +90,7 @@ class _Exact:
             self.doubt |= np.hypot(self.x - x, self.y - y) < 2.4 * reach
 
     def polygon(self, vertices, fill, rim=None, width=0):
-        self.coat(_distance(self.x, self.y, vertices), fill, rim, width, vertices)
+        self.coat(signed_distance(self.x, self.y, vertices), fill, rim, width, vertices)
 
     def disc(self, x, y, radius, fill, rim=None, width=0):
         self.coat(np.hypot(self.x - x, self.y - y) - radius, fill, rim, width)
@@ -155,3 +144,21 @@ def exact_picture(names, blocks, robot, fingers, goal, colour, *, stick=None, si
         canvas.disc(*eye, 0.04, (255, 255, 255))
         canvas.disc(*eye, 0.024, (26, 26, 26))
     return canvas
+
+
+# ---------------------------------------------------------------- beside the host's
+
+
+def near_edge(image):
+    """Pixels one of whose eight neighbours, or who themselves, stand at a change of colour."""
+    padded = np.pad(image.astype(int), ((1, 1), (1, 1), (0, 0)), mode="edge")
+    size = len(image)
+    around = [padded[r : r + size, c : c + size] for r in range(3) for c in range(3)]
+    return np.any([(a != image).any(axis=2) for a in around], axis=0)
+
+
+def compare(ours, theirs):
+    """Share of pixels that differ at all and by much, and whether one is far from an edge."""
+    difference = np.abs(ours.astype(int) - theirs).max(axis=2)
+    stray = (difference > 3) & ~near_edge(theirs)  # 3: a smooth star's tips are pointed
+    return (difference > 0).mean(), (difference > 40).mean(), stray.any()

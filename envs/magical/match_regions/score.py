@@ -76,13 +76,12 @@ def reward(name: str, at: ScoreInputs) -> Float[Array, ""]:
     return {"S4": _s4, "V5": _v5, "S3": _s3, "sparse": score}[name](at)
 
 
-def stages(targets: tuple[str, ...], distractors: tuple[str, ...], *, arena: float) -> Stages:
-    """The stages of the task with these blocks in an arena |x|, |y| <= `arena`."""
-    movable = tuple(range(_FIRST, _FIRST + len(targets) + len(distractors)))
-
-    names = enumerate((*targets, *distractors), _FIRST)
+def stages(blocks: tuple[str, ...], targets: int, *, arena: float) -> Stages:
+    """The stages of the task with these blocks, targets first, in an arena |x|, |y| <= `arena`."""
+    movable = tuple(range(_FIRST, _FIRST + len(blocks)))
+    names = enumerate(blocks, _FIRST)
     made = [inside(i, REGION, f"{name} in the region", movable) for i, name in names]
-    done, wrong = tuple(made[: len(targets)]), tuple(made[len(targets) :])
+    done, wrong = tuple(made[:targets]), tuple(made[targets:])
     return Stages(
         done, faults=wrong, movable=movable, robots=(ROBOT,), half_extent=arena, score=_score
     )

@@ -3,44 +3,47 @@
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.magical import layout as layouts
+from gril_jax.envs.magical.layout import Places
+from gril_jax.envs.magical.suite.match_regions import MatchRegions as MagicalTask
+from gril_jax.envs.magical.suite.places import demo
+from gril_jax.envs.magical.suite.plan import Block, Plan
 from gril_jax.envs.planar.robots import Robot
 from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray
 
-# MAGICAL's Demo layout: x, y (arena units) and angle (rad).
-DEMO_ROBOT = (-0.5, 0.1, -1.2 * 3.141592653589793)
-DEMO_BLOCKS = {
-    "green star": (0.80, -0.70, 2.37),
-    "green square": (-0.68, 0.72, 1.28),
-    "blue pentagon": (-0.05, -0.20, -1.09),
-    "yellow circle": (-0.75, -0.55, 2.78),
-    "yellow pentagon": (0.30, -0.82, -1.15),
-}
-DEMO_GOAL = (0.40, 0.35, 0.60, 0.70)  # centre x, y; width, height
+DEMO = MagicalTask.plan
+DEMO_BLOCKS = {block.name: block for block in DEMO.blocks}
 
 _CANDIDATES = 16
 _ASIDE = 0.15  # arena units, standard deviation of a block's place from the straight way
 
 
+def plan(blocks: tuple[str, ...]) -> Plan:
+    """The Demo start with these blocks; one that it does not have is at the origin, and must be put
+    elsewhere. The region has the colour of the first."""
+    made = tuple(DEMO_BLOCKS.get(name, Block(name, (0.0, 0.0, 0.0))) for name in blocks)
+    region = DEMO.regions[0]._replace(colour=blocks[0].split()[0])
+    return DEMO._replace(blocks=made, regions=(region,), slots=None)
+
+
 def places(
     key: PRNGKeyArray,
     variant: str,
-    blocks: tuple[str, ...],
+    plan: Plan,
     *,
     robot: Robot,
     radii: Float[Array, "B"],
     arena: float,
-) -> layouts.Layout:
+) -> Places:
     """The places of a start: the Demo layout's, near them, or anywhere."""
     if variant in ("layout", "all"):
         return layouts.scatter(key, robot, radii, arena=arena)
-    demo = jnp.array(DEMO_ROBOT), jnp.array([DEMO_BLOCKS[b] for b in blocks]), jnp.array(DEMO_GOAL)
-    layout = layouts.Layout(*demo, jnp.zeros((), bool))
-    return layouts.jitter(key, layout, arena=arena) if variant == "jitter" else layout
+    start = demo(plan, len(plan.blocks))
+    return layouts.jitter(key, start, arena=arena) if variant == "jitter" else start
 
 
 def varied(
     keys: Key[Array, "2"],
-    layout: layouts.Layout,
+    at: Places,
     *,
     share: float,
     on_the_way: float,
@@ -49,7 +52,7 @@ def varied(
     robot: Robot,
     radii: Float[Array, "B"],
     arena: float,
-) -> tuple[layouts.Layout, Bool[Array, ""], Bool[Array, "B"]]:
+) -> tuple[Places, Bool[Array, ""], Bool[Array, "B"]]:
     """A start that in a `share` of the episodes has the robot anywhere and targets further on.
 
     Two times in three one target is in the region, unless it is the only one and may be on its way;
@@ -61,16 +64,16 @@ def varied(
     """
     never = jnp.zeros(len(radii), bool)
     if not share:
-        return layout, jnp.zeros((), bool), never
+        return at, jnp.zeros((), bool), never
     vary = jax.random.uniform(keys[0]) < share
     key_robot, key_some, key_which, key_where = jax.random.split(keys[1], 4)
     which = jax.random.randint(key_which, (), 0, targets, jnp.int32)
     several = targets > 1 or not on_the_way  # a single one in it leaves nothing to learn
     some = vary & (jax.random.uniform(key_some) < 2 / 3) & several
     unit = jax.random.uniform(key_where, (3,), minval=-1.0)
-    goal = layout.goal
+    goal = at.regions[0]
     inside = jnp.concatenate([goal[:2] + 0.35 * goal[2:] * unit[:2], jnp.pi * unit[2:]])
-    blocks = jnp.where(some, layout.blocks.at[which].set(inside), layout.blocks)
+    blocks = jnp.where(some, at.blocks.at[which].set(inside), at.blocks)
     moved = never.at[which].set(some)
     for target in range(targets if on_the_way else 0):
         key_use, key_way = jax.random.split(jax.random.fold_in(key_where, target))
@@ -88,8 +91,8 @@ def varied(
         )
         use = ~none & jax.random.bernoulli(key_use, facing)
         pose, unplaced = jnp.where(use, stand, pose), unplaced & ~use
-    robot, unplaced = jnp.where(vary, pose, layout.robot), layout.unplaced | (vary & unplaced)
-    return layout._replace(robot=robot, blocks=blocks, unplaced=unplaced), vary, moved
+    robot, unplaced = jnp.where(vary, pose, at.robot), at.unplaced | (vary & unplaced)
+    return at._replace(robot=robot, blocks=blocks, unplaced=unplaced), vary, moved
 
 
 def _on_its_way(key, block, blocks, goal, radii, arena):

@@ -101,8 +101,7 @@ class _Cluster(SuiteTask):
             return Stage(f"{name} together", members, holds, place)
 
         several = [k for k in range(4) if (kind == k).sum() > 1]
-        made = tuple(together(k) for k in several)
-        return Stages(made, movable, self.arena, self.scored, robots=(0,))
+        return self._staged([together(k) for k in several], movable)
 
 
 class ClusterColour(_Cluster):

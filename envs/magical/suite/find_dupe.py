@@ -68,10 +68,8 @@ class FindDupe(SuiteTask):
             slot: regions.inside(row, region, f"{self._called(slot)} in the region", movable)
             for slot, row in rows.items()
         }
-        return Stages(
-            (made[_QUERY], made[_DUPE]), movable, self.arena, self.scored, robots=(0,),
-            faults=tuple(made[slot] for slot in range(_DUPE)),
-        )  # fmt: skip
+        faults = [made[slot] for slot in range(_DUPE)]
+        return self._staged([made[_QUERY], made[_DUPE]], movable, faults)
 
     def _called(self, slot: int) -> str:
         own = {_QUERY: "query", _DUPE: "duplicate"}

@@ -95,10 +95,7 @@ class FixColour(SuiteTask):
             name, (rows[_ODD],), out, self._scatter(rows[_ODD], clear, movable),
             within=lambda center, size: (jnp.full(2, -self.arena), jnp.full(2, self.arena)),
         )  # fmt: skip
-        return Stages(
-            (stage,), movable, self.arena, self.scored, robots=(0,),
-            faults=(astray(0), astray(1)),
-        )  # fmt: skip
+        return self._staged([stage], movable, [astray(0), astray(1)])
 
 
 def _other(key, region):

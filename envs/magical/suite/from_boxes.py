@@ -6,8 +6,6 @@ turned, mirrored and moved: two blocks that were alike still are, and what lay i
 does.
 """
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.magical import layout as layouts
@@ -17,14 +15,6 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from .plan import Kinds, outside
 from .state import Order
-
-
-class Placed(NamedTuple):
-    """Where everything stands, as in `places.Places`."""
-
-    robot: Float[Array, "3"]
-    blocks: Float[Array, "B 3"]
-    regions: Float[Array, "R 4"]  # centre x, y; width, height
 
 
 def renamed(key: PRNGKeyArray, kinds: Kinds, *, colours: bool, shapes: bool) -> Kinds:
@@ -63,7 +53,7 @@ def moved(
 def placed(
     key: PRNGKeyArray, boxes: Float[Array, "N 4"], kinds: Kinds, listed: Order, robot: Robot,
     *, arena: float,
-) -> Placed:  # fmt: skip
+) -> layouts.Places:  # fmt: skip
     """Everything where its box lies, robot, regions and blocks in the order of `listed`.
 
     Boxes do not show angles, which are drawn; a robot that could not stand there at those drawn, as
@@ -78,7 +68,6 @@ def placed(
     blocks = blocks.at[listed.blocks].set(jnp.concatenate([shown, angle], axis=1))
     away = jnp.array([outside(b) for b in range(len(shown))]).reshape(-1, 3)
     blocks = jnp.where((kinds.shape == NOTHING)[:, None], away, blocks)
-    scene = robot, blocks, jnp.asarray(layouts.RADII)[kinds.shape], None
-    there, taken = layouts.place_robot(key_there, *scene, arena=arena, at=boxes[0, :2])
-    elsewhere, _ = layouts.place_robot(key_robot, *scene, arena=arena)
-    return Placed(jnp.where(taken, elsewhere, there), blocks, regions)
+    radii, keys = jnp.asarray(layouts.RADII)[kinds.shape], (key_there, key_robot)
+    stands = layouts.stand(keys, robot, blocks, radii, arena=arena, at=boxes[0, :2])
+    return layouts.Places(stands, blocks, regions, jnp.zeros((), bool))

@@ -85,4 +85,4 @@ class MakeLine(SuiteTask):
             return center.at[order].set(middle + steps[:, None] * along)
 
         stage = Stage("all blocks in a line", rows, holds, place)
-        return Stages((stage,), rows, self.arena, self.scored, robots=(0,))
+        return self._staged([stage], rows)

@@ -77,10 +77,7 @@ class MatchRegions(SuiteTask):
             regions.inside(self._order.block(slot), region, f"{block.name} in the region", movable)
             for slot, block in enumerate(self.plan.blocks)
         ]
-        return Stages(
-            tuple(made[:_TARGETS]), movable, self.arena, self.scored, robots=(0,),
-            faults=tuple(made[_TARGETS:]),
-        )  # fmt: skip
+        return self._staged(made[:_TARGETS], movable, made[_TARGETS:])
 
 
 def _coloured(target):

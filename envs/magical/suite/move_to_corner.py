@@ -70,4 +70,4 @@ class MoveToCorner(SuiteTask):
             )
 
         stage = Stage("block in the corner", (block,), holds, place, within=within)
-        return Stages((stage,), (block,), self.arena, self.scored, robots=(0,))
+        return self._staged([stage], (block,))

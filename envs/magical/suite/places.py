@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.magical.layout import gap_to_region, radii, rim, turned
+from gril_jax.envs.magical.layout import Places, gap_to_region, radii, rim, turned
 from gril_jax.envs.planar import shapes
 from gril_jax.envs.planar.contacts import frames
 from gril_jax.envs.planar.plane import Vec, fence
@@ -28,15 +28,6 @@ _CANDIDATES, _LAYOUTS = 128, 10  # poses that are drawn for each, layouts that a
 _STAR = shapes.SHAPES.index("star")
 _NEAR = np.array([0.025, 0.025, 0.05 * np.pi], np.float32)  # most that Jitter changes a pose by
 _SIDE = 0.0075  # and a region's width or height
-
-
-class Places(NamedTuple):
-    """Where everything starts."""
-
-    robot: Float[Array, "3"]
-    blocks: Float[Array, "B 3"]
-    regions: Float[Array, "R 4"]  # centre x, y; width, height
-    unplaced: Bool[Array, ""]  # something found no free place
 
 
 class _Standing(NamedTuple):

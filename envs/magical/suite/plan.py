@@ -4,7 +4,7 @@ Poses are x, y (arena units) and angle (rad). Slots without a block, or without 
 outside of the arena: a block there has the shape `NOTHING`, a region the size 0.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -87,6 +87,7 @@ class Scene(NamedTuple):
     colour: Int[Array, "B"]
     regions: Float[Array, "R 4"]  # centre x, y; width, height
     region_colour: Int[Array, "R"]
+    progress: Any = ()  # what the task remembers of the episode
 
     @property
     def there(self) -> Bool[Array, "B"]:

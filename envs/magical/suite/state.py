@@ -5,7 +5,7 @@ class by their x at the Demo start, as films are read. Slots that hold nothing h
 outside of the arena, and zeros in the observation.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +32,7 @@ class SuiteData(NamedTuple):
     region_colour: Int[Array, "R"]
     strengths: Float[Array, "5"]  # the fields of `joints.Strengths`
     unplaced: Bool[Array, ""]  # the layout found no free place for something
+    progress: Any = ()  # what the task itself remembers of the episode
 
 
 class Order(NamedTuple):
@@ -63,7 +64,7 @@ def scene(data: SuiteData, parts: int) -> Scene:
     """What a score depends on; the first `parts` bodies are the robot's."""
     return Scene(
         data.pose[0, :2], data.pose[parts : parts + len(data.shape), :2], data.shape, data.colour,
-        data.regions, data.region_colour,
+        data.regions, data.region_colour, data.progress,
     )  # fmt: skip
 
 

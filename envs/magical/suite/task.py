@@ -1,34 +1,39 @@
 """What MAGICAL's tasks have in common: starts, steps, observations, and a score of the last state.
 
 A task is a `SuiteTask` with a plan of its Demo start, a score, the draws of its variants and its
-stages. A square arena |x|, |y| <= 1 is seen from above; a robot drives, turns and, if it has
-fingers, grips; control runs at 8 Hz. Actions are those of `match_regions.task`, rounded to
-MAGICAL's 18 with its physics. The original pays nothing on the way, and the score of the last state
-at the end: here every state has its score, which is the reward, and success is score 1.
+stages. A square arena is seen from above, |x|, |y| <= 1 or with x-magical's physics 1.1; a robot
+drives, turns and, if it has fingers, grips; control runs at 8 Hz. The original has no reward but
+the score of the last state: here every state has its score, which is the reward, and success is
+score 1.
+
+Action (3,), or (2,) for a stick, each in [-1, 1]:
+  0  forward speed, clipped to +-0.8 units/s
+  1  turn, x-magical's law: bang-bang beyond 0.0625
+  2  grip: the fingers aim at clip(pi/8 - a, 0, pi/8) rad; 0 or less opens them, 0.393 closes them
+With the physics "magical" an action is rounded to MAGICAL's 18: forward 0.8, stop, or reverse 0.6;
+left, none or right; open or closed. Physics and engines: see `magical.simulator`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.base import Outline, State
+from gril_jax.envs.base import Objects, Outline, State
 from gril_jax.envs.checks import check_counts, check_known
 from gril_jax.envs.magical import layout as layouts
-from gril_jax.envs.magical import scene as scenes
+from gril_jax.envs.magical import scene as looks
 from gril_jax.envs.magical import simulator
-from gril_jax.envs.magical.layout import COLOURS
+from gril_jax.envs.magical.layout import Places
 from gril_jax.envs.planar import robots
 from gril_jax.envs.planar import shapes as block_shapes
-from gril_jax.envs.planar.joints import Strengths
-from gril_jax.envs.planar.shapes import NOTHING, SHAPES
-from gril_jax.envs.stages import Stages, free_place
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from gril_jax.envs.planar.joints import Command, Strengths
+from gril_jax.envs.planar.shapes import NOTHING
+from gril_jax.envs.stages import Stage, Stages, free_place
+from jaxtyping import Array, Float, PRNGKeyArray
 
-from . import from_boxes, places, state
-from .from_boxes import Placed
-from .places import Places
+from . import from_boxes, pictures, places, state
 from .plan import CLASSES, VARIANTS, Kinds, Plan, Scene, outside
 from .state import SuiteData
 
@@ -47,7 +52,6 @@ class SuiteTask:
       variant: what is drawn at reset: nothing ("demo"), a little of everything ("jitter"), colours
         ("color"), "shape", places ("layout"), these three and the number of blocks ("countplus"),
         forces ("dynamics"), or all of it ("all"); those that MAGICAL has for the task.
-      turn: "original" or "smooth", for the physics "xmagical".
       reward: the task's own reward; "sparse" is the score of each moment.
       episode_length: control steps; None is the original's number.
       substeps: physics steps a control step; the original's is 10, as None is.
@@ -57,7 +61,7 @@ class SuiteTask:
     """
 
     classes = CLASSES
-    background = scenes.BACKGROUND
+    background = looks.BACKGROUND
     control_hz = simulator.CONTROL_HZ
     plan: Plan
     length: int  # of an episode, in control steps
@@ -65,6 +69,7 @@ class SuiteTask:
     near: tuple[str, ...] = ("jitter",)  # variants with places near those of Demo
     anywhere: tuple[str, ...] = ("layout", "countplus", "all")
     rewards: tuple[str, ...] = ("sparse",)
+    look = looks.ORIGINAL  # how pictures paint floor and regions
     robot_first = False  # painted below the blocks
 
     def __init__(
@@ -74,7 +79,6 @@ class SuiteTask:
         physics: str = "magical",
         engine: str = "auto",
         variant: str = "demo",
-        turn: str = "original",
         reward: str = "sparse",
         episode_length: int | None = None,
         substeps: int | None = None,
@@ -82,7 +86,6 @@ class SuiteTask:
         padded: bool = False,
     ):
         check_known("variant", variant, self.variants)
-        check_known("turn", turn, [*simulator.TURN_GAIN])
         check_known("reward", reward, self.rewards)
         self.variant = variant
         self.episode_length = self.length if episode_length is None else episode_length
@@ -101,20 +104,12 @@ class SuiteTask:
         self.robot, self.physics = robots.robot(robot), physics
         self._preset = simulator.PRESETS[physics]
         self.arena, self.half_extent = self._preset.arena, 1.02 * self._preset.arena
-        self._gain, self._reward = simulator.TURN_GAIN[turn], reward
-        self._parts = len(self.robot.parts)
+        self._reward, self._parts = reward, len(self.robot.parts)
         self._order = state.order(self.plan, self._kinds)
-        regions, blocks = len(self.plan.regions), len(self._kinds.shape)
-        self.observation_names = state.names(regions, blocks, fingers=self.robot.has_fingers)
+        self.observation_names = self._names()
         self.observation_size = len(self.observation_names)
-        self.observation_rows = state.rows(regions, blocks)
         self.action_size = 3 if self.robot.has_fingers else 2
         self.action_names = ("forward speed", "turn", "grip")[: self.action_size]
-        self.object_names = (
-            "robot",
-            *(f"{self.plan.regions[r].colour} region" for r in self._order.regions),
-            *(self.plan.blocks[b].name for b in self._order.blocks if b < len(self.plan.blocks)),
-        )
         self.stages = self._stages()
 
     # ------------------------------------------------------------ what tasks differ in
@@ -134,6 +129,38 @@ class SuiteTask:
     def reward(self, scene: Scene) -> Float[Array, ""]:
         """The reward of the name that was chosen."""
         return self.score(scene)
+
+    def _advanced(self, progress: Any, pose: Float[Array, "E 3"]) -> Any:
+        """What the task remembers of the episode, a control step later."""
+        return progress
+
+    def _names(self) -> tuple[str, ...]:
+        """A name for each number of the observation."""
+        count = len(self.plan.regions), len(self._kinds.shape)
+        return state.names(*count, fingers=self.robot.has_fingers)
+
+    def _seen(self, data: SuiteData) -> Float[Array, "O"]:
+        """The observation."""
+        return state.observe(data, self._parts, self._order)
+
+    def _objects(self, data: SuiteData) -> Objects:
+        """The objects as a detector would report them."""
+        return state.objects(data, self.robot, self._order)
+
+    @property
+    def observation_rows(self) -> tuple[tuple[int, int], ...] | None:
+        """How many rows of what length the observation ends with, by `state.rows`; None: it has no
+        such rows."""
+        return state.rows(len(self.plan.regions), len(self._kinds.shape))
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """The objects of the Demo start, in the order of `objects`."""
+        return (
+            "robot",
+            *(f"{self.plan.regions[r].colour} region" for r in self._order.regions),
+            *(self.plan.blocks[b].name for b in self._order.blocks if b < len(self.plan.blocks)),
+        )
 
     # ------------------------------------------------------------ the contract
 
@@ -160,7 +187,7 @@ class SuiteTask:
                 anywhere=self.variant in self.anywhere,
             )  # fmt: skip
         strengths = layouts.strengths(key_forces, self._preset, vary=self.varies("dynamics"))
-        return self._begun(kinds, start, strengths, start.unplaced)
+        return self._begun(kinds, start, strengths)
 
     def place(
         self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
@@ -183,7 +210,7 @@ class SuiteTask:
         )
         found = from_boxes.placed(key_place, boxes, kinds, listed, self.robot, arena=self.arena)
         strengths = layouts.strengths(key_forces, self._preset, vary=self.varies("dynamics"))
-        return self._begun(kinds, found, strengths, jnp.zeros((), bool))
+        return self._begun(kinds, found, strengths)
 
     def shifted(self, state: State, center: Float[Array, "N 2"]) -> State:
         """The same state with robot and blocks moved to these centres, in the order of `objects`;
@@ -202,31 +229,35 @@ class SuiteTask:
         fixed = not (self.varies("shape") or self.varies("count"))
         shape = jnp.asarray(self._kinds.shape) if fixed else data.shape
         shape = jnp.concatenate([shape, jnp.full(self._spare, NOTHING, jnp.int32)])
-        command = simulator.commanded(
-            action, physics=self.physics, gain=self._gain, dt=self._engine.dt
-        )
         pose, velocity, memory = self._engine.step(
             data.pose, data.velocity, data.memory, block_shapes.blocks(shape),
-            Strengths(*data.strengths), command,
+            Strengths(*data.strengths), self._command(action),
         )  # fmt: skip
-        return self._observe(data._replace(pose=pose, velocity=velocity, memory=memory))
+        changed = dict(pose=pose, velocity=velocity, memory=memory)
+        progress = self._advanced(data.progress, pose)
+        return self._observe(data._replace(**changed, progress=progress))
+
+    def _command(self, action: Float[Array, "A"]) -> Command:
+        return simulator.commanded(action, physics=self.physics, dt=self._engine.dt)
 
     def outlines(self, data: SuiteData) -> list[Outline]:
         """The outlines of one moment, to be painted (host side)."""
-        data = jax.tree.map(np.asarray, data)
-        blocks = np.flatnonzero(data.shape != NOTHING)
-        named = [(COLOURS[data.colour[b]], SHAPES[data.shape[b]]) for b in blocks]
-        bodies = np.concatenate([np.arange(self._parts), self._parts + blocks])
-        regions = [
-            (COLOURS[colour], box.astype(np.float64))
-            for colour, box in zip(data.region_colour, data.regions, strict=True)
-            if box[2] > 0
-        ]
-        pose = data.pose[bodies].astype(np.float64)
-        return scenes.outlines(
-            self.robot, named, self.arena, pose, regions, robot_first=self.robot_first,
-            original=True,
-        )  # fmt: skip
+        look = dict(arena=self.arena, look=self.look, robot_first=self.robot_first)
+        return pictures.outlines(data, self.robot, **look)
+
+    def render(self, data: SuiteData, *, size: int = 384, antialias: bool = False) -> Array:
+        """The scene as an image (size, size, 3) of uint8, inside jit; see `raster`."""
+        look = dict(arena=self.arena, look=self.look, robot_first=self.robot_first)
+        shown = dict(half_extent=self.half_extent, size=size, antialias=antialias)
+        return pictures.render(data, self.robot, **look, **shown)
+
+    def _staged(
+        self, stages: Sequence[Stage], movable: tuple[int, ...], faults: Sequence[Stage] = ()
+    ) -> Stages:
+        """Stages whose progress is the score; the robot, object 0, moves things."""
+        return Stages(
+            tuple(stages), movable, self.arena, self.scored, robots=(0,), faults=tuple(faults)
+        )
 
     def _scatter(self, block: int, holds: Holds, others: tuple[int, ...]) -> Place:
         """Puts a block anywhere where a stage holds."""
@@ -240,15 +271,13 @@ class SuiteTask:
 
         return place
 
-    def _begun(
-        self, kinds: Kinds, at: Places | Placed, strengths: Strengths, unplaced: Bool[Array, ""]
-    ) -> State:
+    def _begun(self, kinds: Kinds, at: Places, strengths: Strengths, progress: Any = ()) -> State:
         """The state with everything at rest."""
         spare = jnp.array([outside(0)] * self._spare).reshape(-1, 3)
         pose = jnp.concatenate([layouts.robot_pose(self.robot, at.robot), at.blocks, spare])
         return self._observe(SuiteData(
             pose, jnp.zeros_like(pose), jnp.asarray(self._rest), kinds.shape, kinds.colour,
-            at.regions, kinds.region_colour, jnp.stack(strengths), unplaced,
+            at.regions, kinds.region_colour, jnp.stack(strengths), at.unplaced, progress,
         ))  # fmt: skip
 
     def _filled(self, kinds: Kinds, xp: Any) -> Kinds:
@@ -261,10 +290,10 @@ class SuiteTask:
     def _observe(self, data: SuiteData) -> State:
         scene = state.scene(data, self._parts)
         score = self.score(scene)
-        seen = state.objects(data, self.robot, self._order)
+        seen = self._objects(data)
         return State(
             data=data,
-            obs=state.observe(data, self._parts, self._order),
+            obs=self._seen(data),
             objects=seen,
             moved=jnp.zeros(len(seen.label), bool),
             reward=self.reward(scene),

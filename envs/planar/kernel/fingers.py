@@ -1,17 +1,16 @@
 """The fingers' summed impulses in the kernel: where the memory has them, and the solver's use."""
 
-from typing import no_type_check
-
 import warp as wp
 
+from . import device
+from .device import Floats, Vec2s, Vec3s
 from .pins import STIFFNESS, Pupils, damped, direction, pinned
 from .servos import Aims, grip, pin
 
 NONE, PIVOTS, PINS = (wp.constant(kind) for kind in range(3))  # the kinds of fingers
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Fingers:
     """The fields of `joints.FingerImpulses` or of `magical.physics.Gripping`."""
 
@@ -22,22 +21,19 @@ class Fingers:
     pupils: Pupils
 
 
-@wp.func
-@no_type_check
-def _pair(memory: wp.array(dtype=float), at: int) -> wp.vec2:
+@device.no_type_check
+def _pair(memory: Floats, at: int) -> wp.vec2:
     return wp.vec2(memory[at], memory[at + 1])
 
 
-@wp.func
-@no_type_check
-def _keep(memory: wp.array(dtype=float), at: int, pair: wp.vec2):
+@device.no_type_check
+def _keep(memory: Floats, at: int, pair: wp.vec2):
     memory[at] = pair[0]
     memory[at + 1] = pair[1]
 
 
-@wp.func
-@no_type_check
-def recalled(memory: wp.array(dtype=float), at: int, kind: int) -> Fingers:
+@device.no_type_check
+def recalled(memory: Floats, at: int, kind: int) -> Fingers:
     """The impulses in the memory from `at` on."""
     fingers = Fingers()
     if kind == PIVOTS:
@@ -54,9 +50,8 @@ def recalled(memory: wp.array(dtype=float), at: int, kind: int) -> Fingers:
     return fingers
 
 
-@wp.func
-@no_type_check
-def remember(memory: wp.array(dtype=float), at: int, kind: int, fingers: Fingers):
+@device.no_type_check
+def remember(memory: Floats, at: int, kind: int, fingers: Fingers):
     """Puts the impulses into the memory."""
     if kind == PIVOTS:
         columns = wp.transpose(fingers.pivot)
@@ -73,12 +68,8 @@ def remember(memory: wp.array(dtype=float), at: int, kind: int, fingers: Fingers
         _keep(memory, at + 10, fingers.pupils.wanted)
 
 
-@wp.func
-@no_type_check
-def warm(
-    velocity: wp.array(dtype=wp.vec3), fingers: Fingers, kind: int, aim: Aims,
-    weights: wp.array(dtype=wp.vec2), dt: float,
-):  # fmt: skip
+@device.no_type_check
+def warm(velocity: Vec3s, fingers: Fingers, kind: int, aim: Aims, weights: Vec2s, dt: float):
     """Kicks base and fingers by the impulses of the last substep."""
     if kind == PIVOTS:
         for f in range(2):
@@ -94,11 +85,10 @@ def warm(
             pin(velocity, f, aim.arm[f], push, torque, weights)
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def solve(
-    velocity: wp.array(dtype=wp.vec3), fingers: Fingers, kind: int, aim: Aims,
-    weights: wp.array(dtype=wp.vec2), strength: float, dt: float,
+    velocity: Vec3s, fingers: Fingers, kind: int, aim: Aims, weights: Vec2s, strength: float,
+    dt: float,
 ) -> Fingers:  # fmt: skip
     """One pass over the joints of the fingers; returns their summed impulses."""
     if kind == PIVOTS:

@@ -12,6 +12,7 @@ from typing import no_type_check
 import jax
 import warp as wp
 
+from .device import Vec3s
 from .program import OUTPUTS, Strengths, control_step
 
 _LEAST = 64  # episodes that are worth a thread
@@ -60,11 +61,10 @@ def callable_step(robot: str, blocks: int, kind: int) -> Callable:
         pose: wp.array2d(dtype=wp.vec3), velocity: wp.array2d(dtype=wp.vec3),
         memory: wp.array2d(dtype=float), directions: wp.array3d(dtype=wp.vec2),
         corners: wp.array3d(dtype=wp.vec2), rims: wp.array3d(dtype=wp.vec2),
-        sizes: wp.array3d(dtype=float), strengths: wp.array(dtype=Strengths),
-        commands: wp.array(dtype=wp.vec3), inverse_mass: float, arena: float, dt: float,
-        ahead: float, rate: float, substeps: int, iterations: int,
-        new_pose: wp.array2d(dtype=wp.vec3), new_velocity: wp.array2d(dtype=wp.vec3),
-        new_memory: wp.array2d(dtype=float),
+        sizes: wp.array3d(dtype=float), strengths: wp.array(dtype=Strengths), commands: Vec3s,
+        inverse_mass: float, arena: float, dt: float, ahead: float, rate: float, substeps: int,
+        iterations: int, new_pose: wp.array2d(dtype=wp.vec3),
+        new_velocity: wp.array2d(dtype=wp.vec3), new_memory: wp.array2d(dtype=float),
     ):  # fmt: skip
         _launch(kernel, [
             pose, velocity, memory, directions, corners, rims, sizes, strengths, commands,

@@ -1,14 +1,13 @@
 """Bodies in the kernel, and signed distances to blocks as in `planar.shapes`."""
 
-from typing import no_type_check
-
 import warp as wp
+
+from . import device
 
 INSIDE = 1e-6  # beyond this a point is outside
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Part:
     """One rigid body of the robot; see `robots.Part`. Of boxes and corners some may be unused."""
 
@@ -24,8 +23,7 @@ class Part:
     ends: wp.types.vector(8, float)  # x, y of each corner
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Shapes:
     """The fields of `shapes.BlockShape` for B blocks."""
 
@@ -35,43 +33,37 @@ class Shapes:
     sizes: wp.array2d(dtype=float)  # (B, 3): radius, inverse inertia, radius of the circle around
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def cross(a: wp.vec2, b: wp.vec2) -> float:
     """The z component of the vector product."""
     return a[0] * b[1] - a[1] * b[0]
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def turned(a: wp.vec2) -> wp.vec2:
     """Rotates by a quarter turn counter-clockwise."""
     return wp.vec2(-a[1], a[0])
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def out_of(a: wp.vec2, frame: wp.vec2) -> wp.vec2:
     """Rotates from a frame turned by (cosine, sine) into the world's."""
     return wp.vec2(frame[0] * a[0] - frame[1] * a[1], frame[1] * a[0] + frame[0] * a[1])
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def into(a: wp.vec2, frame: wp.vec2) -> wp.vec2:
     """Rotates from the world's frame into one turned by (cosine, sine)."""
     return wp.vec2(frame[0] * a[0] + frame[1] * a[1], frame[0] * a[1] - frame[1] * a[0])
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def sign(x: float) -> float:
     """-1 below zero, else 1."""
     return wp.where(x < 0.0, -1.0, 1.0)
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def arm_distance(shapes: Shapes, b: int, arm: int, point: wp.vec2, margin: float):
     """Signed distance of a point in block b's frame, and the outward normal, in that frame.
 

@@ -1,11 +1,10 @@
 """A robot's parts as numbers that the kernel has as constants."""
 
-from typing import no_type_check
-
 import numpy as np
 import warp as wp
 from gril_jax.envs.planar.robots import Part as RobotPart
 
+from . import device
 from .outlines import Part
 
 _CORNERS = 4
@@ -31,8 +30,7 @@ def _of(part: RobotPart) -> np.ndarray:
     ])  # fmt: skip
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def part_of(x: Numbers) -> Part:
     """A part from its numbers."""
     part = Part()

@@ -1,9 +1,9 @@
 """The original MAGICAL's fingers and pupils in the kernel, as in `magical.physics`."""
 
-from typing import no_type_check
-
 import warp as wp
 
+from . import device
+from .device import Vec2s, Vec3s
 from .outlines import cross, turned
 from .servos import Aims, limited, pin, plane
 
@@ -13,8 +13,7 @@ DAMPING = wp.constant(3.0e-3)
 PUPIL = wp.constant(0.002)
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Pupils:
     """The fields of `magical.physics.Pupils`."""
 
@@ -23,19 +22,15 @@ class Pupils:
     wanted: wp.vec2
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def swung(pupils: Pupils, spin: float, dt: float) -> Pupils:
     """The pupils a substep later, behind a base of that spin."""
     lag = pupils.lag + dt * (wp.vec2(spin, spin) - pupils.spin)
     return Pupils(lag, pupils.spin + dt * STIFFNESS / PUPIL * lag, wp.vec2(0.0, 0.0))
 
 
-@wp.func
-@no_type_check
-def damped(
-    velocity: wp.array(dtype=wp.vec3), pupils: Pupils, weights: wp.array(dtype=wp.vec2), dt: float
-) -> Pupils:
+@device.no_type_check
+def damped(velocity: Vec3s, pupils: Pupils, weights: Vec2s, dt: float) -> Pupils:
     """One pass over the dampers of the pupils' springs."""
     inertia = weights[0][1]
     light = inertia + 1.0 / PUPIL
@@ -51,8 +46,7 @@ def damped(
     return pupils
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def direction(off: wp.vec2, f: int, dt: float) -> wp.vec2:
     """Unit vector from where finger f should be to where it is; `magical.physics.HELD` if there."""
     far = wp.sqrt(wp.dot(off, off) + 1.0e-20)
@@ -61,12 +55,10 @@ def direction(off: wp.vec2, f: int, dt: float) -> wp.vec2:
     return wp.where(f == 0, wp.vec2(1.0, 0.0), wp.vec2(0.9486832980505138, 0.31622776601683794))
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def pinned(
-    velocity: wp.array(dtype=wp.vec3), f: int, given: wp.vec3, aim: Aims,
-    weights: wp.array(dtype=wp.vec2), strength: float, dt: float,
-) -> wp.vec3:  # fmt: skip
+    velocity: Vec3s, f: int, given: wp.vec3, aim: Aims, weights: Vec2s, strength: float, dt: float
+) -> wp.vec3:
     """Solves pin, stop and motor of one finger; returns their summed impulses."""
     arm, n, none = aim.arm[f], direction(aim.pivot[f], f, dt), wp.vec2(0.0, 0.0)
     base, finger, inertia = velocity[0], velocity[1 + f], weights[0][1]

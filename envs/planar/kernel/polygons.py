@@ -1,9 +1,8 @@
 """Contacts of convex polygons and circles in the kernel, as in `planar.polygons`."""
 
-from typing import no_type_check
-
 import warp as wp
 
+from . import device
 from .outlines import Shapes, cross, into, out_of, turned
 
 FAR = wp.constant(1.0e3)
@@ -12,8 +11,7 @@ _LEAST = 1.0e9
 Sides = wp.types.matrix((5, 2), wp.float32)
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Polygon:
     """One of `polygons.Polygon`: corners, and the normals of the sides from them to the next."""
 
@@ -23,8 +21,7 @@ class Polygon:
     radius: float
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Meeting:
     """One of `polygons.Meeting`."""
 
@@ -34,15 +31,13 @@ class Meeting:
     second: wp.vec2
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def star(shapes: Shapes, b: int) -> bool:
     """True for a star."""
     return shapes.rims[b, 2][1] > 0.0
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def nearest_arms(shapes: Shapes, b: int, towards: wp.vec2) -> wp.vec2i:
     """Of the directions of block b the nearest to a vector in its frame, and the next."""
     first, second = wp.int32(0), wp.int32(0)
@@ -61,8 +56,7 @@ def nearest_arms(shapes: Shapes, b: int, towards: wp.vec2) -> wp.vec2i:
     return wp.vec2i(first, second)
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def box_polygon(box: wp.vec4, tilt: wp.vec2, heading: wp.vec2, center: wp.vec2) -> Polygon:
     """A box of a part that has this heading, its centre `center`."""
     corners, normals = Sides(), Sides()
@@ -81,8 +75,7 @@ def box_polygon(box: wp.vec4, tilt: wp.vec2, heading: wp.vec2, center: wp.vec2) 
     return Polygon(4, corners, normals, 0.0)
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _kite(shapes: Shapes, b: int, k: int):
     """Corner k of a star's arm along x, and the normal of the side that begins there."""
     tip, notch, out = shapes.rims[b, 0], shapes.rims[b, 1], shapes.rims[b, 2]
@@ -96,8 +89,7 @@ def _kite(shapes: Shapes, b: int, k: int):
     return notch, inner
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def piece(shapes: Shapes, b: int, arm: int, heading: wp.vec2, center: wp.vec2) -> Polygon:
     """Block b, of a star the arm of that number, with this heading and centre."""
     corners, normals, count = Sides(), Sides(), wp.int32(5)
@@ -122,8 +114,7 @@ def piece(shapes: Shapes, b: int, arm: int, heading: wp.vec2, center: wp.vec2) -
     return Polygon(count, corners, normals, shapes.sizes[b, 0])
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _beyond(a: Polygon, b: Polygon):
     """The side of the first beyond which the second lies the furthest, and how far."""
     best, which = wp.float32(-_LEAST), wp.int32(0)
@@ -139,8 +130,7 @@ def _beyond(a: Polygon, b: Polygon):
     return best, which
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _facing(a: Polygon, n: wp.vec2):
     """The ends of the side that faces a direction."""
     best, which = wp.dot(a.normals[0], n), wp.int32(0)
@@ -155,8 +145,7 @@ def _facing(a: Polygon, n: wp.vec2):
     return a.corners[which], a.corners[following]
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _corners_apart(a: Polygon, b: Polygon, n: wp.vec2):
     """The way between the nearest corners of two polygons that are not face to face; else zero."""
     e, to_e = _facing(a, n)
@@ -176,8 +165,7 @@ def _corners_apart(a: Polygon, b: Polygon, n: wp.vec2):
     return wp.vec2(0.0, 0.0)
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _on(start: wp.vec2, end: wp.vec2, low: float, high: float, at: float) -> wp.vec2:
     """The point of a side, its ends at `low` and `high`, that is at a place or nearest to it."""
     share, width = wp.float32(0.0), high - low
@@ -186,8 +174,7 @@ def _on(start: wp.vec2, end: wp.vec2, low: float, high: float, at: float) -> wp.
     return start + (end - start) * share
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def meet(a: Polygon, b: Polygon) -> Meeting:
     """Contact of two polygons; a gap that is positive is only some such number."""
     met = Meeting()
@@ -224,8 +211,7 @@ def meet(a: Polygon, b: Polygon) -> Meeting:
     return met
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def to_box(box: wp.vec4, tilt: wp.vec2, point: wp.vec2) -> wp.vec2:
     """The way from a point to the nearest one of a box, both in the part's frame."""
     local = into(point - wp.vec2(box[0], box[1]), tilt)

@@ -11,6 +11,8 @@ import warp as wp
 from gril_jax.envs.planar import robots
 from gril_jax.envs.planar.contacts import layers_of
 
+from . import device
+from .device import Floats, Vec2s, Vec3s
 from .fingers import NONE, PINS, Fingers, recalled, remember, solve, warm
 from .outlines import Part, Shapes
 from .parts import numbers, part_of
@@ -23,11 +25,10 @@ OUTPUTS = 3  # of the kernel: poses, velocities, memories
 Strengths = wp.types.vector(5, wp.float32)  # the fields of `joints.Strengths`
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _table_and_drive(
-    scene: Scene, velocity: wp.array(dtype=wp.vec3), weights: wp.array(dtype=wp.vec2),
-    table: wp.array(dtype=wp.vec3), drive: wp.vec3, aim: Aims, most: Strengths,
+    scene: Scene, velocity: Vec3s, weights: Vec2s, table: Vec3s, drive: wp.vec3, aim: Aims,
+    most: Strengths,
 ) -> wp.vec3:  # fmt: skip
     """One pass over these joints; returns the drive's summed impulse. `most` are impulses."""
     for b in range(scene.blocks):
@@ -41,13 +42,11 @@ def _table_and_drive(
     return new
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _solve(
     scene: Scene, rows: wp.array(dtype=Row), count: int, iterations: int, kind: int,
-    velocity: wp.array(dtype=wp.vec3), shift: wp.array(dtype=wp.vec3),
-    weights: wp.array(dtype=wp.vec2), table: wp.array(dtype=wp.vec3), drive: wp.vec3,
-    fingers: Fingers, aim: Aims, most: Strengths, dt: float,
+    velocity: Vec3s, shift: Vec3s, weights: Vec2s, table: Vec3s, drive: wp.vec3, fingers: Fingers,
+    aim: Aims, most: Strengths, dt: float,
 ):  # fmt: skip
     """Warm start, then all passes of a substep; returns the impulses of drive and fingers."""
     for r in range(count):
@@ -65,13 +64,9 @@ def _solve(
     return servo, hands
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _keep_rows(
-    rows: wp.array(dtype=Row),
-    count: int,
-    old: wp.array(dtype=wp.vec2i),
-    memory: wp.array(dtype=float),
+    rows: wp.array(dtype=Row), count: int, old: wp.array(dtype=wp.vec2i), memory: Floats
 ):
     """Writes the rows' impulses into the memory, and into `old` where they are."""
     for r in range(count):
@@ -80,11 +75,8 @@ def _keep_rows(
         old[r] = wp.vec2i(rows[r].slot, rows[r].tangent_slot)
 
 
-@wp.func
-@no_type_check
-def _forget(
-    memory: wp.array(dtype=float), contacts: int, old: wp.array(dtype=wp.vec2i), known: int
-):
+@device.no_type_check
+def _forget(memory: Floats, contacts: int, old: wp.array(dtype=wp.vec2i), known: int):
     """Zeros the memory of contacts: that of the `known` ones in `old`, or if -1 of all."""
     if known < 0:
         for slot in range(contacts):
@@ -94,12 +86,10 @@ def _forget(
         memory[old[r][1]] = 0.0
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _move(
-    pose: wp.array(dtype=wp.vec3), before: wp.array(dtype=wp.vec3),
-    velocity: wp.array(dtype=wp.vec3), shift: wp.array(dtype=wp.vec3),
-    heading: wp.array(dtype=wp.vec2), bodies: int, dt: float, share: float,
+    pose: Vec3s, before: Vec3s, velocity: Vec3s, shift: Vec3s, heading: Vec2s, bodies: int,
+    dt: float, share: float,
 ):  # fmt: skip
     """Advances the poses with that share of the velocities, and forgets the shifts."""
     for e in range(bodies):
@@ -125,11 +115,10 @@ def control_step(robot: str, blocks: int, kind: int) -> wp.Kernel:
         pose: wp.array2d(dtype=wp.vec3), velocity: wp.array2d(dtype=wp.vec3),
         memory: wp.array2d(dtype=float), directions: wp.array3d(dtype=wp.vec2),
         corners: wp.array3d(dtype=wp.vec2), rims: wp.array3d(dtype=wp.vec2),
-        sizes: wp.array3d(dtype=float), strengths: wp.array(dtype=Strengths),
-        commands: wp.array(dtype=wp.vec3), inverse_mass: float, arena: float, dt: float,
-        ahead: float, rate: float, substeps: int, iterations: int,
-        new_pose: wp.array2d(dtype=wp.vec3), new_velocity: wp.array2d(dtype=wp.vec3),
-        new_memory: wp.array2d(dtype=float),
+        sizes: wp.array3d(dtype=float), strengths: wp.array(dtype=Strengths), commands: Vec3s,
+        inverse_mass: float, arena: float, dt: float, ahead: float, rate: float, substeps: int,
+        iterations: int, new_pose: wp.array2d(dtype=wp.vec3),
+        new_velocity: wp.array2d(dtype=wp.vec3), new_memory: wp.array2d(dtype=float),
     ):  # fmt: skip
         lane = wp.tid()
         at, before = wp.zeros(shape=bodies, dtype=wp.vec3), wp.zeros(shape=bodies, dtype=wp.vec3)

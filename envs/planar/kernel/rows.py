@@ -4,15 +4,14 @@ The rows lie in the order of `physics.Physics`'s layers, of which each is solved
 here too: first the changes of all its rows, then their kicks.
 """
 
-from typing import no_type_check
-
 import warp as wp
 
+from . import device
+from .device import Floats, Vec2s, Vec3s
 from .outlines import cross, turned
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Touch:
     """The deepest contact found so far; there is none while the gap is positive."""
 
@@ -21,8 +20,7 @@ class Touch:
     second: wp.vec2  # contact point relative to the second body's centre
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Row:
     """A contact that the solver sees; see `impulses.Rows`."""
 
@@ -41,15 +39,13 @@ class Row:
     change: wp.vec3  # of these in the present pass
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def nothing() -> Touch:
     """No contact yet."""
     return Touch(1.0e3, wp.vec2(0.0, 0.0), wp.vec2(0.0, 0.0))
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def deeper(best: Touch, gap: float, normal: wp.vec2, second: wp.vec2) -> Touch:
     """The deeper of two contacts."""
     if gap < best.gap:
@@ -57,12 +53,10 @@ def deeper(best: Touch, gap: float, normal: wp.vec2, second: wp.vec2) -> Touch:
     return best
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def prepared(
-    touch: Touch, first: int, second: int, friction: float, rate: float,
-    pose: wp.array(dtype=wp.vec3), weights: wp.array(dtype=wp.vec2),
-) -> Row:  # fmt: skip
+    touch: Touch, first: int, second: int, friction: float, rate: float, pose: Vec3s, weights: Vec2s
+) -> Row:
     """The row of a contact; `rate` is the share of an overlap that is undone in a second."""
     row, n = Row(), touch.normal
     t = turned(n)
@@ -84,11 +78,10 @@ def prepared(
     return row
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def append(
     rows: wp.array(dtype=Row), count: int, row: Row, layer: int, slot: int, width: int,
-    memory: wp.array(dtype=float),
+    memory: Floats,
 ) -> int:  # fmt: skip
     """Lists a row with the impulses that the memory has for it; returns the new count."""
     row.layer = layer
@@ -99,12 +92,8 @@ def append(
     return count + 1
 
 
-@wp.func
-@no_type_check
-def kick(
-    row: Row, j: wp.vec3, velocity: wp.array(dtype=wp.vec3), shift: wp.array(dtype=wp.vec3),
-    weights: wp.array(dtype=wp.vec2),
-):  # fmt: skip
+@device.no_type_check
+def kick(row: Row, j: wp.vec3, velocity: Vec3s, shift: Vec3s, weights: Vec2s):
     """Gives both bodies the impulses j (normal, tangent, shift)."""
     n = row.normal
     push, apart = n * j[0] + turned(n) * j[1], n * j[2]
@@ -127,8 +116,7 @@ def kick(
         )
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _speeds(n: wp.vec2, arm: wp.vec2, velocity: wp.vec3, shift: wp.vec3) -> wp.vec3:
     """Speeds at a contact: along the normal, the tangent, and the normal of the second system."""
     v, s = wp.vec2(velocity[0], velocity[1]), wp.vec2(shift[0], shift[1])
@@ -139,9 +127,8 @@ def _speeds(n: wp.vec2, arm: wp.vec2, velocity: wp.vec3, shift: wp.vec3) -> wp.v
     )
 
 
-@wp.func
-@no_type_check
-def _solved(row: Row, velocity: wp.array(dtype=wp.vec3), shift: wp.array(dtype=wp.vec3)) -> wp.vec3:
+@device.no_type_check
+def _solved(row: Row, velocity: Vec3s, shift: Vec3s) -> wp.vec3:
     """The row's impulses after a pass."""
     a, b = row.first, row.second
     v = _speeds(row.normal, row.leverage, velocity[b], shift[b])
@@ -153,13 +140,8 @@ def _solved(row: Row, velocity: wp.array(dtype=wp.vec3), shift: wp.array(dtype=w
     return wp.vec3(normal, tangent, wp.max(row.sums[2] + (row.bias - v[2]) * row.mass[0], 0.0))
 
 
-@wp.func
-@no_type_check
-def sweep(
-    rows: wp.array(dtype=Row), count: int,
-    velocity: wp.array(dtype=wp.vec3), shift: wp.array(dtype=wp.vec3),
-    weights: wp.array(dtype=wp.vec2),
-):  # fmt: skip
+@device.no_type_check
+def sweep(rows: wp.array(dtype=Row), count: int, velocity: Vec3s, shift: Vec3s, weights: Vec2s):
     """One pass over all rows, a layer at a time."""
     done = wp.int32(0)
     for r in range(count):

@@ -3,10 +3,10 @@
 A velocity is (x, y, spin), an impulse of the table or the drive (x, y, torque).
 """
 
-from typing import no_type_check
-
 import warp as wp
 
+from . import device
+from .device import Vec2s, Vec3s
 from .outlines import cross, out_of, turned
 
 TURN_RATE = wp.constant(2.5)
@@ -16,8 +16,7 @@ PIVOT_X = wp.constant(0.09)
 PIVOT_Y = wp.constant(0.02)
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Command:
     """The fields of `joints.Command`, and the step in seconds."""
 
@@ -27,8 +26,7 @@ class Command:
     dt: float
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Aims:
     """The fields of `joints.Aims`; of matrices a row is a finger's."""
 
@@ -39,26 +37,22 @@ class Aims:
     limit: wp.vec2
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _finger_side(f: int) -> float:
     """Sign of an open finger's angle, left first."""
     return wp.where(f == 0, 1.0, -1.0)
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def plane(v: wp.vec3) -> wp.vec2:
     """The velocity without the spin."""
     return wp.vec2(v[0], v[1])
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def aims_of(
-    before: wp.array(dtype=wp.vec3), pose: wp.array(dtype=wp.vec3), heading: wp.vec2, spin: float,
-    command: Command, fingers: bool,
-) -> Aims:  # fmt: skip
+    before: Vec3s, pose: Vec3s, heading: wp.vec2, spin: float, command: Command, fingers: bool
+) -> Aims:
     """Targets of a substep; the servos were set by the poses `before` it."""
     aim, yaw = Aims(), before[0][2]
     turn = wp.clamp(command.turn / command.dt - spin, -TURN_RATE, TURN_RATE)
@@ -80,15 +74,13 @@ def aims_of(
     return aim
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def served(v: wp.vec3, j: wp.vec3, weight: wp.vec2) -> wp.vec3:
     """A velocity after an impulse and a torque."""
     return v + wp.vec3(j[0] * weight[0], j[1] * weight[0], j[2] * weight[1])
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def steered(
     v: wp.vec3, given: wp.vec3, aim: wp.vec3, weight: wp.vec2, force: float, torque: float
 ) -> wp.vec3:
@@ -99,20 +91,15 @@ def steered(
     return wp.vec3(push[0], push[1], turn)
 
 
-@wp.func
-@no_type_check
-def pin(
-    velocity: wp.array(dtype=wp.vec3), f: int, arm: wp.vec2, j: wp.vec2, torque: float,
-    weights: wp.array(dtype=wp.vec2),
-):  # fmt: skip
+@device.no_type_check
+def pin(velocity: Vec3s, f: int, arm: wp.vec2, j: wp.vec2, torque: float, weights: Vec2s):
     """Kicks finger f at its pivot and turns it, and gives the base the reaction."""
     back = wp.vec3(-j[0], -j[1], -cross(arm, j) - torque)
     velocity[0] = served(velocity[0], back, weights[0])
     velocity[1 + f] = served(velocity[1 + f], wp.vec3(j[0], j[1], torque), weights[1 + f])
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def limited(sum: float, aim: float) -> float:
     """A stop's summed impulse: none within the range, and never outwards."""
     if aim == 0.0:
@@ -120,11 +107,8 @@ def limited(sum: float, aim: float) -> float:
     return wp.where(aim > 0.0, wp.max(sum, 0.0), wp.min(sum, 0.0))
 
 
-@wp.func
-@no_type_check
-def _pivot_impulse(
-    velocity: wp.array(dtype=wp.vec3), f: int, aim: Aims, weights: wp.array(dtype=wp.vec2)
-) -> wp.vec2:
+@device.no_type_check
+def _pivot_impulse(velocity: Vec3s, f: int, aim: Aims, weights: Vec2s) -> wp.vec2:
     """The impulse that brings finger f back onto its pivot."""
     base, arm, inertia = velocity[0], aim.arm[f], weights[0][1]
     light = weights[0][0] + weights[1 + f][0]
@@ -136,11 +120,10 @@ def _pivot_impulse(
     return pivot * (1.0 / (a * d - b * b))
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def grip(
-    velocity: wp.array(dtype=wp.vec3), pivots: wp.mat22, limits: wp.vec2, motors: wp.vec2,
-    aim: Aims, weights: wp.array(dtype=wp.vec2), strength: float,
+    velocity: Vec3s, pivots: wp.mat22, limits: wp.vec2, motors: wp.vec2, aim: Aims, weights: Vec2s,
+    strength: float,
 ):  # fmt: skip
     """Solves pivots, stops and motors of both fingers at once; returns their summed impulses."""
     none = wp.vec2(0.0, 0.0)

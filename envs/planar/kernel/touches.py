@@ -4,10 +4,10 @@ Pairs whose circles do not meet are skipped, and of what is found only what touc
 as in Chipmunk, bodies that are yet apart do not feel each other.
 """
 
-from typing import no_type_check
-
 import warp as wp
 
+from . import device
+from .device import Floats, Vec2s, Vec3s
 from .outlines import Part, Shapes, arm_distance, into, out_of
 from .polygons import box_polygon, meet, nearest_arms, piece, star, to_box
 from .rows import Row, Touch, append, deeper, nothing, prepared
@@ -16,8 +16,7 @@ BLOCK_FRICTION = wp.constant(0.5)
 WALL_FRICTION = wp.constant(0.8)
 
 
-@wp.struct
-@no_type_check
+@device.no_type_check
 class Scene:
     """Sizes of one episode's scene."""
 
@@ -27,16 +26,14 @@ class Scene:
     rate: float  # share of an overlap that is undone in a second
 
 
-@wp.func
-@no_type_check
-def _between(pose: wp.array(dtype=wp.vec3), first: int, second: int) -> wp.vec2:
+@device.no_type_check
+def _between(pose: Vec3s, first: int, second: int) -> wp.vec2:
     """The way from one body's centre to another's."""
     way = pose[second] - pose[first]
     return wp.vec2(way[0], way[1])
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _disc_on_block(radius: float, offset: wp.vec2, shapes: Shapes, b: int, heading: wp.vec2):
     """The contacts of a disc with block b, `offset` away, or with the nearest arms of a star."""
     point = into(-offset, heading)
@@ -52,8 +49,7 @@ def _disc_on_block(radius: float, offset: wp.vec2, shapes: Shapes, b: int, headi
     return first, second
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _box_on_block(
     box: wp.vec4, tilt: wp.vec2, at: wp.vec2, offset: wp.vec2, shapes: Shapes, b: int,
     heading: wp.vec2,
@@ -85,13 +81,11 @@ def _box_on_block(
     return first, second
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _of_part(
-    p: int, layer: int, parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene,
-    pose: wp.array(dtype=wp.vec3), heading: wp.array(dtype=wp.vec2),
-    weights: wp.array(dtype=wp.vec2), memory: wp.array(dtype=float),
-    others: wp.array(dtype=Touch), rows: wp.array(dtype=Row), count: int,
+    p: int, layer: int, parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene, pose: Vec3s,
+    heading: Vec2s, weights: Vec2s, memory: Floats, others: wp.array(dtype=Touch),
+    rows: wp.array(dtype=Row), count: int,
 ) -> int:  # fmt: skip
     """Appends the rows of one part with the blocks: two layers of a disc or of each box."""
     part = parts[p]
@@ -127,13 +121,10 @@ def _of_part(
     return n
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _of_pair(
-    i: int, j: int, layer: int, shapes: Shapes, scene: Scene,
-    pose: wp.array(dtype=wp.vec3), heading: wp.array(dtype=wp.vec2),
-    weights: wp.array(dtype=wp.vec2), memory: wp.array(dtype=float),
-    rows: wp.array(dtype=Row), count: int,
+    i: int, j: int, layer: int, shapes: Shapes, scene: Scene, pose: Vec3s, heading: Vec2s,
+    weights: Vec2s, memory: Floats, rows: wp.array(dtype=Row), count: int,
 ) -> int:  # fmt: skip
     """Appends the row of the first point of block i with block j, if there is one."""
     first, second, wide = scene.parts + i, scene.parts + j, scene.blocks
@@ -163,8 +154,7 @@ def _of_pair(
     return append(rows, count, row, layer, 2 * wide * layer + i, wide, memory)
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _corner(parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene, e: int, k: int) -> wp.vec2:
     """Corner k of any body, in its own frame."""
     if e >= scene.parts:
@@ -172,13 +162,11 @@ def _corner(parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene, e: int, k
     return wp.vec2(parts[e].ends[2 * k], parts[e].ends[2 * k + 1])
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def _of_walls(
     e: int, slot: int, width: int, parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene,
-    pose: wp.array(dtype=wp.vec3), heading: wp.array(dtype=wp.vec2),
-    weights: wp.array(dtype=wp.vec2), memory: wp.array(dtype=float),
-    rows: wp.array(dtype=Row), count: int,
+    pose: Vec3s, heading: Vec2s, weights: Vec2s, memory: Floats, rows: wp.array(dtype=Row),
+    count: int,
 ) -> int:  # fmt: skip
     """Appends the rows of body e with the walls: the nearer of each axis, on either side."""
     n, corners = wp.int32(count), wp.int32(5)
@@ -216,13 +204,10 @@ def _of_walls(
     return n
 
 
-@wp.func
-@no_type_check
+@device.no_type_check
 def find_rows(
-    parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene,
-    pose: wp.array(dtype=wp.vec3), heading: wp.array(dtype=wp.vec2),
-    weights: wp.array(dtype=wp.vec2), memory: wp.array(dtype=float),
-    others: wp.array(dtype=Touch), rows: wp.array(dtype=Row),
+    parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene, pose: Vec3s, heading: Vec2s,
+    weights: Vec2s, memory: Floats, others: wp.array(dtype=Touch), rows: wp.array(dtype=Row),
 ) -> int:  # fmt: skip
     """Lists all that touches, with the impulses in `memory`; returns how many rows there are."""
     count, layer, wide = wp.int32(0), wp.int32(0), scene.blocks

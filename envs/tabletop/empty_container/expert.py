@@ -29,14 +29,8 @@ _ALONG = (-0.06, 0.0, 0.06)  # the bin's x at which blocks are let go, across it
 
 def _take(hand: Hand, rng: np.random.Generator, pace: Pace, block: int) -> None:
     """Takes a block, and tries again if it slips."""
-    joint, aside = _FIRST + 7 * block, rng.uniform(-0.008, 0.008)
-    for _ in range(2):
-        place = moves.pose(hand, joint)
-        yaw = moves.folded(moves.yaw_of(place[3:]))
-        spot = place[:2] + aside * np.array([np.cos(yaw), np.sin(yaw)])
-        moves.grasp(hand, spot, pace, depth=_DEPTH, above=_ABOVE, yaw=yaw)
-        if moves.holds(hand, joint, above=_ALOFT):
-            return
+    aside, joint = rng.uniform(-0.008, 0.008), _FIRST + 7 * block
+    moves.take(hand, joint, pace, depth=_DEPTH, above=_ABOVE, aloft=_ALOFT, aside=aside)
 
 
 def _put(hand: Hand, pace: Pace, to: int, *where: float) -> None:

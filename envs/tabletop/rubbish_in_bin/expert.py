@@ -31,15 +31,10 @@ _RUBBISH, _TOMATOES = 4, (5, 6)  # among the environment's classes
 
 def _take(hand: Hand, rng: np.random.Generator, pace: Pace, thing: int) -> None:
     """Takes the rubbish (0) or a tomato, and tries again if it slips."""
-    joint, depth = _FIRST + 7 * thing, _TAKE[thing > 0]
-    aside = rng.uniform(-0.008, 0.008)
-    for _ in range(2):
-        place = moves.pose(hand, joint)
-        yaw = moves.folded(moves.yaw_of(place[3:])) if thing == 0 else hand.yaw
-        spot = place[:2] + aside * np.array([np.cos(yaw), np.sin(yaw)])
-        moves.grasp(hand, spot, pace, depth=depth, above=_ABOVE, yaw=yaw)
-        if moves.holds(hand, joint, above=_ALOFT):
-            return
+    moves.take(
+        hand, _FIRST + 7 * thing, pace, depth=_TAKE[thing > 0], above=_ABOVE, aloft=_ALOFT,
+        aside=rng.uniform(-0.008, 0.008), turned=not thing,
+    )  # fmt: skip
 
 
 def _bring(hand: Hand, rng: np.random.Generator, pace: Pace, *, aside=(0.0, 0.0)) -> None:

@@ -13,7 +13,7 @@
 import numpy as np
 from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.tabletop.hand import Hand
-from gril_jax.envs.tabletop.moves import wander
+from gril_jax.envs.tabletop.moves import release, wander
 from gril_jax.envs.tabletop.recorded import Run
 from gril_jax.envs.tabletop.script import Script
 from jaxtyping import Bool, Float
@@ -34,7 +34,7 @@ def _put(hand: Hand, style: Style, number: int, *, where=None) -> None:
     hand.rest(style.pauses[1 + number])
     moves.take(hand, style, style.order[number])
     moves.carry(hand, style, style.drops[number] if where is None else where)
-    moves.release(hand, style, pause=style.pauses[3 + number])
+    release(hand, style.pace, pause=style.pauses[3 + number])
 
 
 def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:

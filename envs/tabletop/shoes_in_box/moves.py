@@ -141,11 +141,6 @@ def carry(hand: Hand, style: Style, where) -> None:
     moves.carry(hand, out_of_box(hand, where), style.pace, yaw=box_yaw(hand))
 
 
-def release(hand: Hand, style: Style, *, pause: int = 0) -> None:
-    """Opens the gripper and moves up."""
-    moves.release(hand, style.pace, pause=pause)
-
-
 def knock(hand: Hand, style: Style, shoe: int, way) -> None:
     """Strikes a shoe with closed fingers, along a direction (x, y) of the world, by 20 cm."""
     moves.knock(hand, shoe_place(hand, shoe)[0], style.pace, way)

@@ -14,7 +14,7 @@ Places are in the box's frame, as in `shoes_in_box.moves`.
 import numpy as np
 from gril_jax.envs.panda.model import DOFS
 from gril_jax.envs.tabletop.hand import Hand
-from gril_jax.envs.tabletop.moves import wander
+from gril_jax.envs.tabletop.moves import release, wander
 from gril_jax.envs.tabletop.recorded import Run
 from gril_jax.envs.tabletop.script import EARLY, Script
 from gril_jax.envs.tabletop.shoes_in_box import moves
@@ -45,7 +45,7 @@ def _put(hand: Hand, style: Style, number: int) -> None:
     """Takes the shoe that is number `number` in order, and puts it down in its slot."""
     _lift(hand, style, number)
     moves.carry(hand, style, style.drops[style.order[number]])
-    moves.release(hand, style, pause=style.pauses[3 + number])
+    release(hand, style.pace, pause=style.pauses[3 + number])
 
 
 def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:
@@ -65,7 +65,7 @@ def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:
         _lift(hand, style, 1)
         side = -0.083 if style.order[1] == 0 else 0.083
         moves.carry(hand, style, (side, rng.uniform(-0.02, 0.02), rng.uniform(0.06, 0.1)))
-        moves.release(hand, style)
+        release(hand, style.pace)
     elif kind == "shoe held":
         _lift(hand, style, 1)
         x, y = SLOTS[style.order[1]]

@@ -119,8 +119,6 @@ def of_set(
 
 def _objects(env: Env) -> tuple[str, ...]:
     """The names of a task's objects: its classes, where it does not say more."""
-    if hasattr(env, "blocks"):
-        return ("goal", "robot", *env.blocks)
     return tuple(getattr(env, "object_names", env.classes))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gril_jax.envs.magical import layout as layouts
 from gril_jax.envs.magical.match_regions import start as starts
+from gril_jax.envs.magical.suite import draws, places
 from gril_jax.envs.planar import robots
 from gril_jax.envs.planar import shapes as block_shapes
 from support import planar_scenes, scenes
@@ -41,7 +42,7 @@ def test_color_keeps_the_order_of_the_distractors_colours():
 
 
 def test_shapes_are_any_of_the_four_for_every_block():
-    drawn = np.asarray(jax.jit(jax.vmap(lambda k: layouts.shapes(k, 5)))(_keys()))
+    drawn = np.asarray(jax.jit(jax.vmap(lambda k: draws.shapes(k, 5)))(_keys()))
     for block in drawn.T:
         np.testing.assert_allclose(np.bincount(block, minlength=4) / 300, 0.25, atol=0.08)
 
@@ -77,7 +78,7 @@ def _overlaps(robot, layout, shapes):
     """True for starts in which two of robot, blocks and region overlap, or a wall is crossed."""
     rim, radii = layouts.rim(robots.robot(robot)), layouts.RADII[list(shapes)] - 1e-5
     found = []
-    for base, blocks, goal in zip(layout.robot, layout.blocks, layout.goal, strict=True):
+    for base, blocks, goal in zip(layout.robot, layout.blocks, layout.regions[:, 0], strict=True):
         points = planar_scenes.turned(rim, base[2]) + base[:2]
         away = np.linalg.norm(points[:, None] - blocks[:, :2], axis=-1) < radii
         apart = np.linalg.norm(blocks[:, None, :2] - blocks[:, :2], axis=-1)
@@ -101,7 +102,7 @@ def test_scattered_starts_are_free_of_overlap_or_say_so(robot):
 
 
 def test_regions_have_the_references_sizes_and_lie_in_the_arena():
-    goal = _scatter("gripper", (3,)).goal
+    goal = _scatter("gripper", (3,)).regions[:, 0]
     assert goal[:, 2:].min() >= 0.5
     assert goal[:, 2:].max() <= 0.8
     assert (np.abs(goal[:, :2]) + goal[:, 2:] / 2 <= ARENA + 1e-6).all()
@@ -157,14 +158,11 @@ def test_rim_goes_all_around_the_robot_in_small_steps(robot):
 
 
 def test_jitter_stays_within_its_bounds():
-    demo = layouts.Layout(
-        jnp.array(starts.DEMO_ROBOT), jnp.array(list(starts.DEMO_BLOCKS.values())),
-        jnp.array(starts.DEMO_GOAL), jnp.zeros((), bool),
-    )  # fmt: skip
+    demo = places.demo(starts.DEMO, len(starts.DEMO.blocks))
     moved = jax.jit(jax.vmap(lambda k: layouts.jitter(k, demo, arena=ARENA)))(_keys())
     off = np.abs(np.asarray(moved.blocks) - np.asarray(demo.blocks))
     assert (off <= np.array([0.0275, 0.0275, 0.157]) + 1e-6).all()
     assert (off.max(axis=0) > 0.9 * np.array([0.0275, 0.0275, 0.157])).all()
-    off = np.abs(np.asarray(moved.goal) - np.asarray(demo.goal))
+    off = np.abs(np.asarray(moved.regions - demo.regions)[:, 0])
     assert (off <= np.array([0.0275, 0.0275, 0.0075, 0.0075]) + 1e-6).all()
     assert not np.asarray(moved.unplaced).any()

@@ -2,7 +2,6 @@
 
 import math
 
-import chex
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -13,13 +12,13 @@ from gril_jax import envs
 OPEN = math.pi / 8
 
 
-def test_smooth_turning_is_linear_over_the_whole_range():
+def test_a_turn_is_bang_bang_beyond_a_sixteenth():
+    """An offset of a turns at a / (2 dt), at most at 2.5 rad/s."""
     env = envs.make("match_regions")
-    smooth = envs.make("match_regions", turn="smooth")
-    for turn in (0.02, 0.3, 1.0):
-        gentle = smooth._command(jnp.array([0.0, turn, 0.0]))
-        original = env._command(jnp.array([0.0, turn / 16, 0.0]))
-        chex.assert_trees_all_close(gentle, original, rtol=1e-6)
+    for turn in (-1.0, 0.02, 0.0625, 0.3):
+        rate = env._command(jnp.array([0.0, turn, 0.0])).turn / (2 * env._engine.dt)
+        assert float(rate) == pytest.approx(40 * turn, rel=1e-6)
+        assert (abs(rate) >= 2.5 - 1e-6) == (abs(turn) >= 0.0625)
 
 
 @pytest.mark.parametrize(

@@ -6,29 +6,9 @@ import numpy as np
 import pytest
 from gril_jax.envs.planar import model as planar_model
 from gril_jax.envs.planar import robots, shapes
+from support.planar_scenes import signed_distance
 
 _, *FINGERS = robots.robot("gripper").parts
-
-
-def _inside(points, vertices):
-    """Even-odd rule, one ray to the right a point."""
-    result = np.zeros(len(points), bool)
-    for (ax, ay), (bx, by) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        crosses = (ay > points[:, 1]) != (by > points[:, 1])
-        if not crosses.any():
-            continue
-        x = ax + (points[:, 1] - ay) / (by - ay if by != ay else np.inf) * (bx - ax)
-        result ^= crosses & (points[:, 0] < x)
-    return result
-
-
-def _to_outline(point, vertices):
-    """Distance of one point to the outline."""
-    best = np.inf
-    for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        share = np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
-        best = min(best, np.linalg.norm(point - a - share * (b - a)))
-    return best
 
 
 def _rim(capsule, count=64):
@@ -58,8 +38,7 @@ def _covered(points, capsules):
 def _farthest_outside(capsules, vertices):
     """Greatest distance by which the capsules stand out of an outline."""
     rim = np.concatenate([_rim(c) for c in capsules])
-    stray = rim[~_inside(rim, vertices * (1 + 1e-9))]
-    return max((_to_outline(p, vertices) for p in stray), default=0.0)
+    return max(0.0, signed_distance(*rim.T, vertices).max())
 
 
 # How far a block's capsules may stand out of its outline: a star's spoke is rounder than its tip,

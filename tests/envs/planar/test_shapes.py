@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from gril_jax.envs.planar import shapes as block_shapes
 from gril_jax.envs.planar.plane import Vec
-from support import scenes
+from gril_jax.envs.planar.polygons import nearest_arms
+from support import planar_scenes, scenes
 
 ROUNDED = {"star": 0.0, "square": 0.002127, "pentagon": 0.0, "circle": 0.0}  # radius of the corners
 
@@ -15,31 +16,21 @@ def _points(count=400, reach=0.3, seed=0):
     return np.random.default_rng(seed).uniform(-reach, reach, (count, 2))
 
 
-def _to_polygon(points, corners):
-    """Signed distances (P,) of points to a polygon, negative inside."""
-    nearest = np.full(len(points), np.inf)
-    crossings = np.zeros(len(points), int)
-    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        share = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
-        nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * (b - a), axis=1))
-        spans = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            x = a[0] + (points[:, 1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-        crossings += spans & (points[:, 0] < x)
-    return np.where(crossings % 2 == 1, -nearest, nearest)
-
-
 def _exact(name, points):
     if name == "circle":
         return np.linalg.norm(points, axis=1) - 0.12
-    return _to_polygon(points, scenes.corners(name)) - ROUNDED[name]
+    return planar_scenes.signed_distance(*points.T, scenes.corners(name)) - ROUNDED[name]
+
+
+def _signed_distance(shape, point):
+    return block_shapes.arm_distance(shape, point, nearest_arms(shape, point)[0])
 
 
 def _ours(name, points):
     """Distances (P,) and normals (P, 2)."""
     shape = block_shapes.blocks(jnp.array([block_shapes.SHAPES.index(name)]))
     x, y = jnp.asarray(points, jnp.float32).T[..., None]
-    distance, normal = jax.jit(block_shapes.signed_distance)(shape, Vec(x, y))
+    distance, normal = jax.jit(_signed_distance)(shape, Vec(x, y))
     return np.asarray(distance)[:, 0], np.concatenate([normal.x, normal.y], axis=1)
 
 
@@ -136,7 +127,7 @@ def test_inertias_are_the_references():
 def test_a_mix_of_blocks_is_each_block_alone():
     order, points = [2, 0, 3, 3, 1], _points(5, seed=4)
     x, y = jnp.asarray(points, jnp.float32).T
-    mixed, _ = block_shapes.signed_distance(block_shapes.blocks(jnp.array(order)), Vec(x, y))
+    mixed, _ = _signed_distance(block_shapes.blocks(jnp.array(order)), Vec(x, y))
     alone = [
         _ours(block_shapes.SHAPES[k], p[None])[0][0] for k, p in zip(order, points, strict=True)
     ]

@@ -16,7 +16,7 @@ from gril_jax.envs.tabletop.boxes import touching
 from gril_jax.envs.tabletop.hand import CLOSED, OPEN, Hand
 from gril_jax.envs.tabletop.resting import Space, put_down
 from gril_jax.envs.tabletop.shoes_in_box import model
-from gril_jax.envs.tabletop.start import Footprint, Start, free_joint
+from gril_jax.envs.tabletop.start import Footprint, Start, free_joint, reach
 
 from gril_jax import envs
 from gril_jax.workflows.study.ladder import rows as ladder
@@ -223,8 +223,8 @@ def test_shoes_in_the_box_lie_within_its_walls_beside_each_other():
     for place in found:  # clear of each wall, as thin things beside the floor
         local = resting._into(BASE[0], place[:2])
         thing = Footprint(place, HALF[0, :2])
-        reach = resting._reach(BASE[0, 2] + jnp.array([0, np.pi / 2]), thing)
-        assert (jnp.abs(local) + reach <= jnp.array(model.FLOOR_HALF) + 1e-5).all()
+        across = reach(BASE[0, 2] + jnp.array([0, np.pi / 2]), thing)
+        assert (jnp.abs(local) + across <= jnp.array(model.FLOOR_HALF) + 1e-5).all()
     beside = np.linalg.norm(resting.clear(*(Footprint(p, HALF[0, :2]) for p in found))) < 1e-3
     assert beside or heights[1] > heights[0] + 0.04
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.envs.tabletop.hand import Hand
 from support import tabletop_scenes as scenes
 
 from gril_jax import envs
@@ -43,19 +44,17 @@ def _qpos(states):
     return np.asarray(states.data.motion.qpos)
 
 
-def _in_c(starts):
-    """Each lane in C MuJoCo."""
-    lanes = [jax.tree.map(lambda x, i=i: x[i], starts) for i in range(LANES)]
-    return [scenes.InC(_env("jax"), lane) for lane in lanes]
+def _lanes(starts):
+    return [jax.tree.map(lambda x, i=i: x[i], starts) for i in range(LANES)]
 
 
 @with_warp
 def test_a_step_is_that_of_c_mujoco(starts):
     actions = np.random.default_rng(0).uniform(-1, 1, (LANES, 5)).astype(np.float32)
     after = {impl: _step(impl)(starts, jnp.asarray(actions)) for impl in ("jax", "warp")}
-    plays = _in_c(starts)
+    plays = [Hand(_env("jax"), lane) for lane in _lanes(starts)]
     for play, action in zip(plays, actions, strict=True):
-        play.step(action)
+        play.act(action)
     true = np.stack([play.qpos for play in plays])
     np.testing.assert_allclose(_qpos(after["warp"]), true, atol=1e-4)
     np.testing.assert_allclose(_qpos(after["jax"]), true, atol=1e-4)
@@ -94,8 +93,8 @@ def test_lanes_of_lanes_are_lanes(starts):
 @pytest.mark.slow
 def test_a_whole_episode_of_the_expert_ends_alike(starts):
     """Open loop: an expert's actions in C MuJoCo, replayed."""
-    plays = _in_c(starts)
-    actions = [np.array(scenes.fill_box(play)) for play in plays]
+    plays = [scenes.box_filled(_env("jax"), lane, i) for i, lane in enumerate(_lanes(starts))]
+    actions = [np.array(play.actions) for play in plays]
     length = max(map(len, actions))
     rest = np.array([0, 0, 0, 0, 1])
     held = [np.concatenate([a, np.tile(a[-1] * rest, (length - len(a), 1))]) for a in actions]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gril_jax.envs.base import ExpertError, Wanted
 from gril_jax.envs.tabletop import demonstrations, render
+from gril_jax.envs.tabletop.script import Script
 from gril_jax.envs.tabletop.shoes_in_box import expert
 from gril_jax.envs.tabletop.shoes_in_box.task import shoes_in_box
 from gril_jax.workflows.build import make_demos
@@ -92,6 +93,10 @@ def test_without_opengl_no_demonstration_is_begun(tmp_path, monkeypatch):
 
 
 def test_an_expert_that_always_fails_is_given_up():
-    shown = demonstrations.Expert(("success",), expert.play, lambda run: False)
+    class Hopeless(Script):
+        def as_meant(self, run):
+            return False
+
+    shown = Hopeless(*expert.SCRIPT)
     with pytest.raises(ExpertError, match="played 0 of 1 demonstrations"):
         demonstrations.play(shoes_in_box(), shown, Wanted(1, 0, 0, "layout"), print)

@@ -58,7 +58,7 @@ def plan(
     """Samples an order of targets, their places, and the style; `failure` indexes `FAILURES`."""
     keys = jax.random.split(key, 10)
     k, count = env.num_targets, len(env.blocks)
-    blocks, goal = state.data.pose[-count:, :2], state.data.goal
+    blocks, goal = state.data.pose[-count:, :2], state.data.regions[0]
     fails = {name: failure == i for i, name in enumerate(FAILURES)}
     order = jax.random.permutation(keys[0], k)
     away = goal[:2] - blocks[order]
@@ -101,7 +101,7 @@ def next_job(env: MatchRegions, drawn: Plan, job: Job, state: State) -> Job:
     A failing plan goes through its stages once. One that succeeds first clears out of the region
     what should not be there, then brings the first block that is missing.
     """
-    last, goal = len(drawn.blocks), state.data.goal
+    last, goal = len(drawn.blocks), state.data.regions[0]
     blocks = state.data.pose[-len(env.blocks) :, :2]
     inside = (jnp.abs(blocks - goal[:2]) <= goal[2:] / 2 - 0.02).all(axis=1)
     missing = ~inside[drawn.blocks]

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.base import Demonstrations, Episode, ExpertError, State, Wanted
 from gril_jax.envs.magical.match_regions.task import MatchRegions
+from gril_jax.envs.magical.simulator import TURN_GAIN
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
@@ -72,7 +73,7 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
     aim = phases.aim(env, seen, drawn, at, stand, roaming)
     speed, turn, opening = phases.drive(seen, aim, stand, roaming)
     grip = FINGER_OPEN - jnp.clip(opening, 0.0, FINGER_OPEN)
-    action = jnp.where(idle, 0.0, jnp.stack([speed, turn / env.turn_gain, grip]))
+    action = jnp.where(idle, 0.0, jnp.stack([speed, turn / TURN_GAIN, grip]))
 
     dropped = ~drawn.retry & (job.stage == last - 1) & (timer >= drawn.drop)
     ended, to = phases.leave(seen, dock, stand, roaming, dropped)
@@ -173,7 +174,7 @@ def demonstrate(
             slowest = sorted(len(e.data.pose) for e in good[:played])[wanted.successes - 1]
             brisk = [e for e in good[:played] if len(e.data.pose) <= slowest]
             episodes = brisk[: wanted.successes] + bad[:failures]
-            return Demonstrations(env, ("goal", "robot", *env.blocks), episodes)
+            return Demonstrations(env, env.object_names, episodes)
     raise ExpertError(
         f"the scripted expert solved {len(good)} of {_ROUNDS * batch} episodes of the "
         f"{env.variant} layout, but demos.num and demos.num_validation ask for {wanted.successes}"

@@ -10,6 +10,8 @@ from gril_jax.envs.magical.match_regions import observation as observations
 from gril_jax.envs.magical.match_regions.observation import Observed
 from support import planar_scenes, scenes
 
+from gril_jax import envs
+
 BLOCKS = ("green star", "green square", "blue pentagon", "yellow circle", "yellow pentagon")
 GOAL = jnp.array([0.40, 0.35, 0.60, 0.70])
 DEMO = [
@@ -35,6 +37,11 @@ def test_xmagicals_vector_at_the_demo_start_is_the_references(robot, size):
     seen = observations.observe("xmagical", scene, parts=parts, targets=2)
     assert seen.shape == (size,)
     np.testing.assert_allclose(seen, DEMO[:size], atol=6e-5)
+
+
+def test_a_task_sees_the_references_vector_at_its_demo_start():
+    env = envs.make("match_regions", observation="xmagical")
+    np.testing.assert_allclose(jax.jit(env.reset)(jax.random.key(0)).obs, DEMO, atol=6e-5)
 
 
 @pytest.mark.parametrize(("opening", "value"), [(0.0, 0.0), (0.1, 0.2546), (0.5, 1.0), (-0.1, 0.0)])

@@ -11,7 +11,6 @@ from gril_jax import envs
     ("options", "words"),
     [
         ({"variant": "demos"}, ["variant", "'demos'", "demo, jitter, layout"]),
-        ({"turn": "fast"}, ["turn", "'fast'", "smooth"]),
         ({"targets": ("pink star",)}, ["'pink star'", "green star"]),
         ({"targets": ("goal",)}, ["'goal'"]),
         ({"targets": ()}, ["targets", "at least one"]),
@@ -55,7 +54,7 @@ def test_other_blocks_make_another_scene():
     state = jax.eval_shape(env.reset, jax.random.key(0))
     assert env.blocks == ("red circle", "blue star", "green square")
     assert state.obs.shape == (14 + 36,)
-    assert state.data.start_distance.shape == (1,)
+    assert state.data.progress.start_distance.shape == (1,)
 
 
 def test_classes_are_the_detectors():

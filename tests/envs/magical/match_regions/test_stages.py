@@ -6,7 +6,7 @@ import numpy as np
 from gril_jax.envs import make
 from gril_jax.envs.magical.match_regions.score import REGION, ROBOT, stages
 
-TASK = stages(("green star", "green square"), ("blue pentagon",), arena=1.1)
+TASK = stages(("green star", "green square", "blue pentagon"), 2, arena=1.1)
 SIZE = jnp.array([[0.6, 0.7], [0.4, 0.4], [0.3, 0.3], [0.27, 0.29], [0.26, 0.26]])
 START = jnp.array([[0.4, 0.35], [-0.5, 0.1], [0.8, -0.7], [-0.68, 0.72], [-0.05, -0.2]])
 

@@ -110,13 +110,13 @@ def test_actions_beyond_the_box_act_like_its_border(demo):
 
 def test_nearest_is_the_least_distance_since_reset(demo):
     """The robot of the Demo start drives away from the square and, later, back."""
-    state, least = demo, np.asarray(demo.data.nearest)
+    state, least = demo, np.asarray(demo.data.progress.nearest)
     for t in range(10):
         action = jnp.tile(jnp.array([1.0 if t < 5 else -1.0, 0.0, 0.0]), (LANES, 1))
         state = lanes.step()(state, action)
         pose = np.asarray(state.data.pose)
         least = np.minimum(least, np.linalg.norm(pose[:, 3:5, :2] - pose[:, :1, :2], axis=2))
-        np.testing.assert_allclose(state.data.nearest, least, rtol=1e-5)
+        np.testing.assert_allclose(state.data.progress.nearest, least, rtol=1e-5)
 
 
 def test_the_task_itself_never_ends(demo):

@@ -33,23 +33,9 @@ def starts():
     return _starts(0)
 
 
-@pytest.fixture(scope="module")
-def successes(starts):
-    return [expert.play(_env(), start, seed) for seed, start in enumerate(starts)]
-
-
-def test_it_fills_the_box_by_friction_and_stops_half_a_second_later(successes):
-    for run in successes:
-        assert expert.as_meant(run)
-        assert run.success.sum() == 11
-        assert run.stages[-1].all()
-        assert 250 < len(run.qpos) < 600
-        # stages are reached in order: the lid before the shoes
-        assert 0 < run.stage_time[0] < run.stage_time[1:].min()
-
-
-def test_a_run_holds_the_boxes_of_every_moment(successes, starts):
-    run, state = successes[0], starts[0]
+def test_a_run_holds_the_boxes_of_every_moment(starts):
+    run, state = expert.play(_env(), starts[0], 0), starts[0]
+    assert 250 < len(run.qpos) < 600
     count = len(run.qpos)
     assert run.boxes.position.shape == (count, len(_env().classes), 3)
     assert run.qvel.shape == (count, _env().physics.mj_model.nv)
@@ -59,22 +45,6 @@ def test_a_run_holds_the_boxes_of_every_moment(successes, starts):
     np.testing.assert_allclose(run.size[0], state.objects.size, atol=1e-5)
     assert run.center.shape == run.size.shape == (count, len(_env().classes), 2)
     np.testing.assert_allclose(run.boxes.half[:, 5], np.tile(model.SHOE_HALF, (count, 1)))
-
-
-def test_the_same_seed_plays_the_same_and_another_one_does_not(successes, starts):
-    again = expert.play(_env(), starts[0], 0)
-    np.testing.assert_array_equal(again.qpos, successes[0].qpos)
-    other = expert.play(_env(), starts[0], 1)
-    assert expert.as_meant(other)
-    assert len(other.qpos) != len(again.qpos)
-
-
-@pytest.mark.parametrize("kind", [k for k in expert.KINDS if k != "success"])
-def test_each_kind_of_failure_is_what_its_name_says(kind, starts):
-    runs = [expert.play(_env(), starts[seed], seed, kind) for seed in (0, 2)]
-    for run in runs:
-        assert expert.as_meant(run)
-        assert not run.success.any()
 
 
 def test_styles_vary_in_order_speed_and_grasps():

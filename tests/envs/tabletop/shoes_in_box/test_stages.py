@@ -89,13 +89,3 @@ def test_sizes_are_those_of_the_lids_angle_and_unchanged_at_the_start(env, seen)
     slope = jax.jacobian(env.stages.sizes)(center[0], start[0])
     assert jnp.isfinite(slope).all()
     assert jnp.abs(slope).max() > 0
-
-
-def test_a_stage_that_is_placed_holds(env, seen):
-    def all_in(key, center, size):
-        for stage, k in zip(env.stages.stages, jax.random.split(key, 3), strict=True):
-            center = stage.place(k, center, size)
-        return env.stages.progress(center, size)
-
-    found = jax.vmap(all_in)(jax.random.split(jax.random.key(1), COUNT), *seen())
-    assert (found == 1).all()

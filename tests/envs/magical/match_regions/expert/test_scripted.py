@@ -137,8 +137,8 @@ def test_a_plan_names_each_target_once_with_places_in_the_region(start, draw):
     state, plan = start, draw()
     assert (np.sort(plan.blocks, axis=1) == [0, 1]).all()
     assert 0.3 < (plan.blocks[:, 0] == 0).mean() < 0.7
-    away = np.abs(np.asarray(plan.slots) - np.asarray(state.data.goal[:2]))
-    assert (away <= np.asarray(state.data.goal[2:]) / 2 - 0.1 + 1e-6).all()
+    away = np.abs(np.asarray(plan.slots) - np.asarray(state.data.regions[0, :2]))
+    assert (away <= np.asarray(state.data.regions[0, 2:]) / 2 - 0.1 + 1e-6).all()
     assert plan.pauses.min() >= 0
     assert plan.retry.all()
 
@@ -177,8 +177,8 @@ def test_a_bump_moves_a_distractor(played):
 @pytest.mark.parametrize("failure", [1, 2, 3, 4])
 def test_a_failing_plan_differs_in_what_its_name_says(env, start, draw, failure):
     state, plan = start, draw(failure)
-    away = np.abs(np.asarray(plan.slots[:, -1]) - np.asarray(state.data.goal[:2]))
-    outside = (away > np.asarray(state.data.goal[2:]) / 2).any(axis=1)
+    away = np.abs(np.asarray(plan.slots[:, -1]) - np.asarray(state.data.regions[0, :2]))
+    outside = (away > np.asarray(state.data.regions[0, 2:]) / 2).any(axis=1)
     wrong = np.asarray(plan.blocks[:, -1]) >= env.num_targets
     early = np.asarray(plan.steps) < env.episode_length
     assert not plan.retry.any()
