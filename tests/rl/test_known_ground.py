@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import pytest
-from gril_jax.experiments.bench.pendulum import Pendulum
+from support.pendulum import Pendulum
 
 from gril_jax.rl import ppo, rewards, sac, training
 

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.experiments.bench import replay as bench_replay
 
 from gril_jax.errors import ShapeError
 from gril_jax.rl import replay
@@ -84,12 +83,3 @@ def test_a_donated_scan_of_insertions_needs_no_second_ring(seeds):
     size = sum(x.nbytes for x in jax.tree.leaves(ring))
     assert memory.alias_size_in_bytes >= size
     assert memory.temp_size_in_bytes < 0.2 * size
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seeds", [1, 2])
-def test_the_benchmark_names_both_forms_and_their_ratio(seeds):
-    case = bench_replay.measure(seeds, 1, full=True, capacity=512)
-    assert (case["seeds"], case["full"]) == (seeds, True)
-    assert set(case["ms"]) == set(case["times_as_slow"]) == {"ours", "brax"}
-    assert case["times_as_slow"]["ours"] == 1
