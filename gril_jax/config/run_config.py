@@ -29,15 +29,14 @@ class RunSettings:
     algorithm: Literal[*ALGORITHMS] = "ppo"
     """Algorithm that trains the policy; its options are in the section of its name."""
     reward: Literal[*REWARDS] = "learned"
-    """Reward of the policy: the learned one, the task's own, the chain of the learned subtasks, the
-    learned one in its stages, the first two together, or the task's own with the learned one as its
-    potential."""
+    """Reward of the policy: the learned one, the task's own, the learned one in its stages, or the
+    task's own with the learned one as its potential."""
     reward_weights: tuple[float, float] = field(
         default=(1.0, 0.1), metadata=rule(lambda x: all(map(isfinite, x)), "two finite numbers")
     )
-    """Weights of the learned and of the task's own reward in their sum, or in the shaped one."""
+    """Weights of the learned and of the task's own reward in the shaped one."""
     reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
-    """Constant added to the learned reward if that is all, also in stages or as a chain. With 1 it
+    """Constant added to the learned reward if that is all, also in stages. With 1 it
     starts at about 0 instead of -1: no policy is better or worse for it, but some are found
     sooner."""
     audit: int = field(default=0, metadata=at_least(0))

@@ -13,7 +13,7 @@ How episodes end matters. A terminated one has nothing after it, so its last pot
 0; else states with a high potential would be good places to end in (Grzes, AAMAS 2017). One that
 a time limit cut off goes on as far as values are concerned, so phi stays, of the last state that
 was reached and not of the next episode's first. A potential may depend on what an episode
-remembers, such as activity bits or a chain's progress, as long as each is taken at its own moment
+remembers, such as activity bits, as long as each is taken at its own moment
 (Devlin and Kudenko, AAMAS 2012).
 
 Shapes use S for the states of an episode, one more than its control steps; leading axes are a

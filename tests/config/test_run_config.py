@@ -134,7 +134,7 @@ def test_a_block_without_a_place_in_the_original_scene_needs_the_layout_variant(
     ("path", "value", "right"),
     [
         ("loss.consistency", "both", "'tcc'"),
-        ("run.reward", "subtasks", "'learned', 'environmental' or 'sum'"),
+        ("run.reward", "stages", "'learned' or 'environmental'"),
         ("sac.relabel", True, "False"),
     ],
 )
@@ -150,11 +150,11 @@ def test_pixels_refuse_what_needs_boxes(path, value, right):
     assert str(caught.value) == sentence
 
 
-def test_sub_policies_need_a_chain_of_subtasks():
+def test_sub_policies_need_stages():
     ppo = PPOConfig(sub_policies=2)
-    chained = RunSettings(reward="subtasks")
-    assert RunConfig(ppo=ppo, run=chained).ppo.sub_policies == 2
-    for run in (RunSettings(), dataclasses.replace(chained, algorithm="sac")):
+    staged = RunSettings(reward="stages")
+    assert RunConfig(ppo=ppo, run=staged).ppo.sub_policies == 2
+    for run in (RunSettings(), dataclasses.replace(staged, algorithm="sac")):
         with pytest.raises(ConfigError, match=r"ppo\.sub_policies is 2, but must be 1 unless"):
             RunConfig(ppo=ppo, run=run)
 

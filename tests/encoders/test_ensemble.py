@@ -17,7 +17,6 @@ from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs.scene import safe_norm, scene_graph
 from gril_jax.pretraining import pretrain
 from gril_jax.pretraining.pretrain import Hyper, Static
-from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward.latent_goal import RewardParams
 
 ONE = EncoderConfig(num_classes=4, width=6, rounds=1, latent=3)
@@ -147,29 +146,7 @@ def test_a_lone_network_has_the_very_bits_of_the_plain_formula():
     np.testing.assert_array_equal(at(learned, last), values)
 
 
-# --- chains of goals, and what training measures
-
-
-def test_a_chain_of_equal_members_is_that_of_one_and_waits_for_the_last_member():
-    line = jnp.linspace(0, 3, 31)[:, None]
-    ends = jnp.array([[10, 20, 30]] * 2)
-
-    @jax.jit
-    def both(line):
-        lone = subtask_chain.from_latents(jnp.stack([line] * 2), ends)
-        pair = jnp.concatenate([line, 5 * line], axis=1)
-        chain = subtask_chain.from_latents(jnp.stack([pair] * 2), ends, members=2)
-        late = pair.at[:, 1].set(0.0)  # its second member never moves
-        runs = (lone, line), (chain, pair), (chain, late)
-        return chain, [subtask_chain.trajectory(*run) for run in runs]
-
-    chain, [one, equal, late] = both(line)
-    assert chain.scale.shape == (3, 2)
-    np.testing.assert_allclose(chain.scale[:, 0], 5 * chain.scale[:, 1], rtol=1e-5)
-    np.testing.assert_array_equal(equal[1], one[1])
-    np.testing.assert_allclose(equal[0], one[0], atol=1e-5)
-    assert int(one[1][-1]) == 3
-    assert int(late[1][-1]) == 0
+# --- what training measures
 
 
 def test_what_training_measures_embeds_all_members(params):
