@@ -17,6 +17,7 @@ _names, __getattr__ = offer(
     | {
         "demos.demo_set": "load_demo_set save_demo_set",
         "envs": "envs make",
+        "graphs.from_pixels": "boxes_from_pixels",
         "graphs.scene": "scene_graph",
         "export.reward_file": "load_reward reward_file save_reward",
         "reward.latent_goal": "latent_goal_reward",

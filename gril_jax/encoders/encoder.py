@@ -43,7 +43,7 @@ GraphConfig = Union[tuple(kind for kind, one in _KINDS.items() if one.boxes)]  #
 AnyConfig = Union[tuple(_KINDS)]  # noqa: UP007
 
 # A file must not make its reader build a network without end.
-_MOST, _MOST_OF_OTHERS = {"rounds": 100, "history": 100, "members": 100}, 2**20
+_MOST, _MOST_OF_OTHERS = {"rounds": 100, "members": 100}, 2**20
 
 
 def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
@@ -74,9 +74,8 @@ def apply(
 ) -> Float[Array, "... D"]:
     """The latent of one scene graph, or of frames.
 
-    A graph's latent does not depend on the order of the nodes (but for the flat MLP), nor on
-    those that are not present. Whether it depends on the robot is the config's `pool_robot` and
-    `robot_messages`.
+    A graph's latent does not depend on the order of the nodes, nor on those that are not present.
+    Whether it depends on the robot is the config's `pool_robot` and `robot_messages`.
 
     Args:
       params, config: from `init`, with the same config.
@@ -106,8 +105,7 @@ def node_embeddings(
     Args:
       params, graph, config: of `apply`.
       form: how the paper's encoder sums messages; the numbers are the same. "dense" is the fastest
-        forward; "square" takes less compiling, and its gradient is as fast; "jraph" takes graphs
-        that are not complete.
+        forward; "square" takes less compiling, and its gradient is as fast.
 
     Raises:
       ConfigError: this kind of encoder does not embed nodes, or it is an ensemble.

@@ -203,9 +203,8 @@ def learned_reward(params: Params, train: DemoBatch, hyper: Hyper, config: Stati
     """The reward of an encoder: its goal is the mean of the training demonstrations' last latents,
     or `config.goals` of them."""
     bits = activity_bits(train, hyper, config)
-    goal = "mean" if config.goals == 1 else config.goals
     return reward.from_demos(
-        params, train, config.encoder, alpha=hyper.alpha, active=bits, goal=goal
+        params, train, config.encoder, alpha=hyper.alpha, active=bits, goals=config.goals
     )
 
 

@@ -63,44 +63,6 @@ def step(
     return discount * next_potential - potential
 
 
-def episode(
-    potential: Float[Array, "*batch S"],
-    terminated: Bool[Array, "*batch"] | Float[Array, "*batch"] | None = None,
-    *,
-    discount: Float[Array, ""] | float,
-    zero_at_end: bool = True,
-) -> Float[Array, "*batch S-1"]:
-    """Applies `step` along whole episodes.
-
-    The discounted sum over an episode is discount^(S - 1) * phi(last) - phi(first): it depends on
-    nothing that the policy did in between.
-
-    >>> episode(jnp.array([-1.0, -0.5, 0.0]), discount=1.0).tolist()
-    [0.5, 0.5]
-
-    Args:
-      potential: phi of each state in order of time, the first and the last included.
-      terminated: whether the task ended in the last state; a time limit does not count.
-      discount: as in `step`.
-      zero_at_end: as in `step`.
-
-    Raises:
-      ShapeError: there is no state, or `terminated` has not the shape of the batch.
-      ConfigError: the discount is known and not from 0 to 1.
-    """
-    if potential.ndim < 1 or not potential.shape[-1]:
-        raise ShapeError(
-            f"potential has shape {potential.shape}; its last size must be at least 1 state."
-        )
-    last = {"potential[..., -1]": potential[..., -1]}
-    _check(last | ({} if terminated is None else {"terminated": terminated}), discount)
-    if terminated is not None:
-        is_last = jnp.arange(1, potential.shape[-1]) == potential.shape[-1] - 1
-        terminated = (terminated > 0)[..., None] & is_last
-    before, after = potential[..., :-1], potential[..., 1:]
-    return step(before, after, terminated, discount=discount, zero_at_end=zero_at_end)
-
-
 def _check(arrays, discount):
     if len({x.shape for x in arrays.values()}) > 1:
         shapes = " and ".join(f"{name} has shape {x.shape}" for name, x in arrays.items())

@@ -64,7 +64,7 @@ def main(
         return film_audit.main(source, config, out, scenes=ascents, seed=seed, echo=echo)
     learned, env, names, scenes = _subject(source, task, variant, starts, seed)
     stages = env.stages
-    reward = scene_reward(learned.config, softness=learned.softness)
+    reward = scene_reward(learned.config)
     first = jax.tree.map(lambda x: x[0], scenes)
     jax.eval_shape(reward, learned.params, first)  # of other sizes: refused before any work
     keys = jax.random.split(jax.random.key(seed), starts + 1)
