@@ -38,7 +38,7 @@ class Program(NamedTuple):
 
 
 _SMALL = """--demos.num 6 --demos.num-validation 2 --demos.num-failures 2 --pretrain.steps 20
---pretrain.num-videos 4 --pretrain.num-frames 8 --encoder.width 16 --encoder.latent 8
+--pretrain.num-videos 4 --encoder.width 16 --encoder.latent 8
 --env.episode-length 90 --ppo.num-envs 16 --ppo.unroll-length 5 --ppo.num-timesteps 160
 --ppo.hidden 16 --run.updates-per-chunk 1 --run.eval-episodes 4""".split()
 

@@ -1,6 +1,6 @@
 """Settings of a run that the demonstration set of somebody's own films decides.
 
-A set without a task has its own classes, unit and frame rate. The run's configuration then takes
+A set without a task has its own classes and unit. The run's configuration then takes
 from the set what depends on them, unless the command line says otherwise.
 """
 
@@ -16,7 +16,6 @@ from gril_jax.safe_files import read_object
 
 CONFIG = "own_videos"
 _TOGETHER = 4  # films of a batch, at most
-_WINDOW = 4.0  # seconds that a displacement is measured over
 
 
 def configured(name: str | None, args: list[str]) -> tuple[str | None, list[str]]:
@@ -42,10 +41,7 @@ def with_noise(name: str | None, args: list[str]) -> list[str]:
         return args
     if name is not None and load(name).pool.noise is not None:
         return args
-    return [
-        *_options({"--pool.noise": header["noise"], "--pool.smoothing": header.get("smoothing")}),
-        *args,
-    ]
+    return [*_options({"--pool.noise": header["noise"]}), *args]
 
 
 def _header(args: list[str]) -> dict[str, Any] | None:
@@ -66,8 +62,6 @@ def _header(args: list[str]) -> dict[str, Any] | None:
 def _of_set(header: dict[str, Any]) -> list[str]:
     """Options that depend on a set's units, if it has them."""
     fields = {"--encoder.length-unit": header.get("half_extent")}
-    if isinstance(rate := header.get("fps"), int | float) and 0 < rate < 1e6:
-        fields["--pool.window"] = max(1, round(_WINDOW * rate))
     demos = [one for one in header.get("demos", ()) if isinstance(one, dict)]
     good = [one for one in demos if one.get("outcome") != "failure"]
     fields["--pretrain.num-videos"] = max(2, min(_TOGETHER, len(good) - math.ceil(len(good) / 4)))

@@ -16,7 +16,7 @@ from gril_jax.errors import ConfigError
 from .encoder import EncoderOptions, PoolConfig
 from .reward import LossConfig, PretrainConfig
 from .rules import at_least, between, optional, require, rule
-from .tables import ALGORITHMS, ENCODERS, REWARDS, alternatives
+from .tables import ALGORITHMS, ALIGNMENTS, ENCODERS, REWARDS, alternatives
 from .task import DemosConfig, EnvConfig
 
 
@@ -175,7 +175,8 @@ def _check_sizes(config: RunConfig) -> None:
 
 def _check_encoder(config: RunConfig) -> None:
     encoder, kind = config.encoder, ENCODERS[config.encoder.kind]
-    found = {"encoder.members": (encoder.members, encoder.members == 1 or kind.ensembles, "1")}
+    size = encoder.ensemble_size
+    found = {"encoder.ensemble_size": (size, size == 1 or kind.ensembles, "1")}
     if not kind.boxes:
         found |= _of_pictures(config)
     for path, (value, holds, text) in found.items():
@@ -200,7 +201,11 @@ def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
     relabel = getattr(getattr(config, run.algorithm), "relabel", False)
     with_pictures = alternatives([name for name, one in REWARDS.items() if one.pictures])
     return {
-        "loss.consistency": (config.loss.consistency, config.loss.consistency == "tcc", "'tcc'"),
+        "loss.consistency": (
+            config.loss.consistency,
+            config.loss.consistency.startswith("tcc"),
+            alternatives([name for name in ALIGNMENTS if name.startswith("tcc")]),
+        ),
         "run.reward": (run.reward, form.pictures, with_pictures),
         f"{run.algorithm}.relabel": (relabel, not (relabel and form.learns), "False"),
     }

@@ -49,8 +49,8 @@ class MLPConfig:
     @classmethod
     def of(cls, options: EncoderOptions, num_classes: int) -> "MLPConfig":
         """From the section `encoder` of a run's configuration."""
-        names = ("width", "pool_robot", "length_unit")
-        return cls(num_classes, **{name: getattr(options, name) for name in names})
+        unit = options.length_unit
+        return cls(num_classes, options.width, pool_robot=options.robot, length_unit=unit)
 
 
 def init(key: PRNGKeyArray, config: MLPConfig) -> Params:

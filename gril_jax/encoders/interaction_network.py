@@ -72,9 +72,9 @@ class InteractionConfig:
         return cls(
             num_classes,
             width=options.width,
-            distances=options.distances,
-            pool_robot=options.pool_robot,
-            robot_messages=options.robot_messages,
+            distances=True,
+            pool_robot=options.robot,
+            robot_messages=options.robot,
             length_unit=options.length_unit,
         )
 

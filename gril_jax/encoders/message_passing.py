@@ -51,17 +51,19 @@ class EncoderConfig:
     """First and last word of each class's name, as indices, class by class: nodes then do not know
     their class, and edges know which of the two words sender and receiver share. Empty: nodes know
     their class."""
-    pool_robot: bool = EncoderOptions.pool_robot
+    pool_robot: bool = EncoderOptions.robot
     """True if the robot counts in the pooling (the paper's "with robot" ablation)."""
-    robot_messages: bool = EncoderOptions.robot_messages
+    robot_messages: bool = EncoderOptions.robot
     """True if the robot sends messages to the objects."""
     length_unit: float = EncoderOptions.length_unit
     """World units per unit of the network's inputs; about half the scene's width."""
-    members: int = EncoderOptions.members
+    ensemble_size: int = EncoderOptions.ensemble_size
     """Networks in an ensemble (`gril_jax.encoders.ensemble`); the functions here are for one."""
 
     def __post_init__(self):
-        require_at_least(self, "encoder", num_classes=1, width=1, rounds=0, latent=1, members=1)
+        require_at_least(
+            self, "encoder", num_classes=1, width=1, rounds=0, latent=1, ensemble_size=1
+        )
         if len(self.words) not in (0, 2 * self.num_classes):
             raise ConfigError(
                 f"encoder.words has {len(self.words)} entries; it must have none or two for each "
@@ -73,10 +75,9 @@ class EncoderConfig:
     @classmethod
     def of(cls, options: EncoderOptions, num_classes: int) -> "EncoderConfig":
         """From the section `encoder` of a run's configuration."""
-        names = (
-            "width rounds latent relations pool_robot robot_messages length_unit members".split()
-        )
-        return cls(num_classes, **{name: getattr(options, name) for name in names})
+        names = "width rounds latent relations length_unit ensemble_size".split()
+        same = {name: getattr(options, name) for name in names}
+        return cls(num_classes, pool_robot=options.robot, robot_messages=options.robot, **same)
 
 
 def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:

@@ -103,7 +103,5 @@ def _film(run: Inputs, entry: DemoEntry, tracks: Tracks, frames: np.ndarray, mos
     # A bit depends on no later frame: all films as long as the longest are one program.
     edge = ((0, most - entry.frames), (0, 0), (0, 0))
     padded = [np.pad(x, edge, mode="edge") for x in (tracks.center, tracks.size)]
-    pool = run.config.pool
-    rule = {"window": pool.window, "smoothing": pool.smoothing, "noise": pool.noise}
-    bits = np.asarray(_bits(*padded, tau=pool.tau, **rule))[: entry.frames]
+    bits = np.asarray(_bits(*padded, **run.config.pool.rule()))[: entry.frames]
     return Film(entry.name, frames[: entry.frames], tracks, bits)

@@ -106,7 +106,7 @@ def from_latents(
     *,
     alpha: Float[Array, ""] | float = PoolConfig.alpha,
     goals: int = 1,
-    members: int = 1,
+    ensemble_size: int = 1,
 ) -> RewardParams:
     """A reward from the latents of the demonstrations' first and last frames.
 
@@ -121,7 +121,7 @@ def from_latents(
       alpha: the pooling weight that they were made with.
       goals: 1 for the mean of the last latents; above 1 for a set of G of them, at equal steps in
         their order.
-      members: of the ensemble that made them.
+      ensemble_size: of the encoder that made them.
 
     Returns:
       Reward parameters, with scale = 1 / mean distance of `first` from the goal, of a set from
@@ -153,9 +153,9 @@ def from_latents(
         distance = jnp.mean(-latent_reward(unscaled._replace(goal=goal), first))
         return 1.0 / jnp.where(distance > 0, distance, 1.0)
 
-    if members == 1:
+    if ensemble_size == 1:
         return unscaled._replace(scale=scale(first, goal))
-    each = jax.vmap(scale, (-2, -2))(split(first, members), split(goal, members))
+    each = jax.vmap(scale, (-2, -2))(split(first, ensemble_size), split(goal, ensemble_size))
     return unscaled._replace(scale=each)
 
 
@@ -217,8 +217,8 @@ def _from_demos(encoder_params, demos, config, *, goals, alpha, active, **rule):
         return latent(jnp.zeros_like(demo.length)), latent(demo.length - 1)
 
     first, last = jax.vmap(ends)(demos, active)
-    members = num_members(config)
-    return from_latents(encoder_params, first, last, alpha=alpha, goals=goals, members=members)
+    size = num_members(config)
+    return from_latents(encoder_params, first, last, alpha=alpha, goals=goals, ensemble_size=size)
 
 
 @functools.partial(jax.jit, static_argnames="window")

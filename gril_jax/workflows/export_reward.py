@@ -11,8 +11,6 @@ from gril_jax.runs import run_dir
 from gril_jax.runs.covered import require_same_demos
 from gril_jax.workflows.build import policy_setup, setup, vocabulary
 
-_ACTIVITY = ("tau", "window", "smoothing", "noise")
-
 
 def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> None:
     """Writes the reward of a run to a new file."""
@@ -34,7 +32,7 @@ def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> Non
     save_reward(
         out, params, setup.encoder_config(config, len(words.classes)),
         classes=words.classes, robots=words.robots, objects=words.objects,
-        activity={name: getattr(config.pool, name) for name in _ACTIVITY},
+        activity=config.pool.rule(),
         half_extent=float(extent), unit=words.unit, provenance=known,
     )  # fmt: skip
     echo(f"wrote {out}")

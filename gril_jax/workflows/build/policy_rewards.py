@@ -63,7 +63,7 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
     if demos is None:
         boxes = jnp.zeros((_NUM_FRAMES, len(label), 2))
         return starts.Frames(boxes, boxes, jnp.zeros((_NUM_FRAMES, len(label)), bool))
-    active = jax.jit(jax.vmap(functools.partial(activity.trajectory, **_activity_rule(config))))(
+    active = jax.jit(jax.vmap(functools.partial(activity.trajectory, **config.pool.rule())))(
         demos.center, demos.size
     )
     shown = np.flatnonzero(there)
@@ -81,11 +81,6 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
         far.at[:, shown].set(seen.center), jnp.zeros_like(far).at[:, shown].set(seen.size),
         (none > 0).at[:, shown].set(seen.active),
     )  # fmt: skip
-
-
-def _activity_rule(config: RunConfig) -> dict[str, Any]:
-    pool = config.pool
-    return dict(tau=pool.tau, window=pool.window, smoothing=pool.smoothing, noise=pool.noise)
 
 
 def _labels(config: RunConfig) -> tuple[Int[np.ndarray, "N"], Bool[np.ndarray, "N"]]:
