@@ -19,6 +19,7 @@ _names, __getattr__ = offer(
         "import_videos learn_reward load_demos load_policy make train_policy",
         "demos.demo_set": "DemoSet",
         "envs": "envs",
+        "graphs.from_pixels": "boxes_from_pixels",
         "graphs.scene": "scene_graph",
         "export.reward_file": "load_reward reward_file save_reward",
         "reward.latent_goal": "latent_goal_reward",

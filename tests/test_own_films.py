@@ -13,8 +13,8 @@ from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.export.reward_file import load_reward
 
 SMALL = {"fps": 10.0, "width": 64, "height": 48, "tempo": 2.0}
-LITTLE = ["--pretrain.steps", "4", "--pretrain.copies", "0", "--encoder.width", "8"]
-LITTLE += ["--encoder.relations", "False", "--pretrain.num-frames", "8"]
+LITTLE = ["--pretrain.steps", "4", "--pretrain.num-perturbations", "0", "--encoder.width", "8"]
+LITTLE += ["--encoder.relations", "False"]
 
 
 def gril(*args):
@@ -214,7 +214,7 @@ def test_a_task_learns_from_films_as_noisy_as_they_are(home, capsys):
     rough.mkdir()
     (rough / "demos.json").write_text(json.dumps(header | {"noise": 0.004, "smoothing": 3}))
     given = ["--env.name=x.py:make", "--demos.path", str(rough)]
-    noted = ["--pool.noise=0.004", "--pool.smoothing=3"]
+    noted = ["--pool.noise=0.004"]
     assert own_films.with_noise(None, given) == [*noted, *given]
     assert own_films.with_noise("quickstart", given) == [*noted, *given]
     assert own_films.with_noise("own_videos", ["--seed", "1"]) == ["--seed", "1"]
@@ -244,7 +244,7 @@ def test_each_set_of_a_sweep_has_its_own_noise(home, tmp_path, monkeypatch):
         verb.plan(["quickstart", option, f"{tmp_path}/calm,{tmp_path}/rough"])
         _, found = planned
         assert [cell.config.pool.noise for cell in found.cells] == [None, 0.004]
-        assert [cell.config.pool.smoothing for cell in found.cells] == [1, 3]
+        assert [cell.config.pool.rule()["smoothing"] for cell in found.cells] == [1, 3]
         verb.plan(["quickstart", option, f"{tmp_path}/rough"])
         config, found = planned
         assert config.pool.noise == found.cells[0].config.pool.noise == 0.004

@@ -29,11 +29,18 @@ from gril_jax.workflows.build import demonstrations, setup
 
 SMALL = (
     *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
-    *("--pretrain.steps", "20", "--pretrain.num-videos", "4", "--pretrain.num-frames", "8"),
+    *("--pretrain.steps", "20", "--pretrain.num-videos", "4"),
     *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
     *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "160"),
     *("--ppo.hidden", "16", "--run.updates-per-chunk", "1", "--run.eval-episodes", "4"),
-    *("--pretrain.copies", "1", "--pretrain.ascents", "0", "--encoder.rounds", "1"),
+    *(
+        "--pretrain.num-perturbations",
+        "1",
+        "--pretrain.adversarial-steps",
+        "0",
+        "--encoder.rounds",
+        "1",
+    ),
     *("--run.audit", "4"),
     *("--run.evaluations", "0"),  # in a program of their own they are tested by test_training
 )

@@ -245,10 +245,17 @@ sys.exit(main(sys.argv[3:]))
 
 _SMALL = (
     *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
-    *("--pretrain.steps", "190", "--pretrain.num-videos", "4", "--pretrain.num-frames", "8"),
+    *("--pretrain.steps", "190", "--pretrain.num-videos", "4"),
     *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
     *("--run.updates-per-chunk", "1", "--run.checkpoint-every", "0", "--run.audit", "0"),
-    *("--pretrain.copies", "0", "--pretrain.ascents", "0", "--encoder.rounds", "1"),
+    *(
+        "--pretrain.num-perturbations",
+        "0",
+        "--pretrain.adversarial-steps",
+        "0",
+        "--encoder.rounds",
+        "1",
+    ),
 )
 _PPO = (
     *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "3200"),

@@ -6,7 +6,6 @@ Shapes use N for objects; `*S` are any leading axes.
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -51,27 +50,21 @@ class StagedTask(Protocol):
 SceneReward = Callable[[Any, Scene], Float[Array, ""]]  # (parameters, one state) -> reward
 
 
-def scene_reward(
-    config: AnyConfig, *, softness: Float[Array, ""] | float | None = None
-) -> SceneReward:
+def scene_reward(config: AnyConfig) -> SceneReward:
     """The learned reward (Eq. 7) of one state; its parameters are a `RewardParams`.
 
-    An encoder with a history sees the state at rest: as long as its history. Where the latent is
-    not finite the reward is NaN.
+    Where the latent is not finite the reward is NaN.
 
     Raises:
       ConfigError: the encoder takes pictures.
     """
     if not isinstance(config, GraphConfig):
         raise ConfigError(f"the encoder is a {type(config).__name__}; it must take boxes.")
-    history = getattr(config, "history", 1)
 
     def reward(params: Any, scene: Scene) -> Float[Array, ""]:
         graph = scene_graph(*scene)
-        if history > 1:
-            graph = jax.tree.map(lambda x: jnp.broadcast_to(x, (history, *x.shape)), graph)
         latent = encoder.apply(params.encoder, graph, config, alpha=params.alpha)
-        paid = latent_reward(params, latent, softness=softness)
+        paid = latent_reward(params, latent)
         # The distance of a NaN counts as 0, which would be the best reward of all.
         known = jnp.isfinite(latent).all() & jnp.isfinite(params.goal).all()
         return jnp.where(known, paid, jnp.nan)

@@ -36,8 +36,8 @@ PRETRAIN: Mapping[str, tuple[str, ...]] = {
         "--run.checkpoint-every",
     ),
     "The reward": (
-        "--pretrain.steps", "--pretrain.learning-rate", "--encoder.kind", "--encoder.width",
-        "--encoder.members", "--loss.contrast", "--lambda", "--pool.alpha",
+        "--pretrain.steps", "--encoder.kind", "--encoder.width",
+        "--encoder.ensemble-size", "--loss.perturbation-weight", "--lambda", "--pool.alpha",
     ),
 }  # fmt: skip
 TRAIN = PRETRAIN | {
@@ -47,7 +47,9 @@ TRAIN = PRETRAIN | {
     "The run": (
         "--out", "--seed", "--resume", "--dry-run", "--run.audit", "--run.eval-episodes",
     ),
-    "The reward": ("--pretrain.steps", "--encoder.kind", "--loss.contrast", "--pool.alpha"),
+    "The reward": (
+        "--pretrain.steps", "--encoder.kind", "--loss.perturbation-weight", "--pool.alpha",
+    ),
     "The policy": (
         "--algorithm", "--reward", "--ppo.num-timesteps", "--ppo.num-envs", "--ppo.learning-rate",
         "--ppo.discounting",

@@ -42,10 +42,7 @@ def with_noise(name: str | None, args: list[str]) -> list[str]:
         return args
     if name is not None and load(name).pool.noise is not None:
         return args
-    return [
-        *_options({"--pool.noise": header["noise"], "--pool.smoothing": header.get("smoothing")}),
-        *args,
-    ]
+    return [*_options({"--pool.noise": header["noise"]}), *args]
 
 
 def _header(args: list[str]) -> dict[str, Any] | None:

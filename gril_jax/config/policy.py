@@ -58,7 +58,7 @@ class PPOConfig:
     tasks that list objects in it: then neither their order nor their number matters."""
     sub_policies: int = field(default=1, metadata=between(1, 8))
     """Number of sub-policies with networks of their own, one for each stage of the learned reward
-    (with run.reward stages or subtasks)."""
+    (with run.reward stages)."""
     stacked: int = field(default=1, metadata=between(1, 16))
     """Observations that the policy sees at a time: the present one and those of the control steps
     before, so that it can tell what has happened."""

@@ -4,7 +4,7 @@ The training's own types take their defaults from here.
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import tyro
 
@@ -21,51 +21,42 @@ class LossConfig:
     )
     """Weight of reconstruction relative to temporal cycle-consistency."""
     consistency: Literal[*ALIGNMENTS] = "tcc"
-    """Temporal alignment of videos: temporal cycle-consistency, soft-DTW divergence, or the sum."""
-    form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
-        "regression_mse"
-    )
-    """Form of temporal cycle-consistency."""
-    matching: Literal["deterministic", "stochastic"] = "deterministic"
-    """Cycles of every frame through every other video, or as many sampled at random."""
-    similarity: Literal["l2", "cosine"] = "l2"
-    """Similarity of two latents in temporal cycle-consistency."""
+    """Temporal alignment of videos: cycle-consistency (mean squared error, with variance, Huber's
+    error, as classification, of randomly sampled cycles, or with cosine similarity), soft-DTW
+    divergence, or the sum of the first and the last."""
     temperature: float = field(default=1.0, metadata=above(0))
     """Temperature of the soft nearest neighbours in temporal cycle-consistency."""
-    soft_dtw_weight: float = field(default=1.0, metadata=at_least(0))
-    """Weight of soft-DTW."""
-    gamma: float = field(default=0.1, metadata=above(0))
-    """Softness of soft-DTW."""
     decoder: Literal["node", "graph"] = "node"
     """Input of the reconstruction decoder: each node's embedding, or the latent."""
-    contrast: float = field(default=10.0, metadata=at_least(0))
-    """Weight of frame copies with displaced objects; pretrain.copies sets their number."""
-    ends: Literal["places", "arrangement"] = "places"
-    """Meaning of done in copies: every class where the last frames leave it, or whatever all
+    perturbation_weight: float = field(default=10.0, metadata=at_least(0))
+    """Weight of perturbed frames, in which objects are displaced; their number is
+    pretrain.num_perturbations."""
+    goal_model: Literal["places", "inside", "arrangement"] = "places"
+    """Meaning of done in perturbed frames: every class where the last frames leave it; the same,
+    but anywhere in another's box, by its centre, if demonstrations bring it there; or whatever all
     last frames have in common, such as distances between blocks of a colour."""
     goals: int = field(default=1, metadata=between(1, 1000))
     """Goals of the reward: 1 is the mean of the last frames' latents; more are the latents of as
     many last frames, of which the nearest counts."""
-    near: float = field(default=0.5, metadata=between(0, 1))
-    """Share of an object's cost that is due once it is out of place by half its box."""
-    anywhere_inside: bool = False
-    """True if an object that demonstrations bring into another's box belongs anywhere in it, by its
-    centre; if False it belongs where demonstrations leave it. They do not show which."""
-    idle_cost: float = field(default=0.5, metadata=at_least(0))
+    near_cost_fraction: float = field(default=0.5, metadata=between(0, 1))
+    """Fraction of an object's cost that applies once it is out of place by half its box."""
+    intrusion_weight: float = field(default=0.5, metadata=at_least(0))
     """Cost of an intruding object relative to that of an object out of place."""
-    clear: float = field(default=0.0, metadata=at_least(0))
+    clearance_radius: float = field(default=0.0, metadata=at_least(0))
     """Distance in halves of its box, from where demonstrations leave others, at which an intruder
     costs nothing; it costs in full where they do. 0: in full only half its box deep in there."""
-    tails: float = field(default=0.1, metadata=between(0, 0.4))
-    """Share of the ends of an object that the box of its final places leaves out on each side."""
+    trim_quantile: float = field(default=0.1, metadata=between(0, 0.4))
+    """Fraction of an object's final places that their box leaves out on each side."""
     touch: float = field(default=0.0, metadata=between(0, 1))
-    """Share of the cost of an object to be moved that vanishes once it has been touched."""
-    tail: float = field(default=1.0, metadata=at_least(0))
-    """Weight of the fourth power of the copies' errors, relative to their squares."""
-    span: float = field(default=10.0, metadata=above(0))
-    """Latent distance from first to last frames, if there are copies."""
+    """Fraction of the cost of an object to be moved that vanishes once it has been touched."""
+    quartic_weight: float = field(default=1.0, metadata=at_least(0))
+    """Weight of the fourth power of the perturbed frames' errors, relative to their squares."""
     warmup: int = field(default=1500, metadata=at_least(0))
     """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
+
+    soft_dtw_weight: ClassVar[float] = 1.0
+    gamma: ClassVar[float] = 0.1  # softness of soft-DTW
+    latent_scale: ClassVar[float] = 10.0  # latent distance from first to last frames, if perturbed
 
 
 @dataclass(frozen=True)
@@ -74,21 +65,19 @@ class PretrainConfig:
 
     steps: int = field(default=2000, metadata=at_least(1))
     """Gradient steps."""
-    learning_rate: float = field(default=1e-3, metadata=above(0))
-    """Learning rate of Adam."""
     num_videos: int = field(default=8, metadata=at_least(2))
     """Videos in a batch; each is aligned with every other one."""
-    num_frames: int = field(default=32, metadata=at_least(2))
-    """Frames sampled from each video of a batch."""
     turn_scenes: bool = True
     """True if each video of a batch is turned and mirrored at random: eightfold variety."""
-    learning_rate_left: float = field(default=1.0, metadata=between(0, 1))
-    """Share of the learning rate at the end, reached linearly."""
-    copies: int = field(default=0, metadata=between(0, 1000))
-    """Copies with displaced objects of each frame that is copied; 0 makes none."""
-    anchors: int = field(default=8, metadata=between(1, 1000))
-    """Frames of each video of a batch that are copied."""
-    ascents: int = field(default=0, metadata=between(0, 100))
-    """Steps of each copy towards states that the reward overestimates most."""
-    touched: float = field(default=0.1, metadata=between(0, 1))
+    final_learning_rate_fraction: float = field(default=1.0, metadata=between(0, 1))
+    """Fraction of the learning rate at the end, reached linearly."""
+    num_perturbations: int = field(default=0, metadata=between(0, 1000))
+    """Copies with displaced objects of each frame that is perturbed; 0 makes none."""
+    adversarial_steps: int = field(default=0, metadata=between(0, 100))
+    """Gradient steps of each copy towards states that the reward overestimates most."""
+    random_activity: float = field(default=0.1, metadata=between(0, 1))
     """Probability that an object of a video counts as moved throughout: no reward for a touch."""
+
+    learning_rate: ClassVar[float] = 1e-3  # of Adam
+    num_frames: ClassVar[int] = 32  # sampled from each video of a batch
+    perturbed_frames: ClassVar[int] = 8  # of each video of a batch

@@ -16,7 +16,7 @@ from gril_jax.errors import ConfigError
 from .encoder import EncoderOptions, PoolConfig
 from .reward import LossConfig, PretrainConfig
 from .rules import at_least, between, optional, require, rule
-from .tables import ALGORITHMS, ENCODERS, REWARDS, alternatives
+from .tables import ALGORITHMS, ALIGNMENTS, ENCODERS, REWARDS, alternatives
 from .task import DemosConfig, EnvConfig
 
 
@@ -29,18 +29,17 @@ class RunSettings:
     algorithm: Literal[*ALGORITHMS] = "ppo"
     """Algorithm that trains the policy; its options are in the section of its name."""
     reward: Literal[*REWARDS] = "learned"
-    """Reward of the policy: the learned one, the task's own, the chain of the learned subtasks, the
-    learned one in its stages, the first two together, or the task's own with the learned one as its
-    potential."""
+    """Reward of the policy: the learned one, the task's own, the learned one in its stages, or the
+    task's own with the learned one as its potential."""
     reward_file: str | None = None
     """A reward that has been learned before, to train the policy on: a file of `gril export`, or
     the folder of a run. None learns one."""
     reward_weights: tuple[float, float] = field(
         default=(1.0, 0.1), metadata=rule(lambda x: all(map(isfinite, x)), "two finite numbers")
     )
-    """Weights of the learned and of the task's own reward in their sum, or in the shaped one."""
+    """Weights of the learned and of the task's own reward in the shaped one."""
     reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
-    """Constant added to the learned reward if that is all, also in stages or as a chain. With 1 it
+    """Constant added to the learned reward if that is all, also in stages. With 1 it
     starts at about 0 instead of -1: no policy is better or worse for it, but some are found
     sooner."""
     audit: int = field(default=0, metadata=at_least(0))
@@ -179,7 +178,8 @@ def _check_sizes(config: RunConfig) -> None:
 
 def _check_encoder(config: RunConfig) -> None:
     encoder, kind = config.encoder, ENCODERS[config.encoder.kind]
-    found = {"encoder.members": (encoder.members, encoder.members == 1 or kind.ensembles, "1")}
+    size = encoder.ensemble_size
+    found = {"encoder.ensemble_size": (size, size == 1 or kind.ensembles, "1")}
     if not kind.boxes:
         found |= _of_pictures(config)
     for path, (value, holds, text) in found.items():
@@ -204,7 +204,11 @@ def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
     relabel = getattr(getattr(config, run.algorithm), "relabel", False)
     with_pictures = alternatives([name for name, one in REWARDS.items() if one.pictures])
     return {
-        "loss.consistency": (config.loss.consistency, config.loss.consistency == "tcc", "'tcc'"),
+        "loss.consistency": (
+            config.loss.consistency,
+            config.loss.consistency.startswith("tcc"),
+            alternatives([name for name in ALIGNMENTS if name.startswith("tcc")]),
+        ),
         "run.reward": (run.reward, form.pictures, with_pictures),
         f"{run.algorithm}.relabel": (relabel, not (relabel and form.learns), "False"),
     }

@@ -28,6 +28,17 @@ class Encoder(NamedTuple):
     """The name in files of a reward, where that is another one."""
 
 
+class Alignment(NamedTuple):
+    """A loss that aligns videos in time."""
+
+    losses: tuple[str, ...]
+    """Functions as `gril_jax.pretraining.alignment` has them; several are summed."""
+    form: str = "regression_mse"
+    """Form of the cycle-consistency that they are given."""
+    similarity: str = "l2"
+    """Similarity of two latents in it."""
+
+
 class Reward(NamedTuple):
     """A form of the reward, which a policy can maximise."""
 
@@ -58,21 +69,24 @@ ENCODERS = {
     "pixels": Encoder("gril_jax.encoders.resnet.PixelConfig", boxes=False, saved="pixel"),
 }
 
-# Losses that align videos in time, each a function as `gril_jax.pretraining.alignment` has them;
-# several are summed.
+_CYCLE = ("gril_jax.pretraining.alignment.cycle",)
+_WARPING = ("gril_jax.pretraining.alignment.warping",)
 ALIGNMENTS = {
-    "tcc": ("gril_jax.pretraining.alignment.cycle",),
-    "soft_dtw": ("gril_jax.pretraining.alignment.warping",),
-    "both": ("gril_jax.pretraining.alignment.cycle", "gril_jax.pretraining.alignment.warping"),
+    "tcc": Alignment(_CYCLE),
+    "tcc_variance": Alignment(_CYCLE, form="regression_mse_var"),
+    "tcc_huber": Alignment(_CYCLE, form="regression_huber"),
+    "tcc_classification": Alignment(_CYCLE, form="classification"),
+    "tcc_stochastic": Alignment(("gril_jax.pretraining.alignment.sampled_cycle",)),
+    "tcc_cosine": Alignment(_CYCLE, similarity="cosine"),
+    "soft_dtw": Alignment(_WARPING),
+    "both": Alignment(_CYCLE + _WARPING),
 }
 
 _FORMS = "gril_jax.workflows.build.policy_rewards"
 REWARDS = {
     "learned": Reward(f"{_FORMS}.LEARNED", pictures=True),
     "environmental": Reward(f"{_FORMS}.ENVIRONMENTAL", learns=False, pictures=True),
-    "subtasks": Reward(f"{_FORMS}.SUBTASKS", staged=True),
     "stages": Reward(f"{_FORMS}.STAGES", staged=True),
-    "sum": Reward(f"{_FORMS}.SUM", pictures=True),
     "shaped": Reward(f"{_FORMS}.SHAPED"),
 }
 

@@ -9,7 +9,6 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from gril_jax.errors import ShapeError
 from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import Nodes
 
@@ -42,57 +41,26 @@ def class_distances(
     return jnp.where(jnp.any(among, axis=1), nearest, 0.0)
 
 
-def history_features(nodes: Nodes, config: Any, *, robot: bool) -> Float[Array, "N F"]:
-    """Corners, and distances if asked for, of the last frames side by side.
+def box_features(nodes: Nodes, config: Any, *, robot: bool) -> Float[Array, "N F"]:
+    """Corners, and with `config.distances` the distances to the nearest object of each class.
 
     Args:
-      nodes: of one frame; for a history above 1 of that many frames, oldest first, on a leading
-        axis of every field (as `jax.vmap(scene_graph)` stacks them).
-      config: its `history`, `distances`, `num_classes` and `length_unit` are used.
+      nodes: of one frame.
+      config: its `distances`, `num_classes` and `length_unit` are used.
       robot: the robot counts in the distances.
 
     Returns:
-      F = history * (4 + C) features. A frame in which an object is not present gives it zeros.
-
-    Raises:
-      ShapeError: the number of frames is not `history`.
+      F = 4 or 4 + C features in length units; zeros for an object that is not present.
     """
-    history = config.history
-    _check_history(nodes, history)
-    frames = [nodes] if history == 1 else [Nodes(*(x[t] for x in nodes)) for t in range(history)]
-    columns = []
-    for frame in frames:
-        seen = [box_corners(frame.center, frame.size)]
-        if config.distances:
-            counted = frame.present if robot else frame.present & ~frame.is_robot
-            seen.append(class_distances(frame.center, frame.label, counted, config.num_classes))
-        features = jnp.concatenate(seen, axis=-1) / config.length_unit
-        columns.append(jnp.where(frame.present[:, None], features, 0.0))
-    return jnp.concatenate(columns, axis=-1)
+    seen = [box_corners(nodes.center, nodes.size)]
+    if config.distances:
+        counted = nodes.present if robot else nodes.present & ~nodes.is_robot
+        seen.append(class_distances(nodes.center, nodes.label, counted, config.num_classes))
+    features = jnp.concatenate(seen, axis=-1) / config.length_unit
+    return jnp.where(nodes.present[:, None], features, 0.0)
 
 
-def blank(count: int, history: int) -> Nodes:
+def blank(count: int) -> Nodes:
     """Nodes of the right shapes, with which a network is made."""
     boxes, flag = jnp.zeros((count, 2)), jnp.zeros(count, bool)
-    nodes = Nodes(boxes, boxes, jnp.zeros(count, jnp.int32), flag, flag, flag)
-    return nodes if history == 1 else Nodes(*(jnp.stack([x] * history) for x in nodes))
-
-
-def last_frame(nodes: Nodes, *, history: int) -> Nodes:
-    """The newest of the frames that `history_features` takes.
-
-    Raises:
-      ShapeError: the nodes do not hold that many frames.
-    """
-    _check_history(nodes, history)
-    return nodes if history == 1 else Nodes(*(x[-1] for x in nodes))
-
-
-def _check_history(nodes, history):
-    shape = nodes.center.shape
-    if len(shape) != (2 if history == 1 else 3) or (history > 1 and shape[0] != history):
-        wanted = "(N, 2)" if history == 1 else f"({history}, N, 2)"
-        raise ShapeError(
-            f"graph.nodes.center has shape {shape} but encoder.history is {history}; "
-            f"its shape must be {wanted}."
-        )
+    return Nodes(boxes, boxes, jnp.zeros(count, jnp.int32), flag, flag, flag)

@@ -1,12 +1,8 @@
-"""GraphIRL's ablation of the interaction network: MLPs on boxes, without relations.
+"""GraphIRL's ablation of the interaction network (X-MAGICAL): MLPs on boxes, without relations.
 
-    X-MAGICAL   MLPConfig(num_classes)     a layer for the robot and one for the objects, whose
-                                           mean is taken; then a layer on both
-    robot       MLPConfig(num_classes, flat_nodes=3, distances=True)
-                                           two layers on all nodes' features side by side
-
-Both end in a ReLU. The flat one is for a fixed number of nodes in a fixed order. Shapes use D for
-the latent. Every function takes one `SceneGraph`; batch with `jax.vmap`.
+A layer for the robot and one for the objects, whose mean is taken; then a layer on both, which ends
+in a ReLU. Shapes use D for the latent. Every function takes one `SceneGraph`; batch with
+`jax.vmap`.
 """
 
 import dataclasses
@@ -17,10 +13,10 @@ from flax import linen as nn
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.config.encoder import EncoderOptions
-from gril_jax.errors import ConfigError, ShapeError, require_at_least
+from gril_jax.errors import ConfigError, require_at_least
 from gril_jax.types import SceneGraph
 
-from .box_features import blank, history_features, last_frame
+from .box_features import blank, box_corners
 from .message_passing import Params, weighted_pool
 
 
@@ -33,20 +29,13 @@ class MLPConfig:
     """Number of object classes of the task."""
     width: int = 32
     """Size of the latent; the hidden layers have half of it. Even."""
-    flat_nodes: int | None = None
-    """Number of nodes of the flat variant; None for the mean over the objects."""
-    distances: bool = False
-    """True if nodes know their distance to the nearest object of each class."""
-    history: int = 1
-    """Frames in a node's features; above 1 the graph must hold that many, stacked."""
     pool_robot: bool = True
     """True if the robot counts; if not, its inputs are zero."""
     length_unit: float = EncoderOptions.length_unit
     """World units per unit of the network's inputs; about half the scene's width."""
 
     def __post_init__(self):
-        flat = {} if self.flat_nodes is None else {"flat_nodes": 1}
-        require_at_least(self, "encoder", num_classes=1, width=2, history=1, **flat)
+        require_at_least(self, "encoder", num_classes=1, width=2)
         if self.width % 2:
             raise ConfigError(f"encoder.width is {self.width}; it must be even.")
         if not self.length_unit > 0:
@@ -60,8 +49,8 @@ class MLPConfig:
     @classmethod
     def of(cls, options: EncoderOptions, num_classes: int) -> "MLPConfig":
         """From the section `encoder` of a run's configuration."""
-        names = ("width", "pool_robot", "length_unit")
-        return cls(num_classes, **{name: getattr(options, name) for name in names})
+        unit = options.length_unit
+        return cls(num_classes, options.width, pool_robot=options.robot, length_unit=unit)
 
 
 def init(key: PRNGKeyArray, config: MLPConfig) -> Params:
@@ -70,15 +59,11 @@ def init(key: PRNGKeyArray, config: MLPConfig) -> Params:
     >>> sorted(init(jax.random.key(0), MLPConfig(num_classes=3, width=8)))
     ['agent', 'boxes', 'latent']
     """
-    return _BoxMLP(config).init(key, blank(config.flat_nodes or 1, config.history))["params"]
+    return _BoxMLP(config).init(key, blank(1))["params"]
 
 
 def apply(params: Params, graph: SceneGraph, config: MLPConfig) -> Float[Array, "D"]:
-    """The latent of one scene graph.
-
-    Raises:
-      ShapeError: the graph has not `config.flat_nodes` nodes, or not `config.history` frames.
-    """
+    """The latent of one scene graph."""
     return _BoxMLP(config).apply({"params": params}, graph.nodes)
 
 
@@ -86,23 +71,13 @@ class _BoxMLP(nn.Module):
     config: MLPConfig
 
     @nn.compact
-    def __call__(self, history):
+    def __call__(self, nodes):
         config, half = self.config, self.config.width // 2
-        nodes = last_frame(history, history=config.history)
-        x = history_features(history, config, robot=config.pool_robot)
+        x = box_corners(nodes.center, nodes.size) / config.length_unit
+        x = jnp.where(nodes.present[:, None], x, 0.0)
         robot = nodes.present & nodes.is_robot & config.pool_robot
         objects = nodes.present & ~nodes.is_robot
-        if config.flat_nodes is None:
-            agent = nn.relu(nn.Dense(half, name="agent")(x))
-            boxes = nn.relu(nn.Dense(half, name="boxes")(x))
-            pooled = [weighted_pool(z, w * 1.0) for z, w in ((agent, robot), (boxes, objects))]
-            hidden = jnp.concatenate(pooled)
-        else:
-            if len(x) != config.flat_nodes:
-                raise ShapeError(
-                    f"graph.nodes.center has shape {nodes.center.shape} but encoder.flat_nodes is "
-                    f"{config.flat_nodes}; its first size must be {config.flat_nodes}."
-                )
-            seen = jnp.where((robot | objects)[:, None], x, 0.0)
-            hidden = nn.relu(nn.Dense(half, name="hidden")(seen.reshape(-1)))
-        return nn.relu(nn.Dense(config.width, name="latent")(hidden))
+        agent = nn.relu(nn.Dense(half, name="agent")(x))
+        boxes = nn.relu(nn.Dense(half, name="boxes")(x))
+        pooled = [weighted_pool(z, w * 1.0) for z, w in ((agent, robot), (boxes, objects))]
+        return nn.relu(nn.Dense(config.width, name="latent")(jnp.concatenate(pooled)))

@@ -7,10 +7,10 @@
     `PixelConfig`          XIRL's ResNet-18                               a frame (H, W, 3)
 
 Graph encoders take one graph; batch with `jax.vmap`. Parameters are plain pytrees of arrays:
-hold, save and vmap them without knowing the libraries underneath. An `EncoderConfig` with several
-`members` is an ensemble (`gril_jax.encoders.ensemble`): parameters have a leading axis of members,
-whose latents lie side by side. Shapes use N for nodes, H for the width of a node embedding and D
-for the latent.
+hold, save and vmap them without knowing the libraries underneath. An `EncoderConfig` with an
+`ensemble_size` above 1 is an ensemble (`gril_jax.encoders.ensemble`): parameters have a leading
+axis of members, whose latents lie side by side. Shapes use N for nodes, H for the width of a node
+embedding and D for the latent.
 """
 
 import dataclasses
@@ -43,7 +43,7 @@ GraphConfig = Union[tuple(kind for kind, one in _KINDS.items() if one.boxes)]  #
 AnyConfig = Union[tuple(_KINDS)]  # noqa: UP007
 
 # A file must not make its reader build a network without end.
-_MOST, _MOST_OF_OTHERS = {"rounds": 100, "history": 100, "members": 100}, 2**20
+_MOST, _MOST_OF_OTHERS = {"rounds": 100, "ensemble_size": 100}, 2**20
 
 
 def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
@@ -74,9 +74,8 @@ def apply(
 ) -> Float[Array, "... D"]:
     """The latent of one scene graph, or of frames.
 
-    A graph's latent does not depend on the order of the nodes (but for the flat MLP), nor on
-    those that are not present. Whether it depends on the robot is the config's `pool_robot` and
-    `robot_messages`.
+    A graph's latent does not depend on the order of the nodes, nor on those that are not present.
+    Whether it depends on the robot is the config's `pool_robot` and `robot_messages`.
 
     Args:
       params, config: from `init`, with the same config.
@@ -106,8 +105,7 @@ def node_embeddings(
     Args:
       params, graph, config: of `apply`.
       form: how the paper's encoder sums messages; the numbers are the same. "dense" is the fastest
-        forward; "square" takes less compiling, and its gradient is as fast; "jraph" takes graphs
-        that are not complete.
+        forward; "square" takes less compiling, and its gradient is as fast.
 
     Raises:
       ConfigError: this kind of encoder does not embed nodes, or it is an ensemble.
@@ -195,7 +193,7 @@ def _side_by_side(params, graph, config, alpha, form):
     if stray is not None:
         raise ShapeError(
             f"params has an array of shape {stray.shape}; those of an ensemble must have a leading "
-            f"axis of encoder.members, which is {members}."
+            f"axis of encoder.ensemble_size, which is {members}."
         )
     each = jax.vmap(lambda p: apply(p, graph, one, alpha=alpha, form=form), out_axes=-2)(params)
     return each.reshape(*each.shape[:-2], latent_size(config))
@@ -217,8 +215,8 @@ def _node_module(config):
         )
     if num_members(config) > 1:
         raise ConfigError(
-            f"encoder.members is {num_members(config)}, but must be 1 to embed nodes: each member "
-            "of an ensemble has its own."
+            f"encoder.ensemble_size is {num_members(config)}, but must be 1 to embed nodes: each "
+            "member of an ensemble has its own."
         )
     return _module(config)
 

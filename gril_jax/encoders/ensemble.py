@@ -20,7 +20,7 @@ from gril_jax.graphs.scene import safe_norm
 
 def num_members(config: Any) -> int:
     """Number of networks in an encoder's config; 1 for kinds without ensembles."""
-    return getattr(config, "members", 1)
+    return getattr(config, "ensemble_size", 1)
 
 
 def latent_size(config: Any) -> int:
@@ -30,10 +30,10 @@ def latent_size(config: Any) -> int:
 
 def member(config: Any) -> Any:
     """The config of one member; for a single network, its own."""
-    return config if num_members(config) == 1 else dataclasses.replace(config, members=1)
+    return config if num_members(config) == 1 else dataclasses.replace(config, ensemble_size=1)
 
 
-def split(latent: Float[Array, "*batch D"], members: int) -> Float[Array, "*batch K part"]:
+def split(latent: Float[Array, "*batch D"], ensemble_size: int) -> Float[Array, "*batch K part"]:
     """Each member's part of a latent.
 
     >>> split(jnp.array([1.0, 2.0, 3.0, 4.0]), 2).tolist()
@@ -43,12 +43,12 @@ def split(latent: Float[Array, "*batch D"], members: int) -> Float[Array, "*batc
       ShapeError: the members cannot have equal parts.
     """
     *batch, size = latent.shape
-    if members < 1 or size % members:
+    if ensemble_size < 1 or size % ensemble_size:
         raise ShapeError(
-            f"a latent of size {size} does not belong to {members} members; its size must be a "
-            "multiple of their number."
+            f"a latent of size {size} does not belong to {ensemble_size} members; its size must be "
+            "a multiple of their number."
         )
-    return latent.reshape(*batch, members, size // members)
+    return latent.reshape(*batch, ensemble_size, size // ensemble_size)
 
 
 def worst_distance(

@@ -8,9 +8,7 @@ h = relu(W1 x + b1), three blocks with weights of their own make the embedding o
 and the latent is the mean of the z_i. The published variants:
 
     X-MAGICAL   InteractionConfig(num_classes)                   x is the box; k: robot or object
-    robot       InteractionConfig(num_classes, self_blocks="class", distances=True)
-                                                                 k: the class (hand, puck, goal)
-    history     the same with history=H: x holds the last H frames
+    robot       InteractionConfig(num_classes, distances=True)   x has distances, too; k: the class
     MLP         `gril_jax.encoders.box_mlp`
 
 In the original's robot variant the goal's self block is fed the puck's features, evidently by
@@ -20,7 +18,6 @@ nodes and H for the width. Every function takes one `SceneGraph`; batch with `ja
 """
 
 import dataclasses
-from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +28,7 @@ from gril_jax.config.encoder import EncoderOptions
 from gril_jax.errors import ConfigError, require_at_least
 from gril_jax.types import SceneGraph
 
-from .box_features import blank, history_features, last_frame
+from .box_features import blank, box_features
 from .dense_messages import sum_messages
 from .message_passing import Form, Params, node_weights, weighted_pool
 
@@ -49,12 +46,9 @@ class InteractionConfig:
     """Number of object classes of the task."""
     width: int = 32
     """Size of a node embedding, of every hidden layer and of the latent."""
-    self_blocks: Literal["robot", "class"] = "robot"
-    """Nodes that share a self block: the robot has one and all objects another, or each class."""
     distances: bool = False
-    """True if nodes know their distance to the nearest object of each class."""
-    history: int = 1
-    """Frames in a node's features; above 1 the graph must hold that many, stacked."""
+    """True if nodes know their distance to the nearest object of each class, and each class has a
+    self block; if not, the robot has one and all objects another."""
     pool_robot: bool = True
     """True if the robot counts in the mean."""
     robot_messages: bool = True
@@ -63,11 +57,7 @@ class InteractionConfig:
     """World units per unit of the network's inputs; about half the scene's width."""
 
     def __post_init__(self):
-        require_at_least(self, "encoder", num_classes=1, width=1, history=1)
-        if self.self_blocks not in ("robot", "class"):
-            raise ConfigError(
-                f"encoder.self_blocks is {self.self_blocks!r}; it must be 'robot' or 'class'."
-            )
+        require_at_least(self, "encoder", num_classes=1, width=1)
         if not self.length_unit > 0:
             raise ConfigError(f"encoder.length_unit is {self.length_unit}; it must be positive.")
 
@@ -82,10 +72,9 @@ class InteractionConfig:
         return cls(
             num_classes,
             width=options.width,
-            self_blocks="class" if options.distances else "robot",
-            distances=options.distances,
-            pool_robot=options.pool_robot,
-            robot_messages=options.robot_messages,
+            distances=True,
+            pool_robot=options.robot,
+            robot_messages=options.robot,
             length_unit=options.length_unit,
         )
 
@@ -97,17 +86,13 @@ def init(key: PRNGKeyArray, config: InteractionConfig) -> Params:
     >>> sorted(params)
     ['affector_1', 'affector_2', 'relation', 'self']
     """
-    return _Interaction(config).init(key, blank(1, config.history))["params"]
+    return _Interaction(config).init(key, blank(1))["params"]
 
 
 def node_embeddings(
     params: Params, graph: SceneGraph, config: InteractionConfig, *, form: Form = "dense"
 ) -> Float[Array, "N H"]:
-    """The affector's output for each node; there is one form of it.
-
-    Raises:
-      ShapeError: the graph does not hold `config.history` frames.
-    """
+    """The affector's output for each node; there is one form of it."""
     del form
     return _Interaction(config).apply({"params": params}, graph.nodes)
 
@@ -122,7 +107,7 @@ def readout(
 ) -> Float[Array, "H"]:
     """Plain mean of `node_embeddings`: neither `params` nor `alpha` is used."""
     del params, alpha
-    nodes = last_frame(graph.nodes, history=config.history)
+    nodes = graph.nodes
     weights = node_weights(
         nodes.active, nodes.is_robot, nodes.present, alpha=1.0, pool_robot=config.pool_robot
     )
@@ -133,14 +118,13 @@ class _Interaction(nn.Module):
     config: InteractionConfig
 
     @nn.compact
-    def __call__(self, history):
+    def __call__(self, nodes):
         config = self.config
-        nodes = last_frame(history, history=config.history)
-        x = history_features(history, config, robot=config.robot_messages)
+        x = box_features(nodes, config, robot=config.robot_messages)
         audible = nodes.present
         if not config.robot_messages:
             audible = audible & ~nodes.is_robot
-        if config.self_blocks == "class":
+        if config.distances:
             kind = jax.nn.one_hot(nodes.label, config.num_classes)
         else:
             kind = jax.nn.one_hot(nodes.is_robot.astype(jnp.int32), 2)

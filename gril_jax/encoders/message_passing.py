@@ -10,7 +10,6 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-import jraph
 from flax import linen as nn
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, PyTree
 
@@ -23,10 +22,9 @@ from .dense_messages import square_edges, sum_messages, thin_product
 
 Params = PyTree[Float[Array, "..."]]
 
-# How messages are computed; the numbers are the same. "dense" is for one complete graph, one
-# sender at a time if there are few; "square" is the same with all senders at once; "jraph" gathers
-# by the graph's own indices and sums by scatter, for graphs of any kind, many in one too.
-Form = Literal["dense", "square", "jraph"]
+# How messages are summed; the numbers are the same. "dense" takes one sender at a time if there are
+# few; "square" takes all senders at once.
+Form = Literal["dense", "square"]
 
 
 @jax.tree_util.register_static
@@ -47,25 +45,25 @@ class EncoderConfig:
     """Rounds of message passing; with 0 each object is embedded separately."""
     latent: int = EncoderOptions.latent
     """Size of the latent, of each member."""
-    absolute: bool = True
-    """True if nodes know their absolute centre; if not, only edges carry position, as offsets."""
     relations: bool = EncoderOptions.relations
     """True if edges also hold how far the receiver's box sticks out of the sender's or is apart."""
     words: tuple[int, ...] = ()
     """First and last word of each class's name, as indices, class by class: nodes then do not know
     their class, and edges know which of the two words sender and receiver share. Empty: nodes know
     their class."""
-    pool_robot: bool = EncoderOptions.pool_robot
+    pool_robot: bool = EncoderOptions.robot
     """True if the robot counts in the pooling (the paper's "with robot" ablation)."""
-    robot_messages: bool = EncoderOptions.robot_messages
+    robot_messages: bool = EncoderOptions.robot
     """True if the robot sends messages to the objects."""
     length_unit: float = EncoderOptions.length_unit
     """World units per unit of the network's inputs; about half the scene's width."""
-    members: int = EncoderOptions.members
+    ensemble_size: int = EncoderOptions.ensemble_size
     """Networks in an ensemble (`gril_jax.encoders.ensemble`); the functions here are for one."""
 
     def __post_init__(self):
-        require_at_least(self, "encoder", num_classes=1, width=1, rounds=0, latent=1, members=1)
+        require_at_least(
+            self, "encoder", num_classes=1, width=1, rounds=0, latent=1, ensemble_size=1
+        )
         if len(self.words) not in (0, 2 * self.num_classes):
             raise ConfigError(
                 f"encoder.words has {len(self.words)} entries; it must have none or two for each "
@@ -77,10 +75,9 @@ class EncoderConfig:
     @classmethod
     def of(cls, options: EncoderOptions, num_classes: int) -> "EncoderConfig":
         """From the section `encoder` of a run's configuration."""
-        names = (
-            "width rounds latent relations pool_robot robot_messages length_unit members".split()
-        )
-        return cls(num_classes, **{name: getattr(options, name) for name in names})
+        names = "width rounds latent relations length_unit ensemble_size".split()
+        same = {name: getattr(options, name) for name in names}
+        return cls(num_classes, pool_robot=options.robot, robot_messages=options.robot, **same)
 
 
 def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
@@ -104,7 +101,7 @@ def node_embeddings(
     """Node embeddings after message passing, before pooling.
 
     Raises:
-      ShapeError: the dense forms were given a graph that is not complete.
+      ShapeError: the graph is not complete.
     """
     return _Messages(config, form).apply({"params": params["messages"]}, graph)
 
@@ -183,15 +180,13 @@ class _Messages(nn.Module):
         edges = edges / config.length_unit
         if config.words:
             edges = jnp.concatenate([edges, _alike(graph, config)], axis=-1)
-        if self.form != "jraph":
-            edges = square_edges(edges, nodes.label.shape[0])
-        graph = graph._replace(edges=edges)
+        edges = square_edges(edges, nodes.label.shape[0])
         embedding = nn.Dense(config.width)(_node_features(nodes, config))
         for _ in range(config.rounds):
-            embedding = self._round(embedding, audible, graph)
+            embedding = self._round(embedding, audible, edges)
         return embedding
 
-    def _round(self, embedding, audible, graph):
+    def _round(self, embedding, audible, edges):
         width = self.config.width
         # Made in this order, since their names in the parameters follow it.
         from_sender = nn.Dense(width, use_bias=False)
@@ -199,32 +194,12 @@ class _Messages(nn.Module):
         from_edge = nn.Dense(width, use_bias=False, dot_general=thin_product)
         from_node, update = nn.Dense(width), nn.Dense(width)
 
-        if self.form == "jraph":
-            received = _sum_by_index(
-                from_sender(embedding), from_receiver(embedding), from_edge, audible, graph
-            )
-        else:
-            at_once = None if self.form == "dense" else max(len(audible), 1)
-            received = sum_messages(
-                from_sender(embedding), from_receiver(embedding), audible, graph.edges, from_edge,
-                at_once=at_once,
-            )  # fmt: skip
+        received = sum_messages(
+            from_sender(embedding), from_receiver(embedding), audible, edges, from_edge,
+            at_once=None if self.form == "dense" else max(len(audible), 1),
+        )  # fmt: skip
         hidden = from_node(jnp.concatenate([embedding, received], axis=-1))
         return embedding + update(nn.relu(hidden))
-
-
-def _sum_by_index(sent, received, from_edge, audible, graph):
-    """`sum_messages` over the graph's senders and receivers, through jraph."""
-
-    def update_edge(edge, sender, receiver, _):
-        message = nn.relu(from_edge(edge) + sender["sent"] + receiver["received"])
-        return jnp.where(sender["audible"][:, None], message, 0.0)
-
-    def update_node(_, __, messages, ___):
-        return messages
-
-    nodes = {"sent": sent, "received": received, "audible": audible}
-    return jraph.GraphNetwork(update_edge, update_node)(graph._replace(nodes=nodes)).nodes
 
 
 class _Head(nn.Module):
@@ -252,8 +227,7 @@ def _alike(graph, config) -> Float[Array, "E 2"]:
 
 
 def _node_features(nodes, config):
-    """One-hot class (without `words`), size and (if `absolute`) centre."""
-    boxes = [nodes.center, nodes.size] if config.absolute else [nodes.size]
-    boxes = [box / config.length_unit for box in boxes]
+    """One-hot class (without `words`), centre and size."""
+    boxes = [box / config.length_unit for box in (nodes.center, nodes.size)]
     kinds = [] if config.words else [jax.nn.one_hot(nodes.label, config.num_classes)]
     return jnp.concatenate([*kinds, *boxes], axis=-1)

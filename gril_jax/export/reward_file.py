@@ -12,7 +12,6 @@ Arrays, named by their path in `RewardParams`, such as `goal`, `scale`, `alpha` 
     activity                the fields of an `ActivityRule` (Eq. 4)
     classes, robots         names that a label is an index into; those that are the robot
     objects                 class of each object of the usual scene, in order; may be empty
-    softness                of the minimum over a set of goals, or null for the nearest goal alone
     half_extent, unit       half the width of the world that a frame shows, and its unit; or null
     provenance              version of this package, digest and number of the demonstrations, and
                             what else the writer says, such as Kendall's tau
@@ -56,7 +55,6 @@ def save_reward(
     robots: Sequence[str] = (),
     objects: Sequence[str] = (),
     activity: ActivityRule | Mapping[str, Any] = PAPER,
-    softness: float | None = None,
     half_extent: float | None = None,
     unit: str | None = None,
     demos: DemoBatch | None = None,
@@ -69,8 +67,8 @@ def save_reward(
       path: the file, in a folder that exists.
       params: from `gril_jax.reward.from_demos`; of one seed, float32, all finite.
       config: the encoder's, of any kind.
-      classes, robots, objects, softness, half_extent, unit: as the description has them; as many
-        classes as `config.num_classes`, and softness in units of the reward.
+      classes, robots, objects, half_extent, unit: as the description has them; as many classes as
+        `config.num_classes`.
       activity: the rule that the reward was made with: {"tau": 0.005, "window": 40}.
       demos: what the reward was learned from; only its digest and number are kept.
       provenance: what else a reader should know, as JSON: {"kendall_tau": 0.95, "source": "..."}.
@@ -84,9 +82,7 @@ def save_reward(
     """
     fields = activity._asdict() if isinstance(activity, ActivityRule) else activity
     rule = activity_rule.from_json(fields)
-    learned = LearnedReward(
-        params, config, tuple(classes), tuple(robots), tuple(objects), rule, softness
-    )
+    learned = LearnedReward(params, config, tuple(classes), tuple(robots), tuple(objects), rule)
     made = _digest(demos) if demos is not None else {}
     text = reward_format.describe(learned, half_extent, unit, made | dict(provenance or {}))
     arrays = {name: np.asarray(leaf) for name, leaf in reward_format.named(params)}

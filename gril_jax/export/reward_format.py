@@ -83,7 +83,6 @@ def describe(
         "version": VERSION,
         "encoder": encoder_choices.to_json(learned.config),
         "activity": learned.activity._asdict(),
-        "softness": learned.softness,
         "classes": [*learned.classes],
         "robots": [*learned.robots],
         "objects": [*learned.objects],
@@ -117,7 +116,6 @@ def understand(about: Mapping[str, Any], where: str) -> LearnedReward:
             config,
             *(_names(about, field) for field in ("classes", "robots", "objects")),
             activity=activity_rule.from_json(about["activity"]),
-            softness=_positive(about, "softness"),
             description=_json(about),
         )
         _check_choices(learned, _positive(about, "half_extent"))
@@ -140,7 +138,6 @@ def _check_choices(learned, half_extent):
     if len(set(classes)) < len(classes):
         raise ConfigError(f"classes is {', '.join(classes)}; its names must differ.")
     _positive({"half_extent": half_extent}, "half_extent")
-    _positive({"softness": learned.softness}, "softness")
 
 
 def _positive(about, field):

@@ -2,6 +2,10 @@
 
 from . import activity
 from .activity_rule import PAPER, ActivityRule
+from .from_pixels import boxes_from_pixels
 from .scene import edge_indices, safe_norm, scene_graph
 
-__all__ = ["PAPER", "ActivityRule", "activity", "edge_indices", "safe_norm", "scene_graph"]
+__all__ = [
+    "PAPER", "ActivityRule", "activity", "boxes_from_pixels", "edge_indices", "safe_norm",
+    "scene_graph",
+]  # fmt: skip

@@ -5,7 +5,8 @@ was k frames earlier, and stays active for the rest of the episode. Frames befor
 count as the first. The paper uses k = 40 and tau = 0.005.
 
 `init` and `step` follow a rollout frame by frame; `trajectory` does a whole recording at once.
-Both give the same bits, with every option. Shapes use N for objects, T for frames, K for the
+Both give the same bits, with every option. A displacement from or to a box that is not finite, such
+as one that a detector lost, is no motion. Shapes use N for objects, T for frames, K for the
 window and M for the frames of a median. Goal and robot get a bit like anything else: what it is
 worth is for `gril_jax.encoders.message_passing` to say.
 
@@ -38,12 +39,11 @@ _DEVIATIONS = 5.0
 
 
 class Start(NamedTuple):
-    """State for optional features: frames to smooth over, and the time in the episode."""
+    """State of smoothing: frames to smooth over, and the time in the episode."""
 
     recent: Float[Array, "M-1 N 2"]  # centres as seen, oldest first
     origin: Float[Array, "N 2"]  # smoothed centre that stands for all earlier ones
     frame: Int[Array, ""]  # of the frame seen last; 0 is the episode's first
-    silent: Int[Array, ""]  # no bit is set before this frame
 
 
 class Memory(NamedTuple):
@@ -60,7 +60,6 @@ def init(
     *,
     window: int = PoolConfig.window,
     smoothing: int = PoolConfig.smoothing,
-    clamp: bool = True,
 ) -> Memory:
     """State after an episode's first frame: nothing has moved.
 
@@ -69,18 +68,15 @@ def init(
       window: k, how many frames back a centre is compared with; at least 1.
       smoothing: M, odd: each centre is first replaced by its median, axis by axis, over the
         last M frames. The first M frames find where an object is, and set no bit.
-      clamp: frames before the first count as the first. If not, no bit is set before frame k
-        (k + M - 1 if smoothed).
 
     Raises:
       ConfigError: `window` is below 1, or `smoothing` not odd and positive.
     """
     _check_frames(window, smoothing)
     start = None
-    if smoothing > 1 or not clamp:
+    if smoothing > 1:
         recent = jnp.broadcast_to(center, (smoothing - 1, *center.shape))
-        silent = jnp.asarray(0 if clamp else window + smoothing - 1, jnp.int32)
-        start = Start(recent, center, jnp.zeros((), jnp.int32), silent)
+        start = Start(recent, center, jnp.zeros((), jnp.int32))
     return Memory(
         past=jnp.broadcast_to(center, (window, *center.shape)),
         oldest=jnp.zeros((), jnp.int32),
@@ -96,7 +92,6 @@ def step(
     *,
     tau: Float[Array, ""] | float = PoolConfig.tau,
     noise: Float[Array, ""] | float | None = None,
-    latched: bool = True,
 ) -> tuple[Memory, Bool[Array, "N"]]:
     """The next frame's activity bits.
 
@@ -108,8 +103,6 @@ def step(
       noise: standard deviation of a centre's jitter along one axis, world units. A displacement
         must then also exceed five times the deviation that such jitter gives it; smoothing by
         medians makes that smaller.
-      latched: an object that has moved stays active; if not, it is active while it lies more
-        than the threshold from where it was k frames earlier.
 
     Returns:
       The memory for the next frame and this frame's bits.
@@ -130,9 +123,9 @@ def step(
         frame, center = start.frame + 1, _median([*seen])
         origin = jnp.where(frame < smoothing, center, start.origin)
         before = jnp.where(frame < first, origin, before)
-        start = Start(seen[1:], origin, frame, start.silent)
-        moved = _moved(before, center, size, tau, noise, smoothing) & (frame >= start.silent)
-    active = memory.active | moved if latched else moved
+        start = Start(seen[1:], origin, frame)
+        moved = _moved(before, center, size, tau, noise, smoothing)
+    active = memory.active | moved
     memory = Memory(
         past=memory.past.at[memory.oldest].set(center),
         oldest=(memory.oldest + 1) % memory.past.shape[0],
@@ -150,8 +143,6 @@ def trajectory(
     window: int = PoolConfig.window,
     smoothing: int = PoolConfig.smoothing,
     noise: Float[Array, ""] | float | None = None,
-    latched: bool = True,
-    clamp: bool = True,
 ) -> Bool[Array, "T N"]:
     """The activity bits of every frame of one recording; all False in the first.
 
@@ -173,10 +164,6 @@ def trajectory(
     if smoothing > 1:
         earlier = jnp.minimum(earlier, frames)
     moved = _moved(center[earlier], center, size, tau, noise, smoothing)
-    if not clamp:
-        moved = moved & (frames >= window + smoothing - 1)[:, None]
-    if not latched:
-        return moved
     return jax.lax.cummax(moved.astype(jnp.int32), axis=0).astype(bool)
 
 
@@ -196,7 +183,8 @@ def _moved(
         # pi / (2 M); this form is 1 for M = 1, and within 2 % of the truth for all M.
         variance = 2.0 * (math.pi / 2) / (smoothing + math.pi / 2 - 1)
         threshold = jnp.maximum(threshold, noise**2 * (_DEVIATIONS**2 * variance))
-    return displacement > threshold
+    # From or to a box that is not finite nothing has moved.
+    return (displacement > threshold) & (displacement < jnp.inf)
 
 
 def _median(values: list[Float[Array, "*frames N 2"]]) -> Float[Array, "*frames N 2"]:

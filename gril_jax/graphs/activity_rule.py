@@ -30,22 +30,16 @@ class ActivityRule(NamedTuple):
     """Frames of the median filter on centres; odd."""
     noise: float | None = PoolConfig.noise
     """Standard deviation of a centre's jitter along one axis, world units."""
-    latched: bool = True
-    """True if an object that has moved stays active."""
-    clamp: bool = True
-    """True if frames before the first count as the first."""
 
     def init(self, center: Float[Array, "N 2"]) -> activity.Memory:
         """Calls `activity.init` with this rule, at an episode's first frame."""
-        return activity.init(center, window=self.window, smoothing=self.smoothing, clamp=self.clamp)
+        return activity.init(center, window=self.window, smoothing=self.smoothing)
 
     def step(
         self, memory: activity.Memory, center: Float[Array, "N 2"], size: Float[Array, "N 2"]
     ) -> tuple[activity.Memory, Bool[Array, "N"]]:
         """Calls `activity.step` with this rule."""
-        return activity.step(
-            memory, center, size, tau=self.tau, noise=self.noise, latched=self.latched
-        )
+        return activity.step(memory, center, size, tau=self.tau, noise=self.noise)
 
     def check(self) -> None:
         """Checks the ranges by tracing alone, so that no window costs memory.
@@ -60,8 +54,7 @@ class ActivityRule(NamedTuple):
 PAPER = ActivityRule()
 
 _TYPES = {
-    "tau": (float, int), "window": (int,), "smoothing": (int,),
-    "noise": (float, int, type(None)), "latched": (bool,), "clamp": (bool,),
+    "tau": (float, int), "window": (int,), "smoothing": (int,), "noise": (float, int, type(None)),
 }  # fmt: skip
 # A file must not make its reader overflow, or trace without end.
 _MOST = {"tau": 1e6, "noise": 1e6, "window": 2**20, "smoothing": 99}

@@ -3,8 +3,8 @@
 It keeps the encoder from forgetting what and where the objects are while it learns time. The
 paper's diagram decodes each node's embedding by itself (`init`, `decode`); its Eq. 5 decodes
 the graph's one vector (`init_graph`, `decode_graph`). `reconstruction` compares either with the
-frame; `reconstruction_terms` gives the errors of boxes and of classes apart. Shapes use N for
-nodes, H for the width of what is decoded and C for classes; batch with `jax.vmap`.
+frame. Shapes use N for nodes, H for the width of what is decoded and C for classes; batch with
+`jax.vmap`.
 """
 
 import jax
@@ -78,20 +78,8 @@ def reconstruction(
     Returns:
       Mean squared error over the box's four numbers plus cross-entropy of the class in nats.
 
-    Raises:
-      ShapeError, ConfigError: as for `reconstruction_terms`.
-    """
-    box_error, class_error = reconstruction_terms(box, logits, nodes, length_unit=length_unit)
-    return box_error + class_error
-
-
-def reconstruction_terms(
-    box: Float[Array, "N 4"], logits: Float[Array, "N C"], nodes: Nodes, *, length_unit: float = 1.0
-) -> tuple[Float[Array, "N"], Float[Array, "N"]]:
-    """Box error and class error of each node, as `reconstruction` adds them up.
-
-    Both are 0, with gradient 0, for nodes that are not present, whatever padding holds. A label
-    that is none of the C classes has class error 0.
+      Both are 0, with gradient 0, for nodes that are not present, whatever padding holds. A label
+      that is none of the C classes has class error 0.
 
     Raises:
       ShapeError: predictions and nodes do not fit together.
@@ -113,7 +101,7 @@ def reconstruction_terms(
     label = jnp.where(nodes.present, nodes.label, -1)
     is_label = label[:, None] == jnp.arange(logits.shape[1])
     class_error = -jnp.sum(jnp.where(is_label, log_likelihood, 0.0), axis=-1)
-    return box_error, class_error
+    return box_error + class_error
 
 
 class _Decoder(nn.Module):

@@ -2,7 +2,7 @@
 
 Each takes a key, the latents (V, F, D) of frames, their normalised times (V, F), which of them are
 valid (V, F), the cycle-consistency through all videos, which is computed in any case, and the
-options; it returns its weighted loss.
+traced options; it returns its weighted loss.
 """
 
 import jax.numpy as jnp
@@ -23,9 +23,10 @@ def aligned(
     config: Static | PixelStatic,
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """The loss that the options name, and the time agreement that helps it to begin."""
-    names = ALIGNMENTS[getattr(config, "consistency", "tcc")]
-    plain, agreement = mean_consistency(latents, times, valid, **_options(hyper, config))
-    losses = [find(name)(key, latents, times, valid, plain, hyper, config) for name in names]
+    chosen = ALIGNMENTS[config.consistency]
+    how = dict(form=chosen.form, temperature=hyper.temperature, similarity=chosen.similarity)
+    plain, agreement = mean_consistency(latents, times, valid, **how)
+    losses = [find(name)(key, latents, times, valid, plain, hyper) for name in chosen.losses]
     return sum(losses[1:], start=losses[0]), agreement
 
 
@@ -36,12 +37,23 @@ def cycle(
     valid: Bool[Array, "V F"],
     plain: Float[Array, ""],
     hyper: Hyper,
-    config: Static | PixelStatic,
 ) -> Float[Array, ""]:
-    """Temporal cycle-consistency; the key is for cycles that are drawn at random."""
-    if config.matching == "stochastic":
-        return stochastic_consistency(key, latents, times, valid, **_options(hyper, config))
+    """Temporal cycle-consistency of every frame through every other video."""
+    del key, latents, times, valid, hyper
     return plain
+
+
+def sampled_cycle(
+    key: PRNGKeyArray,
+    latents: Float[Array, "V F D"],
+    times: Float[Array, "V F"],
+    valid: Bool[Array, "V F"],
+    plain: Float[Array, ""],
+    hyper: Hyper,
+) -> Float[Array, ""]:
+    """Temporal cycle-consistency of as many randomly sampled cycles."""
+    del plain
+    return stochastic_consistency(key, latents, times, valid, temperature=hyper.temperature)
 
 
 def warping(
@@ -51,10 +63,9 @@ def warping(
     valid: Bool[Array, "V F"],
     plain: Float[Array, ""],
     hyper: Hyper,
-    config: Static | PixelStatic,
 ) -> Float[Array, ""]:
     """Soft-DTW divergence per frame, mean over all pairs of videos."""
-    del key, times, plain, config
+    del key, times, plain
     one, other = jnp.triu_indices(latents.shape[0], 1)
     length = jnp.sum(valid, axis=1)  # valid frames come first
     divergence = soft_dtw_divergence(
@@ -62,7 +73,3 @@ def warping(
     )
     frames = jnp.maximum(length[one] + length[other], 1)
     return hyper.soft_dtw_weight * jnp.mean(divergence / frames)
-
-
-def _options(hyper, config):
-    return dict(form=config.form, temperature=hyper.temperature, similarity=config.similarity)

@@ -103,18 +103,19 @@ def disarray(
     counted: Bool[Array, "N"],
     active: Bool[Array, "N"],
     *,
-    near: Float[Array, ""] | float = LossConfig.near,
-    idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
+    near_cost_fraction: Float[Array, ""] | float = LossConfig.near_cost_fraction,
+    intrusion_weight: Float[Array, ""] | float = LossConfig.intrusion_weight,
     touch: Float[Array, ""] | float = LossConfig.touch,
 ) -> Float[Array, ""]:
     """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning, at
     most 2.
 
-    Of each object that is out of place the share `near` is due as soon as it is out by half a box,
-    of each statistic of pairs as soon as it is clearly out of its range; the rest grows in
-    proportion. Arguments are those of `gril_jax.pretraining.final_places.misplacement`.
+    Of each object that is out of place the fraction `near_cost_fraction` applies as soon as it is
+    out by half a box, of each statistic of pairs as soon as it is clearly out of its range; the
+    rest grows in proportion. Arguments are those of `final_places.misplacement`.
     """
-    cost = _cost(goal, center, size, label, counted, near, idle_cost) / goal.scale
+    weights = near_cost_fraction, intrusion_weight
+    cost = _cost(goal, center, size, label, counted, *weights) / goal.scale
     # Worse than a beginning is at most 2: what lies near the ends is what must be told apart.
     cost = jnp.where(cost > 1.0, 2.0 - 1.0 / jnp.maximum(cost, 1.0), cost)
     due = counted & goal.always[label]
@@ -182,15 +183,20 @@ def _half_box(goal: Arrangement, size, label, counted):
     return jnp.sum(there * safe_norm(size)) / jnp.maximum(jnp.sum(there), 1.0) / 2 + 1e-6
 
 
-def _cost(goal: Arrangement, center, size, label, counted, near, idle_cost):
+def _cost(goal: Arrangement, center, size, label, counted, near_cost_fraction, intrusion_weight):
     """The cost of a scene, before it is scaled."""
     half = jnp.maximum(safe_norm(size) / 2, 1e-6)
     moves = counted & goal.moves[label]
-    due = jnp.where(moves, 1.0, idle_cost)
-    total = containers.lacking(goal.bonds, center, size, label, counted, due, near)
+    due = jnp.where(moves, 1.0, intrusion_weight)
+    total = containers.lacking(goal.bonds, center, size, label, counted, due, near_cost_fraction)
     away = safe_norm(center - jnp.clip(center, goal.low[label], goal.high[label]))
-    cost = near * jnp.minimum(away / half, 1.0) + (1.0 - near) * away / _REACH
+    cost = (
+        near_cost_fraction * jnp.minimum(away / half, 1.0)
+        + (1.0 - near_cost_fraction) * away / _REACH
+    )
     total += jnp.sum(jnp.where(moves & goal.placed[label], cost, 0.0))
     pairs, _ = _pairs(goal, center, label, counted)
-    cost = pair_distances.beyond(goal.distances, pairs, _half_box(goal, size, label, counted), near)
+    cost = pair_distances.beyond(
+        goal.distances, pairs, _half_box(goal, size, label, counted), near_cost_fraction
+    )
     return total + cost * jnp.sum(moves) / 2

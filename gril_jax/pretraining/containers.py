@@ -1,7 +1,7 @@
 """What belongs in larger things that rest, and what is kept out of them, at the ends of films.
 
     bonds = found(container, center, size, label, member)         # of last frames, once
-    cost = lacking(bonds, center, size, label, counted, due, near)   # of any scene
+    cost = lacking(bonds, center, size, label, counted, due, near_cost_fraction)   # of any scene
 
     inside, outside   a class is in, or out of, a thing of another class in nearly all ends
     filled            where several things of a class hold others, each holds one
@@ -17,7 +17,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 _MOST, _FEW = 0.85, 0.15  # shares of ends that make a rule
-_FULL, _POWER = 0.9, 3  # as in `final_places`: due near an edge, where tasks draw their line
+_FULL, _POWER = (
+    0.9,
+    3,
+)  # as in `final_places`: due near_cost_fraction an edge, where tasks draw their line
 _REACH = 0.5  # world units over which the rest is due, at least
 
 
@@ -65,11 +68,12 @@ def lacking(
     label: Int[Array, "N"],
     counted: Bool[Array, "N"],
     due: Float[Array, "N"],
-    near: Float[Array, ""] | float,
+    near_cost_fraction: Float[Array, ""] | float,
 ) -> Float[Array, ""]:
     """Cost of what is not where it belongs, and of what is empty; `due` is what an object counts.
 
-    The share `near` is due near the edge, the rest grows in proportion to the distance.
+    The fraction `near_cost_fraction` applies near the edge, the rest grows in proportion to the
+    distance.
     """
     out = _outwardness(bonds.container, center, size, label)  # (N, C)
     known = jnp.isfinite(out)
@@ -80,14 +84,17 @@ def lacking(
         beyond = sign * out  # of the centre, from where it belongs
         stick = jnp.clip((beyond / side + 1.0) / _FULL, 0.0, 1.0) ** _POWER
         far = jax.nn.relu(beyond) if sign > 0 else jax.nn.relu(beyond + side)
-        cost = near * stick + (1.0 - near) * far / _REACH
+        cost = near_cost_fraction * stick + (1.0 - near_cost_fraction) * far / _REACH
         cost = jnp.where(rule[label] & known & counted[:, None], cost, 0.0).sum(axis=1)
         total += jnp.sum(due * cost)
     empty = _emptiness(bonds.inside, center, size, label, counted)
     lacks = counted & bonds.filled[label] & jnp.isfinite(empty)
     empty = jax.nn.relu(jnp.where(lacks, empty, 0.0))
     smallest = jnp.min(jnp.where(counted, side[:, 0], jnp.inf), initial=1.0)
-    return total + jnp.sum(near * jnp.minimum(empty / smallest, 1.0) + (1 - near) * empty / _REACH)
+    return total + jnp.sum(
+        near_cost_fraction * jnp.minimum(empty / smallest, 1.0)
+        + (1 - near_cost_fraction) * empty / _REACH
+    )
 
 
 def _beyond(center, size):

@@ -6,11 +6,11 @@ states from the goal is given, too: copies of frames in which objects are somewh
 from it as `gril_jax.pretraining.final_places.misplacement` says, which knows from the last frames
 of the demonstrations what belongs where. Videos are all it takes: no action, no label.
 
-With `ascents` the copies go where the present encoder overestimates them most, before it learns
-from them: the same that a policy would do (adversarial training, Madry et al., ICLR 2018). What a
-policy has really done with an earlier reward can be learned from in the same way, beside copies or
-without any: a pool of such scenes (`gril_jax.pretraining.hard_negatives`), of which each batch
-draws some.
+With `adversarial_steps` the copies go where the present encoder overestimates them most, before it
+learns from them: the same that a policy would do (adversarial training, Madry et al., ICLR 2018).
+What a policy has really done with an earlier reward can be learned from in the same way, beside
+copies or without any: a pool of such scenes (`gril_jax.pretraining.hard_negatives`), of which each
+batch samples some.
 
 Shapes use V for videos, T for frames, N for objects, D for the latent, A for the frames of a video
 that are copied, J for the copies of each and P for the scenes of a pool.
@@ -54,11 +54,11 @@ def contrast(
     The made-up scenes are copies of these frames, or come from a pool, or both; of each kind the
     mean is taken by itself. The reward (Eq. 7) has the mean of the batch's last latents as its
     goal, or with several `config.goals` the nearest of the other videos' last latents; and
-    `hyper.span` as the latent distance of a reward of -1; were that measured in the batch, a
-    smaller latent space would look like a better one.
+    `hyper.latent_scale` as the latent distance of a reward of -1; were that measured in the batch,
+    a smaller latent space would look like a better one.
 
-    Of a pool of scenes, leaves (P, N, ...), V `anchors` are drawn, and turned as videos are. The
-    key is consumed.
+    Of a pool of scenes, leaves (P, N, ...), V `perturbed_frames` are sampled, and turned as videos
+    are. The key is consumed.
     """
     extent = jnp.max(jnp.abs(demos.center))
 
@@ -72,7 +72,7 @@ def contrast(
         judge = _Judge(params, goal, places, extent, hyper, config)
         of_video = jax.vmap(functools.partial(_of_video, judge))
         plain, copies = of_video(jax.random.split(key, len(last)), demos, active)
-        ends = safe_norm(last - judge.goal) / hyper.span
+        ends = safe_norm(last - judge.goal) / hyper.latent_scale
     else:
         # Each video is judged by the ends of the others, as a new one will be.
         rest = jnp.array([[i for i in range(len(last)) if i != k] for k in range(len(last))])
@@ -84,14 +84,14 @@ def contrast(
 
         plain, copies = jax.vmap(of_one)(keys, demos, active, last[rest])
         judge = _Judge(params, last, places, extent, hyper, config)
-        ends = jax.vmap(lambda one, goals: _away(one, goals))(last, last[rest]) / hyper.span
-    errors = [copies, plain, ends] if config.copies else [plain, ends]
+        ends = jax.vmap(lambda one, goals: _away(one, goals))(last, last[rest]) / hyper.latent_scale
+    errors = [copies, plain, ends] if config.num_perturbations else [plain, ends]
     if pool is not None:
         key_drawn = jax.random.fold_in(key, len(last))  # the videos have 0 to V - 1
         drawn = _drawn(key_drawn, pool, plain.size, turned=config.turn_scenes)
         everything = jnp.ones(pool.label.shape[1:], bool)
         errors.append(jax.vmap(lambda scene: _excess(judge, scene, everything))(drawn))
-    return sum(jnp.mean(_penalty(x, hyper.tail)) for x in errors)
+    return sum(jnp.mean(_penalty(x, hyper.quartic_weight)) for x in errors)
 
 
 class _Judge(NamedTuple):
@@ -115,7 +115,7 @@ def _of_video(
     def anchor(key):
         key_frame, key_copies = jax.random.split(key)
         at = jax.random.randint(key_frame, (), 0, demo.length)
-        if judge.config.ends == "arrangement":
+        if judge.config.goal_model == "arrangement":
             final = jax.random.bernoulli(jax.random.fold_in(key_frame, 0), _FINAL)
             at = jnp.where(final, demo.length - 1, at)
         frame = _frame(demo, active, at)
@@ -126,10 +126,10 @@ def _of_video(
             scene = frame._replace(center=made.center, size=made.size, active=made.active)
             return _excess(judge, _ascended(judge, scene, made.moved, demo.present), demo.present)
 
-        copies = jax.vmap(copy)(jax.random.split(key_copies, judge.config.copies))
+        copies = jax.vmap(copy)(jax.random.split(key_copies, judge.config.num_perturbations))
         return _excess(judge, frame, demo.present), copies
 
-    return jax.vmap(anchor)(jax.random.split(key, judge.config.anchors))
+    return jax.vmap(anchor)(jax.random.split(key, judge.config.perturbed_frames))
 
 
 def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Array, ""]:
@@ -137,20 +137,26 @@ def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Arr
     hyper, counted = judge.hyper, present & ~scene.is_robot
     due = cost(
         judge.places, scene, counted,
-        near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch, clear=judge.config.clear,
+        near_cost_fraction=hyper.near_cost_fraction, intrusion_weight=hyper.intrusion_weight,
+        touch=hyper.touch, clearance_radius=judge.config.clearance_radius,
     )  # fmt: skip
     latent = _latent(judge.params, scene, present, hyper, judge.config)
-    return _away(latent, judge.goal) / hyper.span - due
+    return _away(latent, judge.goal) / hyper.latent_scale - due
 
 
 def cost(
-    ends: Ends, scene: Scene, counted: Bool[Array, "N"], *, clear: float, **costs: Any
+    ends: Ends,
+    scene: Scene,
+    counted: Bool[Array, "N"],
+    *,
+    clearance_radius: float = 0.0,
+    **costs: Any,
 ) -> Float[Array, ""]:
-    """Cost of what a scene lacks: `misplacement` or `disarray`, which `costs` and `clear` go to."""
+    """Cost of what a scene lacks: `misplacement` or `disarray`, to which the options go."""
     objects = scene.center, scene.size, scene.label, counted, scene.active
     if isinstance(ends, Arrangement):
         return disarray(ends, *objects, **costs)
-    return misplacement(ends, *objects, **costs, clear=clear)
+    return misplacement(ends, *objects, **costs, clearance_radius=clearance_radius)
 
 
 def _away(latent: Float[Array, "D"], goal) -> Float[Array, ""]:
@@ -161,11 +167,11 @@ def _away(latent: Float[Array, "D"], goal) -> Float[Array, ""]:
 def _ascended(
     judge: _Judge, scene: Scene, moved: Bool[Array, "N"], present: Bool[Array, "N"]
 ) -> Scene:
-    """The scene after `config.ascents` steps of its moved objects towards overestimation."""
+    """The scene after `adversarial_steps` of its moved objects towards overestimation."""
     params, goal = jax.lax.stop_gradient((judge.params, judge.goal))
     now = judge._replace(params=params, goal=goal)
     slope = jax.grad(lambda center: _excess(now, scene._replace(center=center), present))
-    center, steps = scene.center, judge.config.ascents
+    center, steps = scene.center, judge.config.adversarial_steps
     unit = judge.config.encoder.length_unit
     for length in jnp.geomspace(_ASCENT, _LAST, steps) if steps else ():
         down = slope(center)
@@ -202,6 +208,6 @@ def _drawn(key: PRNGKeyArray, pool: Scene, num: int, *, turned: bool) -> Scene:
     return scenes._replace(center=still.center[:, 0], size=still.size[:, 0])
 
 
-def _penalty(error, tail):
+def _penalty(error, quartic_weight):
     """Squared error plus a fourth power beyond a tenth, because policies find the worst errors."""
-    return error**2 * (1.0 + tail * (error / 0.1) ** 2)
+    return error**2 * (1.0 + quartic_weight * (error / 0.1) ** 2)

@@ -65,11 +65,11 @@ def final_places(
     *,
     turned: bool = False,
     anywhere_inside: bool = False,
-    tails: float = LossConfig.tails,
+    trim_quantile: float = LossConfig.trim_quantile,
 ) -> FinalPlaces:
     """Computes the places in which successful demonstrations leave objects.
 
-    A box leaves out the share `tails` of the ends on each side: mishaps and overhangs.
+    A box leaves out the share `trim_quantile` of the ends on each side: mishaps and overhangs.
 
     With `turned`, scenes may be turned and mirrored: a box then has the square's symmetries. With
     `anywhere_inside`, a box that lies within its reference's is taken to mean all of that one:
@@ -91,7 +91,7 @@ def final_places(
     reference, found = _references(offset, both, box, has, moves)
     chosen = jnp.take_along_axis(offset, reference[None, :, None, None], axis=2)[:, :, 0]
     known = jnp.take_along_axis(both, reference[None, :, None], axis=2)[..., 0]  # (B, C)
-    low, high = _box(chosen, known, turned, tails)
+    low, high = _box(chosen, known, turned, trim_quantile)
     within = anywhere_inside & moves & found & ((low >= -0.5) & (high <= 0.5)).all(axis=1)
     low, high = (jnp.where(within[:, None], side, x) for side, x in ((-0.5, low), (0.5, high)))
 
@@ -139,14 +139,14 @@ def crowding(
     size: Float[Array, "N 2"],
     label: Int[Array, "N"],
     *,
-    clear: float,
+    clearance_radius: float,
 ) -> Float[Array, "N"]:
     """Nearness of each object that does not belong there to the box of a class: 1 in it, 0 from
-    `clear` halves of its own box away on. A box's own reference does not crowd it."""
+    `clearance_radius` halves of its own box away on. A box's own reference does not crowd it."""
     low, high, found = _boxes(places, center, size, label)
     away = safe_norm(center[:, None] - jnp.clip(center[:, None], low, high))  # (N, C)
     half = jnp.maximum(safe_norm(size) / 2, 1e-6)[:, None]
-    near = jnp.clip(1.0 - away / (clear * half), 0.0, 1.0)
+    near = jnp.clip(1.0 - away / (clearance_radius * half), 0.0, 1.0)
     own = label[:, None] == places.reference
     near = jnp.where(found & ~own, near, 0.0).max(axis=1)
     return jnp.where(places.intruder[label], near, 0.0)
@@ -160,48 +160,49 @@ def misplacement(
     counted: Bool[Array, "N"],
     active: Bool[Array, "N"],
     *,
-    near: Float[Array, ""] | float = LossConfig.near,
-    idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
+    near_cost_fraction: Float[Array, ""] | float = LossConfig.near_cost_fraction,
+    intrusion_weight: Float[Array, ""] | float = LossConfig.intrusion_weight,
     touch: Float[Array, ""] | float = LossConfig.touch,
-    clear: float = LossConfig.clear,
+    clearance_radius: float = LossConfig.clearance_radius,
 ) -> Float[Array, ""]:
     """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning.
 
     Of K objects that are to be placed each costs 1 / K at the mean distance at which
-    demonstrations begin. The share `near` of it is due in full as soon as the object is out of
-    place by half its own box; the rest grows in proportion to the distance. Of an object that
-    belongs anywhere in its reference's box, `near` is due in full as soon as its centre is out of
-    that box, and nothing of it while its whole box is inside: all along the edge a centre costs
-    the same, so that whatever is in place costs no more than whatever is not.
+    demonstrations begin. The fraction `near_cost_fraction` of it applies in full as soon as the
+    object is out of place by half its own box; the rest grows in proportion to the distance. Of an
+    object that belongs anywhere in its reference's box, it applies in full as soon as its centre is
+    out of that box, and nothing of it while its whole box is inside: all along the edge a centre
+    costs the same, so that whatever is in place costs no more than whatever is not.
 
     Args:
       places: of the demonstrations.
       center, size, label: of the scene's objects.
       counted: those that are present and no robot.
       active: those that have moved since the beginning.
-      near: that share; what is almost in place is far from done.
-      idle_cost: what an intruder costs, by the same rule, as a share of 1 / K.
+      near_cost_fraction: that fraction; what is almost in place is far from done.
+      intrusion_weight: what an intruder costs, by the same rule, as a share of 1 / K.
       touch: share of the cost of what is to be placed that is gone once it has been moved at all.
-      clear: above 0, an intruder costs in proportion to `crowding` at this distance instead.
+      clearance_radius: above 0, an intruder costs in proportion to `crowding` at this distance
+        instead.
     """
     half = jnp.maximum(safe_norm(size) / 2, 1e-6)
     due = counted & places.placed[label]
     away = astray(places, center, size, label)
     out = jnp.minimum(away / half, 1.0)
     out = jnp.where(places.within[label], _out(places, center, size, label), out)
-    cost = near * out + (1.0 - near) * away / places.journey
+    cost = near_cost_fraction * out + (1.0 - near_cost_fraction) * away / places.journey
     cost = (1.0 - touch) * cost + jnp.where(active, 0.0, touch)
-    if clear:
-        amiss = crowding(places, center, size, label, clear=clear)
+    if clearance_radius:
+        amiss = crowding(places, center, size, label, clearance_radius=clearance_radius)
     else:
         amiss = jnp.minimum(intrusion(places, center, size, label) / half, 1.0)
-    cost = jnp.where(due, cost, idle_cost * amiss)
+    cost = jnp.where(due, cost, intrusion_weight * amiss)
     return jnp.sum(jnp.where(counted, cost, 0.0)) / jnp.maximum(jnp.sum(due), 1).astype(cost.dtype)
 
 
 def _out(places, center, size, label):
-    """Share of `near` that is due of boxes that stick out of the box of their class: from 0 where
-    they are within it to 1 where a centre is out."""
+    """Share of the near cost of boxes that stick out of the box of their class: from 0 where they
+    are within it to 1 where a centre is out."""
     low, high, found = (x[label] for x in _boxes(places, center, size, label))
     half = jnp.maximum(size / 2, 1e-6)
     stick = jnp.maximum(low + half - center, center - (high - half)) / half
@@ -239,15 +240,15 @@ def _references(offset, both, box, has, moves):
     return jnp.where(closer, inner, best), possible.any(axis=1)
 
 
-def _box(offset, known, turned, tails):
-    """Box of the offsets (B, C, 2) of each class, without their tails."""
+def _box(offset, known, turned, trim_quantile):
+    """Box of the offsets (B, C, 2) of each class, without their trim_quantile."""
     offset = jnp.where(known[..., None], offset, jnp.nan)
     if turned:
         both_axes = jnp.concatenate([offset, offset[..., ::-1]])
-        high = jnp.nanquantile(jnp.abs(both_axes), 1.0 - 2.0 * tails, axis=0)
+        high = jnp.nanquantile(jnp.abs(both_axes), 1.0 - 2.0 * trim_quantile, axis=0)
         low = -high
     else:
-        low, high = jnp.nanquantile(offset, jnp.array([tails, 1.0 - tails]), axis=0)
+        low, high = jnp.nanquantile(offset, jnp.array([trim_quantile, 1.0 - trim_quantile]), axis=0)
     return jnp.nan_to_num(low), jnp.nan_to_num(high)
 
 

@@ -11,14 +11,13 @@ Shapes use E for episodes, T for their frames, N for objects and K for what is c
 """
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gril_jax.audit.scene_reward import Scene
-from gril_jax.config.reward import LossConfig
 from gril_jax.graphs.scene import safe_norm
 
 from .contrast import cost
@@ -33,22 +32,11 @@ class Chosen(NamedTuple):
     known: Bool[Array, "K"]  # False there
 
 
-def due_rewards(
-    places: Ends,
-    scenes: Scene,
-    *,
-    near: Float[Array, ""] | float = LossConfig.near,
-    idle_cost: Float[Array, ""] | float = LossConfig.idle_cost,
-    touch: Float[Array, ""] | float = LossConfig.touch,
-    clear: float = LossConfig.clear,
-) -> Float[Array, "*S"]:
+def due_rewards(places: Ends, scenes: Scene, **costs: Any) -> Float[Array, "*S"]:
     """Minus the cost of what each scene lacks: at most 0; options as in `misplacement`."""
 
     def one(scene):
-        return -cost(
-            places, scene, ~scene.is_robot,
-            near=near, idle_cost=idle_cost, touch=touch, clear=clear,
-        )  # fmt: skip
+        return -cost(places, scene, ~scene.is_robot, **costs)
 
     for _ in scenes.active.shape[:-1]:
         one = jax.vmap(one)

@@ -25,14 +25,8 @@ class PixelStatic:
 
     encoder: PixelConfig
     """The network."""
-    form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"] = (
-        LossConfig.form
-    )
-    """Of cycle-consistency."""
-    matching: Literal["deterministic", "stochastic"] = LossConfig.matching
-    """Cycles of every frame through every other video, or as many drawn at random."""
-    similarity: Literal["l2", "cosine"] = LossConfig.similarity
-    """Similarity of two latents, in cycle-consistency."""
+    consistency: Literal[*ALIGNMENTS] = LossConfig.consistency
+    """Alignment of videos in time; an encoder of pictures learns by cycle-consistency alone."""
     updates: int = 100
     """Gradient updates in one call of `step`."""
     num_videos: int = PretrainConfig.num_videos
@@ -56,8 +50,6 @@ class Static(PixelStatic):
 
     encoder: GraphConfig
     """Network to train."""
-    consistency: Literal[*ALIGNMENTS] = LossConfig.consistency
-    """Alignment of videos in time: cycle-consistency, soft-DTW, or their sum."""
     decoder: Literal["node", "graph"] = LossConfig.decoder
     """Input of the decoder (Eq. 5): each node's embedding, or the latent."""
     window: int = PoolConfig.window
@@ -66,36 +58,38 @@ class Static(PixelStatic):
     """Frames of the median of centres before that, see `gril_jax.graphs.activity`."""
     noise: float | None = PoolConfig.noise
     """Jitter of centres that is no motion, world units, see `gril_jax.graphs.activity`."""
-    touched: float = 0.0
+    random_activity: float = 0.0
     """Probability that an object of a video counts as moved throughout, even if it does not move.
 
     Else a bit that no demonstration sets is a state that the encoder has never seen, and a policy
     can earn by setting it: by a mere touch.
     """
 
-    copies: int = PretrainConfig.copies
+    num_perturbations: int = PretrainConfig.num_perturbations
     """Copies with displaced objects of each copied frame, see `gril_jax.pretraining.contrast`;
     0 makes none."""
-    anchors: int = PretrainConfig.anchors
+    perturbed_frames: int = PretrainConfig.perturbed_frames
     """Frames of each video of a batch that are copied."""
-    ascents: int = PretrainConfig.ascents
+    adversarial_steps: int = PretrainConfig.adversarial_steps
     """Steps of each copy towards where it is overestimated most."""
-    ends: Literal["places", "arrangement"] = LossConfig.ends
-    """Judge of copies: `gril_jax.pretraining.final_places` or `arrangement`."""
+    goal_model: Literal["places", "inside", "arrangement"] = LossConfig.goal_model
+    """Judge of copies: `gril_jax.pretraining.final_places`, the same with `anywhere_inside`, or
+    `arrangement`."""
     goals: int = LossConfig.goals
     """Goals of the reward: the mean of the last latents, or so many of them."""
     words: tuple[tuple[int, int], ...] = ()
     """First and last words of the class names, for arrangements: `arrangement.words_of`."""
-    anywhere_inside: bool = LossConfig.anywhere_inside
-    """Count an object as in place anywhere in the box that demonstrations bring it into."""
-    tails: float = LossConfig.tails
+    trim_quantile: float = LossConfig.trim_quantile
     """Share of the ends of an object that the box of its final places leaves out on each side."""
-    clear: float = LossConfig.clear
+    clearance_radius: float = LossConfig.clearance_radius
     """Distance in halves of its box at which what does not belong there costs nothing."""
 
     def __post_init__(self):
         super().__post_init__()
-        require_at_least(self, "pretrain", copies=0, anchors=1, ascents=0, window=1, goals=1)
+        require_at_least(
+            self, "pretrain",
+            num_perturbations=0, perturbed_frames=1, adversarial_steps=0, window=1, goals=1,
+        )  # fmt: skip
         if self.decoder == "node" and not isinstance(self.encoder, NodeConfig):
             raise ConfigError(
                 f"pretrain.decoder is 'node', but a {type(self.encoder).__name__} encoder has no "
@@ -113,12 +107,16 @@ class Hyper(NamedTuple):
     tau: Number = PoolConfig.tau  # activity threshold in box diagonals (Eq. 4)
     soft_dtw_weight: Number = LossConfig.soft_dtw_weight  # beside or in place of the cycle
     gamma: Number = LossConfig.gamma  # of soft-DTW, squared latent distance
-    contrast: Number = LossConfig.contrast  # weight of copies with displaced objects
-    near: Number = LossConfig.near  # share of an object's cost that is due at once
-    idle_cost: Number = LossConfig.idle_cost  # of what is where it must not be
-    touch: Number = LossConfig.touch  # share of that which is for moving it at all
-    tail: Number = LossConfig.tail  # weight of the fourth power of errors of copies
-    span: Number = LossConfig.span  # latent distance from first to last frames, with copies
-    decay_updates: Number = 1.0  # over which the learning rate falls linearly
-    learning_rate_left: Number = PretrainConfig.learning_rate_left  # share of it at the end
+    # Of perturbed frames: their weight, the fraction of an object's cost that applies at once, the
+    # cost of what is where it must not be, the fraction of costs that is for moving at all, the
+    # weight of the fourth power of errors, the latent distance from first to last frames.
+    perturbation_weight: Number = LossConfig.perturbation_weight
+    near_cost_fraction: Number = LossConfig.near_cost_fraction
+    intrusion_weight: Number = LossConfig.intrusion_weight
+    touch: Number = LossConfig.touch
+    quartic_weight: Number = LossConfig.quartic_weight
+    latent_scale: Number = LossConfig.latent_scale
+    # Updates over which the learning rate falls linearly, and the fraction of it that is left.
+    decay_updates: Number = 1.0
+    final_learning_rate_fraction: Number = PretrainConfig.final_learning_rate_fraction
     warmup: Number = float(LossConfig.warmup)  # updates over which the time agreement fades out

@@ -1,7 +1,7 @@
 """Distances between things, as statistics, and the ranges that these have at the ends of films.
 
     ranges = learned(ends, frames, weight, box)       # of statistics, once
-    cost = beyond(ranges, statistics(...), box, near)
+    cost = beyond(ranges, statistics(...), box, near_cost_fraction)
 
 Pairs of things are of five kinds: all, those whose class names share their first word (a colour),
 or not, or their last one (a shape), or not. Of each kind these are known, in world units: quantiles
@@ -85,17 +85,21 @@ def learned(
 
 
 def beyond(
-    ranges: Ranges, values: Float[Array, "K Q"], half_box: Float[Array, ""], near
+    ranges: Ranges, values: Float[Array, "K Q"], half_box: Float[Array, ""], near_cost_fraction
 ) -> Float[Array, ""]:
     """Cost of statistics that are out of their ranges; 0 where none is.
 
-    The share `near` is due at once where a value is out by about its range's width, which is taken
-    to be between a quarter of `half_box` and all of it; the rest grows in proportion.
+    The fraction `near_cost_fraction` applies at once where a value is out by about its range's
+    width, which is taken to be between a quarter of `half_box` and all of it; the rest grows in
+    proportion.
     """
     out = jax.nn.relu(jnp.maximum(ranges.nearest - values, values - ranges.furthest))
     width = (ranges.furthest - ranges.nearest) / (1.0 + 2.0 * _WIDER) / 2.0
     scale = jnp.clip(width, _NARROW * half_box, half_box)
-    cost = near * jnp.minimum(out / scale, 1.0) + (1.0 - near) * out / _REACH
+    cost = (
+        near_cost_fraction * jnp.minimum(out / scale, 1.0)
+        + (1.0 - near_cost_fraction) * out / _REACH
+    )
     return jnp.sum(ranges.weight * cost)
 
 

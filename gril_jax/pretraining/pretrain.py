@@ -81,8 +81,8 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
     num_demos, members = demos.length.shape[0], num_members(config.encoder)
     if members > 1:
         raise ConfigError(
-            f"encoder.members is {members}, but must be 1 here: the members of an ensemble are "
-            "trained each by itself."
+            f"encoder.ensemble_size is {members}, but must be 1 here: the members of an ensemble "
+            "are trained each by itself."
         )
     if config.num_videos > num_demos:
         raise ConfigError(
@@ -99,15 +99,15 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
 
 def places(demos: DemoBatch, num_classes: int, config: Static) -> Ends:
     """The ends of demonstrations, from their last frames, as the options describe them."""
-    if config.ends == "places":
+    if config.goal_model != "arrangement":
         return final_places(
-            demos, num_classes, turned=config.turn_scenes, anywhere_inside=config.anywhere_inside,
-            tails=config.tails,
+            demos, num_classes, turned=config.turn_scenes, trim_quantile=config.trim_quantile,
+            anywhere_inside=config.goal_model == "inside",
         )  # fmt: skip
     if len(config.words) != num_classes:
         raise ConfigError(
             f"words has {len(config.words)} entries, but the encoder has {num_classes} classes; "
-            "with ends 'arrangement' it must have one of each."
+            "with goal_model 'arrangement' it must have one of each."
         )
     return arrangement(demos, config.words)
 
@@ -119,11 +119,11 @@ def step(
     """`config.updates` gradient updates in one compiled call, without talking to the host.
 
     `pool` are scenes that an earlier reward overestimated (`gril_jax.pretraining.hard_negatives`),
-    leaves (P, N, ...); they teach distances as copies do, also where `config.copies` is 0.
+    leaves (P, N, ...); they teach distances as copies do, also without `num_perturbations`.
     """
     active = activity_bits(demos, hyper, config)
     ends = None
-    apart_too = config.copies > 0 or pool is not None
+    apart_too = config.num_perturbations > 0 or pool is not None
     if apart_too:
         ends = places(demos, config.encoder.num_classes, config)
 
@@ -135,8 +135,8 @@ def step(
         batch, bits = jax.tree.map(lambda x: x[videos], (demos, active))
         if config.turn_scenes:
             batch = pretrain_batch.turn(turn_key, batch)
-        if config.touched > 0:
-            bits = pretrain_batch.touch(touch_key, bits, config.touched)
+        if config.random_activity > 0:
+            bits = pretrain_batch.touch(touch_key, bits, config.random_activity)
 
         fading = agreement_weight(state, hyper)
 
@@ -151,7 +151,7 @@ def step(
                 apart = pretrain_contrast.contrast(
                     params.encoder, copy_key, batch, bits, ends, hyper, config, pool
                 )
-                total = total + hyper.contrast * apart
+                total = total + hyper.perturbation_weight * apart
             values = (parts.consistency, parts.reconstruction, apart)
             return total + fading * parts.agreement, values
 
@@ -203,9 +203,8 @@ def learned_reward(params: Params, train: DemoBatch, hyper: Hyper, config: Stati
     """The reward of an encoder: its goal is the mean of the training demonstrations' last latents,
     or `config.goals` of them."""
     bits = activity_bits(train, hyper, config)
-    goal = "mean" if config.goals == 1 else config.goals
     return reward.from_demos(
-        params, train, config.encoder, alpha=hyper.alpha, active=bits, goal=goal
+        params, train, config.encoder, alpha=hyper.alpha, active=bits, goals=config.goals
     )
 
 
@@ -245,6 +244,6 @@ def updated(
     """Parameters and moments after an update, whose step size falls linearly."""
     direction, moments = optimizer.update(gradient, state.optimizer, state.params)
     progress = jnp.minimum(state.num_updates.astype(float) / hyper.decay_updates, 1.0)
-    rate = hyper.learning_rate * (1.0 - (1.0 - hyper.learning_rate_left) * progress)
+    rate = hyper.learning_rate * (1.0 - (1.0 - hyper.final_learning_rate_fraction) * progress)
     direction = jax.tree.map(lambda d: -rate * d, direction)
     return optax.apply_updates(state.params, direction), moments

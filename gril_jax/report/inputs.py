@@ -97,7 +97,5 @@ def _film(run: Inputs, demo: Demo, frames: np.ndarray, most: int) -> Film:
     # A bit depends on no later frame: all films as long as the longest are one program.
     edge = ((0, most - len(demo)), (0, 0), (0, 0))
     padded = [np.pad(x, edge, mode="edge") for x in (demo.tracks.center, demo.tracks.size)]
-    pool = run.config.pool
-    rule = {"window": pool.window, "smoothing": pool.smoothing, "noise": pool.noise}
-    bits = np.asarray(_bits(*padded, tau=pool.tau, **rule))[: len(demo)]
+    bits = np.asarray(_bits(*padded, **run.config.pool.rule()))[: len(demo)]
     return Film(demo.name, frames, demo.tracks, bits)

@@ -5,9 +5,9 @@
     r = reward.latent_goal_reward(params, graph, config)
 
 Goal and scale are XIRL's: the goal is the mean latent of the demonstrations' last frames, the
-scale makes the reward about -1 at their first frames. A goal may also be one frame's latent, or a
-set of them, of which the nearest counts. Every encoder of `gril_jax.encoders.encoder` will do; for
-the pixel encoder take `from_latents` of its frames:
+scale makes the reward about -1 at their first frames. Several last frames may be the goals, of
+which the nearest counts. Every encoder of `gril_jax.encoders.encoder` will do; for the pixel
+encoder take `from_latents` of its frames:
 
     first, last = (encoder.apply(encoder_params, x, config) for x in (first_frames, last_frames))
     params = reward.from_latents(encoder_params, first, last)
@@ -20,8 +20,7 @@ or frames with any leading axes; batch graphs, or the parameters of many seeds, 
 """
 
 import functools
-import math
-from typing import Literal, NamedTuple, TypedDict, Unpack
+from typing import NamedTuple, TypedDict, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -35,12 +34,6 @@ from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs import activity
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.types import DemoBatch, SceneGraph
-
-# How a goal is made: the mean of the last frames, each or so many of them, or the caller's latents.
-Goal = Literal["mean", "each"] | int | Float[Array, "D"] | Float[Array, "G D"]
-
-# A traced softness cannot be refused; below this it counts as this.
-_LEAST_SOFTNESS = 1e-6
 
 
 class Options(TypedDict, total=False):
@@ -65,8 +58,6 @@ def latent_goal_reward(
     params: RewardParams,
     graph: SceneGraph | Float[Array, "*batch height width 3"],
     config: AnyConfig,
-    *,
-    softness: Float[Array, ""] | float | None = None,
 ) -> Float[Array, "*batch"]:
     """Minus the latent distance to the goal (Eq. 7): at most 0, and 0 at the goal.
 
@@ -75,21 +66,17 @@ def latent_goal_reward(
     Args:
       params, config: from `from_demos` or `from_latents`, and of their encoder.
       graph: of one moment; for `PixelConfig` RGB frames in [0, 1].
-      softness: of the minimum over a set of goals, see `latent_reward`.
 
     Raises:
       ShapeError: the goal is not of the latent's size, or the input does not fit the config.
-      ConfigError: the softness is known and not positive.
     """
     latent = encoder.apply(params.encoder, graph, config, alpha=params.alpha)
-    return latent_reward(params, latent, softness=softness)
+    return latent_reward(params, latent)
 
 
 def latent_reward(
     params: RewardParams,
     latent: Float[Array, "*batch D"],
-    *,
-    softness: Float[Array, ""] | float | None = None,
 ) -> Float[Array, "*batch"]:
     """The reward of latents that the encoder has already made.
 
@@ -100,27 +87,16 @@ def latent_reward(
     Args:
       params: its `goal` and `scale` are used.
       latent: with any leading axes. Of an ensemble, whose `scale` is (K,), the distance from a goal
-        is the largest of its members' scaled distances.
-      softness: of the minimum over a set, s > 0, in units of the reward: the distances d_i count
-        as -s log(mean of exp(-d_i / s)), which lies between their minimum and their mean, at most
-        s log G above the minimum. None for the nearest goal alone. Of a single goal: no effect.
+        is the largest of its members' scaled distances. Of a set of goals the nearest counts.
 
     Raises:
       ShapeError: the goal is not of the latent's size, or that is not a multiple of K.
-      ConfigError: the softness is known and not positive.
     """
     goal, scale = params.goal, jnp.asarray(params.scale)
     _check_goal(goal, latent.shape[-1])
     if goal.ndim == 1:
         return -worst_distance(latent - goal, scale)
-    distance = worst_distance(latent[..., None, :] - goal, scale)
-    if softness is None:
-        return -jnp.min(distance, axis=-1)
-    if not isinstance(softness, jax.core.Tracer) and not float(softness) > 0:
-        raise ConfigError(f"softness is {softness}; it must be positive, or None for no softness.")
-    softness = jnp.maximum(softness, _LEAST_SOFTNESS)
-    total = jax.nn.logsumexp(-distance / softness, axis=-1) - math.log(len(goal))
-    return jnp.minimum(softness * total, 0.0)  # rounding may put it above
+    return -jnp.min(worst_distance(latent[..., None, :] - goal, scale), axis=-1)
 
 
 def from_latents(
@@ -129,8 +105,8 @@ def from_latents(
     last: Float[Array, "B D"],
     *,
     alpha: Float[Array, ""] | float = PoolConfig.alpha,
-    goal: Goal = "mean",
-    members: int = 1,
+    goals: int = 1,
+    ensemble_size: int = 1,
 ) -> RewardParams:
     """A reward from the latents of the demonstrations' first and last frames.
 
@@ -143,10 +119,9 @@ def from_latents(
       first: of the first frames.
       last: of the last frames, with the task done.
       alpha: the pooling weight that they were made with.
-      goal: "mean" of the last latents; "each" of them, as a set of G = B goals; a number of them,
-        at equal steps in their order; or latents of the caller's own, (D,) for one frame's or
-        (G, D) for a set.
-      members: of the ensemble that made them.
+      goals: 1 for the mean of the last latents; above 1 for a set of G of them, at equal steps in
+        their order.
+      ensemble_size: of the encoder that made them.
 
     Returns:
       Reward parameters, with scale = 1 / mean distance of `first` from the goal, of a set from
@@ -154,26 +129,23 @@ def from_latents(
       Each member of an ensemble has a scale as if it were alone.
 
     Raises:
-      ShapeError: there is no demonstration, the goal is not of the latents' size, or that is not
-        a multiple of the number of members.
-      ConfigError: `goal` is another word, or a number of more than there are.
+      ShapeError: there is no demonstration, or the latents' size is not a multiple of the number
+        of members.
+      ConfigError: `goals` is not from 1 to the number of demonstrations.
     """
     if 0 in last.shape or first.shape != last.shape:
         raise ShapeError(
             f"first has shape {first.shape} and last has shape {last.shape}; both must be "
             f"(demonstrations, latent), and not empty."
         )
-    if isinstance(goal, str):
-        if goal not in ("mean", "each"):
-            raise ConfigError(f"goal is {goal!r}; it must be 'mean', 'each', or an array.")
-        goal = jnp.mean(last, axis=0) if goal == "mean" else last
-    if isinstance(goal, int):
-        if not 1 <= goal <= len(last):
-            raise ConfigError(
-                f"goal is {goal}; it must be from 1 to {len(last)}, the demonstrations."
-            )
-        goal = last[jnp.linspace(0, len(last) - 1, goal).round().astype(jnp.int32)]
-    _check_goal(goal, last.shape[-1])
+    if not 1 <= goals <= len(last):
+        raise ConfigError(
+            f"goals is {goals}; it must be from 1 to {len(last)}, the number of demonstrations."
+        )
+    if goals == 1:
+        goal = jnp.mean(last, axis=0)
+    else:
+        goal = last[jnp.linspace(0, len(last) - 1, goals).round().astype(jnp.int32)]
     one = jnp.ones((), jnp.float32)
     unscaled = RewardParams(encoder_params, goal, one, jnp.asarray(alpha, jnp.float32))
 
@@ -181,9 +153,9 @@ def from_latents(
         distance = jnp.mean(-latent_reward(unscaled._replace(goal=goal), first))
         return 1.0 / jnp.where(distance > 0, distance, 1.0)
 
-    if members == 1:
+    if ensemble_size == 1:
         return unscaled._replace(scale=scale(first, goal))
-    each = jax.vmap(scale, (-2, -2))(split(first, members), split(goal, members))
+    each = jax.vmap(scale, (-2, -2))(split(first, ensemble_size), split(goal, ensemble_size))
     return unscaled._replace(scale=each)
 
 
@@ -196,7 +168,7 @@ def from_demos(
     tau: Float[Array, ""] | float = PoolConfig.tau,
     window: int = PoolConfig.window,
     active: Bool[Array, "B T N"] | None = None,
-    goal: Goal = "mean",
+    goals: int = 1,
 ) -> RewardParams:
     """The reward of a trained encoder, with goal and scale from its demonstrations.
 
@@ -208,7 +180,7 @@ def from_demos(
       window: activity window in frames (Eq. 4).
       active: activity bits by another rule, such as `activity.trajectory` with `noise`, in place
         of those of `tau` and `window`; the rule must be that of the rollouts.
-      goal: "mean", "each", or latents, as in `from_latents`.
+      goals: number of goals, as in `from_latents`.
 
     Returns:
       Reward parameters. If every demonstration begins where it ends, as far as the encoder can
@@ -216,13 +188,12 @@ def from_demos(
 
     Raises:
       ShapeError: there is no demonstration, a length that is known is not from 1 to T, or `active`
-        or `goal` does not fit.
-      ConfigError: the encoder is not one of scene graphs, or `goal` is another word.
+        does not fit.
+      ConfigError: the encoder is not one of scene graphs, or `goals` is out of its range.
     """
     _check_demos(demos, config, active)
-    word, goal = (goal, None) if isinstance(goal, (str, int)) else (None, goal)
     options = Options(alpha=alpha, tau=tau, window=window, active=active)
-    return _from_demos(encoder_params, demos, config, goal, word=word, **options)
+    return _from_demos(encoder_params, demos, config, goals=goals, **options)
 
 
 def demo_latents(
@@ -237,8 +208,8 @@ def demo_latents(
     return _demo_latents(encoder_params, demos, config, **options)
 
 
-@functools.partial(jax.jit, static_argnames=("word", "window"))
-def _from_demos(encoder_params, demos, config, goal, *, word, alpha, active, **rule):
+@functools.partial(jax.jit, static_argnames=("goals", "window"))
+def _from_demos(encoder_params, demos, config, *, goals, alpha, active, **rule):
     alpha = jnp.asarray(alpha, jnp.float32)
 
     def ends(demo, active):
@@ -246,9 +217,8 @@ def _from_demos(encoder_params, demos, config, goal, *, word, alpha, active, **r
         return latent(jnp.zeros_like(demo.length)), latent(demo.length - 1)
 
     first, last = jax.vmap(ends)(demos, active)
-    goal = goal if word is None else word
-    members = num_members(config)
-    return from_latents(encoder_params, first, last, alpha=alpha, goal=goal, members=members)
+    size = num_members(config)
+    return from_latents(encoder_params, first, last, alpha=alpha, goals=goals, ensemble_size=size)
 
 
 @functools.partial(jax.jit, static_argnames="window")
@@ -270,13 +240,7 @@ def _embedding(encoder_params, demo, config, alpha, active, **rule):
         return scene_graph(*boxes, demo.label, demo.is_robot, active[frame], demo.present)
 
     def latent(frame):
-        history = getattr(config, "history", 1)
-        if history > 1:  # frames before the first count as the first
-            back = jnp.arange(history - 1, -1, -1)
-            scene = jax.vmap(graph)(jnp.maximum(frame - back, 0))
-        else:
-            scene = graph(frame)
-        return encoder.apply(encoder_params, scene, config, alpha=alpha)
+        return encoder.apply(encoder_params, graph(frame), config, alpha=alpha)
 
     return latent
 

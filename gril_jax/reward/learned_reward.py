@@ -6,8 +6,11 @@
     memory, r = learned.step(memory, center, size)      # each frame after it: the body of a scan
 
 A `LearnedReward` is a pytree whose leaves are its parameters, so it may be an argument of a
-compiled function, or a constant in one. Shapes use N for objects, T for frames and H for the
-encoder's `history`; positions and sizes are in the world units that the reward was trained in.
+compiled function, or a constant in one. Shapes use N for objects and T for frames; positions and
+sizes are in the world units that the reward was trained in (`gril_jax.boxes_from_pixels`).
+
+Detectors lose objects. An object whose box holds NaN or an infinite number counts as not present in
+that frame, and has not moved in it. Where no object is left, the reward is `NOTHING_SEEN`.
 """
 
 import dataclasses
@@ -27,19 +30,24 @@ from gril_jax.graphs import activity
 from gril_jax.graphs.activity_rule import PAPER, ActivityRule
 from gril_jax.reward.latent_goal import RewardParams, latent_goal_reward
 
+NOTHING_SEEN = -2.0
+"""The reward where no object has a finite box: twice the distance at which demonstrations begin."""
+
+_FAR = 20.0  # half extents of the reward's scenes: boxes beyond that are in other units
+
 
 class Memory(NamedTuple):
     """Memory of an episode, to be reset when an episode begins."""
 
     activity: activity.Memory
-    center: Float[Array, "H N 2"]  # of the last H frames, oldest first
-    size: Float[Array, "H N 2"]
+    center: Float[Array, "N 2"]  # of the last frame
+    size: Float[Array, "N 2"]
 
 
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=["params"],
-    meta_fields=["config", "classes", "robots", "objects", "activity", "softness", "description"],
+    meta_fields=["config", "classes", "robots", "objects", "activity", "description"],
 )
 @dataclasses.dataclass(frozen=True, eq=False)  # by identity: `jax.jit(learned)` hashes it
 class LearnedReward:
@@ -56,8 +64,6 @@ class LearnedReward:
     default."""
     activity: ActivityRule = PAPER
     """Rule by which an object counts as moved, as in training."""
-    softness: float | None = None
-    """Softness of the minimum over a set of goals, in units of the reward; None for a hard one."""
     description: str = "{}"
     """The file's description, a JSON text: units, training, versions."""
 
@@ -107,7 +113,7 @@ class LearnedReward:
 
     def __call__(
         self,
-        center: Float[Array, "*history N 2"],
+        center: Float[Array, "N 2"],
         size: Float[Array, "..."],
         active: Bool[Array, "..."],
         *,
@@ -115,11 +121,10 @@ class LearnedReward:
         is_robot: Bool[Array, "..."] | None = None,
         present: Bool[Array, "..."] | None = None,
     ) -> Float[Array, ""]:
-        """The reward of one state: at most 0, and 0 at the goal.
+        """The reward of one state: at most 0, and 0 at the goal; never NaN, whatever boxes hold.
 
         Args:
-          center: box centres (N, 2), world units; for an encoder with a `history` of H > 1 frames
-            those of the last H, oldest first, (H, N, 2).
+          center: box centres (N, 2), world units.
           size: box widths and heights, of the same shape.
           active: (N,) objects that have moved since the episode began (`gril_jax.graphs.activity`).
           label: (N,) class indices; those of `objects` if left out.
@@ -128,13 +133,12 @@ class LearnedReward:
 
         Raises:
           ShapeError: the arrays do not belong to the same objects.
-          ConfigError: the encoder takes pictures (`of_frame`), labels are missing, or a label is
-            not an index into `classes`.
+          ConfigError: the encoder takes pictures (`of_frame`), labels are missing, a label is not
+            an index into `classes`, or known boxes lie so far out that they must be in pixels.
         """
         self._check_boxes()
         center, size, active = (jnp.asarray(x) for x in (center, size, active))
-        history = getattr(self.config, "history", 1)
-        nodes = self._check_shapes(center, size, history)
+        nodes = self._check(center, size)
         label, is_robot = self._scene(label, is_robot)
         present = jnp.ones(nodes, bool) if present is None else jnp.asarray(present)
         given = dict(active=active, label=label, is_robot=is_robot, present=present)
@@ -145,11 +149,13 @@ class LearnedReward:
                     f"must have shape ({nodes},), one value for each object."
                 )
 
-        def graph(center, size):
-            return graphs.scene_graph(center, size, label, is_robot, active, present)
-
-        scene = graph(center, size) if history == 1 else jax.vmap(graph)(center, size)
-        return self._value(scene)
+        finite = jnp.isfinite(center).all(axis=-1) & jnp.isfinite(size).all(axis=-1)
+        lost, seen = present & ~finite, present & finite
+        center, size = (jnp.where(finite[:, None], x, 0.0) for x in (center, size))
+        value = self._value(graphs.scene_graph(center, size, label, is_robot, active, seen))
+        counts = jnp.asarray(True) if getattr(self.config, "pool_robot", True) else ~is_robot
+        nothing = jnp.any(lost & counts) & ~jnp.any(seen & counts)
+        return jnp.where(nothing, NOTHING_SEEN, value)
 
     def of_frame(self, frame: Float[Array, "height width 3"]) -> Float[Array, ""]:
         """The reward of one picture, RGB in [0, 1], for a pixel encoder.
@@ -180,10 +186,8 @@ class LearnedReward:
         """
         self._check_boxes()
         center, size = jnp.asarray(center), jnp.asarray(size)
-        self._check_shapes(center, size, 1)
-        history = getattr(self.config, "history", 1)
-        past = (jnp.broadcast_to(x, (history, *x.shape)) for x in (center, size))
-        return Memory(self.activity.init(center), *past)
+        self._check(center, size)
+        return Memory(self.activity.init(center), center, size)
 
     def step(
         self,
@@ -208,22 +212,18 @@ class LearnedReward:
           ShapeError: the arrays do not belong to the memory's objects.
         """
         center, size = jnp.asarray(center), jnp.asarray(size)
-        self._check_shapes(center, size, 1)
-        if center.shape != memory.center.shape[1:]:
+        self._check(center, size)
+        if center.shape != memory.center.shape:
             raise ShapeError(
                 f"center has shape {center.shape} but the memory was made for "
-                f"{memory.center.shape[1:]}; call init with this scene's first frame."
+                f"{memory.center.shape}; call init with this scene's first frame."
             )
-        bits, _ = self.activity.step(memory.activity, center, size)
-        pairs = (memory.center, center), (memory.size, size)
-        boxes = (jnp.concatenate([old[1:], new[None]]) for old, new in pairs)
-        memory = Memory(bits, *boxes)
+        memory = Memory(self.activity.step(memory.activity, center, size)[0], center, size)
         return memory, self.of_memory(memory, label=label, is_robot=is_robot, present=present)
 
     def of_memory(self, memory: Memory, **given: Any) -> Float[Array, ""]:
         """The reward of the last frame in a memory; `given` as for the reward of one state."""
-        lone = 0 if len(memory.center) == 1 else slice(None)
-        return self(memory.center[lone], memory.size[lone], memory.activity.active, **given)
+        return self(memory.center, memory.size, memory.activity.active, **given)
 
     def trajectory(
         self, center: Float[Array, "T N 2"], size: Float[Array, "..."], **given: Any
@@ -238,32 +238,44 @@ class LearnedReward:
                 f"center has shape {center.shape} and size {size.shape}; both must be (T, N, 2), "
                 "with one frame or more."
             )
+        self._check_units(center, size)
         memory = self.init(center[0], size[0])
         frame = lambda memory, boxes: self.step(memory, *boxes, **given)  # noqa: E731
         _, later = jax.lax.scan(frame, memory, (center[1:], size[1:]))
         return jnp.concatenate([self.of_memory(memory, **given)[None], later])
 
     def _value(self, seen):
-        return latent_goal_reward(self.params, seen, self.config, softness=self.softness)
+        return latent_goal_reward(self.params, seen, self.config)
 
     def _check_boxes(self):
         if isinstance(self.config, PixelConfig):
             raise ConfigError("the encoder is a PixelConfig, which takes pictures: call of_frame.")
 
-    def _check_shapes(self, center, size, history):
-        """Checks the shapes; returns the number of objects."""
-        shape = center.shape
-        lead = () if history == 1 else (history,)
-        if len(shape) != len(lead) + 2 or shape[: len(lead)] != lead or shape[-1] != 2:
-            wanted = f"({history}, N, 2): the encoder's history is {history}"
+    def _check(self, center, size):
+        """Checks shapes and units; returns the number of objects."""
+        if center.ndim != 2 or center.shape[-1] != 2:
+            raise ShapeError(f"center has shape {center.shape}; it must be (N, 2).")
+        if size.shape != center.shape:
             raise ShapeError(
-                f"center has shape {shape}; it must be {wanted if lead else '(N, 2)'}."
+                f"size has shape {size.shape} but center has shape {center.shape}; they must be "
+                "equal."
             )
-        if size.shape != shape:
-            raise ShapeError(
-                f"size has shape {size.shape} but center has shape {shape}; they must be equal."
+        self._check_units(center, size)
+        return len(center)
+
+    def _check_units(self, center, size):
+        """Refuses known boxes that lie so far out that they must be in pixels."""
+        half_extent = self.about.get("half_extent")
+        if half_extent is None or any(isinstance(x, jax.core.Tracer) for x in (center, size)):
+            return
+        with jax.ensure_compile_time_eval():
+            known = jnp.abs(jnp.stack([center, size]))
+            furthest = float(jnp.max(jnp.where(jnp.isfinite(known), known, 0.0), initial=0.0))
+        if furthest > _FAR * half_extent:
+            raise ConfigError(
+                f"center or size holds {furthest:g}, but the reward's scenes reach {half_extent:g} "
+                "world units to each side; convert pixels with gril_jax.boxes_from_pixels."
             )
-        return shape[-2]
 
     def _scene(self, label, is_robot):
         if label is None:

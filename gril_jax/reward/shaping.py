@@ -13,7 +13,7 @@ How episodes end matters. A terminated one has nothing after it, so its last pot
 0; else states with a high potential would be good places to end in (Grzes, AAMAS 2017). One that
 a time limit cut off goes on as far as values are concerned, so phi stays, of the last state that
 was reached and not of the next episode's first. A potential may depend on what an episode
-remembers, such as activity bits or a chain's progress, as long as each is taken at its own moment
+remembers, such as activity bits, as long as each is taken at its own moment
 (Devlin and Kudenko, AAMAS 2012).
 
 Shapes use S for the states of an episode, one more than its control steps; leading axes are a
@@ -61,44 +61,6 @@ def step(
     if terminated is not None and zero_at_end:
         next_potential = jnp.where(terminated > 0, 0.0, next_potential)
     return discount * next_potential - potential
-
-
-def episode(
-    potential: Float[Array, "*batch S"],
-    terminated: Bool[Array, "*batch"] | Float[Array, "*batch"] | None = None,
-    *,
-    discount: Float[Array, ""] | float,
-    zero_at_end: bool = True,
-) -> Float[Array, "*batch S-1"]:
-    """Applies `step` along whole episodes.
-
-    The discounted sum over an episode is discount^(S - 1) * phi(last) - phi(first): it depends on
-    nothing that the policy did in between.
-
-    >>> episode(jnp.array([-1.0, -0.5, 0.0]), discount=1.0).tolist()
-    [0.5, 0.5]
-
-    Args:
-      potential: phi of each state in order of time, the first and the last included.
-      terminated: whether the task ended in the last state; a time limit does not count.
-      discount: as in `step`.
-      zero_at_end: as in `step`.
-
-    Raises:
-      ShapeError: there is no state, or `terminated` has not the shape of the batch.
-      ConfigError: the discount is known and not from 0 to 1.
-    """
-    if potential.ndim < 1 or not potential.shape[-1]:
-        raise ShapeError(
-            f"potential has shape {potential.shape}; its last size must be at least 1 state."
-        )
-    last = {"potential[..., -1]": potential[..., -1]}
-    _check(last | ({} if terminated is None else {"terminated": terminated}), discount)
-    if terminated is not None:
-        is_last = jnp.arange(1, potential.shape[-1]) == potential.shape[-1] - 1
-        terminated = (terminated > 0)[..., None] & is_last
-    before, after = potential[..., :-1], potential[..., 1:]
-    return step(before, after, terminated, discount=discount, zero_at_end=zero_at_end)
 
 
 def _check(arrays, discount):

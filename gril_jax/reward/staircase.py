@@ -6,9 +6,7 @@
 
 The reward of a long task climbs in steps, and demonstrations agree on the reward at which each step
 ends: that is how stages are discovered (`gril_jax.subtasks.agreement`). So an episode has finished
-a stage once it is paid nearly as much. A chain of goals (`gril_jax.reward.chain`) asks instead how
-near the latent is to where demonstrations were, which a policy that does the same with another
-object, or leaves something else elsewhere, may never be.
+a stage once its reward is nearly as high.
 
 A stage that follows another never pays less than what demonstrations were paid at the end of that
 one, or than when it was entered if that was more. To try things then costs nothing, and to better

@@ -1,7 +1,7 @@
 """Networks of sub-policies: each stage of a task has weights of its own.
 
 The learned reward knows the stage that an episode has come to, from the latents alone
-(`gril_jax.reward.staircase`, `gril_jax.reward.chain`), and the policy sees it: the last number of
+(`gril_jax.reward.staircase`), and the policy sees it: the last number of
 its observation is the share of the stages that are finished. Of the networks for all stages that of
 the present one answers, for actions and for values. So a sub-policy begins where its predecessor
 has finished its stage, learns from its own stage alone, and still explores when the ones before it

@@ -93,7 +93,7 @@ def search(
     """The audit of a reward in a task; `source` names the reward in errors, those of `main`."""
     env, names, scenes = _scenes(learned, chosen, source, variant, starts, seed)
     stages = env.stages
-    reward = scene_reward(learned.config, softness=learned.softness)
+    reward = scene_reward(learned.config)
     first = jax.tree.map(lambda x: x[0], scenes)
     jax.eval_shape(reward, learned.params, first)  # of other sizes: refused before any work
     keys = jax.random.split(jax.random.key(seed), starts + 1)

@@ -87,7 +87,7 @@ def _reward_seconds(config: RunConfig, demos: DemoBatch, classes: int) -> float:
     compiled = time.monotonic()
     jax.block_until_ready(one(state))
     each = (time.monotonic() - compiled) / static.updates
-    return compiled - begun + config.encoder.members * each * config.pretrain.steps
+    return compiled - begun + config.encoder.ensemble_size * each * config.pretrain.steps
 
 
 def _policy(config: RunConfig, echo: Callable[[str], None]) -> dict[str, float]:

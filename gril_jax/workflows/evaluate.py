@@ -179,7 +179,7 @@ def _trained(
 
 def _film(env: Env, played: Evaluation, params: Any, episodes: int, folder: Path) -> None:
     """Writes the film of the first success, if there is one, and the numbers of all episodes; a
-    film of a policy that sees a chain of subtasks says which one it is at."""
+    film of a policy that sees its stage says which one it is at."""
     names = ("reward", "success", "score")
     arrays = {name: np.asarray(getattr(played, name))[:episodes] for name in names}
     shown = int(np.argmax(arrays["success"]))

@@ -18,8 +18,6 @@ from gril_jax.runs.covered import require_same_demos
 from gril_jax.workflows.build import policy_setup, setup, vocabulary
 from gril_jax.workflows.build.vocabulary import Vocabulary
 
-_ACTIVITY = ("tau", "window", "smoothing", "noise")
-
 
 def main(folder: Path, out: Path, *, echo: Callable[[str], None] = print) -> None:
     """Writes the reward of a run to a new file."""
@@ -60,10 +58,9 @@ def described(
         env = setup.make_env(config.env, training=False)
         if hasattr(env, "render"):
             extent = setup.seen_half_extent(env, config.encoder.pixels)
-    rule = {name: getattr(config.pool, name) for name in _ACTIVITY}
     learned = LearnedReward(
         params, setup.encoder_config(config, len(words.classes)), tuple(words.classes),
-        tuple(words.robots), tuple(words.objects), activity_rule.from_json(rule),
+        tuple(words.robots), tuple(words.objects), activity_rule.from_json(config.pool.rule()),
     )  # fmt: skip
     provenance = {"seed": config.run.seed, "fps": words.fps, **known}
     text = reward_format.describe(learned, float(extent), words.unit, provenance)

@@ -115,7 +115,10 @@ def _measure(config, params, demos, num_classes, scenes, seed) -> dict[str, Any]
     touched = pay(begin._replace(active=begin.active | movable))
     spread = jnp.maximum(jnp.mean(last - first), 1e-6)
     made = _amiss(jax.random.key(seed), held, end, places, scenes, static.encoder.length_unit)
-    paid = dict(near=hyper.near, idle_cost=hyper.idle_cost, clear=static.clear)
+    paid = dict(
+        near_cost_fraction=hyper.near_cost_fraction, intrusion_weight=hyper.intrusion_weight,
+        clearance_radius=static.clearance_radius,
+    )  # fmt: skip
     due = -due_rewards(places, made, **paid)
     paid, amiss = np.asarray(pay(made)), np.asarray(due) > _AMISS
     if not amiss.any():

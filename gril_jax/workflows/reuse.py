@@ -58,7 +58,7 @@ def with_choices(config: RunConfig, learned: LearnedReward, source: str) -> RunC
         loss=dataclasses.replace(config.loss, goals=goals),
     )
     same = setup.encoder_config(found, len(learned.classes)) == learned.config
-    rule = PAPER._replace(**{n: x for n, x in vars(found.pool).items() if n in PAPER._fields})
+    rule = PAPER._replace(**found.pool.rule())
     if not same or rule != learned.activity or learned.softness is not None:
         raise ConfigError(
             f"{source} has an encoder or an activity rule that no configuration has, so no policy "
@@ -72,7 +72,9 @@ def _encoder(config: RunConfig, learned: LearnedReward):
     kind = next(n for n, one in ENCODERS.items() if isinstance(learned.config, find(one.config)))
     own = {field.name: getattr(learned.config, field.name) for field in _fields(learned.config)}
     words = getattr(learned.config, "words", None)
-    return _with(config.encoder, own | {"kind": kind, "alike": bool(words)})
+    robot = getattr(learned.config, "pool_robot", False)
+    chosen = {"kind": kind, "share_attributes": bool(words), "robot": robot}
+    return _with(config.encoder, own | chosen)
 
 
 def _with(section, values: dict):

@@ -28,11 +28,11 @@ OF = {  # a library's option type, and the sections that it is made from
 # What a type has otherwise than a run: GraphIRL's own sizes, frames of any size, and what only
 # scenes from above should have.
 OTHERWISE = {
-    "InteractionConfig": {"width", "distances", "pool_robot", "robot_messages"},
-    "MLPConfig": {"width", "distances", "pool_robot"},
+    "InteractionConfig": {"width"},
+    "MLPConfig": {"width"},
     "PixelConfig": {"pixels"},
     "PixelStatic": {"turn_scenes"},
-    "Static": {"touched", "observe_activity"},
+    "Static": {"random_activity", "observe_activity"},
     "Episodes": {"observe_activity"},
 }
 
@@ -70,11 +70,9 @@ def test_a_second_default_is_found():
     [
         ("graphs.activity", {"tau", "window", "smoothing"}),
         ("reward.latent_goal", {"alpha", "tau", "window"}),
-        ("rl.rewards", {"alpha"}),
         ("encoders.encoder", {"alpha"}),
         ("encoders.message_passing", {"alpha"}),
-        ("pretraining.final_places", {"near", "idle_cost", "touch"}),
-        ("pretraining.hard_negatives", {"near", "idle_cost", "touch"}),
+        ("pretraining.final_places", {"near_cost_fraction", "intrusion_weight", "touch"}),
     ],
 )
 def test_nor_in_the_arguments_of_a_function(module, names):

@@ -154,7 +154,7 @@ def test_a_path_that_is_no_file_is_told(tmp_path):
         (["--ppo.num-envs", "abc"], "--ppo.num-envs is 'abc', but must be a whole number"),
         (["--pool.alpha", "a b"], "--pool.alpha is 'a b', but must be a number"),
         (["--ppo.hidden", "3", "x"], "--ppo.hidden is '3 x', but must be whole numbers"),
-        (["--encoder.pool-robot", "y"], "is 'y', but must be one of True, False"),
+        (["--encoder.robot", "y"], "is 'y', but must be one of True, False"),
         (["--env.turn", "left"], "--env.turn is 'left', but must be one of original, smooth"),
         (["stray"], "there is no use for 'stray': see gril train --help"),
         (["--loss.lambda=nan"], "loss.lambda is nan, but must be finite and at least 0"),

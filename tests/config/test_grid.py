@@ -33,7 +33,7 @@ def test_arguments_without_an_axis_stay_as_they_are(args):
         (["--loss.lambda", "1,2,"], "a value between all commas"),
         (["--loss.lambda", "1,2,1"], "must name 1 once"),
         (["--run.seed=1,2"], "--run.seed cannot be an axis: --seeds N takes N seeds from it on"),
-        (["--pool.tau", "1,2", "--pool.tau=3,4"], "--pool.tau is given twice"),
+        (["--pool.noise", "1,2", "--pool.noise=3,4"], "--pool.noise is given twice"),
     ],
 )
 def test_what_is_no_axis_is_refused_in_one_sentence(args, sentence):

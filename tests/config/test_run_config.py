@@ -54,15 +54,12 @@ def _with(path, value):
         ("demos.num_failures", -1),
         ("encoder.width", 0),
         ("encoder.rounds", 17),
-        ("encoder.members", 0),
-        ("encoder.pixels", 15),
+        ("encoder.ensemble_size", 0),
         ("pool.alpha", 0.0),
         ("pool.alpha", math.inf),
-        ("pool.tau", -0.001),
-        ("pool.window", 0),
+        ("pool.noise", -0.001),
         ("loss.temperature", 0.0),
-        ("pretrain.learning_rate", 0.0),
-        ("pretrain.num_frames", 1),
+        ("pretrain.num_videos", 1),
         ("ppo.num_envs", 0),
         ("ppo.discounting", 1.01),
         ("ppo.clipping_epsilon", 0.0),
@@ -87,7 +84,7 @@ def test_a_field_out_of_range_is_named_with_its_value_and_what_would_be_right(pa
         ("env.varied_starts", 1.0),
         ("env.distractors", ()),
         ("encoder.rounds", 0),
-        ("pool.tau", 0.0),
+        ("pool.noise", 0.0),
         ("loss.lambda_", 0.0),
         ("ppo.discounting", 1.0),
         ("ppo.hidden", ()),
@@ -133,8 +130,13 @@ def test_a_block_without_a_place_in_the_original_scene_needs_the_layout_variant(
 @pytest.mark.parametrize(
     ("path", "value", "right"),
     [
-        ("loss.consistency", "both", "'tcc'"),
-        ("run.reward", "subtasks", "'learned', 'environmental' or 'sum'"),
+        (
+            "loss.consistency",
+            "both",
+            "'tcc', 'tcc_variance', 'tcc_huber', 'tcc_classification', "
+            "'tcc_stochastic' or 'tcc_cosine'",
+        ),
+        ("run.reward", "stages", "'learned' or 'environmental'"),
         ("sac.relabel", True, "False"),
     ],
 )
@@ -150,11 +152,11 @@ def test_pixels_refuse_what_needs_boxes(path, value, right):
     assert str(caught.value) == sentence
 
 
-def test_sub_policies_need_a_chain_of_subtasks():
+def test_sub_policies_need_stages():
     ppo = PPOConfig(sub_policies=2)
-    chained = RunSettings(reward="subtasks")
-    assert RunConfig(ppo=ppo, run=chained).ppo.sub_policies == 2
-    for run in (RunSettings(), dataclasses.replace(chained, algorithm="sac")):
+    staged = RunSettings(reward="stages")
+    assert RunConfig(ppo=ppo, run=staged).ppo.sub_policies == 2
+    for run in (RunSettings(), dataclasses.replace(staged, algorithm="sac")):
         with pytest.raises(ConfigError, match=r"ppo\.sub_policies is 2, but must be 1 unless"):
             RunConfig(ppo=ppo, run=run)
 
@@ -165,17 +167,17 @@ def test_pixels_learn_a_reward_of_a_task_without_pictures_for_a_policy():
 
 
 def test_what_pixels_do_not_use_they_leave_alone():
-    box = schema.PretrainConfig(copies=4, ascents=2)
+    box = schema.PretrainConfig(num_perturbations=4, adversarial_steps=2)
     config = RunConfig(encoder=EncoderOptions(kind="pixels", relations=True), pretrain=box)
-    assert config.pretrain.copies == 4  # so that a sweep over encoder.kind has one base
+    assert config.pretrain.num_perturbations == 4  # so that a sweep over encoder.kind has one base
 
 
 @pytest.mark.parametrize("kind", ["interaction", "mlp", "pixels"])
 def test_an_ensemble_is_of_the_papers_encoders(kind):
-    assert RunConfig(encoder=EncoderOptions(members=4)).encoder.members == 4
+    assert RunConfig(encoder=EncoderOptions(ensemble_size=4)).encoder.ensemble_size == 4
     with pytest.raises(ConfigError) as caught:
-        RunConfig(encoder=EncoderOptions(kind=kind, members=4))
-    sentence = f"encoder.members is 4, but must be 1, because encoder.kind is {kind!r}"
+        RunConfig(encoder=EncoderOptions(kind=kind, ensemble_size=4))
+    sentence = f"encoder.ensemble_size is 4, but must be 1, because encoder.kind is {kind!r}"
     assert str(caught.value) == sentence
 
 

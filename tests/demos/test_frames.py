@@ -99,12 +99,12 @@ def test_videos_are_cut_as_the_tasks_own_pictures_where_it_has_them(monkeypatch,
 
     monkeypatch.setattr(learners, "frame_batch", frames)
     config = RunConfig(
-        env=EnvConfig(name=task, reward=reward), encoder=EncoderOptions(kind="pixels", pixels=32)
+        env=EnvConfig(name=task, reward=reward), encoder=EncoderOptions(kind="pixels")
     )
     learned = learners.learner(config, Demonstrations(None, {"train": "a", "validation": "b"}, 0))
-    wanted = make(task).half_extent * 32 / 34 if task == "match_regions" else None
+    wanted = make(task).half_extent * 64 / 66 if task == "match_regions" else None
     assert asked == [(("a",), wanted), (("b",), wanted)]
-    assert learned.data[0].frames.shape == (1, 1, 32, 32, 3)
+    assert learned.data[0].frames.shape == (1, 1, 64, 64, 3)
 
 
 def test_no_policy_is_paid_for_pictures_of_a_task_that_has_none():

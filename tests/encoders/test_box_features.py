@@ -1,16 +1,13 @@
 """GraphIRL's node features against a loop."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.graph_frames import NUM_CLASSES, random_frame
 
-from gril_jax.encoders.box_features import class_distances, history_features, last_frame
-from gril_jax.encoders.box_mlp import MLPConfig
-from gril_jax.errors import ShapeError
+from gril_jax.encoders.box_features import box_features, class_distances
+from gril_jax.encoders.encoder import InteractionConfig
 from gril_jax.graphs.scene import scene_graph
 
 
@@ -49,26 +46,12 @@ def test_gradient_of_distances_is_finite_where_centres_coincide():
     assert np.isfinite(gradient).all()
 
 
-def test_history_is_the_frames_side_by_side_and_an_absent_object_gives_zeros():
-    frames = [random_frame(seed) for seed in (3, 4)]
-    config = MLPConfig(NUM_CLASSES, distances=True, length_unit=2.0)
-    nodes = [scene_graph(**f).nodes for f in frames]
-    each = [history_features(n, config, robot=True) for n in nodes]
-    stacked = jax.tree.map(lambda *x: jnp.stack(x), *nodes)
-    both = history_features(stacked, dataclasses.replace(config, history=2), robot=True)
-    np.testing.assert_array_equal(both, jnp.concatenate(each, axis=-1))
-    assert (both[4] == 0).all()
-    corner = (frames[0]["center"] - frames[0]["size"] / 2) / 2.0
-    np.testing.assert_allclose(both[:4, :2], corner[:4], rtol=1e-6)
-    np.testing.assert_array_equal(last_frame(stacked, history=2).center, frames[1]["center"])
-
-
-def test_another_number_of_frames_is_refused_with_both():
-    nodes = scene_graph(**random_frame()).nodes
-    stacked = jax.tree.map(lambda x: jnp.stack([x] * 3), nodes)
-    for given, history, shape in ((nodes, 2, "(2, N, 2)"), (stacked, 2, "(2, N, 2)"),
-                                  (stacked, 1, "(N, 2)")):  # fmt: skip
-        with pytest.raises(ShapeError) as error:
-            last_frame(given, history=history)
-        assert f"encoder.history is {history}; its shape must be {shape}." in str(error.value)
-        assert str(given.center.shape) in str(error.value)
+def test_features_are_corners_then_distances_in_length_units_and_an_absent_object_has_none():
+    frame, config = random_frame(3), InteractionConfig(NUM_CLASSES, distances=True, length_unit=2.0)
+    found = box_features(scene_graph(**frame).nodes, config, robot=True)
+    assert found.shape == (5, 4 + NUM_CLASSES)
+    corner = (frame["center"] - frame["size"] / 2) / 2.0
+    np.testing.assert_allclose(found[:4, :2], corner[:4], rtol=1e-6)
+    apart = class_distances(frame["center"], frame["label"], frame["present"], NUM_CLASSES) / 2.0
+    np.testing.assert_allclose(found[:4, 4:], apart[:4], rtol=1e-6)
+    assert (found[4] == 0).all()

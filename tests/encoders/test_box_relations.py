@@ -34,12 +34,8 @@ def test_relations_are_overhang_and_gap_of_plain_arithmetic():
         np.testing.assert_allclose(found[edge], expected, atol=1e-6)
 
 
-def test_the_dense_and_the_jraph_form_agree_and_relations_count():
-    params = message_passing.init(jax.random.key(0), CONFIG)
-    dense = message_passing.node_embeddings(params, _graph(CENTER), CONFIG)
-    for form in ("square", "jraph"):
-        other = message_passing.node_embeddings(params, _graph(CENTER), CONFIG, form=form)
-        np.testing.assert_allclose(dense, other, atol=1e-5)
+def test_relations_are_four_numbers_of_an_edge():
+    params = jax.eval_shape(lambda key: message_passing.init(key, CONFIG), jax.random.key(0))
     kernels = [x.shape for x in jax.tree.leaves(params["messages"])]
     assert (7, 8) in kernels  # offset, its length, and four relations
 
@@ -54,11 +50,6 @@ def test_edges_know_which_words_two_classes_share_and_nodes_know_no_class():
     pairs = list(zip(graph.senders.tolist(), graph.receivers.tolist(), strict=True))
     assert found[pairs.index((1, 2))].tolist() == [0, 1]  # both stars, of two colours
     assert found[pairs.index((0, 1))].tolist() == [0, 0]
-    params = message_passing.init(jax.random.key(0), ALIKE)
-    dense = message_passing.node_embeddings(params, graph, ALIKE)
-    for form in ("square", "jraph"):
-        other = message_passing.node_embeddings(params, graph, ALIKE, form=form)
-        np.testing.assert_allclose(dense, other, atol=1e-5)
 
 
 def test_a_latent_is_the_same_in_other_colours_and_another_where_two_become_alike():

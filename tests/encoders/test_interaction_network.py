@@ -10,11 +10,11 @@ from support.graph_frames import NUM_CLASSES, random_frame
 
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import InteractionConfig, MLPConfig
-from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.errors import ConfigError
 from gril_jax.graphs.scene import scene_graph
 
 XMAGICAL = InteractionConfig(NUM_CLASSES, width=6, length_unit=0.5)
-ROBOT = dataclasses.replace(XMAGICAL, self_blocks="class", distances=True)
+ROBOT = dataclasses.replace(XMAGICAL, distances=True)
 apply = jax.jit(encoder.apply)
 
 
@@ -54,7 +54,7 @@ def _oracle(params, frame, config):
         return hidden + hidden @ w2 + b2
 
     def self_block(i):
-        kind = f["label"][i] if config.self_blocks == "class" else int(f["is_robot"][i])
+        kind = f["label"][i] if config.distances else int(f["is_robot"][i])
         mine = slice(kind * width, (kind + 1) * width)
         first, second = p["self"]["1"], p["self"]["2"]
         return block(
@@ -97,7 +97,7 @@ def test_latent_equals_the_loop_to_twelve_digits_in_float64(base, pool, messages
         np.testing.assert_allclose(latent, wanted, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("config", [XMAGICAL, ROBOT, MLPConfig(NUM_CLASSES, distances=True)],
+@pytest.mark.parametrize("config", [XMAGICAL, ROBOT, MLPConfig(NUM_CLASSES)],
                          ids=["xmagical", "robot", "mlp"])  # fmt: skip
 def test_latent_ignores_node_order_and_absent_nodes(config):
     params, frame = _params(config), random_frame()
@@ -109,11 +109,7 @@ def test_latent_ignores_node_order_and_absent_nodes(config):
     np.testing.assert_allclose(smaller, latent, rtol=1e-4, atol=1e-4)
 
 
-MEAN_MLP = MLPConfig(NUM_CLASSES, distances=True)
-FLAT_MLP = dataclasses.replace(MEAN_MLP, flat_nodes=5)
-
-
-@pytest.mark.parametrize("base", [ROBOT, MEAN_MLP, FLAT_MLP], ids=["network", "mean", "flat"])
+@pytest.mark.parametrize("base", [ROBOT, MLPConfig(NUM_CLASSES)], ids=["network", "mlp"])
 def test_latent_depends_on_the_robot_unless_its_node_is_left_out(base):
     frame = random_frame()
     moved = frame | {"center": frame["center"].at[1].set(jnp.array([9.0, -7.0]))}
@@ -124,40 +120,19 @@ def test_latent_depends_on_the_robot_unless_its_node_is_left_out(base):
         assert np.array_equal(a, b) == same
 
 
-def test_history_reaches_the_latent_and_is_demanded():
-    config = dataclasses.replace(ROBOT, history=2)
-    params, stack = _params(config), lambda *x: jnp.stack(x)
-    old, other, new = (scene_graph(**random_frame(seed)) for seed in (0, 1, 2))
-    one = apply(params, jax.tree.map(stack, old, new), config)
-    two = apply(params, jax.tree.map(stack, other, new), config)
-    assert not np.allclose(one, two, atol=1e-3)
-    with pytest.raises(ShapeError, match=r"has shape \(5, 2\) but encoder\.history is 2"):
-        encoder.apply(params, new, config)
-
-
-@pytest.mark.parametrize("flat", [None, 5])
-def test_the_mlp_equals_numpy(flat):
-    config = MLPConfig(NUM_CLASSES, width=6, flat_nodes=flat, length_unit=0.5)
+def test_the_mlp_equals_numpy():
+    config = MLPConfig(NUM_CLASSES, width=6, length_unit=0.5)
     params, frame = _params(config), random_frame()
     p = jax.tree.map(lambda x: np.asarray(x, np.float64), params)
-    x = _features(frame, dataclasses.replace(ROBOT, distances=False), True)
+    x = _features(frame, XMAGICAL, True)
 
     def dense(name, x):
         return np.maximum(x @ p[name]["kernel"] + p[name]["bias"], 0)
 
-    if flat:
-        hidden = dense("hidden", x.reshape(-1))
-    else:
-        hidden = np.concatenate([dense("agent", x[1]), dense("boxes", x[[0, 2, 3]]).mean(0)])
+    hidden = np.concatenate([dense("agent", x[1]), dense("boxes", x[[0, 2, 3]]).mean(0)])
     np.testing.assert_allclose(
         apply(params, scene_graph(**frame), config), dense("latent", hidden), rtol=1e-4, atol=1e-4
     )
-
-
-def test_the_flat_mlp_refuses_another_number_of_nodes():
-    config = MLPConfig(NUM_CLASSES, flat_nodes=3)
-    with pytest.raises(ShapeError, match=r"has shape \(5, 2\) but encoder\.flat_nodes is 3"):
-        encoder.apply(_params(config), scene_graph(**random_frame()), config)
 
 
 def test_fresh_parameters_scale_like_blocks_of_their_own():
@@ -172,10 +147,8 @@ def test_fresh_parameters_scale_like_blocks_of_their_own():
     [
         (InteractionConfig, "num_classes", 0),
         (InteractionConfig, "width", 0),
-        (InteractionConfig, "history", 0),
         (InteractionConfig, "length_unit", 0.0),
         (MLPConfig, "width", 3),
-        (MLPConfig, "flat_nodes", 0),
         (MLPConfig, "length_unit", -1.0),
     ],
 )

@@ -13,7 +13,7 @@ import pytest
 from support.probes import Probe
 
 from gril_jax.cli import main
-from gril_jax.config import EnvConfig, PoolConfig, PPOConfig, RunConfig, RunSettings
+from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import RunError, ShapeError
 from gril_jax.export import policy_file
 from gril_jax.export.read_policy import load_policy
@@ -28,7 +28,6 @@ from gril_jax.workflows.build import policy_setup, setup
 OBSERVATIONS = 256
 SMALL = RunConfig(
     env=EnvConfig(targets=("green square",), distractors=("yellow circle",), episode_length=10),
-    pool=PoolConfig(tau=0.01, window=7),
     ppo=PPOConfig(num_envs=2, num_minibatches=1, unroll_length=2, hidden=(16, 8)),
     run=RunSettings(reward="environmental"),
 )
@@ -144,8 +143,8 @@ def test_the_description_says_what_a_robot_must_feed_and_gets(task, exported):
         "start": own,
         "stop": own + 4,
         "objects": objects,
-        "tau": 0.01,
-        "window": 7,
+        "tau": 0.005,
+        "window": 40,
     }
     assert [e["name"] for e in about["observation"][-4:]] == [f"{o} has moved" for o in objects]
     assert about["control_hz"] == task.env.control_hz

@@ -69,7 +69,6 @@ def test_choices_and_provenance_come_back(tmp_path):
         PAPER,
         **GIVEN,
         activity={"tau": 0.01, "window": 7, "smoothing": 3, "noise": 0.002},
-        softness=0.5,
         half_extent=1.1,
         unit="arena units",
         demos=demos,
@@ -78,7 +77,6 @@ def test_choices_and_provenance_come_back(tmp_path):
     learned = load_reward(tmp_path / "r")
     assert (learned.classes, learned.robots, learned.objects) == tuple(GIVEN.values())
     assert learned.activity == (0.01, 7, 3, 0.002, True, True)
-    assert learned.softness == 0.5
     about = learned.about
     assert (about["half_extent"], about["unit"]) == (1.1, "arena units")
     assert about["provenance"]["kendall_tau"] == 0.95
@@ -111,7 +109,7 @@ def test_a_file_is_loaded_saved_and_equal_to_the_byte(file, tmp_path):
 
 def test_a_file_from_before_there_were_ensembles_holds_one_network(file, tmp_path):
     about = dataclasses.asdict(PAPER) | {"kind": "paper"}
-    del about["members"]
+    del about["ensemble_size"]
     assert load_reward(_edited(file, tmp_path / "old.npz", encoder=about)).config == PAPER
 
 
@@ -182,7 +180,7 @@ def test_parameters_that_are_not_the_encoders_are_not_written(tmp_path, params, 
         ({"activity": {"window": 0}}, "window is 0"),
         ({"activity": {"smoothing": 2}}, "smoothing is 2"),
         ({"activity": {"memory": 2}}, "activity.memory is unknown"),
-        ({"activity": {"latched": 1}}, "activity.latched is 1; it must be bool"),
+        ({"activity": {"window": 1.5}}, "activity.window is 1.5; it must be int"),
         ({"provenance": {"tau": jnp.ones(())}}, "must be JSON"),
         ({"provenance": {"tau": float("nan")}}, "must be JSON"),
     ],
@@ -207,7 +205,7 @@ def test_choices_out_of_range_are_not_written(tmp_path, given, text):
         ({"encoder": 3}, ConfigError, "encoder.kind is 3"),
         ({"encoder": {"kind": "paper"}}, ConfigError, "encoder.num_classes is missing"),
         ({"encoder": {"kind": "mlp", "rounds": 2}}, ConfigError, "encoder.rounds is unknown"),
-        ({"encoder": {"kind": "mlp", "num_classes": 4, "flat_nodes": 1.5}}, ConfigError, "1.5"),
+        ({"encoder": {"kind": "mlp", "num_classes": 4, "width": 1.5}}, ConfigError, "1.5"),
         ({"encoder": {"kind": "mlp", "num_classes": "4"}}, ConfigError, "must be of type int"),
         ({"encoder": {"kind": "mlp", "num_classes": -4}}, ConfigError, "at least 1"),
         (
@@ -220,10 +218,14 @@ def test_choices_out_of_range_are_not_written(tmp_path, given, text):
         ({"activity": {"window": 10.5}}, ConfigError, "activity.window is 10.5; it must be int"),
         ({"activity": {"tau": 10**40}}, ConfigError, "activity.tau is 1.*at most"),
         ({"encoder": {"kind": "paper", "rounds": 10**9}}, ConfigError, "rounds.*at most 100"),
-        ({"encoder": {"kind": "paper", "members": 10**9}}, ConfigError, "members.*at most 100"),
+        (
+            {"encoder": {"kind": "paper", "ensemble_size": 10**9}},
+            ConfigError,
+            "ensemble_size.*at most 100",
+        ),
         ({"encoder": {"kind": []}}, ConfigError, "encoder.kind is "),
         ({"activity": None}, ConfigError, "activity is None"),
-        ({"softness": 0}, ConfigError, "softness is 0; it must be a number above 0"),
+        ({"half_extent": 0}, ConfigError, "half_extent is 0; it must be a number above 0"),
         ({"half_extent": "wide"}, ConfigError, "half_extent is 'wide'"),
     ],
 )

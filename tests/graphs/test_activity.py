@@ -11,11 +11,11 @@ import pytest
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs import activity
 
-STATIC = ("window", "smoothing", "latched", "clamp")
+STATIC = ("window", "smoothing")
 trajectory = jax.jit(activity.trajectory, static_argnames=STATIC)
 
 
-def _oracle(center, size, tau, window, smoothing=1, noise=None, latched=True, clamp=True):
+def _oracle(center, size, tau, window, smoothing=1, noise=None):
     """Eq. 4 and its options frame by frame, in float64."""
     center, size = np.asarray(center, np.float64), np.asarray(size, np.float64)
     num_frames, num_nodes, _ = center.shape
@@ -30,8 +30,7 @@ def _oracle(center, size, tau, window, smoothing=1, noise=None, latched=True, cl
             if noise is not None:
                 threshold = max(threshold, 5 * noise * spread)
             moved = np.linalg.norm(smooth[t] - smooth[min(max(t - window, first), t)]) > threshold
-            moved = moved and (clamp or t >= window + first)
-            active[t, i] = moved or (latched and t > 0 and active[t - 1, i])
+            active[t, i] = moved or (t > 0 and active[t - 1, i])
     return active
 
 
@@ -46,8 +45,8 @@ def _walk(seed, num_frames=30, num_nodes=6):
 
 
 @functools.partial(jax.jit, static_argnames=STATIC)
-def _rollout(center, size, tau, window, smoothing=1, clamp=True, **options):
-    memory = activity.init(center[0], window=window, smoothing=smoothing, clamp=clamp)
+def _rollout(center, size, tau, window, smoothing=1, **options):
+    memory = activity.init(center[0], window=window, smoothing=smoothing)
 
     def step(memory, frame):
         return activity.step(memory, *frame, tau=tau, **options)
@@ -67,21 +66,7 @@ def test_both_forms_equal_the_loop(window, tau):
     np.testing.assert_array_equal(_rollout(center, size, tau, window), expected)
 
 
-# Every pair of choices, not every combination: each is two programs to compile.
-OPTIONS = [
-    {"smoothing": smoothing, "noise": noise, "latched": latched, "clamp": clamp}
-    for smoothing, noise, latched, clamp in [
-        (1, None, False, True),
-        (1, None, True, False),
-        (1, 0.01, True, True),
-        (1, 0.01, False, False),
-        (3, None, True, True),
-        (3, 0.01, False, True),
-        (3, 0.01, True, False),
-        (5, None, False, False),
-        (5, 0.01, True, True),
-    ]
-]
+OPTIONS = [{"noise": 0.01}, {"smoothing": 3}, {"smoothing": 5, "noise": 0.01}]
 
 
 def test_both_forms_equal_the_loop_with_every_option():
@@ -129,13 +114,6 @@ def test_a_push_in_jitter_is_seen_after_a_few_frames(speed, delay):
     active = np.asarray(trajectory(center, size, smoothing=5, noise=0.35 * pixel))
     assert active[-1].all()
     assert np.median(active.argmax(axis=0)) - 59 <= delay
-
-
-def test_a_bit_that_is_not_latched_is_forgotten_after_the_window():
-    x = jnp.array([0.0, 0.1, 0.1, 0.1, 0.1])
-    center = jnp.stack([x, jnp.zeros(5)], axis=-1)[:, None]
-    active = trajectory(center, jnp.ones((5, 1, 2)), window=2, latched=False)
-    assert active[:, 0].tolist() == [False, True, True, False, False]
 
 
 def test_a_whole_number_of_equal_frames_is_never_active_whatever_the_options():

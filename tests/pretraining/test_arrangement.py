@@ -64,7 +64,7 @@ def _goal(name) -> Arrangement:
 @jax.jit
 def _lacks(goal, center, active=None):
     active = goal.moves[LABEL] if active is None else active
-    return disarray(goal, center, SIZE, LABEL, LABEL != 0, active, near=0.7)
+    return disarray(goal, center, SIZE, LABEL, LABEL != 0, active, near_cost_fraction=0.7)
 
 
 def _of(goal, blocks):

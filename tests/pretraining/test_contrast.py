@@ -21,7 +21,9 @@ FIRST = np.array([[0.5, 0.5], [-0.9, 0.0], [-0.5, 0.0], [0.0, -0.6], [0.0, 0.0]]
 LAST = np.array([[0.5, 0.5], [0.3, 0.4], [0.5, 0.6], [0.0, -0.6], [0.0, 0.0]], np.float32)
 EXTENT = 1.1
 FRAMES = 6
-CONFIG = Static(EncoderConfig(4, width=8, rounds=1, latent=4), copies=3, anchors=4)
+CONFIG = Static(
+    EncoderConfig(4, width=8, rounds=1, latent=4), num_perturbations=3, perturbed_frames=4
+)
 
 
 def _demos(num=3):
@@ -110,7 +112,9 @@ def test_descending_the_loss_makes_rewards_what_they_should_be(params, demos, pl
     @jax.jit
     def descend(params):
         def step(params, _):
-            loss, slope = jax.value_and_grad(_contrast)(params, demos, places, span=1.0, tail=0.0)
+            loss, slope = jax.value_and_grad(_contrast)(
+                params, demos, places, latent_scale=1.0, quartic_weight=0.0
+            )
             return jax.tree.map(lambda p, g: p - 0.02 * g, params, slope), loss
 
         return jax.lax.scan(step, params, length=150)
@@ -126,8 +130,8 @@ def test_descending_the_loss_makes_rewards_what_they_should_be(params, demos, pl
 def test_the_loss_of_undisplaced_frames_is_plain_arithmetic(params, demos, places):
     """An encoder that tells nothing apart has latent distance 0: what is left is what is due."""
     blind = jax.tree.map(jnp.zeros_like, params)
-    hyper = {"tail": 0.5, "near": 0.6, "touch": 0.1}
-    config = dataclasses.replace(CONFIG, anchors=200, copies=1)
+    hyper = {"quartic_weight": 0.5, "near_cost_fraction": 0.6, "touch": 0.1}
+    config = dataclasses.replace(CONFIG, perturbed_frames=200, num_perturbations=1)
     found = float(_compiled(blind, demos, places, config, **hyper))
     counted = jnp.arange(5) < 4
     counted = counted.at[1].set(False)
@@ -135,7 +139,7 @@ def test_the_loss_of_undisplaced_frames_is_plain_arithmetic(params, demos, place
         float(
             _misplaced(
                 places, c, jnp.full((5, 2), 0.2), demos.label[0], counted, jnp.zeros(5, bool),
-                near=0.6, touch=0.1, idle_cost=Hyper().idle_cost,
+                near_cost_fraction=0.6, touch=0.1, intrusion_weight=Hyper().intrusion_weight,
             )
         )
         for c in demos.center[0]
@@ -148,16 +152,18 @@ def test_the_loss_of_undisplaced_frames_is_plain_arithmetic(params, demos, place
 def test_ascents_go_where_copies_are_overestimated(params, demos, places):
     """An encoder that tells nothing apart overestimates most what is furthest out of place."""
     blind = jax.tree.map(jnp.zeros_like, params)
-    climbing = dataclasses.replace(CONFIG, ascents=1)
-    plain = float(_compiled(blind, demos, places, CONFIG, tail=0.0))
-    harder, slope = jax.jit(jax.value_and_grad(_contrast))(blind, demos, places, climbing, tail=0.0)
+    climbing = dataclasses.replace(CONFIG, adversarial_steps=1)
+    plain = float(_compiled(blind, demos, places, CONFIG, quartic_weight=0.0))
+    harder, slope = jax.jit(jax.value_and_grad(_contrast))(
+        blind, demos, places, climbing, quartic_weight=0.0
+    )
     assert float(harder) > 1.02 * plain
     assert all(np.isfinite(np.asarray(x)).all() for x in jax.tree.leaves(slope))
 
 
 # --- a pool of scenes
 
-HYPER = {"tail": 0.5, "near": 0.6, "touch": 0.1}
+HYPER = {"quartic_weight": 0.5, "near_cost_fraction": 0.6, "touch": 0.1}
 
 
 def _pool(*centers):
@@ -172,7 +178,7 @@ def _due(scene, places):
     return float(
         _misplaced(
             places, scene.center, scene.size, scene.label, ~scene.is_robot, scene.active,
-            near=0.6, touch=0.1, idle_cost=Hyper().idle_cost,
+            near_cost_fraction=0.6, touch=0.1, intrusion_weight=Hyper().intrusion_weight,
         )
     )  # fmt: skip
 
@@ -181,7 +187,7 @@ def _due(scene, places):
 def test_a_pool_adds_the_mean_error_of_its_scenes(params, demos, places):
     """By an encoder that tells nothing apart, whose error is what is due."""
     blind = jax.tree.map(jnp.zeros_like, params)
-    config = dataclasses.replace(CONFIG, copies=1, anchors=100)
+    config = dataclasses.replace(CONFIG, num_perturbations=1, perturbed_frames=100)
     pool = _pool(FIRST, LAST)
     without, both = (
         float(_compiled(blind, demos, places, config, pool=p, **HYPER)) for p in (None, pool)
@@ -197,7 +203,7 @@ def test_a_pool_adds_the_mean_error_of_its_scenes(params, demos, places):
 def test_scenes_of_a_pool_are_turned_where_videos_are(params, demos):
     """Their cost is that of a symmetric box, whichever way they are turned; their latent is not."""
     symmetric = final_places(demos, 4, turned=True)
-    still = dataclasses.replace(CONFIG, copies=0)
+    still = dataclasses.replace(CONFIG, num_perturbations=0)
     turning = dataclasses.replace(still, turn_scenes=True)
     blind = jax.tree.map(jnp.zeros_like, params)
     (blind_still, still), (blind_turned, turned) = (
@@ -210,14 +216,14 @@ def test_scenes_of_a_pool_are_turned_where_videos_are(params, demos):
 
 @pytest.mark.slow
 def test_the_gradient_of_a_pool_is_that_of_finite_differences(params, demos, places):
-    alone = dataclasses.replace(CONFIG, copies=0)
+    alone = dataclasses.replace(CONFIG, num_perturbations=0)
     # Away from where fresh biases are 0, which is a kink of the activations.
     keys = iter(jax.random.split(jax.random.key(5), 100))
     params = jax.tree.map(lambda p: p + 0.1 * jax.random.normal(next(keys), p.shape), params)
 
     @jax.jit
     def both(params):
-        loss = lambda p: _contrast(p, demos, places, alone, pool=_pool(FIRST), tail=0.0)  # noqa: E731
+        loss = lambda p: _contrast(p, demos, places, alone, pool=_pool(FIRST), quartic_weight=0.0)  # noqa: E731
         return jax.value_and_grad(loss)(params)
 
     slope = both(params)[1]

@@ -139,7 +139,7 @@ def test_the_near_share_is_due_half_a_box_away_and_the_rest_by_the_distance(plac
     half = 0.1 * np.sqrt(2)
     for away in (0.5 * half, half, 2 * half):
         expected = 0.7 * min(away / half, 1) + 0.3 * away / float(places.journey)
-        found = _cost(places, _scene((edge + away, 0.0)), near=0.7)
+        found = _cost(places, _scene((edge + away, 0.0)), near_cost_fraction=0.7)
         assert found == pytest.approx(expected, abs=1e-5)
 
 
@@ -164,7 +164,9 @@ def test_the_near_share_is_due_from_the_edge_that_a_box_crosses_to_where_its_cen
         stick = np.clip((np.abs(block) - (HALF - 0.1)) / 0.1 / 0.9, 0, 1).max() ** 3
         away = np.linalg.norm(np.maximum(np.abs(block) - HALF, 0))
         expected = 0.7 * stick + 0.3 * away / float(anywhere.journey)
-        assert _cost(anywhere, _scene(block), near=0.7) == pytest.approx(expected, abs=1e-5)
+        assert _cost(anywhere, _scene(block), near_cost_fraction=0.7) == pytest.approx(
+            expected, abs=1e-5
+        )
 
 
 def test_whatever_is_in_place_costs_less_than_whatever_is_not(anywhere):
@@ -178,7 +180,9 @@ def test_whatever_is_in_place_costs_less_than_whatever_is_not(anywhere):
 
 
 def test_an_intruder_costs_its_share(places):
-    assert _cost(places, _scene((0, 0), idle=(0, 0)), idle_cost=0.3) == pytest.approx(0.3, abs=1e-6)
+    assert _cost(places, _scene((0, 0), idle=(0, 0)), intrusion_weight=0.3) == pytest.approx(
+        0.3, abs=1e-6
+    )
 
 
 def test_what_has_not_been_touched_costs_a_little_more(places):
@@ -221,15 +225,17 @@ def test_an_intruder_that_must_keep_clear_costs_by_its_distance(places):
         box = [low * 2 * HALF, high * 2 * HALF]
         away = np.linalg.norm(idle - np.clip(idle, *box))
         expected = max(0.0, 1 - away / (clear * half))
-        found = np.asarray(crowding(places, *scene, clear=clear))
+        found = np.asarray(crowding(places, *scene, clearance_radius=clear))
         np.testing.assert_allclose(found[IDLE], expected, atol=1e-5)
         assert found[[REGION, ROBOT, BLOCK]].tolist() == [0, 0, 0]
-        assert _cost(places, scene, idle_cost=1.0, clear=clear) == pytest.approx(expected, abs=1e-5)
+        assert _cost(places, scene, intrusion_weight=1.0, clearance_radius=clear) == pytest.approx(
+            expected, abs=1e-5
+        )
 
 
 @pytest.mark.parametrize("tails", [0.02, 0.25])
 def test_a_box_leaves_out_the_tails_that_it_is_told(demos, tails):
-    found = jax.jit(lambda d: final_places(d, 5, tails=tails))(demos)
+    found = jax.jit(lambda d: final_places(d, 5, trim_quantile=tails))(demos)
     last = np.asarray(demos.center[:, 1])
     offset = (last[:, BLOCK] - last[:, REGION]) / (2 * HALF)
     np.testing.assert_allclose(found.low[BLOCK], np.quantile(offset, tails, axis=0), atol=1e-3)

@@ -115,7 +115,7 @@ def test_due_rewards_are_minus_the_misplacement_of_each_scene(scenes):
     box = jnp.full((OBJECTS, 2), 0.5)
     placed = jnp.arange(OBJECTS) == 2
     places = FinalPlaces(reference, -box, box, placed, ~placed, jnp.array(0.8), ~placed)
-    options = {"near": 0.6, "idle_cost": 0.3, "touch": 0.1}
+    options = {"near_cost_fraction": 0.6, "intrusion_weight": 0.3, "touch": 0.1}
     due = hard_negatives.due_rewards(places, scenes, **options)
     assert due.shape == (EPISODES, FRAMES)
     for e, t in [(0, 0), (2, 17), (3, 29)]:

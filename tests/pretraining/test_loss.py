@@ -9,6 +9,7 @@ import pytest
 from support.kinematic_demos import kinematic_demos
 
 from gril_jax import losses as library
+from gril_jax.config.tables import ALIGNMENTS
 from gril_jax.encoders.encoder import EncoderConfig, InteractionConfig, MLPConfig
 from gril_jax.errors import ConfigError
 from gril_jax.pretraining import loss, pretrain
@@ -116,9 +117,6 @@ def test_an_encoder_without_nodes_has_none_to_decode():
 
 def test_every_switch_changes_the_loss_and_nothing_is_nan(demos):
     """Losses are compared as they are; one step with the least usual switches goes through all."""
-    changes = {"plain": {}, "stochastic": {"matching": "stochastic"}}
-    changes |= {"cosine": {"similarity": "cosine"}, "huber": {"form": "regression_huber"}}
-    changes |= {"both": {"consistency": "both"}, "soft_dtw": {"consistency": "soft_dtw"}}
     some = jax.tree.map(lambda x: x[:3], demos)
     params = pretrain.init(jax.random.key(0), demos, SMALL).params
     active = np.zeros(some.center.shape[:3], bool)
@@ -126,16 +124,16 @@ def test_every_switch_changes_the_loss_and_nothing_is_nan(demos):
 
     @jax.jit  # one program, for they share all but the losses
     def consistencies(*inputs):
-        configs = [dataclasses.replace(SMALL, **c) for c in changes.values()]
+        configs = [dataclasses.replace(SMALL, consistency=name) for name in ALIGNMENTS]
         found = [loss.terms(*inputs, Hyper(), config) for config in configs]
         return jnp.stack([terms.consistency for terms in found])
 
     found = consistencies(*params, jax.random.key(1), some, active, frames, valid)
     assert np.isfinite(found).all()
-    assert len(set(found.tolist())) == len(changes)
+    assert len(set(found.tolist())) == len(ALIGNMENTS)
 
-    rare = {"decoder": "graph", "consistency": "both", "matching": "stochastic", "updates": 1}
-    config = dataclasses.replace(SMALL, **rare, turn_scenes=True, touched=0.5)
+    rare = {"decoder": "graph", "consistency": "both", "updates": 1}
+    config = dataclasses.replace(SMALL, **rare, turn_scenes=True, random_activity=0.5)
     state = pretrain.init(jax.random.key(0), demos, config)
     after, metrics = pretrain.step(state, demos, Hyper(), config)
     assert all(np.isfinite(x).all() for x in metrics)

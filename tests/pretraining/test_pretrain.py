@@ -90,7 +90,7 @@ def test_where_a_run_is_cut_into_chunks_changes_no_bit(state, stepped, demos):
 
 def test_batches_are_varied_as_asked(state, stepped, demos):
     losses = {round(float(stepped[1].loss[0]), 4)}
-    for change in ({"turn_scenes": True}, {"touched": 0.5}):
+    for change in ({"turn_scenes": True}, {"random_activity": 0.5}):
         config = dataclasses.replace(SMALL, updates=1, **change)
         losses.add(round(float(pretrain.step(state, demos, Hyper(), config)[1].loss[0]), 4))
     assert len(losses) == 3

@@ -32,13 +32,10 @@ def _learned(kind="paper", **changes):
     )
 
 
-@pytest.mark.parametrize("kind", ["paper", "ensemble", "interaction", "history", "mlp"])
+@pytest.mark.parametrize("kind", ["paper", "ensemble", "interaction", "mlp"])
 def test_the_reward_of_a_moment_is_that_of_its_graph(kind):
     learned = _learned(kind)
-    history = getattr(learned.config, "history", 1)
-    center, size = boxes(history)
-    if history == 1:
-        center, size = center[0], size[0]
+    center, size = (x[0] for x in boxes(1))
     value = jax.jit(learned)(center, size, ACTIVE)
     graph = moment(learned.config)
     expected = jax.jit(latent_goal_reward)(learned.params, graph, learned.config)
@@ -53,9 +50,8 @@ def test_the_reward_of_a_picture_is_that_of_the_encoder():
     np.testing.assert_allclose(jax.jit(learned.of_frame)(frame), expected, rtol=1e-4)
 
 
-@pytest.mark.parametrize("kind", ["paper", "history"])
-def test_a_rollout_a_scan_and_a_recording_agree(kind):
-    learned = _learned(kind)
+def test_a_rollout_a_scan_and_a_recording_agree():
+    learned = _learned()
     center, size = boxes(7)
     step = jax.jit(lambda learned, *given: learned.step(*given))
     memory = learned.init(center[0], size[0])
@@ -76,10 +72,7 @@ def test_a_rollout_a_scan_and_a_recording_agree(kind):
 
     @jax.jit
     def by_hand(t):
-        history = getattr(learned.config, "history", 1)
-        back = jnp.maximum(t - jnp.arange(history - 1, -1, -1), 0)
-        seen = jax.vmap(graph)(back) if history > 1 else graph(t)
-        return latent_goal_reward(learned.params, seen, learned.config)
+        return latent_goal_reward(learned.params, graph(t), learned.config)
 
     np.testing.assert_allclose(found, [by_hand(t) for t in range(7)], rtol=1e-5)
 
@@ -88,8 +81,7 @@ def test_every_option_of_the_activity_rule_is_used():
     center, size = boxes(9)
     for rule in (
         ActivityRule(0.5, 3, smoothing=3, noise=0.2),
-        ActivityRule(1.5, 2, latched=False),
-        ActivityRule(0.5, 4, clamp=False),
+        ActivityRule(1.5, 2),
     ):
         memory, step = rule.init(center[0]), jax.jit(rule.step)
         bits = [memory.active]
@@ -151,20 +143,6 @@ def test_padding_does_not_count():
     np.testing.assert_allclose(value(center), fewer, rtol=1e-5)
 
 
-def test_the_nearest_of_a_set_of_goals_counts_softly_if_asked():
-    learned = _learned()
-    goals = jnp.stack([learned.params.goal, learned.params.goal + 0.5])
-    learned = dataclasses.replace(learned, params=learned.params._replace(goal=goals))
-    soft = dataclasses.replace(learned, softness=1.0)
-    center, size = (x[0] for x in boxes(1))
-    graph, values = moment(learned.config), []
-    for one in (learned, soft):
-        expected = jax.jit(latent_goal_reward)(one.params, graph, one.config, softness=one.softness)
-        values.append(jax.jit(one)(center, size, ACTIVE))
-        np.testing.assert_allclose(values[-1], expected, rtol=1e-6)
-    assert values[1] < values[0]
-
-
 CENTER, SIZE = (x[0] for x in boxes(1))
 
 
@@ -190,16 +168,14 @@ def test_what_does_not_fit_is_named(call, error, text):
         jax.jit(lambda r: call(r))(_learned()) if "holds" not in text else call(_learned())
 
 
-def test_an_encoder_of_pictures_or_of_histories_says_what_it_takes():
-    pictures, histories = _learned("pixel"), _learned("history")
+def test_an_encoder_of_pictures_says_what_it_takes():
+    pictures = _learned("pixel")
     with pytest.raises(ConfigError, match="takes pictures: call of_frame"):
         pictures(CENTER, SIZE, ACTIVE)
     with pytest.raises(ConfigError, match="takes pictures: call of_frame"):
         pictures.init(CENTER, SIZE)
     with pytest.raises(ShapeError, match=r"frame has shape \(2, 8, 8, 3\)"):
         pictures.of_frame.__wrapped__(pictures, jnp.zeros((2, 8, 8, 3)))
-    with pytest.raises(ShapeError, match=r"\(3, N, 2\): the encoder's history is 3"):
-        histories(CENTER, SIZE, ACTIVE)
 
 
 @pytest.mark.parametrize("fields", [3, {"tau": "small"}, {"smoothing": 4}, {"noise": -1.0}])

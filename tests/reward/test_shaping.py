@@ -23,25 +23,15 @@ def _oracle(potential, terminated, discount):
 
 
 @pytest.mark.parametrize("terminated", [False, True])
-def test_an_episode_equals_the_loop_and_its_steps_and_telescopes(terminated):
+def test_the_terms_of_an_episode_equal_the_loop_and_telescope(terminated):
     potential = np.random.default_rng(0).normal(size=9)
-    array, flag = jnp.asarray(potential, jnp.float32), jnp.array(terminated)
-    found = shaping.episode(array, flag, discount=DISCOUNT)
+    array, flags = jnp.asarray(potential, jnp.float32), jnp.zeros(8).at[-1].set(terminated)
+    step = jax.jit(jax.vmap(lambda a, b, e, d: shaping.step(a, b, e, discount=d)))
+    found = step(array[:-1], array[1:], flags, jnp.full(8, DISCOUNT))
     np.testing.assert_allclose(found, _oracle(potential, terminated, DISCOUNT), atol=1e-6)
-    flags = jnp.zeros(8).at[-1].set(float(terminated))
-    steps = shaping.step(array[:-1], array[1:], flags, discount=DISCOUNT)
-    np.testing.assert_array_equal(found, steps)
     last = 0.0 if terminated else DISCOUNT**8 * potential[-1]
     total = (DISCOUNT ** np.arange(8)) @ np.asarray(found)
     assert total == pytest.approx(last - potential[0], abs=1e-6)
-
-
-def test_jit_and_vmap_equal_plain_also_over_the_discount():
-    potential = jnp.asarray(np.random.default_rng(0).normal(size=(3, 5)), jnp.float32)
-    ended = jnp.array([True, False, True])
-    batched = shaping.episode(potential, ended, discount=DISCOUNT)
-    run = jax.jit(jax.vmap(lambda p, e, d: shaping.episode(p, e, discount=d)))
-    np.testing.assert_allclose(run(potential, ended, jnp.full(3, DISCOUNT)), batched, rtol=1e-5)
 
 
 def test_what_lies_behind_the_end_does_not_matter_even_if_it_is_nan():
@@ -52,10 +42,6 @@ def test_what_lies_behind_the_end_does_not_matter_even_if_it_is_nan():
     value, slope = jax.value_and_grad(total)(jnp.array([jnp.nan, 2.0]))
     assert value == pytest.approx(-1.0 + 0.9 * 2.0 - 1.0)
     np.testing.assert_allclose(slope, [0.0, DISCOUNT])
-
-
-def test_one_state_makes_no_step():
-    assert shaping.episode(jnp.ones(1), jnp.array(True), discount=DISCOUNT).shape == (0,)
 
 
 # --- a small Markov decision process, solved exactly
@@ -116,16 +102,12 @@ def test_a_potential_that_is_not_zero_at_the_end_can_change_the_optimal_policy()
 
 
 def test_arguments_that_do_not_fit_are_refused():
-    step, episode = inspect.unwrap(shaping.step), inspect.unwrap(shaping.episode)
+    step = inspect.unwrap(shaping.step)
     one, two = jnp.ones(1), jnp.ones(2)
     with pytest.raises(ShapeError, match=r"next_potential has shape \(2,\)"):
         step(one, two, discount=0.9)
     with pytest.raises(ShapeError, match=r"terminated has shape \(1,\)"):
         step(two, two, one > 0, discount=0.9)
-    with pytest.raises(ShapeError, match=r"potential has shape \(0,\)"):
-        episode(jnp.ones(0), discount=0.9)
-    with pytest.raises(ShapeError, match=r"terminated has shape \(2,\)"):
-        episode(two, two > 0, discount=0.9)
     for discount in (1.1, -0.1, float("nan")):
         with pytest.raises(ConfigError, match="discount is"):
             step(one, one, discount=discount)

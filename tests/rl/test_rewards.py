@@ -1,4 +1,4 @@
-"""Rewards for policies: plain, with a memory, weighted, and a chain of subtasks."""
+"""Rewards for policies: plain, with a memory, shaped, and in stages."""
 
 from typing import NamedTuple
 
@@ -10,8 +10,6 @@ from gril_jax.envs import Objects
 
 from gril_jax import graphs, reward
 from gril_jax.encoders import encoder, ensemble
-from gril_jax.reward import chain as subtask_chain
-from gril_jax.reward import shaping
 from gril_jax.rl import rewards
 from gril_jax.rl.rewards import Reward
 
@@ -106,7 +104,7 @@ def test_the_learned_reward_is_that_of_the_scene_with_its_activity_bits(encoded)
     ("config", "spared"),
     [
         (CONFIG, True),
-        (encoder.EncoderConfig(3, width=4, latent=3, relations=True, members=2), True),
+        (encoder.EncoderConfig(3, width=4, latent=3, relations=True, ensemble_size=2), True),
         (encoder.EncoderConfig(3, width=4, latent=3, pool_robot=True), False),
         (encoder.EncoderConfig(3, width=4, latent=3, robot_messages=True), False),
         (encoder.InteractionConfig(3, width=3, pool_robot=False, robot_messages=False), True),
@@ -115,7 +113,6 @@ def test_the_learned_reward_is_that_of_the_scene_with_its_activity_bits(encoded)
                 3,
                 width=3,
                 distances=True,
-                self_blocks="class",
                 pool_robot=False,
                 robot_messages=False,
             ),
@@ -154,32 +151,6 @@ def test_an_offset_is_paid_at_each_moment_and_none_leaves_the_reward_itself():
     np.testing.assert_allclose(values, _moments()[0].reward + 1.0, rtol=1e-6)
 
 
-@pytest.mark.parametrize("mode", ["continuous", "stepped"])
-def test_subtasks_pay_what_the_chain_pays_for_the_same_frames(encoded, mode):
-    params, latents = encoded
-    goals = latents[jnp.array([2, 5])]
-    near = jnp.linalg.norm(latents[0] - goals[0])
-    chain = subtask_chain.ChainParams(
-        goals, jnp.full(2, 1 / near), jnp.full(2, 0.05), jnp.array(2, jnp.int32)
-    )
-    rule = rewards.subtasks(CONFIG, mode=mode, alpha=ALPHA)
-    values, seen = _run(rule, (params, chain))
-    expected, progress = subtask_chain.trajectory(chain, latents, mode=mode)
-    np.testing.assert_allclose(values, expected, atol=1e-5)
-    np.testing.assert_allclose(seen[:, 0], np.asarray(progress) / 2, atol=1e-6)
-    assert 0 < float(seen[-1, 0])  # a goal was reached
-
-
-def test_a_weighted_sum_pays_the_sum_and_shows_every_memory():
-    rule = rewards.weighted_sum([rewards.environmental, _counting(), _counting()])
-    params = (jnp.array([1.0, 10.0, -1.0]), (None, 0.5, 2.0))
-    values, seen = _run(rule, params)
-    count = np.arange(1, FRAMES + 1)
-    expected = np.asarray(_moments()[0].reward) + 10 * 0.5 * count - 2 * count
-    np.testing.assert_allclose(values, expected, rtol=1e-6)
-    np.testing.assert_array_equal(seen, np.stack([count, count], axis=1))
-
-
 def test_a_shaped_reward_adds_the_potential_s_steps_which_telescope_over_an_episode(encoded):
     params, latents = encoded
     learned = reward.RewardParams(params, latents[2], jnp.float32(2.0), jnp.float32(ALPHA))
@@ -200,7 +171,7 @@ def test_a_shaped_reward_adds_the_potential_s_steps_which_telescope_over_an_epis
     for discount, values in zip((0.9, 1.0), found, strict=False):
         before = np.concatenate([[-1.0], potential[:-1]])
         np.testing.assert_allclose(values, 3.0 * (discount * potential - before) + own, atol=1e-4)
-        later = shaping.episode(jnp.asarray(potential), discount=discount)
+        later = discount * potential[1:] - potential[:-1]
         np.testing.assert_allclose(values[1:], 3.0 * later + own[1:], atol=1e-4)
         total = discount ** np.arange(FRAMES) @ (values - own)
         ends = 3.0 * (discount**FRAMES * potential[-1] + 1.0)  # nothing of what lies between
@@ -240,11 +211,3 @@ def test_pictures_of_many_lanes_and_seeds_are_paid_as_each_by_itself(monkeypatch
             np.testing.assert_allclose(found[s, lane], expected, rtol=1e-5, atol=1e-6)
             np.testing.assert_allclose(found[s, lane], one(own, data[s, lane]), atol=1e-5)
             np.testing.assert_allclose(shared[s, lane], one(own, data[0, lane]), atol=1e-5)
-
-
-def test_weights_can_be_swept_by_a_vmap():
-    rule = rewards.weighted_sum([rewards.environmental, _counting()])
-    weights = jnp.array([[1.0, 0.0], [0.0, 1.0]])
-    swept = jax.vmap(lambda w: _run(rule, (w, (None, 1.0)))[0])(weights)
-    for i in range(2):
-        np.testing.assert_allclose(swept[i], _run(rule, (weights[i], (None, 1.0)))[0], rtol=1e-6)

@@ -253,7 +253,7 @@ def test_actions_are_uniform_until_the_replay_is_full_enough(gathered):
         ({"min_replay": 4096}, weighted, "min_replay is 4096, but must be at most replay_size"),
         (
             {"relabel": True},
-            rewards.weighted_sum([rewards.as_reward(weighted)._replace(init=lambda: jnp.ones(()))]),
+            rewards.as_reward(weighted)._replace(init=lambda: jnp.ones(())),
             "relabel is True, but must be False for a reward with a memory",
         ),
     ],

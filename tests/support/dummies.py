@@ -33,7 +33,7 @@ def apply(params, graph, config):
     "dummy_loss": """
 import jax.numpy as jnp
 
-def loss(key, latents, times, valid, plain, hyper, config):
+def loss(key, latents, times, valid, plain, hyper):
     return 7.0 + 0.0 * jnp.sum(latents)
 """,
     "dummy_form": """
@@ -79,7 +79,7 @@ def main(folder: str) -> int:
 
     registry.TASKS["reach"] = "reach_task:SPEC"
     tables.ENCODERS["dummy"] = tables.Encoder("dummy_encoder.DummyConfig")
-    tables.ALIGNMENTS["dummy"] = ("dummy_loss.loss",)
+    tables.ALIGNMENTS["dummy"] = tables.Alignment(("dummy_loss.loss",))
     tables.REWARDS["dummy"] = tables.Reward("dummy_form.FORM")
     tables.ALGORITHMS["dummy"] = tables.Algorithm("dummy_algorithm.Dummy", PPOConfig)
     from gril_jax.cli.main import main

@@ -16,10 +16,9 @@ OBJECTS = ("goal", "robot", "square", "star", "star")
 
 CONFIGS = {
     "paper": encoder.EncoderConfig(4, width=8, rounds=1, latent=5),
-    "interaction": encoder.InteractionConfig(4, width=6, self_blocks="class", distances=True),
-    "ensemble": encoder.EncoderConfig(4, width=6, rounds=1, latent=3, members=2),
-    "history": encoder.InteractionConfig(4, width=4, history=3),
-    "mlp": encoder.MLPConfig(4, width=6, flat_nodes=5),
+    "interaction": encoder.InteractionConfig(4, width=6, distances=True),
+    "ensemble": encoder.EncoderConfig(4, width=6, rounds=1, latent=3, ensemble_size=2),
+    "mlp": encoder.MLPConfig(4, width=6),
     "pixel": encoder.PixelConfig(latent=7),
 }
 
@@ -59,14 +58,9 @@ def scene(num_demos, num_frames):
 
 
 def moment(config):
-    """Input of the encoder at one moment: a graph, a stack of graphs, or a picture."""
+    """Input of the encoder at one moment: a graph or a picture."""
     if isinstance(config, encoder.PixelConfig):
         return jax.random.uniform(jax.random.key(1), (32, 32, 3))
-    history = getattr(config, "history", 1)
-    center, size, label, is_robot, present = (x[0] for x in scene(1, history))
+    center, size, label, is_robot, present = (x[0] for x in scene(1, 1))
     active = jnp.array([False, True, True, False, False])
-
-    def graph(center, size):
-        return scene_graph(center, size, label, is_robot, active, present)
-
-    return jax.vmap(graph)(center, size) if history > 1 else graph(center[0], size[0])
+    return scene_graph(center[0], size[0], label, is_robot, active, present)

@@ -5,7 +5,7 @@ _TINY = (
     *("--env.name", _TASK, "--env.episode-length", "12", "--encoder.width", "8"),
     *("--encoder.latent", "4", "--encoder.rounds", "1", "--demos.num", "4"),
     *("--demos.num-validation", "2", "--demos.num-failures", "1", "--pretrain.num-videos", "3"),
-    *("--pretrain.num-frames", "6", "--pretrain.copies", "0", "--pretrain.ascents", "0"),
+    *("--pretrain.num-perturbations", "0", "--pretrain.adversarial-steps", "0"),
     *("--run.checkpoint-every", "0", "--out", "run"),
 )
 _STEPS = ("--pretrain.steps", "40")
@@ -29,7 +29,7 @@ VERBS = {
     "soundness": ("soundness", *_TINY, *_STEPS, *_POLICY, *_TWO, *_AUDIT, "--rows", "paper"),
 }  # fmt: skip
 # Steps that a row sets for itself are not given, nor are copies that all rows of a table set.
-_OF_ROWS = ("--pretrain.copies", "--pretrain.ascents")
+_OF_ROWS = ("--pretrain.num-perturbations", "--pretrain.adversarial-steps")
 
 
 def command(verb):

@@ -2,16 +2,18 @@
 
     loss = mean_cycle_consistency(latents, times, form="classification", similarity="cosine")
 
-Shapes use B for videos, T for frames and D for the latent.
+All pairs go through the same few products, with memory for B^2 T^2 numbers. Shapes use B for
+videos, T for frames and D for the latent.
 """
 
 import functools
+from typing import Unpack
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .cycle import form_options, matching_options, prepared_agreement, prepared_cycle
+from .cycle import CycleOptions, prepared_agreement, prepared_cycle, resolved
 from .soft_neighbour import check_batch, prepare
 
 
@@ -19,15 +21,7 @@ def mean_cycle_consistency(
     latents: Float[Array, "B T D"],
     times: Float[Array, "B T"],
     valid: Bool[Array, "B T"] | None = None,
-    *,
-    at_once: bool = False,
-    temperature: Float[Array, ""] | float = 1.0,
-    similarity: str = "l2",
-    normalize: bool | None = None,
-    form: str = "regression_mse",
-    huber_delta: Float[Array, ""] | float = 0.1,
-    variance_weight: Float[Array, ""] | float = 0.001,
-    label_smoothing: Float[Array, ""] | float = 0.1,
+    **options: Unpack[CycleOptions],
 ) -> Float[Array, ""]:
     """Mean of `cycle_consistency` over all ordered pairs of different videos: the TCC loss.
 
@@ -38,127 +32,57 @@ def mean_cycle_consistency(
 
     Args:
       latents: of each video's frames.
-      times: of those frames, see `frame_times`.
+      times: of those frames, as shares of their video: frame index / video length.
       valid: False for padding; only valid frames count.
-      at_once: put all pairs through the same few products, with memory for B^2 T^2 numbers. If
-        not, one query video at a time is in memory, with B T^2 numbers; faster, and in reverse
-        mode only.
-      temperature, similarity, normalize, form, huber_delta, variance_weight, label_smoothing: as
-        for `cycle_consistency`.
+      options: `CycleOptions`.
 
     Returns:
       The mean over all valid frames of all pairs; 0 if there is none, as for a single video.
+
+    Raises:
+      ShapeError: the arrays do not fit together.
+      ConfigError: an option is unknown, or a value known at trace time is not positive.
     """
-    matching = matching_options(temperature, similarity, normalize)
-    knobs = form_options(form, huber_delta, variance_weight, label_smoothing)
-
-    def pair(query, time, query_valid, other, _, other_valid):
-        return (prepared_cycle(query, other, time, query_valid, other_valid, matching, knobs),)
-
-    return _mean_over_pairs(pair, latents, times, valid, matching["unit"], at_once)[0]
+    return mean_consistency(latents, times, valid, **options)[0]
 
 
 def mean_consistency(
     latents: Float[Array, "B T D"],
     times: Float[Array, "B T"],
     valid: Bool[Array, "B T"] | None = None,
-    *,
-    at_once: bool = True,
-    temperature: Float[Array, ""] | float = 1.0,
-    similarity: str = "l2",
-    normalize: bool | None = None,
-    form: str = "regression_mse",
-    huber_delta: Float[Array, ""] | float = 0.1,
-    variance_weight: Float[Array, ""] | float = 0.001,
-    label_smoothing: Float[Array, ""] | float = 0.1,
+    **options: Unpack[CycleOptions],
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Means of `cycle_consistency` and `time_agreement` over all ordered pairs of videos.
+    """`mean_cycle_consistency`, and the mean squared difference between a frame's time and that of
+    its soft neighbour, from the same matches.
 
-    Args as for `mean_cycle_consistency`, but all pairs at once unless told otherwise.
+    A cycle closes just as well if two videos agree on a scrambled order of events, and training
+    does get stuck there. The second term knows which way time runs; it is for the first updates
+    only, since it also punishes a demonstrator who takes longer over one stage. Arguments and
+    errors are the same.
     """
-    matching = matching_options(temperature, similarity, normalize)
-    knobs = form_options(form, huber_delta, variance_weight, label_smoothing)
+    matching, form = resolved(**options)
 
     def pair(query, time, query_valid, other, other_time, other_valid):
-        masks = (query_valid, other_valid)
-        return (
-            prepared_cycle(query, other, time, *masks, matching, knobs),
-            prepared_agreement(query, other, time, other_time, *masks, matching),
-        )
+        valid = query_valid, other_valid
+        cycle = prepared_cycle(query, other, time, *valid, matching, form)
+        return cycle, prepared_agreement(query, other, time, other_time, *valid, matching)
 
-    return _mean_over_pairs(pair, latents, times, valid, matching["unit"], at_once)
-
-
-def _mean_over_pairs(pair, latents, times, valid, unit, at_once):
-    """Mean of each of `pair`'s values over the valid frames of all ordered pairs."""
     check_batch(latents, times, valid)
-    latents = prepare(latents, valid, unit=unit)
+    latents = prepare(latents, valid, unit=matching["unit"])
     num_videos, num_frames, _ = latents.shape
     ordered = num_videos * (num_videos - 1)
     if not ordered:
-        one = jax.tree.map(lambda x: x[0], (latents, times, valid))
-        return jax.tree.map(lambda x: jnp.zeros((), x.dtype), jax.eval_shape(pair, *one, *one))
+        return jnp.zeros((), latents.dtype), jnp.zeros((), latents.dtype)
     total = ordered * num_frames if valid is None else jnp.sum(_pairs_per_frame(valid))
 
     def errors(asked, answering):
         return jax.vmap(functools.partial(pair, *asked))(*answering)
 
     videos = (latents, times, valid)
-    if at_once:
-        others = jnp.array([[j for j in range(num_videos) if j != i] for i in range(num_videos)])
-        answering = jax.tree.map(lambda x: jnp.take(x, others, axis=0, mode="clip"), videos)
-        sums = jax.tree.map(jnp.sum, jax.vmap(errors)(videos, answering))
-    else:
-
-        def query(floats, valid, i):
-            """Sums over one video's pairs with the others."""
-            answering = (*floats, valid)
-            found = errors(jax.tree.map(lambda x: x[i], answering), answering)
-            other = jnp.arange(num_videos)[:, None] != i
-            return [jnp.sum(jnp.where(other, x, 0.0)) for x in found]
-
-        sums = _one_by_one(query, (latents, times), valid)
-    return tuple(x / jnp.maximum(total, 1).astype(x.dtype) for x in sums)
-
-
-def _one_by_one(query, floats, valid):
-    """Sum of `query` over all videos, one at a time, and its gradient in the same pass.
-
-    The sum is linear in what the queries give, so that each can be differentiated right after it
-    has been computed: nothing is kept for a second pass, and nothing computed again. Only
-    reverse mode; a gradient of the gradient is right, too.
-    """
-    count = floats[0].shape[0]
-    query, known = jax.closure_convert(query, floats, valid, 0)
-
-    def summed(one):
-        def step(sums, i):
-            return jax.tree.map(jnp.add, sums, one(i)), None
-
-        shapes = jax.eval_shape(one, 0)
-        zeros = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-        return jax.lax.scan(step, zeros, jnp.arange(count))[0]
-
-    @jax.custom_vjp
-    def total(floats, valid, known):
-        return summed(lambda i: query(floats, valid, i, *known))
-
-    def forward(floats, valid, known):
-        def one(i):
-            sums, pull = jax.vjp(lambda x, k: query(x, valid, i, *k), floats, known)
-            basis = jnp.eye(len(sums), dtype=sums[0].dtype)
-            return sums, [pull([*row]) for row in basis]
-
-        return summed(one)
-
-    def backward(slopes, change):
-        pairs = zip(change, slopes, strict=True)
-        scaled = [jax.tree.map(lambda x, c=c: c * x, slope) for c, slope in pairs]
-        floats, known = jax.tree.map(lambda *parts: sum(parts), *scaled)
-        return floats, None, known
-
-    total.defvjp(forward, backward)
-    return total(floats, valid, known)
+    others = jnp.array([[j for j in range(num_videos) if j != i] for i in range(num_videos)])
+    answering = jax.tree.map(lambda x: jnp.take(x, others, axis=0, mode="clip"), videos)
+    cycle, agreement = jax.tree.map(jnp.sum, jax.vmap(errors)(videos, answering))
+    return tuple(x / jnp.maximum(total, 1).astype(x.dtype) for x in (cycle, agreement))
 
 
 def _pairs_per_frame(valid):

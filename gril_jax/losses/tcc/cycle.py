@@ -10,6 +10,8 @@ below 1e-6 as 1e-6, so that values and gradients are finite whatever is put in. 
 for frames, Q for queries and D for the latent.
 """
 
+from typing import Any, Literal, TypedDict, Unpack
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -31,17 +33,25 @@ FORMS = ("regression_mse", "regression_mse_var", "regression_huber", "classifica
 _LEAST_VARIANCE = 1e-8
 
 
-def frame_times(
-    frames: Int[Array, "*batch T"], length: Int[Array, "*batch"]
-) -> Float[Array, "*batch T"]:
-    """Times of frames as shares of their video: frame index / length (normalised indices).
+class CycleOptions(TypedDict, total=False):
+    """Options of temporal cycle-consistency; keyword arguments of every function of it."""
 
-    For the published losses on raw indices, give `frames.astype(float)` as times instead.
-
-    >>> frame_times(jnp.array([0, 3]), jnp.array(12)).tolist()
-    [0.0, 0.25]
-    """
-    return frames / jnp.maximum(length, 1)[..., None]
+    temperature: Float[Array, ""] | float
+    """Of both softmaxes, 1 if left out; large values blur the match over many frames."""
+    similarity: Literal["l2", "cosine"]
+    """"l2", the default, or "cosine" for the product of the latents."""
+    normalize: bool | None
+    """Divide the latents by their lengths; squared distances are then not divided by D. If left
+    out, "cosine" does and "l2" does not. The published code takes a plain product for "cosine" and
+    leaves the lengths to the encoder: that is False."""
+    form: Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"]
+    """As `cycle_error` has it; "regression_mse" if left out."""
+    huber_delta: Float[Array, ""] | float
+    """Of "regression_huber", in units of time; 0.1 if left out."""
+    variance_weight: Float[Array, ""] | float
+    """Of "regression_mse_var"; 0.001 if left out."""
+    label_smoothing: Float[Array, ""] | float
+    """Of "classification"; 0.1 if left out."""
 
 
 def cycle_error(
@@ -116,14 +126,7 @@ def cycle_consistency(
     times: Float[Array, "T"],
     query_valid: Bool[Array, "T"] | None = None,
     other_valid: Bool[Array, "S"] | None = None,
-    *,
-    temperature: Float[Array, ""] | float = 1.0,
-    similarity: str = "l2",
-    normalize: bool | None = None,
-    form: str = "regression_mse",
-    huber_delta: Float[Array, ""] | float = 0.1,
-    variance_weight: Float[Array, ""] | float = 0.001,
-    label_smoothing: Float[Array, ""] | float = 0.1,
+    **options: Unpack[CycleOptions],
 ) -> Float[Array, "T"]:
     """Error of each query frame after its cycle to the other video and back.
 
@@ -136,12 +139,7 @@ def cycle_consistency(
       times: of the query frames, usually frame index / video length, in [0, 1].
       query_valid: False for padding, which gets value 0 and is never matched.
       other_valid: the same for the other video. If none of it is valid, all values are 0.
-      temperature: of both softmaxes; large values blur the match over many frames.
-      similarity: "l2", or "cosine" for the product of the latents.
-      normalize: divide the latents by their lengths; squared distances are then not divided by
-        D. If left out, "cosine" does and "l2" does not. The published code takes a plain
-        product for "cosine" and leaves the lengths to the encoder: that is False.
-      form, huber_delta, variance_weight, label_smoothing: see `cycle_error`.
+      options: `CycleOptions`.
 
     Returns:
       One value per query frame, not averaged; non-negative but for `regression_mse_var`.
@@ -150,40 +148,20 @@ def cycle_consistency(
       ShapeError: the arrays do not fit together.
       ConfigError: an option is unknown, or a value known at trace time is not positive.
     """
-    matching = matching_options(temperature, similarity, normalize)
-    knobs = form_options(form, huber_delta, variance_weight, label_smoothing)
-    query, other = _prepared(query, other, times, query_valid, other_valid, matching["unit"])
+    matching, knobs = resolved(**options)
+    check_videos(query=query, other=other)
+    for name, x, video, latents in (
+        ("times", times, "query", query),
+        ("query_valid", query_valid, "query", query),
+        ("other_valid", other_valid, "other", other),
+    ):
+        if x is not None and x.shape != latents.shape[:1]:
+            raise ShapeError(
+                f"{name} has shape {x.shape} but {video} has {latents.shape[0]} frames."
+            )
+    query = prepare(query, query_valid, unit=matching["unit"])
+    other = prepare(other, other_valid, unit=matching["unit"])
     return prepared_cycle(query, other, times, query_valid, other_valid, matching, knobs)
-
-
-def time_agreement(
-    query: Float[Array, "T D"],
-    other: Float[Array, "S D"],
-    times: Float[Array, "T"],
-    other_times: Float[Array, "S"],
-    query_valid: Bool[Array, "T"] | None = None,
-    other_valid: Bool[Array, "S"] | None = None,
-    *,
-    temperature: Float[Array, ""] | float = 1.0,
-    similarity: str = "l2",
-    normalize: bool | None = None,
-) -> Float[Array, "T"]:
-    """Squared difference between each query frame's time and its soft neighbour's.
-
-    A cycle closes just as well if two videos agree on a scrambled order of events, and training
-    does get stuck there. This term knows which way time runs; it is for the first updates only,
-    since it also punishes a demonstrator who takes longer over one stage.
-
-    Args, returns and errors as for `cycle_consistency`, with the times of the other video's
-    frames too.
-    """
-    matching = matching_options(temperature, similarity, normalize)
-    query, other = _prepared(query, other, times, query_valid, other_valid, matching["unit"])
-    if other_times.shape != other.shape[:1]:
-        raise ShapeError(
-            f"other_times has shape {other_times.shape} but other has {other.shape[0]} frames."
-        )
-    return prepared_agreement(query, other, times, other_times, query_valid, other_valid, matching)
 
 
 def prepared_cycle(query, other, times, query_valid, other_valid, matching, form):
@@ -196,7 +174,7 @@ def prepared_cycle(query, other, times, query_valid, other_valid, matching, form
 
 
 def prepared_agreement(query, other, times, other_times, query_valid, other_valid, matching):
-    """`time_agreement` for prepared latents."""
+    """Squared difference between each prepared frame's time and its soft neighbour's."""
     if query_valid is not None:
         times = jnp.where(query_valid, times, 0.0)
     if other_valid is not None:
@@ -206,19 +184,13 @@ def prepared_agreement(query, other, times, other_times, query_valid, other_vali
     return _counted(jnp.square(arrival - times), query_valid, other_valid)
 
 
-def matching_options(temperature, similarity, normalize):
-    """Of the options of `cycle_consistency` those of `closeness`, checked."""
+def resolved(
+    *, temperature=1.0, similarity="l2", normalize=None, **form
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Of `CycleOptions` those of `closeness`, checked, and those of `cycle_error`."""
     check_positive("temperature", temperature)
     unit = similarity == "cosine" if normalize is None else normalize
-    return {"temperature": temperature, "similarity": similarity, "unit": unit}
-
-
-def form_options(form, huber_delta, variance_weight, label_smoothing):
-    """Of the options of `cycle_consistency` those of `cycle_error`, by name."""
-    return {
-        "form": form, "huber_delta": huber_delta, "variance_weight": variance_weight,
-        "label_smoothing": label_smoothing,
-    }  # fmt: skip
+    return {"temperature": temperature, "similarity": similarity, "unit": unit}, form
 
 
 def _counted(error, query_valid, other_valid):
@@ -227,21 +199,6 @@ def _counted(error, query_valid, other_valid):
     if other_valid is not None:
         error = jnp.where(jnp.any(other_valid), error, 0.0)
     return error
-
-
-def _prepared(query, other, times, query_valid, other_valid, unit):
-    """Both videos' latents, checked and prepared."""
-    check_videos(query=query, other=other)
-    for name, x, video, latents in (
-        ("times", times, "query", query),
-        ("query_valid", query_valid, "query", query),
-        ("other_valid", other_valid, "other", other),
-    ):
-        if x is not None and x.shape != latents.shape[:1]:
-            raise ShapeError(
-                f"{name} has shape {x.shape} but {video} has {latents.shape[0]} frames."
-            )
-    return prepare(query, query_valid, unit=unit), prepare(other, other_valid, unit=unit)
 
 
 def _cross_entropy(logits, home, valid, smoothing):

@@ -1,6 +1,6 @@
 """Temporal cycle-consistency by stochastic matching: random cycles through random videos.
 
-    loss = stochastic_consistency(key, latents, frame_times(frames, length), valid)
+    loss = stochastic_consistency(key, latents, frames / length[:, None], valid)
 
 A random frame goes to its soft nearest neighbour in a second video, from there to a third, and
 so on, and at last back to its own video (Dwibedi et al., CVPR 2019; as XIRL does it). With a
@@ -9,13 +9,15 @@ matching of `gril_jax.losses.mean_cycle_consistency`. Shapes use B for videos, T
 for the latent, K for cycles and L for the videos of a cycle.
 """
 
+from typing import Unpack
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax.errors import ConfigError
 
-from .cycle import cycle_error, form_options, matching_options
+from .cycle import CycleOptions, cycle_error, resolved
 from .soft_neighbour import check_batch, closeness, match_weights, prepare
 
 
@@ -61,14 +63,7 @@ def sampled_cycle_consistency(
     videos: Int[Array, "K L"],
     frames: Int[Array, "K"],
     valid: Bool[Array, "B T"] | None = None,
-    *,
-    temperature: Float[Array, ""] | float = 1.0,
-    similarity: str = "l2",
-    normalize: bool | None = None,
-    form: str = "regression_mse",
-    huber_delta: Float[Array, ""] | float = 0.1,
-    variance_weight: Float[Array, ""] | float = 0.001,
-    label_smoothing: Float[Array, ""] | float = 0.1,
+    **options: Unpack[CycleOptions],
 ) -> Float[Array, "K"]:
     """Error of each given cycle, not averaged.
 
@@ -76,19 +71,17 @@ def sampled_cycle_consistency(
 
     Args:
       latents: of each video's frames.
-      times: of those frames, see `frame_times`.
+      times: of those frames, as shares of their video.
       videos: the videos of each cycle, in order; the way back to the first is added.
       frames: the frame of the first video that each cycle starts from.
       valid: False for padding, which is never matched.
-      temperature, similarity, normalize, form, huber_delta, variance_weight, label_smoothing: as
-        for `cycle_consistency`.
+      options: `CycleOptions`.
 
     Returns:
       One value per cycle; 0 if it starts at padding or passes a video without a valid frame.
     """
     check_batch(latents, times, valid)
-    matching = matching_options(temperature, similarity, normalize)
-    knobs = form_options(form, huber_delta, variance_weight, label_smoothing)
+    matching, form = resolved(**options)
     latents = prepare(latents, valid, unit=matching["unit"])
 
     def mask(video):
@@ -102,7 +95,7 @@ def sampled_cycle_consistency(
             weights = match_weights(closeness(position, keys, **matching), counted)
             position = jnp.matmul(weights, keys, precision="highest")
         back = closeness(position, latents[path[0]], **matching)
-        return cycle_error(back, times[path[0]], frame[None], mask(path[0]), **knobs)[0]
+        return cycle_error(back, times[path[0]], frame[None], mask(path[0]), **form)[0]
 
     # The chunk is what one pair of videos has in deterministic matching.
     errors = jax.lax.map(
@@ -119,25 +112,18 @@ def stochastic_consistency(
     *,
     num_cycles: int | None = None,
     cycle_length: int = 2,
-    temperature: Float[Array, ""] | float = 1.0,
-    similarity: str = "l2",
-    normalize: bool | None = None,
-    form: str = "regression_mse",
-    huber_delta: Float[Array, ""] | float = 0.1,
-    variance_weight: Float[Array, ""] | float = 0.001,
-    label_smoothing: Float[Array, ""] | float = 0.1,
+    **options: Unpack[CycleOptions],
 ) -> Float[Array, ""]:
     """Mean of `sampled_cycle_consistency` over random cycles. The key is consumed.
 
     Args:
       key: of the draw; another for each update.
       latents: of each video's frames.
-      times: of those frames, see `frame_times`.
+      times: of those frames, as shares of their video.
       valid: False for padding; only cycles through valid frames count.
       num_cycles: how many; B T if left out, as in XIRL.
       cycle_length: how many videos a cycle visits, its own included.
-      temperature, similarity, normalize, form, huber_delta, variance_weight, label_smoothing: as
-        for `cycle_consistency`.
+      options: `CycleOptions`.
 
     Returns:
       The mean over all cycles that count; 0 if there is none.
@@ -149,10 +135,7 @@ def stochastic_consistency(
     num_cycles = times.size if num_cycles is None else num_cycles
     present = jnp.ones(times.shape, bool) if valid is None else valid
     videos, frames = draw_cycles(key, present, num_cycles=num_cycles, cycle_length=cycle_length)
-    errors = sampled_cycle_consistency(
-        latents, times, videos, frames, valid, temperature=temperature, similarity=similarity,
-        normalize=normalize, **form_options(form, huber_delta, variance_weight, label_smoothing),
-    )  # fmt: skip
+    errors = sampled_cycle_consistency(latents, times, videos, frames, valid, **options)
     closed = jnp.maximum(jnp.sum(_closed(videos, frames, present)), 1)
     return jnp.sum(errors) / closed.astype(errors.dtype)
 

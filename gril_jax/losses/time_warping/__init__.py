@@ -1,1 +1,1 @@
-"""Soft-DTW and DTW: the problem, its solvers, and the functions that call them."""
+"""Soft-DTW: the problem, its solvers, and the functions that call them."""

@@ -1,4 +1,4 @@
-"""The arguments of (soft) dynamic time warping: costs, checked and brought into one form.
+"""The arguments of soft dynamic time warping: costs, checked and brought into one form.
 
 Shapes use T and S for frames, D for features, and B for pairs: all axes of a batch as one.
 """
@@ -71,14 +71,12 @@ class Problem(NamedTuple):
     columns: Int[Array, "B"]
 
 
-def prepare(cost, lengths, other_lengths, gamma, band) -> Problem:
+def prepare(cost, lengths, other_lengths, gamma) -> Problem:
     """Checks the arguments of `soft_dtw` and brings them into one form."""
     if cost.ndim < 2 or 0 in cost.shape[-2:]:
         raise ShapeError(
             f"cost has shape {cost.shape}, but needs two axes at its end, of one frame or more each"
         )
-    if band is not None and band < 0:
-        raise ConfigError(f"band is {band}, but must be 0 or more, or None for no band")
     batch, (height, width) = cost.shape[:-2], cost.shape[-2:]
     pairs = math.prod(batch)
     _check_gamma(gamma, batch)
@@ -98,10 +96,6 @@ def prepare(cost, lengths, other_lengths, gamma, band) -> Problem:
     if lengths is not None or other_lengths is not None:
         inside = (row < rows[:, None, None]) & (column < columns[:, None, None])
         cost = jnp.where(inside, cost, FORBIDDEN)
-    if band is not None:
-        skewness = (rows - columns)[:, None, None]
-        low, high = jnp.minimum(skewness, 0) - band, jnp.maximum(skewness, 0) + band
-        cost = jnp.where((row - column >= low) & (row - column <= high), cost, FORBIDDEN)
     return Problem(cost, gamma, rows, columns)
 
 
@@ -121,7 +115,7 @@ def _check_gamma(gamma, batch):
     if _known(gamma):
         with jax.ensure_compile_time_eval():
             if not jnp.all(jnp.asarray(gamma) > 0):
-                raise ConfigError(f"gamma is {gamma}, but must be above 0 (at 0 take `dtw`)")
+                raise ConfigError(f"gamma is {gamma}, but must be above 0")
 
 
 def _check_lengths(name, lengths, whole, shape):

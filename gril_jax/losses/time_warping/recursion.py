@@ -1,9 +1,9 @@
-"""The two recursions of (soft) dynamic time warping, as compiled loops over strips of rows.
+"""The two recursions of soft dynamic time warping, as compiled loops over strips of rows.
 
-A cell's cost is joined to the best, or softly the best, of three predecessors: up, left and
-diagonal. Cells of one anti-diagonal do not depend on each other, and neither do the pairs of a
-batch, so both are lanes of one vector. Shapes: B for pairs, T and S for rows and columns of the
-cost, K for the rows of a strip and W = S + K - 1 for the anti-diagonals of a strip.
+A cell's cost is joined to the softly best of three predecessors: up, left and diagonal. Cells of
+one anti-diagonal do not depend on each other, and neither do the pairs of a batch, so both are
+lanes of one vector. Shapes: B for pairs, T and S for rows and columns of the cost, K for the rows
+of a strip and W = S + K - 1 for the anti-diagonals of a strip.
 
 Order of the loops. Whole anti-diagonals (K = T) take the fewest steps, which is what a GPU needs,
 where each step is a kernel launch; but half of their cells lie outside of the matrix. A CPU pays
@@ -47,18 +47,16 @@ def recursion(
     columns: Int[Array, "B"],
     *,
     height: int,
-    hard: bool = False,
     alignment: bool = True,
 ) -> tuple[Float[Array, "B"], Float[Array, "B T S"] | None]:
     """Value of the best path to cell (rows - 1, columns - 1), and its derivative by the cost.
 
     Args:
       cost: of each cell, at most `FORBIDDEN` in magnitude, float32 or float64.
-      gamma: softness of the minimum; not read if `hard`.
+      gamma: softness of the minimum.
       rows: number of rows of each pair that count; a pair with none has value and derivative 0.
       columns: number of columns that count. Both are 0, or neither is.
       height: rows of a strip, K; it changes speed and memory, not the numbers.
-      hard: a plain minimum; ties go to the diagonal, then up, then left.
       alignment: also return the derivative; without it nothing is stored.
 
     Returns:
@@ -71,7 +69,7 @@ def recursion(
     # At this step of its strip a lane holds the cell where its path ends; -1 is never.
     start = height * jnp.arange(len(strips))[:, None]
     end = jnp.where(in_strip + start == end_row, end_column + in_strip, -1)
-    soften = _hard_minimum if hard else functools.partial(soft_minimum, jnp.tile(gamma, height))
+    soften = functools.partial(soft_minimum, jnp.tile(gamma, height))
     value, weights = _forward(strips, end, soften, num_pairs, alignment)
     if not alignment:
         return value, None
@@ -167,16 +165,6 @@ def soft_minimum(gamma, up, left, diagonal, cost):
         _two_floats(least, cost, rest - gamma * jnp.log(total)),
         (from_up * share, from_left * share),
     )
-
-
-def _hard_minimum(up, left, diagonal, cost):
-    least = jnp.minimum(jnp.minimum(up[0], left[0]), diagonal[0])
-    excess = [(high - least) + low for high, low in (up, left, diagonal)]
-    rest = functools.reduce(jnp.minimum, excess)
-    is_up = (excess[0] == rest) & (excess[2] > rest)
-    is_left = (excess[0] > rest) & (excess[2] > rest)
-    weights = is_up.astype(cost.dtype), is_left.astype(cost.dtype)
-    return _two_floats(least, cost, rest), weights
 
 
 def _two_floats(a, b, small):

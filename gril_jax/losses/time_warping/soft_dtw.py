@@ -1,4 +1,4 @@
-"""Soft dynamic time warping (Cuturi and Blondel, ICML 2017), its divergence, and plain DTW.
+"""Soft dynamic time warping (Cuturi and Blondel, ICML 2017), and its divergence.
 
 Two sequences are compared along the best monotone alignment of their frames; soft-DTW replaces
 the minimum over alignments by a soft minimum, min_gamma(a) = -gamma log(sum of exp(-a / gamma)),
@@ -21,9 +21,9 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.errors import ConfigError
 
 from .problem import Lengths, pairwise_cost, prepare, spread
 from .solver import best_value, best_value_and_alignment, scan
@@ -40,7 +40,6 @@ def soft_dtw(
     other_lengths: Lengths = None,
     *,
     gamma: Float[Array, "..."] | float = 1.0,
-    band: int | None = None,
     implementation: Implementation = "auto",
 ) -> Float[Array, "*batch"]:
     """Soft minimum, over all monotone alignments, of the sum of their cells' costs.
@@ -52,8 +51,6 @@ def soft_dtw(
         lies beyond does not matter, NaN included.
       other_lengths: columns that count, 0 to S.
       gamma: softness, above 0, in units of cost; of the batch's shape or one for all.
-      band: Sakoe-Chiba radius. Cells further than this from the band between the two corners
-        are forbidden; for unequal lengths the band is wider by their difference.
       implementation: "scan" is plain JAX and runs everywhere; "pallas" is one kernel and needs a
         CUDA GPU; "auto" takes the kernel where it can run.
 
@@ -63,11 +60,10 @@ def soft_dtw(
 
     Raises:
       ShapeError: no rows, no columns, or a length that does not fit.
-      ConfigError: gamma is not positive, the band is negative, or the implementation is unknown
-        or cannot run here.
+      ConfigError: gamma is not positive, or the implementation is unknown or cannot run here.
     """
-    problem, chosen = _posed(cost, lengths, other_lengths, gamma, band, implementation)
-    return best_value(*problem, chosen, False).reshape(cost.shape[:-2])
+    problem, chosen = _posed(cost, lengths, other_lengths, gamma, implementation)
+    return best_value(*problem, chosen).reshape(cost.shape[:-2])
 
 
 def expected_alignment(
@@ -76,7 +72,6 @@ def expected_alignment(
     other_lengths: Lengths = None,
     *,
     gamma: Float[Array, "..."] | float = 1.0,
-    band: int | None = None,
     implementation: Implementation = "auto",
 ) -> Float[Array, "*batch T S"]:
     """Probability that an alignment sampled from the Gibbs distribution visits each cell.
@@ -84,8 +79,8 @@ def expected_alignment(
     This is the derivative of `soft_dtw` by its cost; arguments, options and errors are the same.
     Each row and each column that counts sums to at least 1, cells beyond the lengths are 0.
     """
-    problem, chosen = _posed(cost, lengths, other_lengths, gamma, band, implementation)
-    _, alignment = best_value_and_alignment(*problem, chosen, False)
+    problem, chosen = _posed(cost, lengths, other_lengths, gamma, implementation)
+    _, alignment = best_value_and_alignment(*problem, chosen)
     return alignment.reshape(cost.shape)
 
 
@@ -96,21 +91,18 @@ def soft_dtw_between(
     other_lengths: Lengths = None,
     *,
     gamma: Float[Array, "..."] | float = 1.0,
-    band: int | None = None,
     implementation: Implementation = "auto",
 ) -> Float[Array, "*batch"]:
     """`soft_dtw` of two sequences under the squared Euclidean distance of their frames.
 
-    Options are those of `soft_dtw`: `gamma`, `band` and `implementation`.
+    Options are those of `soft_dtw`: `gamma` and `implementation`.
 
     Raises:
       ShapeError: batches, features or lengths do not fit together.
       ConfigError: as for `soft_dtw`.
     """
     cost = pairwise_cost(query, other, lengths, other_lengths)
-    return soft_dtw(
-        cost, lengths, other_lengths, gamma=gamma, band=band, implementation=implementation
-    )
+    return soft_dtw(cost, lengths, other_lengths, gamma=gamma, implementation=implementation)
 
 
 def soft_dtw_divergence(
@@ -120,7 +112,6 @@ def soft_dtw_divergence(
     other_lengths: Lengths = None,
     *,
     gamma: Float[Array, "..."] | float = 1.0,
-    band: int | None = None,
     implementation: Implementation = "auto",
 ) -> Float[Array, "*batch"]:
     """Soft-DTW minus half of each sequence's soft-DTW with itself (Blondel et al., AISTATS 2021).
@@ -129,9 +120,7 @@ def soft_dtw_divergence(
     meant to be positive elsewhere, as it was in all tests with squared distances.
     Arguments, options and errors are those of `soft_dtw_between`.
     """
-    between = functools.partial(
-        soft_dtw_between, gamma=gamma, band=band, implementation=implementation
-    )
+    between = functools.partial(soft_dtw_between, gamma=gamma, implementation=implementation)
     pairs = [
         (query, other, lengths, other_lengths),
         (query, query, lengths, lengths),
@@ -149,59 +138,9 @@ def soft_dtw_divergence(
     return across - 0.5 * (within + other_within)
 
 
-def dtw(
-    cost: Float[Array, "*batch T S"],
-    lengths: Lengths = None,
-    other_lengths: Lengths = None,
-    *,
-    band: int | None = None,
-) -> Float[Array, "*batch"]:
-    """Least sum of costs over all monotone alignments: the limit of `soft_dtw` at gamma = 0.
-
-    Its derivative by the cost is 1 on the best path and 0 elsewhere. Where several paths are
-    equally good this is one of the subgradients: ties go to the diagonal, then up, then left,
-    seen from the end. Arguments, safe values and errors are those of `soft_dtw`.
-
-    >>> dtw(jnp.array([[1.0, 9.0], [2.0, 3.0]]))
-    Array(4., dtype=float32)
-    """
-    problem = prepare(cost, lengths, other_lengths, 1.0, band)
-    return best_value(*problem, "scan", True).reshape(cost.shape[:-2])
-
-
-def dtw_path(
-    cost: Float[Array, "T S"],
-    lengths: Lengths = None,
-    other_lengths: Lengths = None,
-    *,
-    band: int | None = None,
-) -> tuple[Float[Array, ""], Int[Array, "P 2"]]:
-    """`dtw` of one pair and its best path; batch with `jax.vmap`.
-
-    Returns:
-      The least sum, and the path's cells (row, column) in order. A path has from max(T, S) to
-      P = T + S - 1 cells; the rows of the answer that are left over hold -1. Where every path is
-      forbidden, the value is 1e20 or more.
-
-    Raises:
-      ShapeError: `cost` is no matrix, or as for `dtw`.
-
-    >>> dtw_path(jnp.array([[1.0, 9.0], [2.0, 3.0]]))[1].tolist()
-    [[0, 0], [1, 1], [-1, -1]]
-    """
-    if cost.ndim != 2:
-        raise ShapeError(f"cost has shape {cost.shape}, but dtw_path takes one pair: (T, S)")
-    problem = prepare(cost, lengths, other_lengths, 1.0, band)
-    value, alignment = jax.lax.stop_gradient(best_value_and_alignment(*problem, "scan", True))
-    # Both indices never fall along a path, so the order by rows is the order along the path.
-    most = sum(cost.shape) - 1
-    cells = jnp.nonzero(alignment[0] > 0, size=most, fill_value=-1)
-    return value[0], jnp.stack(cells, axis=-1)
-
-
-def _posed(cost, lengths, other_lengths, gamma, band, implementation):
+def _posed(cost, lengths, other_lengths, gamma, implementation):
     """The checked problem, and the implementation that solves it."""
-    problem = prepare(cost, lengths, other_lengths, gamma, band)
+    problem = prepare(cost, lengths, other_lengths, gamma)
     return problem, _chosen(implementation, problem)
 
 
@@ -233,9 +172,9 @@ def _kernel():
     # On a CPU Pallas is never imported: it costs time and may be missing there.
     from .gpu_kernel import kernel
 
-    def run(*arguments, hard, alignment):
-        plain = functools.partial(scan, hard=hard, alignment=alignment)
-        if hard or 0 in arguments[0].shape:
+    def run(*arguments, alignment):
+        plain = functools.partial(scan, alignment=alignment)
+        if 0 in arguments[0].shape:
             return plain(*arguments)
         # A GPU that is not CUDA's, or a program compiled for the CPU beside the GPU.
         cuda = functools.partial(kernel, alignment=alignment)

@@ -1,9 +1,9 @@
-"""The best alignment's value and its derivatives, for `soft_dtw` and `dtw`.
+"""The softly best alignment's value and its derivatives, for `soft_dtw`.
 
 The recursion itself is in `recursion`. Here it becomes a function with derivatives of
 its own, and vmap makes more lanes of it. Arguments are the fields of a `Problem`; then
 `implementation`, which is "scan" for that recursion or a function that takes its place (the GPU's
-kernel); then `hard`, for a plain minimum.
+kernel).
 """
 
 import functools
@@ -16,20 +16,20 @@ from jax.custom_derivatives import SymbolicZero
 from .recursion import recursion, strip_height
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(4, 5))
-def best_value(cost, gamma, rows, columns, implementation, hard):
-    """The minimum over alignments of each pair, soft or hard; fields of a `Problem` first."""
-    return _batched(implementation, hard, False)(cost, gamma, rows, columns)[0]
+@functools.partial(jax.custom_jvp, nondiff_argnums=(4,))
+def best_value(cost, gamma, rows, columns, implementation):
+    """The soft minimum over alignments of each pair; fields of a `Problem` first."""
+    return _batched(implementation, False)(cost, gamma, rows, columns)[0]
 
 
-def _best_value_rule(implementation, hard, primals, tangents):
+def _best_value_rule(implementation, primals, tangents):
     """Derivative along the expected alignment (envelope theorem). Unused tangents cost nothing."""
     cost_tangent, gamma_tangent, *_ = tangents
-    value, alignment = best_value_and_alignment(*primals, implementation, hard)
+    value, alignment = best_value_and_alignment(*primals, implementation)
     tangent = jnp.zeros_like(value)
     if not isinstance(cost_tangent, SymbolicZero):
         tangent += jnp.sum(alignment * cost_tangent, axis=(1, 2))
-    if not isinstance(gamma_tangent, SymbolicZero) and not hard:
+    if not isinstance(gamma_tangent, SymbolicZero):
         tangent += _slope_by_gamma(*primals) * gamma_tangent
     return value, tangent
 
@@ -46,32 +46,32 @@ def _slope_by_gamma(cost, gamma, rows, columns):
     """
 
     def value(gamma):
-        return scan(cost, gamma, rows, columns, hard=False, alignment=False)[0]
+        return scan(cost, gamma, rows, columns, alignment=False)[0]
 
     return jax.jvp(value, (gamma,), (jnp.ones_like(gamma),))[1]
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(4, 5))
-def best_value_and_alignment(cost, gamma, rows, columns, implementation, hard):
+@functools.partial(jax.custom_jvp, nondiff_argnums=(4,))
+def best_value_and_alignment(cost, gamma, rows, columns, implementation):
     """`best_value` and its derivative by the cost, from one forward and one backward pass."""
-    return _batched(implementation, hard, True)(cost, gamma, rows, columns)
+    return _batched(implementation, True)(cost, gamma, rows, columns)
 
 
 @best_value_and_alignment.defjvp
-def _best_value_and_alignment_rule(implementation, hard, primals, tangents):
+def _best_value_and_alignment_rule(implementation, primals, tangents):
     cost, gamma, rows, columns = primals
 
     def both(cost, gamma):
-        return scan(cost, gamma, rows, columns, hard=hard, alignment=True)
+        return scan(cost, gamma, rows, columns, alignment=True)
 
     return jax.jvp(both, (cost, gamma), tangents[:2])
 
 
 @functools.cache
-def _batched(implementation, hard, alignment):
+def _batched(implementation, alignment):
     """The compiled recursion, batched: vmap adds lanes to it instead of another loop."""
     run = scan if implementation == "scan" else implementation
-    run = custom_vmap(jax.jit(functools.partial(run, hard=hard, alignment=alignment)))
+    run = custom_vmap(jax.jit(functools.partial(run, alignment=alignment)))
 
     @run.def_vmap
     def more_lanes(size, is_batched, *arguments):
@@ -85,7 +85,7 @@ def _batched(implementation, hard, alignment):
     return run
 
 
-def scan(cost, gamma, rows, columns, *, hard, alignment):
+def scan(cost, gamma, rows, columns, *, alignment):
     """The recursion in the loop order of the platform it is compiled for."""
     pairs, height, _ = cost.shape
     if pairs == 0:
@@ -93,7 +93,7 @@ def scan(cost, gamma, rows, columns, *, hard, alignment):
 
     def on(platform):
         strip = strip_height(pairs, height, platform=platform)
-        return functools.partial(recursion, height=strip, hard=hard, alignment=alignment)
+        return functools.partial(recursion, height=strip, alignment=alignment)
 
     arguments = cost, gamma, rows, columns
     return jax.lax.platform_dependent(*arguments, cpu=on("cpu"), default=on("other"))

@@ -5,7 +5,7 @@ gril train quickstart --hard-negatives RUN,RUN         the runs of two rounds to
 
 The policies of finished runs play in their own task. The boxes of what they did, their own learned
 reward and the demonstrations' last frames alone decide what is chosen: no reward of the task and no
-success. The scenes teach with the weight `loss.contrast`.
+success. The scenes teach with the weight `loss.perturbation_weight`.
 """
 
 from collections.abc import Callable, Sequence
@@ -125,7 +125,10 @@ def _overestimated(
     label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)
     bits = pretrain.activity_bits(played, hyper, static)
     scenes = Scene(played.center, played.size, label, is_robot, bits)
-    costs = dict(near=hyper.near, idle_cost=hyper.idle_cost, touch=hyper.touch, clear=static.clear)
+    costs = dict(
+        near_cost_fraction=hyper.near_cost_fraction, intrusion_weight=hyper.intrusion_weight,
+        touch=hyper.touch, clearance_radius=static.clearance_radius,
+    )  # fmt: skip
     due = due_rewards(places, scenes, **costs)
     chosen = choose(scenes, paid, due, num=_EACH)
     known = np.asarray(chosen.known)

@@ -26,7 +26,9 @@ def make_algorithm(config: RunConfig, env: envs.Env, name: str | None = None) ->
     kind, section = _chosen(config, name)
     seen = section.observe_activity
     seen = config.env.observation != "xmagical" if seen is None else seen
-    static = setup.by_name(kind.Static, config.pool, section, observe_activity=seen)
+    static = setup.by_name(
+        kind.Static, config.pool, section, observe_activity=seen, **config.pool.rule()
+    )
     if static.video_starts and getattr(env, "place", None) is None:
         raise ConfigError(
             f"{config.run.algorithm}.video_starts is {static.video_starts}, but {config.env.name} "

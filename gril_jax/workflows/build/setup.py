@@ -96,10 +96,10 @@ def build(task: str, options: Mapping[str, Any]) -> envs.Env:
 def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
     """The encoder's sizes and options."""
     chosen = find(ENCODERS[config.encoder.kind].config).of(config.encoder, num_classes)
-    if not config.encoder.alike or not isinstance(chosen, encoder.EncoderConfig):
+    if not config.encoder.share_attributes or not isinstance(chosen, encoder.EncoderConfig):
         return chosen
     if config.env.name == NO_TASK:
-        raise ConfigError("encoder.alike is True, but must be False where there is no task")
+        raise ConfigError("encoder.share_attributes is True, but must be False where there is no task")
     return dataclasses.replace(chosen, words=_words(config.env))
 
 
@@ -110,9 +110,11 @@ def _words(config: EnvConfig) -> tuple[int, ...]:
 
 
 def by_name(kind: type[Kind], *sections: Any, **more: Any) -> Kind:
-    """A library's option type with every field from the section that has it, or from `more`."""
+    """A library's option type with every field from the section that has it, or from `more`; other
+    fields keep their defaults."""
     known = {name: value for section in sections for name, value in vars(section).items()} | more
-    return kind(**{name: known[name] for name in inspect.signature(kind).parameters})
+    names = inspect.signature(kind).parameters
+    return kind(**{name: known[name] for name in names if name in known})
 
 
 def pretrain_config(
@@ -124,7 +126,7 @@ def pretrain_config(
     return by_name(
         pretrain.Static, config.loss, config.pool, config.pretrain,
         encoder=encoder_config(config, num_classes), updates=_updates(config),
-        words=words_of(classes),
+        words=words_of(classes), **config.pool.rule(),
     )  # fmt: skip
 
 

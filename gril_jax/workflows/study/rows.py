@@ -26,17 +26,15 @@ Rows = Mapping[str, Mapping[str, Any]]
 PAPERS_OWN: dict[str, Any] = {
     "encoder.kind": "paper",
     "encoder.relations": False,
-    "encoder.distances": True,
-    "encoder.pool_robot": False,
-    "encoder.robot_messages": False,
+    "encoder.robot": False,
     "loss.lambda_": 1.0,
     "loss.consistency": "tcc",
     "pretrain.turn_scenes": False,
-    "pretrain.touched": 0.0,
-    "pretrain.copies": 0,
-    "pretrain.ascents": 0,
+    "pretrain.random_activity": 0.0,
+    "pretrain.num_perturbations": 0,
+    "pretrain.adversarial_steps": 0,
 }
-WITH_ROBOT = {"encoder.pool_robot": True, "encoder.robot_messages": True}
+WITH_ROBOT = {"encoder.robot": True}
 GRAPHIRL = {"encoder.kind": "interaction", "loss.lambda_": 0.0}
 XIRL = {"encoder.kind": "pixels", "loss.lambda_": 0.0}
 

@@ -44,7 +44,7 @@ def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) 
     return (
         f"doubtful: only {len(counts) - len(others)} of {len(counts)} held-out demonstrations show "
         f"{agreed} ends by themselves and the others {shown}, so this reward may not be fit for "
-        "stages: learn it with displaced copies (--pretrain.copies 4)"
+        "stages: learn it with displaced copies (--pretrain.num-perturbations 4)"
     )
 
 

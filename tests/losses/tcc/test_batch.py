@@ -18,8 +18,7 @@ LATENTS = jnp.stack([jnp.asarray(video(seed, 7)) for seed in range(3)])
 TIMES = jnp.stack([jnp.arange(7) / n for n in LENGTHS])
 VALID = jnp.arange(7) < jnp.array(LENGTHS)[:, None]
 
-mean_consistency = jax.jit(losses.mean_consistency)
-mean_cycle = jax.jit(losses.mean_cycle_consistency, static_argnames=("form", "at_once"))
+mean_cycle = jax.jit(losses.mean_cycle_consistency, static_argnames="form")
 mean_cycle_slope = jax.jit(jax.value_and_grad(losses.mean_cycle_consistency))
 stochastic = jax.jit(losses.stochastic_consistency, static_argnames="num_cycles")
 draw = jax.jit(losses.draw_cycles, static_argnames=("num_cycles", "cycle_length"))
@@ -42,34 +41,10 @@ def test_the_batch_loss_equals_a_double_loop_over_videos_of_unequal_length(form)
     np.testing.assert_allclose(loss, np.concatenate(values).mean(), rtol=1e-5, atol=1e-6)
 
 
-def test_one_query_video_at_a_time_equals_all_at_once_in_value_and_gradient():
-    def loss(latents, **options):
-        return losses.mean_cycle_consistency(latents, TIMES, VALID, **options)
-
-    value, gradient = jax.jit(jax.value_and_grad(loss))(LATENTS)
-    once, once_gradient = jax.jit(jax.value_and_grad(functools.partial(loss, at_once=True)))(
-        LATENTS
-    )
-    np.testing.assert_allclose(value, once, rtol=1e-6)
-    np.testing.assert_allclose(gradient, once_gradient, rtol=1e-4, atol=1e-7)
-    np.testing.assert_allclose(mean_consistency(LATENTS, TIMES, VALID)[0], value, rtol=1e-6)
-
-
 def test_the_order_of_the_videos_does_not_matter():
     order = jnp.array([2, 0, 1])
     shuffled = mean_cycle(LATENTS[order], TIMES[order], VALID[order])
     np.testing.assert_allclose(shuffled, mean_cycle(LATENTS, TIMES, VALID), rtol=1e-5)
-
-
-def test_no_array_of_all_pairs_is_built_unless_asked():
-    latents, times = jnp.zeros((16, 32, 8)), jnp.zeros((16, 32))
-
-    def temporary(at_once):
-        loss = functools.partial(losses.mean_cycle_consistency, at_once=at_once)
-        compiled = jax.jit(jax.value_and_grad(loss)).lower(latents, times).compile()
-        return compiled.memory_analysis().temp_size_in_bytes
-
-    assert 4 * temporary(at_once=False) < temporary(at_once=True)
 
 
 def test_a_video_without_valid_frames_and_a_single_video_count_for_nothing():

@@ -10,7 +10,11 @@ from gril_jax.losses import mean_consistency
 
 # Compiled once: without it each test would compile every operation by itself.
 cycle_consistency = jax.jit(losses.cycle_consistency)
-time_agreement = jax.jit(losses.time_agreement)
+
+
+@jax.jit
+def mean_agreement(latents, times, valid, temperature=1.0):
+    return mean_consistency(latents, times, valid, temperature=temperature)[1]
 
 
 def _softmax(x):
@@ -88,24 +92,22 @@ def test_gradient_equals_finite_differences():
     np.testing.assert_allclose(jax.grad(value)(0.0), numeric, rtol=1e-2, atol=1e-4)
 
 
-def test_time_agreement_equals_the_loop_and_ignores_padding():
-    query, other = _video(0, 7), _video(1, 5)
-    other_times = jnp.linspace(0.1, 1.0, 5)
-    expected = []
-    for frame, time in zip(np.asarray(query), TIMES, strict=True):
-        weights = _softmax(np.array([-((frame - o) ** 2).sum() / 6 for o in np.asarray(other[:3])]))
-        expected.append((weights @ np.asarray(other_times[:3]) - time) ** 2)
-    valid = jnp.arange(7) < 6, jnp.arange(5) < 3
-    values = time_agreement(query, other, TIMES, other_times, *valid)
-    np.testing.assert_allclose(values[:6], expected[:6], rtol=1e-3, atol=1e-6)
-    assert values[6] == 0
+def _agreement(query, other, times, other_times, temperature):
+    """Squared difference between each frame's time and its soft neighbour's."""
+    scale = query.shape[1] * temperature
+    found = []
+    for frame, time in zip(np.asarray(query), times, strict=True):
+        apart = np.array([-((frame - o) ** 2).sum() / scale for o in np.asarray(other)])
+        found.append((_softmax(apart) @ np.asarray(other_times) - time) ** 2)
+    return found
 
 
 def test_a_scrambled_order_that_both_videos_share_closes_cycles_but_disagrees_on_time():
     video, scramble = 10 * jnp.eye(7), jnp.array([3, 5, 0, 6, 2, 4, 1])
     assert cycle_consistency(video, video[scramble], TIMES).max() < 1e-6
-    assert time_agreement(video, video[scramble], TIMES, TIMES).mean() > 0.05
-    assert time_agreement(video, video, TIMES, TIMES).max() < 1e-6
+    times, valid = jnp.stack([TIMES, TIMES]), jnp.ones((2, 7), bool)
+    assert mean_agreement(jnp.stack([video, video[scramble]]), times, valid) > 0.05
+    assert mean_agreement(jnp.stack([video, video]), times, valid) < 1e-6
 
 
 def test_means_over_pairs_equal_a_double_loop_over_videos_of_unequal_length():
@@ -119,7 +121,7 @@ def test_means_over_pairs_equal_a_double_loop_over_videos_of_unequal_length():
         query, other = latents[i, : lengths[i]], latents[j, : lengths[j]]
         time, other_time = times[i, : lengths[i]], times[j, : lengths[j]]
         cycles.extend(_oracle(query, other, time, 0.3))
-        agreements.extend(time_agreement(query, other, time, other_time, temperature=0.3))
+        agreements.extend(_agreement(query, other, time, other_time, 0.3))
     cycle, agreement = jax.jit(mean_consistency)(latents, times, valid, temperature=0.3)
     np.testing.assert_allclose(cycle, np.mean(cycles), rtol=1e-4)
     np.testing.assert_allclose(agreement, np.mean(agreements), rtol=1e-4)

@@ -10,7 +10,7 @@ from support import tcc_loops
 from support.tcc_loops import video
 
 from gril_jax.errors import ConfigError, GrilError, ShapeError
-from gril_jax.losses import cycle_consistency, frame_times
+from gril_jax.losses import cycle_consistency
 from gril_jax.losses.tcc.cycle import FORMS, cycle_error
 
 TIMES = np.arange(7, dtype=np.float32) / 7
@@ -154,12 +154,6 @@ def test_raw_indices_are_times_in_frames():
     query, other = video(0, 7), video(1, 5)
     shares = cycles(query, other, TIMES)
     np.testing.assert_allclose(cycles(query, other, 7 * TIMES), 49 * shares, rtol=1e-4, atol=1e-6)
-
-
-def test_times_are_shares_of_each_video_and_finite_for_an_empty_one():
-    frames = jnp.array([[0, 2], [3, 4], [0, 0]])
-    times = frame_times(frames, jnp.array([4, 8, 0]))
-    np.testing.assert_allclose(times, [[0, 0.5], [0.375, 0.5], [0, 0]])
 
 
 def test_vmap_equals_a_loop_and_jit_equals_plain():

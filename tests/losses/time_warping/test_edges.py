@@ -1,6 +1,5 @@
-"""Soft-DTW at its edges: padding, bands, forbidden cells, empty and extreme input, errors."""
+"""Soft-DTW at its edges: padding, forbidden cells, empty and extreme input, errors."""
 
-import functools
 import inspect
 
 import jax
@@ -10,7 +9,7 @@ import pytest
 from support.soft_dtw_oracle import assert_close, oracle, random_cost
 
 from gril_jax.errors import ConfigError, GrilError, ShapeError
-from gril_jax.losses import expected_alignment, pairwise_cost, soft_dtw, soft_dtw_between
+from gril_jax.losses import pairwise_cost, soft_dtw, soft_dtw_between
 from gril_jax.losses.time_warping.recursion import FORBIDDEN
 
 apart = jax.jit(jax.value_and_grad(soft_dtw_between))
@@ -21,7 +20,7 @@ def _one(cost, gamma):
     return soft_dtw(cost, gamma=gamma)
 
 
-# --- masks and bands
+# --- masks
 
 
 def test_padding_does_not_matter_even_if_it_is_nan():
@@ -41,24 +40,6 @@ def test_padding_does_not_matter_even_if_it_is_nan():
     sequence = random_cost(6, 2).at[4:].set(jnp.nan)
     slope = apart(sequence, random_cost(5, 2), 4)[1]
     assert np.isfinite(slope).all()
-
-
-@functools.partial(jax.jit, static_argnames="band")
-def _banded(cost, rows, columns, band):
-    value = soft_dtw(cost, rows, columns, gamma=0.5, band=band)
-    return value, expected_alignment(cost, rows, columns, gamma=0.5, band=band)
-
-
-@pytest.mark.parametrize(("rows", "columns", "band"), [(6, 7, 1), (7, 4, 0), (3, 7, 2)])
-def test_a_band_forbids_cells_far_from_the_line_between_the_corners(rows, columns, band):
-    cost = random_cost(7, 7)
-    offset = np.arange(rows)[:, None] - np.arange(columns)
-    low, high = min(rows - columns, 0) - band, max(rows - columns, 0) + band
-    allowed = (offset >= low) & (offset <= high)
-    true_value, true_flow = oracle(cost[:rows, :columns], 0.5, allowed)
-    value, flow = _banded(cost, rows, columns, band)
-    assert_close(value, true_value)
-    assert_close(flow[:rows, :columns], true_flow)
 
 
 def test_infinite_costs_forbid_cells_and_a_blocked_pair_stays_finite():
@@ -118,7 +99,6 @@ def test_a_traced_gamma_that_is_not_positive_gives_numbers_near_hard_dtw():
         ((random_cost(3, 4), jnp.array([1, 2])), {}, ShapeError, r"shape \(2,\)"),
         ((random_cost(3, 4),), {"gamma": 0.0}, ConfigError, "gamma is 0.0"),
         ((random_cost(3, 4),), {"gamma": float("nan")}, ConfigError, "gamma is nan"),
-        ((random_cost(3, 4),), {"band": -1}, ConfigError, "band is -1"),
         ((random_cost(3, 4),), {"implementation": "pallas"}, ConfigError, "needs a CUDA GPU"),
     ],
 )

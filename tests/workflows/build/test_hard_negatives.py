@@ -232,14 +232,14 @@ def test_wrong_runs_are_refused_in_one_sentence(main, tmp_path, capsys):
 
 SMALL = (
     *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
-    *("--pretrain.steps", "20", "--pretrain.num-videos", "4", "--pretrain.num-frames", "8"),
+    *("--pretrain.steps", "20", "--pretrain.num-videos", "4"),
     *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
     *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "160"),
     *("--ppo.hidden", "16", "--run.eval-episodes", "4", "--run.evaluations", "0"),
     *(
-        "--pretrain.copies",
+        "--pretrain.num-perturbations",
         "0",
-        "--pretrain.ascents",
+        "--pretrain.adversarial-steps",
         "0",
         "--encoder.rounds",
         "1",

@@ -18,9 +18,9 @@ from gril_jax.errors import ConfigError
 
 SEEDS, MEMBERS = 2, 2
 CONFIG = RunConfig(  # of few parts, since it is the compiling that takes time
-    encoder=EncoderOptions(width=4, rounds=0, latent=2, members=MEMBERS),
+    encoder=EncoderOptions(width=4, rounds=0, latent=2, ensemble_size=MEMBERS),
     loss=LossConfig(decoder="graph"),
-    pretrain=PretrainConfig(steps=1, num_videos=2, num_frames=4, turn_scenes=False, touched=0.0),
+    pretrain=PretrainConfig(steps=1, num_videos=2, turn_scenes=False, random_activity=0.0),
 )
 
 
@@ -69,7 +69,7 @@ def test_seeds_and_members_all_differ_and_learn(trained):
 
 def test_a_member_is_trained_as_a_network_by_itself(trained):
     _, fresh, state, metrics, _, _ = trained
-    alone = dataclasses.replace(CONFIG, encoder=dataclasses.replace(CONFIG.encoder, members=1))
+    alone = dataclasses.replace(CONFIG, encoder=dataclasses.replace(CONFIG.encoder, ensemble_size=1))
     one = learners._of_boxes(alone, DEMOS, None)
     hyper = setup.pretrain_hyper(alone)
     losses = []
@@ -91,11 +91,11 @@ def test_the_reward_has_the_shapes_of_a_blank_one_and_is_zero_at_best(trained):
     assert float(reward.latent_reward(first, first.goal)) == 0
 
 
-@pytest.mark.parametrize(("distances", "own"), [(True, "class"), (False, "robot")])
-def test_graphirls_network_knows_classes_and_distances_unless_told_not_to(distances, own):
-    config = RunConfig(encoder=EncoderOptions(kind="interaction", distances=distances))
+def test_graphirls_network_knows_classes_and_distances():
+    config = RunConfig(encoder=EncoderOptions(kind="interaction"))
     found = setup.encoder_config(config, 7)
-    assert (found.distances, found.self_blocks, found.num_classes) == (distances, own, 7)
+    assert found.distances
+    assert found.num_classes == 7
 
 
 def test_an_encoder_that_knows_what_classes_share_gets_their_words_from_the_task():
@@ -105,8 +105,8 @@ def test_an_encoder_that_knows_what_classes_share_gets_their_words_from_the_task
     assert green_region[0] == green_star[0] != blue_region[0]  # a colour
     assert green_region[1] == blue_region[1] != green_star[1]  # a kind
     assert not {*robot} & {*green_region, *blue_region, *green_star}
-    plain = load("magical_suite", ["--env.name", "find_dupe", "--encoder.alike", "False"])
+    plain = load("magical_suite", ["--env.name", "find_dupe", "--encoder.share-attributes", "False"])
     assert setup.encoder_config(plain, 21).words == ()
-    films = load("own_videos", ["--encoder.alike", "True"])
-    with pytest.raises(ConfigError, match=r"encoder\.alike is True, but must be False"):
+    films = load("own_videos", ["--encoder.share-attributes", "True"])
+    with pytest.raises(ConfigError, match=r"encoder\.share_attributes is True, but must be False"):
         setup.encoder_config(films, 4)

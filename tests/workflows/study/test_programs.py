@@ -28,7 +28,7 @@ def test_policies_wait_for_the_rewards_that_they_are_trained_on_and_for_no_other
     kinds = [
         {"run.reward": "learned"},
         {"run.reward": "environmental"},
-        {"run.reward": "shaped", "loss.near": 0.7},
+        {"run.reward": "shaped", "loss.near_cost_fraction": 0.7},
     ]
     rows = [Row(i, 0, changed(RunConfig(), change)) for i, change in enumerate(kinds)]
     left = [

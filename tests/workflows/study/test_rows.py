@@ -59,12 +59,12 @@ def test_each_row_has_all_seeds_from_the_configuration_s_on():
 def test_runs_may_differ_in_what_every_row_sets_and_in_their_folders():
     first = RunConfig()
     other = replace(
-        first, pool=replace(first.pool, alpha=3.0, tau=0.01), run=replace(first.run, out="else")
+        first, pool=replace(first.pool, alpha=3.0, noise=0.01), run=replace(first.run, out="else")
     )
-    tau = f"pool.tau (0.01, not {first.pool.tau})"
-    assert differing(first, other, ROWS) == [tau]
+    noise = f"pool.noise (0.01, not {first.pool.noise})"
+    assert differing(first, other, ROWS) == [noise]
     alpha = f"pool.alpha (3.0, not {first.pool.alpha})"
-    assert differing(first, other, ROWS | {"as it is": {}}) == [alpha, tau]
+    assert differing(first, other, ROWS | {"as it is": {}}) == [alpha, noise]
     assert differing(first, first, {}) == []
 
 

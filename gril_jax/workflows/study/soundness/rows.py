@@ -10,27 +10,27 @@ from gril_jax.workflows.study.rows import AuditedSettings, changed, require_lear
 _PAPER: dict[str, Any] = {
     "encoder.relations": False,
     "encoder.width": 64,
-    "encoder.members": 1,
+    "encoder.ensemble_size": 1,
     "pool.alpha": 5.0,
     "pretrain.turn_scenes": False,
-    "pretrain.touched": 0.0,
-    "pretrain.copies": 0,
-    "pretrain.ascents": 0,
+    "pretrain.random_activity": 0.0,
+    "pretrain.num_perturbations": 0,
+    "pretrain.adversarial_steps": 0,
     "loss.warmup": 0,
-    "loss.contrast": 30.0,  # these act on copies alone
-    "loss.near": 0.8,
+    "loss.perturbation_weight": 30.0,  # these act on copies alone
+    "loss.near_cost_fraction": 0.8,
     "loss.touch": 0.0,
-    "loss.anywhere_inside": False,
-    "loss.tail": 1.0,
+    "loss.goal_model": "places",
+    "loss.quartic_weight": 1.0,
 }
 _TURNED = {"pretrain.turn_scenes": True}
-_TOUCHED = {"pretrain.touched": 0.1}
+_TOUCHED = {"pretrain.random_activity": 0.1}
 _AGREED = {"loss.warmup": 1500}
 _RELATIONS = {"encoder.relations": True}
-_MEMBERS = {"encoder.members": 4}
-_COPIES = {"pretrain.copies": 4}
+_MEMBERS = {"encoder.ensemble_size": 4}
+_COPIES = {"pretrain.num_perturbations": 4}
 _VARIED = _PAPER | _TURNED | _TOUCHED | _AGREED
-_ALL = _VARIED | _COPIES | _RELATIONS | {"pretrain.ascents": 2}
+_ALL = _VARIED | _COPIES | _RELATIONS | {"pretrain.adversarial_steps": 2}
 
 ROWS: dict[str, dict[str, Any]] = {
     "paper": _PAPER,
@@ -42,14 +42,14 @@ ROWS: dict[str, dict[str, Any]] = {
     "copies": _PAPER | _COPIES,
     "turned + touched + agreed": _VARIED,
     "turned + touched + agreed + copies": _VARIED | _COPIES,
-    "all but ascents": _ALL | {"pretrain.ascents": 0},
+    "all but ascents": _ALL | {"pretrain.adversarial_steps": 0},
     "all": _ALL,
     "all but relations": _ALL | {"encoder.relations": False},
     "all with alpha 1": _ALL | {"pool.alpha": 1.0},
     "all with alpha 2": _ALL | {"pool.alpha": 2.0},
-    "all with near 0.5": _ALL | {"loss.near": 0.5},
-    "all with near 0.5 + touch 0.05": _ALL | {"loss.near": 0.5, "loss.touch": 0.05},
-    "all with tail 0": _ALL | {"loss.tail": 0.0},
+    "all with near 0.5": _ALL | {"loss.near_cost_fraction": 0.5},
+    "all with near 0.5 + touch 0.05": _ALL | {"loss.near_cost_fraction": 0.5, "loss.touch": 0.05},
+    "all with tail 0": _ALL | {"loss.quartic_weight": 0.0},
     "all with 4 members": _ALL | _MEMBERS,
     "all with width 128": _ALL | {"encoder.width": 128},
     "all with width 128 + alpha 2": _ALL | {"encoder.width": 128, "pool.alpha": 2.0},

@@ -49,13 +49,11 @@ def files(folder: str = "rewards") -> Measure:
         words = vocabulary.of_task(env, config.env.name)
         out = Path(config.run.out) / folder
         out.mkdir(parents=True, exist_ok=True)
-        pool = config.pool
-        rule = {name: getattr(pool, name) for name in ("tau", "window", "smoothing", "noise")}
         for seed, one in enumerate(found, start=config.run.seed):
             save_reward(
                 out / f"{config.env.name}-{seed}.npz", one.params,
                 setup.encoder_config(config, len(words.classes)), classes=words.classes,
-                robots=words.robots, objects=words.objects, activity=rule,
+                robots=words.robots, objects=words.objects, activity=config.pool.rule(),
                 half_extent=words.half_extent, unit=words.unit,
                 provenance={"kendall_tau": one.tau, "seed": seed}, overwrite=True,
             )  # fmt: skip

@@ -24,32 +24,32 @@ _PAPER: dict[str, Any] = PAPERS_OWN | {
     "run.reward": "learned",
     "run.reward_offset": 0.0,
     "loss.warmup": 0,
-    "loss.contrast": 30.0,  # these act on copies alone
-    "loss.near": 0.8,
+    "loss.perturbation_weight": 30.0,  # these act on copies alone
+    "loss.near_cost_fraction": 0.8,
     "loss.touch": 0.0,
-    "loss.anywhere_inside": False,
+    "loss.goal_model": "places",
     "pretrain.steps": 2500,
-    "pretrain.learning_rate_left": 1.0,
+    "pretrain.final_learning_rate_fraction": 1.0,
 }
-_XIRL = _PAPER | XIRL | {"encoder.pixels": 64, "encoder.precision": "bfloat16"}
+_XIRL = _PAPER | XIRL | {"encoder.precision": "bfloat16"}
 _AUDITED = _PAPER | {
     "encoder.relations": True,
     "loss.warmup": 1500,
     "pretrain.steps": 8000,
-    "pretrain.learning_rate_left": 0.0,
+    "pretrain.final_learning_rate_fraction": 0.0,
     "pretrain.turn_scenes": True,
-    "pretrain.touched": 0.1,
-    "pretrain.copies": 4,
-    "pretrain.ascents": 2,
+    "pretrain.random_activity": 0.1,
+    "pretrain.num_perturbations": 4,
+    "pretrain.adversarial_steps": 2,
 }
 # Something for a touch and for the way, as much for any success, and 0 where nothing has been done:
 # what leads a policy that has to find the blocks by itself.
 _DENSER = _AUDITED | {
-    "loss.near": 0.7,
+    "loss.near_cost_fraction": 0.7,
     "loss.touch": 0.05,
-    "loss.anywhere_inside": True,
+    "loss.goal_model": "inside",
     "pretrain.steps": 16000,
-    "pretrain.ascents": 4,
+    "pretrain.adversarial_steps": 4,
     "run.reward_offset": 1.0,
 }
 # The potential's part of a whole episode is as much as ten control steps with full score.

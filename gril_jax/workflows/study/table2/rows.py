@@ -8,13 +8,21 @@ from gril_jax.errors import ConfigError
 from gril_jax.workflows.study.rows import GRAPHIRL, PAPERS_OWN, WITH_ROBOT, XIRL, Rows, changed
 
 # Every row says all that any of them changes, so that defaults may move without moving the table.
-_PAPER: dict[str, Any] = PAPERS_OWN | {"encoder.latent": 32, "pool.alpha": 5.0, "loss.near": 0.5}
+_PAPER: dict[str, Any] = PAPERS_OWN | {
+    "encoder.latent": 32,
+    "pool.alpha": 5.0,
+    "loss.near_cost_fraction": 0.5,
+}
 # Why a latent of one number and no weight for what has moved: see configs/shoes_in_box.yaml.
 _OURS = _PAPER | {"encoder.latent": 1, "pool.alpha": 1.0}
 # What makes the reward of MatchRegions pass its audit.
-_AUDITED = _OURS | {"encoder.relations": True, "pretrain.copies": 4, "pretrain.ascents": 2}
+_AUDITED = _OURS | {
+    "encoder.relations": True,
+    "pretrain.num_perturbations": 4,
+    "pretrain.adversarial_steps": 2,
+}
 # And what teaches policies, configs/shoes_in_box.yaml: nothing is paid for the way.
-_FOR_POLICIES = _AUDITED | {"loss.near": 1.0}
+_FOR_POLICIES = _AUDITED | {"loss.near_cost_fraction": 1.0}
 
 ROWS: dict[str, dict[str, Any]] = {
     "XIRL": _PAPER | XIRL,

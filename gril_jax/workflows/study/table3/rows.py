@@ -25,10 +25,10 @@ _PAPER: dict[str, Any] = PAPERS_OWN | {
     "encoder.latent": 32,
     "pool.alpha": 5.0,
     "loss.warmup": 0,
-    "loss.near": 1.0,  # these four act on copies alone
-    "loss.tails": 0.02,
-    "loss.clear": 2.0,
-    "loss.idle_cost": 1.0,
+    "loss.near_cost_fraction": 1.0,  # these four act on copies alone
+    "loss.trim_quantile": 0.02,
+    "loss.clearance_radius": 2.0,
+    "loss.intrusion_weight": 1.0,
     "pretrain.steps": 6000,
 }
 _OWN = {"run.reward": "environmental", "run.reward_offset": 0.0}
@@ -47,8 +47,8 @@ REWARDS: dict[str, dict[str, Any]] = {
         "encoder.relations": True,
         "pool.alpha": 1.0,
         "loss.warmup": 1500,
-        "pretrain.copies": 4,
-        "pretrain.ascents": 2,
+        "pretrain.num_perturbations": 4,
+        "pretrain.adversarial_steps": 2,
     },
 }
 _BETWEEN = " on "

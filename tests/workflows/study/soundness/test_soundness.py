@@ -123,7 +123,7 @@ def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
     options = [
         "--rows", "paper,touched", "--seeds", "2", "--steps-per-policy", "40", "--ascents", "4",
         "--starts", "1", "--pretrain.steps", "2", "--pretrain.num-videos", "3",
-        "--pretrain.num-frames", "6", "--env.episode-length", "10", "--env.varied-starts", "0",
+        "--env.episode-length", "10", "--env.varied-starts", "0",
         "--ppo.num-envs", "4", "--ppo.num-minibatches", "2", "--ppo.unroll-length", "5",
         "--ppo.hidden", "8", "--run.evaluations", "1", "--out", str(out),
     ]  # fmt: skip

@@ -20,7 +20,7 @@ from gril_jax.workflows.study.rewards import TrainedReward, reward_key
 from gril_jax.workflows.study.rows import changed, with_seeds
 from gril_jax.workflows.study.table1.table1 import measure, profiles, program
 
-SMALL = {"encoder.width": 4, "encoder.rounds": 0, "encoder.latent": 3, "pool.window": 3}
+SMALL = {"encoder.width": 4, "encoder.rounds": 0, "encoder.latent": 3}
 
 
 CONFIG = changed(RunConfig(), SMALL)
