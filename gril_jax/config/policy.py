@@ -27,7 +27,7 @@ class PPOConfig:
     """Passes over an update's data."""
     learning_rate: float = field(default=3e-4, metadata=above(0))
     """Learning rate of Adam."""
-    learning_rate_left: float = field(default=1.0, metadata=between(0, 1))
+    final_learning_rate_fraction: float = field(default=1.0, metadata=between(0, 1))
     """Share of the learning rate at the end of training, reached linearly."""
     discounting: float = field(default=0.99, metadata=between(0, 1))
     """Discount of a control step."""
@@ -35,7 +35,7 @@ class PPOConfig:
     """Lambda of generalised advantage estimation."""
     entropy_cost: float = field(default=1e-2, metadata=at_least(0))
     """Weight of the policy's entropy."""
-    entropy_left: float = field(default=1.0, metadata=between(0, 1))
+    final_entropy_fraction: float = field(default=1.0, metadata=between(0, 1))
     """Share of that weight at the end of training, reached linearly."""
     clipping_epsilon: float = field(default=0.2, metadata=between(0.001, 1))
     """Clipping range of the probability ratio."""
@@ -48,10 +48,10 @@ class PPOConfig:
     observe_activity: bool | None = None
     """True if the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
-    own_starts: float = field(default=0.0, metadata=between(0, 1))
+    visited_state_resets: float = field(default=0.0, metadata=between(0, 1))
     """Share of training episodes that begin at well-paid moments of the policy's own episodes; it
     falls to 0, reached when a tenth of training is left."""
-    video_starts: float = field(default=0.0, metadata=between(0, 1))
+    video_state_resets: float = field(default=0.0, metadata=between(0, 1))
     """Share of training episodes that begin where a frame of the videos shows things; likewise."""
     by_object: bool = False
     """True if the policy's networks read each object of the observation with the same weights, for
@@ -59,10 +59,10 @@ class PPOConfig:
     sub_policies: int = field(default=1, metadata=between(1, 8))
     """Number of sub-policies with networks of their own, one for each stage of the learned reward
     (with run.reward stages or subtasks)."""
-    stacked: int = field(default=1, metadata=between(1, 16))
+    frame_stack: int = field(default=1, metadata=between(1, 16))
     """Observations that the policy sees at a time: the present one and those of the control steps
     before, so that it can tell what has happened."""
-    held_noise: float = field(default=0.0, metadata=between(0, 1))
+    noise_correlation: float = field(default=0.0, metadata=between(0, 1))
     """Share of the variance of an action's noise that is the same in all steps between two updates:
     an environment then explores in one direction for so long."""
 
@@ -73,10 +73,10 @@ class PPOConfig:
                 f"{name}.num_minibatches is {self.num_minibatches}, but must divide "
                 f"{name}.num_envs, which is {self.num_envs}"
             )
-        if self.by_object and self.stacked > 1:
+        if self.by_object and self.frame_stack > 1:
             raise ConfigError(
-                f"{name}.stacked is {self.stacked}, but must be 1 with {name}.by_object, which "
-                "reads the objects of one observation"
+                f"{name}.frame_stack is {self.frame_stack}, but must be 1 with "
+                f"{name}.by_object, which reads the objects of one observation"
             )
 
 
@@ -121,10 +121,10 @@ class SACConfig:
     observe_activity: bool | None = None
     """True if the policy sees which objects have moved, as the reward does; None: unless the
     observation is "xmagical", so that it stays the original simulator's own."""
-    own_starts: float = field(default=0.0, metadata=between(0, 1))
+    visited_state_resets: float = field(default=0.0, metadata=between(0, 1))
     """Share of training episodes that begin at well-paid moments of the policy's own episodes; it
     falls to 0, reached when a tenth of training is left."""
-    video_starts: float = field(default=0.0, metadata=between(0, 1))
+    video_state_resets: float = field(default=0.0, metadata=between(0, 1))
     """Share of training episodes that begin where a frame of the videos shows things; likewise."""
 
     def check(self, name: str) -> None:

@@ -82,7 +82,7 @@ class PretrainConfig:
     """Frames sampled from each video of a batch."""
     turn_scenes: bool = True
     """True if each video of a batch is turned and mirrored at random: eightfold variety."""
-    learning_rate_left: float = field(default=1.0, metadata=between(0, 1))
+    final_learning_rate_fraction: float = field(default=1.0, metadata=between(0, 1))
     """Share of the learning rate at the end, reached linearly."""
     copies: int = field(default=0, metadata=between(0, 1000))
     """Copies with displaced objects of each frame that is copied; 0 makes none."""

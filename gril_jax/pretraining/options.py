@@ -120,5 +120,5 @@ class Hyper(NamedTuple):
     tail: Number = LossConfig.tail  # weight of the fourth power of errors of copies
     span: Number = LossConfig.span  # latent distance from first to last frames, with copies
     decay_updates: Number = 1.0  # over which the learning rate falls linearly
-    learning_rate_left: Number = PretrainConfig.learning_rate_left  # share of it at the end
+    final_learning_rate_fraction: Number = PretrainConfig.final_learning_rate_fraction
     warmup: Number = float(LossConfig.warmup)  # updates over which the time agreement fades out

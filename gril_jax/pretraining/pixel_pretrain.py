@@ -7,8 +7,8 @@
     evaluate(state.params, held_out, videos, config)
 
 Zakka et al., XIRL (CoRL 2021), start from weights of ImageNet; here they are random. Of `Hyper` it
-takes `learning_rate`, `learning_rate_left`, `decay_updates`, `temperature` and `warmup` (0 is
-XIRL's). Every function is pure and can be jitted, and vmapped over seeds and over `Hyper`.
+takes `learning_rate`, `final_learning_rate_fraction`, `decay_updates`, `temperature` and `warmup`
+(0 is XIRL's). Every function is pure and can be jitted, and vmapped over seeds and over `Hyper`.
 """
 
 from typing import NamedTuple

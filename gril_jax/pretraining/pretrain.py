@@ -245,6 +245,6 @@ def updated(
     """Parameters and moments after an update, whose step size falls linearly."""
     direction, moments = optimizer.update(gradient, state.optimizer, state.params)
     progress = jnp.minimum(state.num_updates.astype(float) / hyper.decay_updates, 1.0)
-    rate = hyper.learning_rate * (1.0 - (1.0 - hyper.learning_rate_left) * progress)
+    rate = hyper.learning_rate * (1.0 - (1.0 - hyper.final_learning_rate_fraction) * progress)
     direction = jax.tree.map(lambda d: -rate * d, direction)
     return optax.apply_updates(state.params, direction), moments

@@ -185,8 +185,8 @@ def test_minibatches_divide_the_environments():
 
 
 def test_policies_that_read_objects_see_one_observation():
-    with pytest.raises(ConfigError, match=r"ppo\.stacked is 2.* must be 1 with ppo\.by_object"):
-        RunConfig(ppo=PPOConfig(stacked=2, by_object=True))
+    with pytest.raises(ConfigError, match=r"ppo\.frame_stack is 2.* must be 1 with ppo\.by_object"):
+        RunConfig(ppo=PPOConfig(frame_stack=2, by_object=True))
 
 
 def test_warp_has_room_for_the_environments():

@@ -55,7 +55,7 @@ def blank(config: RunConfig, env: envs.Env) -> Any:
 
 def begins_at_frames(config: RunConfig) -> bool:
     """True if training episodes may begin at frames of the demonstrations."""
-    return getattr(config, config.run.algorithm).video_starts > 0
+    return getattr(config, config.run.algorithm).video_state_resets > 0
 
 
 def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
@@ -105,7 +105,7 @@ def in_the_order_of(task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]) -> I
     if sorted(task) != sorted(film):
         raise DemoError(
             "training cannot begin at frames of the demonstrations, which show other objects than "
-            "the task has: video_starts must be 0"
+            "the task has: video_state_resets must be 0"
         )
     order = np.empty(len(task), int)
     order[np.argsort(task, kind="stable")] = np.argsort(film, kind="stable")

@@ -29,14 +29,14 @@ _PAPER: dict[str, Any] = PAPERS_OWN | {
     "loss.touch": 0.0,
     "loss.anywhere_inside": False,
     "pretrain.steps": 2500,
-    "pretrain.learning_rate_left": 1.0,
+    "pretrain.final_learning_rate_fraction": 1.0,
 }
 _XIRL = _PAPER | XIRL | {"encoder.pixels": 64, "encoder.precision": "bfloat16"}
 _AUDITED = _PAPER | {
     "encoder.relations": True,
     "loss.warmup": 1500,
     "pretrain.steps": 8000,
-    "pretrain.learning_rate_left": 0.0,
+    "pretrain.final_learning_rate_fraction": 0.0,
     "pretrain.turn_scenes": True,
     "pretrain.touched": 0.1,
     "pretrain.copies": 4,
