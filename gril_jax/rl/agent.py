@@ -96,15 +96,14 @@ class Agent:
         return keys[0], keys[1], rollout.scatter(begun, keys[2], self.env.episode_length)
 
     def _unroll(
-        self, state: Any, key: PRNGKeyArray, act: rollout.Act, hyper: Any, reward_params: Any,
-        **keep: Callable[[EpisodeState], Any],
-    ) -> tuple[Any, rollout.Rollout]:  # fmt: skip
+        self, state: Any, key: PRNGKeyArray, act: rollout.Act, hyper: Any, reward_params: Any
+    ) -> tuple[Any, rollout.Rollout]:
         """The state after T control steps of every environment, and what they brought."""
         new_starts, each_step, _ = self._split(key)
         choose = functools.partial(self._chosen, state, key, hyper, reward_params)
         renewed = rollout.renew(self.episodes, state.envs, new_starts, choose)
         moved, steps = rollout.unroll(
-            self.episodes, reward_params, renewed, act, each_step, tau=hyper.tau, **keep
+            self.episodes, reward_params, renewed, act, each_step, tau=hyper.tau
         )
         return state._replace(envs=moved), steps
 

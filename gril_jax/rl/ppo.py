@@ -56,7 +56,7 @@ class Hyper(NamedTuple):
     entropy_cost: Number = PPOConfig.entropy_cost
     clipping_epsilon: Number = PPOConfig.clipping_epsilon
     reward_scaling: Number = PPOConfig.reward_scaling
-    max_grad_norm: Number = PPOConfig.max_grad_norm
+    max_grad_norm: Number = 1.0  # gradients whose global norm is larger are scaled down to it
     tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
     decay_updates: Number = 1.0  # over which the two below are reached
     final_learning_rate_fraction: Number = PPOConfig.final_learning_rate_fraction
@@ -199,7 +199,8 @@ class PPO(Agent):
         """The collected data, with the value at time limits added to the reward.
 
         The value of the last observation before a reset at the time limit is added to that step's
-        reward, and the step counts as an end. Rollout that a failure took back are dropped.
+        reward, and the step counts as an end. Steps undone by the non-finite guard are excluded
+        from the loss.
         """
         result = steps.result
         timeouts = result.truncated * (1 - result.nonfinite)

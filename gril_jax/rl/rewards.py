@@ -12,11 +12,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, UInt8
 
-from gril_jax.config.encoder import PoolConfig
 from gril_jax.encoders import encoder, resnet
 from gril_jax.encoders.encoder import GraphConfig, PixelConfig
 from gril_jax.graphs.scene import SceneGraph, scene_graph
-from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward import shaping, staircase
 from gril_jax.reward.latent_goal import latent_goal_reward
 
@@ -125,38 +123,6 @@ def pixels(
     return reward
 
 
-def subtasks(
-    config: GraphConfig,
-    *,
-    robots: Sequence[int] = (),
-    mode: subtask_chain.Mode = "continuous",
-    alpha: Float[Array, ""] | float = PoolConfig.alpha,
-    by: float = 0.0,
-) -> Reward:
-    """Chain of latent goals (`gril_jax.reward.chain`), one for each stage of the task.
-
-    Its parameters are a pair: the encoder's, and the chain's. The policy sees the share of the
-    subtasks that are finished, since the reward depends on it. `alpha` is the weight of an active
-    node in the pooling, as when the goals were found; `robots` are those of `learned`, and `by` is
-    the constant of `offset`.
-    """
-    scene = _scene(config, robots)
-
-    def step(params, memory, state, active):
-        encoder_params, chain = params
-        progress, _ = memory
-        latent = encoder.apply(encoder_params, scene(state, active), config, alpha=alpha)
-        progress, reward = subtask_chain.step(chain, progress, latent, mode=mode)
-        share = progress.index / jnp.maximum(chain.count, 1)
-        return (progress, share.astype(jnp.float32)), reward + by
-
-    return Reward(
-        init=lambda: (subtask_chain.init(), jnp.zeros(())),
-        step=step,
-        observe=lambda memory: memory[1][None],
-    )
-
-
 def stages(config: GraphConfig, *, robots: Sequence[int] = (), by: float = 0.0) -> Reward:
     """The learned reward in the stages in which it climbs (`gril_jax.reward.staircase`).
 
@@ -197,29 +163,6 @@ def shaped(potential: RewardFn) -> Reward:
         return after, weights[0] * guide + weights[1] * state.reward
 
     return Reward(init=lambda: -jnp.ones(()), step=step, observe=lambda memory: jnp.zeros((0,)))
-
-
-def weighted_sum(rewards: Sequence[AnyReward]) -> Reward:
-    """Weighted sum of several rewards; its parameters are `(weights, parameters of each)`.
-
-    Weights (K,) belong to the parameters, so that a sweep over them is a vmap.
-    """
-    parts = [as_reward(reward) for reward in rewards]
-
-    def step(params, memory, state, active):
-        weights, each = params
-        every = zip(parts, each, memory, strict=True)
-        pairs = [part.step(own, before, state, active) for part, own, before in every]
-        memories, values = zip(*pairs, strict=True)
-        return tuple(memories), jnp.asarray(weights) @ jnp.stack(values)
-
-    return Reward(
-        init=lambda: tuple(part.init() for part in parts),
-        step=step,
-        observe=lambda memory: jnp.concatenate(
-            [part.observe(own) for part, own in zip(parts, memory, strict=True)]
-        ),
-    )
 
 
 def _scene(

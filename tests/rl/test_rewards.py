@@ -10,7 +10,6 @@ from gril_jax.envs import Objects
 
 from gril_jax import graphs, reward
 from gril_jax.encoders import encoder, ensemble
-from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward import shaping
 from gril_jax.rl import rewards
 from gril_jax.rl.rewards import Reward
@@ -154,32 +153,6 @@ def test_an_offset_is_paid_at_each_moment_and_none_leaves_the_reward_itself():
     np.testing.assert_allclose(values, _moments()[0].reward + 1.0, rtol=1e-6)
 
 
-@pytest.mark.parametrize("mode", ["continuous", "stepped"])
-def test_subtasks_pay_what_the_chain_pays_for_the_same_frames(encoded, mode):
-    params, latents = encoded
-    goals = latents[jnp.array([2, 5])]
-    near = jnp.linalg.norm(latents[0] - goals[0])
-    chain = subtask_chain.ChainParams(
-        goals, jnp.full(2, 1 / near), jnp.full(2, 0.05), jnp.array(2, jnp.int32)
-    )
-    rule = rewards.subtasks(CONFIG, mode=mode, alpha=ALPHA)
-    values, seen = _run(rule, (params, chain))
-    expected, progress = subtask_chain.trajectory(chain, latents, mode=mode)
-    np.testing.assert_allclose(values, expected, atol=1e-5)
-    np.testing.assert_allclose(seen[:, 0], np.asarray(progress) / 2, atol=1e-6)
-    assert 0 < float(seen[-1, 0])  # a goal was reached
-
-
-def test_a_weighted_sum_pays_the_sum_and_shows_every_memory():
-    rule = rewards.weighted_sum([rewards.environmental, _counting(), _counting()])
-    params = (jnp.array([1.0, 10.0, -1.0]), (None, 0.5, 2.0))
-    values, seen = _run(rule, params)
-    count = np.arange(1, FRAMES + 1)
-    expected = np.asarray(_moments()[0].reward) + 10 * 0.5 * count - 2 * count
-    np.testing.assert_allclose(values, expected, rtol=1e-6)
-    np.testing.assert_array_equal(seen, np.stack([count, count], axis=1))
-
-
 def test_a_shaped_reward_adds_the_potential_s_steps_which_telescope_over_an_episode(encoded):
     params, latents = encoded
     learned = reward.RewardParams(params, latents[2], jnp.float32(2.0), jnp.float32(ALPHA))
@@ -240,11 +213,3 @@ def test_pictures_of_many_lanes_and_seeds_are_paid_as_each_by_itself(monkeypatch
             np.testing.assert_allclose(found[s, lane], expected, rtol=1e-5, atol=1e-6)
             np.testing.assert_allclose(found[s, lane], one(own, data[s, lane]), atol=1e-5)
             np.testing.assert_allclose(shared[s, lane], one(own, data[0, lane]), atol=1e-5)
-
-
-def test_weights_can_be_swept_by_a_vmap():
-    rule = rewards.weighted_sum([rewards.environmental, _counting()])
-    weights = jnp.array([[1.0, 0.0], [0.0, 1.0]])
-    swept = jax.vmap(lambda w: _run(rule, (w, (None, 1.0)))[0])(weights)
-    for i in range(2):
-        np.testing.assert_allclose(swept[i], _run(rule, (weights[i], (None, 1.0)))[0], rtol=1e-6)

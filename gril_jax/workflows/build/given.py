@@ -53,10 +53,12 @@ def _chosen_starts(config: RunConfig) -> tuple[str, str]:
     level, said = "A", ""
     if section.visited_state_resets:
         level = "B"
-        said += f", and first {100 * section.visited_state_resets:.0f} %, in the end none at its own moments"
+        share = 100 * section.visited_state_resets
+        said += f", and first {share:.0f} %, in the end none at its own moments"
     if section.video_state_resets:
         level = "V"
-        said += f", and first {100 * section.video_state_resets:.0f} %, in the end none at videos' frames"
+        share = 100 * section.video_state_resets
+        said += f", and first {share:.0f} %, in the end none at videos' frames"
     return level, said
 
 
@@ -65,14 +67,13 @@ def _reward(config: RunConfig, task: envs.TaskSpec) -> str:
     return {
         "learned": "learned from videos",
         "environmental": own,
-        "subtasks": f"a chain of subtasks learned from videos{_acting(config)}",
         "stages": f"learned from videos, in its stages{_acting(config)}",
         "shaped": f"{own}, with one learned from videos as a potential",
     }.get(config.run.reward, config.run.reward)
 
 
 def _acting(config: RunConfig) -> str:
-    """Who acts in the stages of the chain, in words; "" if it is one network."""
+    """Who acts in the stages, in words; "" if it is one network."""
     count = config.ppo.sub_policies if config.run.algorithm == "ppo" else 1
     return f", each with a sub-policy of its own ({count})" if count > 1 else ""
 

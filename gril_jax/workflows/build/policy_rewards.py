@@ -14,11 +14,9 @@ from gril_jax import envs, reward
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import REWARDS, find
 from gril_jax.encoders.encoder import PixelConfig
-from gril_jax.encoders.ensemble import num_members
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.graphs import activity
 from gril_jax.pretraining import pretrain
-from gril_jax.reward import chain as subtask_chain
 from gril_jax.reward import staircase
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl import rewards, starts
@@ -28,7 +26,7 @@ from gril_jax.types import DemoBatch
 from . import setup
 from .reward_form import RewardForm
 
-_MOST = 8  # subtasks of a chain
+_MOST = 8  # stages
 _FAR = 2.0  # world units
 _NUM_FRAMES = 2048  # that training may begin at
 
@@ -143,44 +141,14 @@ def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P 
     return lambda data: env.render(data, size=pixels + 2 * border, antialias=True)[inner, inner]
 
 
-def _weights(config: RunConfig) -> Float[Array, "2"]:
-    return jnp.asarray(config.run.reward_weights, jnp.float32)
-
-
 def _of_shaped(config, learned, demos, num_classes):
     discounting = getattr(config, config.run.algorithm).discounting
-    return _weights(config), jnp.float32(discounting), learned
-
-
-def _subtasks(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
-    encoder = setup.encoder_config(config, len(env.classes))
-    return rewards.subtasks(
-        encoder, robots=robots(env), alpha=config.pool.alpha, by=config.run.reward_offset
-    )
-
-
-def _of_subtasks(config, learned, demos, num_classes):
-    if demos is not None:
-        return learned.encoder, _chain(config, learned, demos, num_classes)
-    goals = jnp.zeros((_MOST, learned.goal.shape[-1]))
-    scale = jnp.zeros((_MOST, *learned.scale.shape))  # of each of an ensemble's members
-    chain = subtask_chain.ChainParams(goals, scale, jnp.zeros(_MOST), jnp.zeros((), jnp.int32))
-    return learned.encoder, chain
-
-
-def _chain(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):
-    """The subtasks on which the demonstrations agree, in their order."""
-    members = num_members(setup.encoder_config(config, num_classes))
-    latents, found = _agreed(config, learned, demos, num_classes)
-    # Where a demonstration does not show an end by itself, its latent is not the goal's.
-    ends = jnp.where(found.found, found.frames, -1)[:, :_MOST]
-    kept = found.kept[:_MOST]
-    make = jax.jit(subtask_chain.from_latents, static_argnames="members")
-    return make(latents, ends, demos.length, kept=kept, members=members)
+    weights = jnp.asarray(config.run.reward_weights, jnp.float32)
+    return weights, jnp.float32(discounting), learned
 
 
 def _agreed(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):
-    """The demonstrations' latents, and the ends of stages on which they agree."""
+    """The ends of stages on which the demonstrations agree."""
     static = setup.pretrain_config(config, num_classes)
     hyper = setup.pretrain_hyper(config)
 
@@ -188,7 +156,7 @@ def _agreed(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_clas
     def find(learned, demos):
         latents = pretrain.embed(learned.encoder, demos, hyper, static)
         profiles = reward.latent_reward(learned, latents)
-        return latents, agreement.agreed_stages(profiles, demos.length)[1]
+        return agreement.agreed_stages(profiles, demos.length)[1]
 
     return find(learned, demos)
 
@@ -202,7 +170,7 @@ def _of_stages(config, learned, demos, num_classes):
     if demos is None:
         none = jnp.zeros(_MOST)
         return learned, staircase.Staircase(none, none, jnp.zeros((), jnp.int32))
-    _, found = _agreed(config, learned, demos, num_classes)
+    found = _agreed(config, learned, demos, num_classes)
     return learned, staircase.from_levels(found.level[:_MOST], found.kept[:_MOST])
 
 
@@ -211,10 +179,5 @@ LEARNED = RewardForm(
     lambda config, env: rewards.offset(_learned(config, env), config.run.reward_offset),
     lambda config, learned, demos, num_classes: learned,
 )
-SUM = RewardForm(
-    lambda config, env: rewards.weighted_sum([_learned(config, env), rewards.environmental]),
-    lambda config, learned, demos, num_classes: (_weights(config), (learned, ())),
-)
 SHAPED = RewardForm(lambda config, env: rewards.shaped(_learned(config, env)), _of_shaped)
-SUBTASKS = RewardForm(_subtasks, _of_subtasks)
 STAGES = RewardForm(_stages, _of_stages)

@@ -110,9 +110,17 @@ def _words(config: EnvConfig) -> tuple[int, ...]:
 
 
 def by_name(kind: type[Kind], *sections: Any, **more: Any) -> Kind:
-    """A library's option type with every field from the section that has it, or from `more`."""
+    """A library's option type with every field from the section that has it, or from `more`.
+
+    What none of them has keeps the type's own default.
+    """
     known = {name: value for section in sections for name, value in vars(section).items()} | more
-    return kind(**{name: known[name] for name in inspect.signature(kind).parameters})
+    fields = inspect.signature(kind).parameters.values()
+    return kind(**{
+        field.name: known[field.name]
+        for field in fields
+        if field.name in known or field.default is field.empty
+    })  # fmt: skip
 
 
 def pretrain_config(

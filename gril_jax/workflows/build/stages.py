@@ -6,16 +6,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gril_jax.config import RunConfig
-from gril_jax.reward.chain import ChainParams
 from gril_jax.reward.staircase import Staircase
 from gril_jax.rl.starts import WithFrames
 
 
-def stages(reward_params: Any) -> ChainParams | Staircase | None:
+def stages(reward_params: Any) -> Staircase | None:
     """The stages among a policy reward's parameters; None if the reward has none."""
     params = reward_params.reward if isinstance(reward_params, WithFrames) else reward_params
     last = params[-1] if isinstance(params, tuple) and params else None
-    return last if isinstance(last, ChainParams | Staircase) else None
+    return last if isinstance(last, Staircase) else None
 
 
 def note(config: RunConfig, reward_params: Any) -> str | None:
@@ -55,5 +54,5 @@ def in_words(reward_params: Any, remembered: Float[Array, "T K"]) -> list[str]:
     return [f"stage {n + 1} of {count}" if n < count else "all stages done" for n in each]
 
 
-def _index(found: ChainParams | Staircase, remembered: Float[np.ndarray, "... K"]) -> np.ndarray:
+def _index(found: Staircase, remembered: Float[np.ndarray, "... K"]) -> np.ndarray:
     return np.round(remembered[..., -1] * int(found.count)).astype(int)
