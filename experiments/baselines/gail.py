@@ -183,7 +183,7 @@ def configured(task: str, options: Options) -> RunConfig:
         "ppo.observe_activity": False,  # the pairs of the demonstrations have none
     }
     if options.variant != variants.DEMO:  # no film shows its starts
-        change["ppo.video_starts"] = 0.0
+        change["ppo.video_state_resets"] = 0.0
     return changed(load("magical_suite"), change)
 
 

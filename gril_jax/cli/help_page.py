@@ -1,6 +1,7 @@
 """The short help of verbs that take a whole configuration; `--help-all` lists every option."""
 
 import ast
+import dataclasses
 import functools
 import inspect
 import re
@@ -122,11 +123,13 @@ def _kind(kind: Any) -> str:
 
 @functools.cache
 def texts(schema: type[Any]) -> dict[str, str]:
-    """The text under each field of a dataclass."""
-    (body,) = ast.parse(textwrap.dedent(inspect.getsource(schema))).body
-    pairs = zip(body.body, body.body[1:], strict=False)
-    return {
-        field.target.id: text.value.value
-        for field, text in pairs
-        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
-    }
+    """The text under each field of a dataclass, or under the one of its base that it replaces."""
+    found: dict[str, str] = {}
+    for kind in filter(dataclasses.is_dataclass, reversed(schema.mro())):
+        (body,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+        found |= {
+            field.target.id: text.value.value
+            for field, text in zip(body.body, body.body[1:], strict=False)
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
+        }
+    return found

@@ -1,7 +1,11 @@
-"""The sections of the configuration that train a policy, one for each algorithm."""
+"""The sections of the configuration that train a policy, one for each algorithm.
+
+Both have the fields of `PolicyConfig`, with defaults of their own. What nobody had to choose yet,
+such as the rate of SAC's target networks, is an argument of the library alone: see the types
+`Static` and `Hyper` of `gril_jax.rl.ppo` and `gril_jax.rl.sac`.
+"""
 
 from dataclasses import dataclass, field
-from math import isfinite
 from typing import Any
 
 from gril_jax.errors import ConfigError
@@ -12,84 +16,95 @@ _WIDTHS = rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1
 
 
 @dataclass(frozen=True)
-class PPOConfig:
-    """Policy training."""
+class PolicyConfig:
+    """What every algorithm has."""
 
     num_timesteps: int = field(default=1_000_000, metadata=at_least(1))
     """Control steps in all, over all environments."""
     num_envs: int = field(default=64, metadata=at_least(1))
     """Environments that are stepped together."""
     unroll_length: int = field(default=20, metadata=at_least(1))
-    """Control steps of each environment between two updates."""
+    """Control steps of each environment between two rounds of gradient steps."""
+    learning_rate: float = field(default=3e-4, metadata=above(0))
+    """Learning rate of Adam."""
+    discounting: float = field(default=0.99, metadata=between(0, 1))
+    """Discount of a control step."""
+    reward_scaling: float = field(default=1.0, metadata=above(0))
+    """Factor on the reward before it reaches the value function or the critics."""
+    hidden: tuple[int, ...] = field(default=(64, 64), metadata=_WIDTHS)
+    """Widths of the hidden layers of each network."""
+    observe_activity: bool | None = None
+    """True if the policy sees which objects have moved, as the reward does; None: unless the
+    observation is "xmagical", so that it stays the original simulator's own."""
+    visited_state_resets: float = field(default=0.0, metadata=between(0, 1))
+    """Fraction of training episodes that begin at states which the policy has visited, of high
+    reward as often as of low; it falls to 0, reached when a tenth of training is left."""
+    video_state_resets: float = field(default=0.0, metadata=between(0, 1))
+    """Fraction of training episodes that begin at states which the videos show; likewise."""
+
+    def check(self, name: str) -> None:
+        """Raises ConfigError if sizes do not fit together; `name` is the section's."""
+        unroll = self.num_envs * self.unroll_length
+        if self.num_timesteps < unroll:
+            raise ConfigError(
+                f"{name}.num_timesteps is {self.num_timesteps}, but must cover one update of "
+                f"{name}.num_envs x {name}.unroll_length = {unroll} steps"
+            )
+
+
+@dataclass(frozen=True)
+class PPOConfig(PolicyConfig):
+    """Policy training by proximal policy optimisation."""
+
     num_minibatches: int = field(default=4, metadata=at_least(1))
     """Parts that an update's data are split into; they divide num_envs."""
     num_epochs: int = field(default=4, metadata=at_least(1))
     """Passes over an update's data."""
-    learning_rate: float = field(default=3e-4, metadata=above(0))
-    """Learning rate of Adam."""
-    learning_rate_left: float = field(default=1.0, metadata=between(0, 1))
-    """Share of the learning rate at the end of training, reached linearly."""
-    discounting: float = field(default=0.99, metadata=between(0, 1))
-    """Discount of a control step."""
+    final_learning_rate_fraction: float = field(default=1.0, metadata=between(0, 1))
+    """Fraction of the learning rate at the end of training, reached linearly."""
     gae_lambda: float = field(default=0.95, metadata=between(0, 1))
     """Lambda of generalised advantage estimation."""
     entropy_cost: float = field(default=1e-2, metadata=at_least(0))
     """Weight of the policy's entropy."""
-    entropy_left: float = field(default=1.0, metadata=between(0, 1))
-    """Share of that weight at the end of training, reached linearly."""
+    final_entropy_fraction: float = field(default=1.0, metadata=between(0, 1))
+    """Fraction of that weight at the end of training, reached linearly."""
     clipping_epsilon: float = field(default=0.2, metadata=between(0.001, 1))
     """Clipping range of the probability ratio."""
-    reward_scaling: float = field(default=1.0, metadata=above(0))
-    """Factor on the reward before it reaches the value function."""
-    max_grad_norm: float = field(default=1.0, metadata=above(0))
-    """Gradients whose global norm is larger are scaled down to it."""
-    hidden: tuple[int, ...] = field(default=(64, 64), metadata=_WIDTHS)
-    """Widths of the hidden layers of policy and value function."""
-    observe_activity: bool | None = None
-    """True if the policy sees which objects have moved, as the reward does; None: unless the
-    observation is "xmagical", so that it stays the original simulator's own."""
-    own_starts: float = field(default=0.0, metadata=between(0, 1))
-    """Share of training episodes that begin at well-paid moments of the policy's own episodes; it
-    falls to 0, reached when a tenth of training is left."""
-    video_starts: float = field(default=0.0, metadata=between(0, 1))
-    """Share of training episodes that begin where a frame of the videos shows things; likewise."""
     by_object: bool = False
     """True if the policy's networks read each object of the observation with the same weights, for
     tasks that list objects in it: then neither their order nor their number matters."""
     sub_policies: int = field(default=1, metadata=between(1, 8))
     """Number of sub-policies with networks of their own, one for each stage of the learned reward
     (with run.reward stages)."""
-    stacked: int = field(default=1, metadata=between(1, 16))
+    frame_stack: int = field(default=1, metadata=between(1, 16))
     """Observations that the policy sees at a time: the present one and those of the control steps
     before, so that it can tell what has happened."""
-    held_noise: float = field(default=0.0, metadata=between(0, 1))
-    """Share of the variance of an action's noise that is the same in all steps between two updates:
-    an environment then explores in one direction for so long."""
+    noise_correlation: float = field(default=0.0, metadata=between(0, 1))
+    """Fraction of the variance of an action's noise that is the same in all steps between two
+    updates: an environment then explores in one direction for so long."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""
+        super().check(name)
         if self.num_envs % self.num_minibatches:
             raise ConfigError(
                 f"{name}.num_minibatches is {self.num_minibatches}, but must divide "
                 f"{name}.num_envs, which is {self.num_envs}"
             )
-        if self.by_object and self.stacked > 1:
+        if self.by_object and self.frame_stack > 1:
             raise ConfigError(
-                f"{name}.stacked is {self.stacked}, but must be 1 with {name}.by_object, which "
-                "reads the objects of one observation"
+                f"{name}.frame_stack is {self.frame_stack}, but must be 1 with {name}.by_object, "
+                "which reads the objects of one observation"
             )
 
 
 @dataclass(frozen=True)
-class SACConfig:
+class SACConfig(PolicyConfig):
     """Policy training by soft actor-critic."""
 
     num_timesteps: int = field(default=500_000, metadata=at_least(1))
-    """Control steps in all, over all environments."""
-    num_envs: int = field(default=64, metadata=at_least(1))
-    """Environments that are stepped together."""
     unroll_length: int = field(default=4, metadata=at_least(1))
-    """Control steps of each environment between two rounds of gradient steps."""
+    hidden: tuple[int, ...] = field(default=(128, 128), metadata=_WIDTHS)
     updates_per_step: int = field(default=8, metadata=at_least(1))
     """Gradient steps of each round."""
     batch_size: int = field(default=256, metadata=at_least(1))
@@ -98,37 +113,10 @@ class SACConfig:
     """Transitions that the replay holds; a multiple of num_envs x unroll_length."""
     min_replay: int = field(default=2**13, metadata=at_least(0))
     """Transitions before learning begins; until then actions are random."""
-    relabel: bool = False
-    """True if the reward is computed when a batch is sampled, not when a step is taken."""
-    learning_rate: float = field(default=3e-4, metadata=above(0))
-    """Learning rate of Adam for actor and critics."""
-    alpha_learning_rate: float = field(default=3e-4, metadata=at_least(0))
-    """Learning rate of the logarithm of the temperature; 0 keeps the temperature."""
-    initial_alpha: float = field(default=1.0, metadata=above(0))
-    """Initial temperature: the value of a nat of entropy in units of scaled reward."""
-    target_entropy: float = field(default=-0.5, metadata=rule(isfinite, "finite"))
-    """Target entropy for the temperature, in nats for each number of an action."""
-    discounting: float = field(default=0.99, metadata=between(0, 1))
-    """Discount of a control step."""
-    soft_update: float = field(default=0.005, metadata=between(0, 1))
-    """Share of the critics that enters their target with each gradient step."""
-    reward_scaling: float = field(default=1.0, metadata=above(0))
-    """Factor on the reward before it reaches the critics."""
-    max_grad_norm: float = field(default=10.0, metadata=above(0))
-    """Gradients of larger norm are scaled down to it: actor, critics and temperature each."""
-    hidden: tuple[int, ...] = field(default=(128, 128), metadata=_WIDTHS)
-    """Widths of the hidden layers of actor and critics."""
-    observe_activity: bool | None = None
-    """True if the policy sees which objects have moved, as the reward does; None: unless the
-    observation is "xmagical", so that it stays the original simulator's own."""
-    own_starts: float = field(default=0.0, metadata=between(0, 1))
-    """Share of training episodes that begin at well-paid moments of the policy's own episodes; it
-    falls to 0, reached when a tenth of training is left."""
-    video_starts: float = field(default=0.0, metadata=between(0, 1))
-    """Share of training episodes that begin where a frame of the videos shows things; likewise."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""
+        super().check(name)
         check_replay(self, f"{name}.")
 
 

@@ -39,9 +39,8 @@ class RunSettings:
     )
     """Weights of the learned and of the task's own reward in the shaped one."""
     reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
-    """Constant added to the learned reward if that is all, also in stages. With 1 it
-    starts at about 0 instead of -1: no policy is better or worse for it, but some are found
-    sooner."""
+    """Constant added to the learned reward if that is all, also in stages. With 1 it starts at
+    about 0 instead of -1: no policy is better or worse for it, but some are found sooner."""
     audit: int = field(default=0, metadata=at_least(0))
     """Gradient ascents of the audit that follows training, 0 for none; `gril audit` has its own."""
     evaluations: int = field(default=8, metadata=at_least(0))
@@ -144,14 +143,7 @@ def _check_sizes(config: RunConfig) -> None:
     demos, pretrain, env = config.demos, config.pretrain, config.env
     _check_encoder(config)
     for name in ALGORITHMS:
-        chosen = getattr(config, name)
-        chosen.check(name)
-        unroll = chosen.num_envs * chosen.unroll_length
-        if chosen.num_timesteps < unroll:
-            raise ConfigError(
-                f"{name}.num_timesteps is {chosen.num_timesteps}, but must cover one update of "
-                f"{name}.num_envs x {name}.unroll_length = {unroll} steps"
-            )
+        getattr(config, name).check(name)
     at_once = {
         f"{config.run.algorithm}.num_envs": getattr(config, config.run.algorithm).num_envs,
         "run.eval_episodes": config.run.eval_episodes,
@@ -201,7 +193,6 @@ def _check_encoder(config: RunConfig) -> None:
 def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
     """Choices that may need boxes: their values, whether pixels do, and what else they must be."""
     run, form = config.run, REWARDS[config.run.reward]
-    relabel = getattr(getattr(config, run.algorithm), "relabel", False)
     with_pictures = alternatives([name for name, one in REWARDS.items() if one.pictures])
     return {
         "loss.consistency": (
@@ -210,5 +201,4 @@ def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
             alternatives([name for name in ALIGNMENTS if name.startswith("tcc")]),
         ),
         "run.reward": (run.reward, form.pictures, with_pictures),
-        f"{run.algorithm}.relabel": (relabel, not (relabel and form.learns), "False"),
     }

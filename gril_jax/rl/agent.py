@@ -32,8 +32,10 @@ class Sizes:
     window: int = PoolConfig.window  # of the activity memory, frames
     smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
     noise: float | None = PoolConfig.noise  # of centres, world units
-    own_starts: float = 0.0  # share of starts at moments of own episodes, when training begins
-    video_starts: float = 0.0  # and at frames of videos; parameters are then `starts.WithFrames`
+    visited_state_resets: float = 0.0  # share of starts at visited states, when training begins
+    video_state_resets: float = (
+        0.0  # and at frames of videos, with `starts.WithFrames` as parameters
+    )
 
 
 class Agent:
@@ -44,26 +46,33 @@ class Agent:
       reward: what to maximise; its parameters are an argument of `step`.
       static: sizes.
       to_learn: keys that the learner takes in a step.
-      stacked: observations that the policy sees at a time.
+      frame_stack: observations that the policy sees at a time.
     """
 
     networks: Any  # brax's
     _make_policy: Callable[..., Any]
 
     def __init__(
-        self, env: Environment, reward: AnyReward, static: Sizes, to_learn: int, stacked: int = 1
+        self,
+        env: Environment,
+        reward: AnyReward,
+        static: Sizes,
+        to_learn: int,
+        frame_stack: int = 1,
     ):
         self.env = env
         self.num_envs, self.unroll_length = static.num_envs, static.unroll_length
         self.episodes = Episodes.of(
             env, reward, observe_activity=static.observe_activity, window=static.window,
             smoothing=static.smoothing, noise=static.noise,
-            chosen_starts=static.own_starts + static.video_starts > 0, stacked=stacked,
+            chosen_starts=static.visited_state_resets + static.video_state_resets > 0,
+            frame_stack=frame_stack,
         )  # fmt: skip
         self.observation_size = self.episodes.observation_size
         self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)
         self.static = static
-        self._choosing = (static.own_starts > 0) + (static.video_starts > 0)  # keys for starts
+        # Keys for starts that training chooses.
+        self._choosing = (static.visited_state_resets > 0) + (static.video_state_resets > 0)
         self.num_keys = 1 + self._renewals + static.unroll_length + to_learn + self._choosing
 
     def step(
@@ -87,15 +96,14 @@ class Agent:
         return keys[0], keys[1], rollout.scatter(begun, keys[2], self.env.episode_length)
 
     def _unroll(
-        self, state: Any, key: PRNGKeyArray, act: rollout.Act, hyper: Any, reward_params: Any,
-        **keep: Callable[[EpisodeState], Any],
-    ) -> tuple[Any, rollout.Rollout]:  # fmt: skip
+        self, state: Any, key: PRNGKeyArray, act: rollout.Act, hyper: Any, reward_params: Any
+    ) -> tuple[Any, rollout.Rollout]:
         """The state after T control steps of every environment, and what they brought."""
         new_starts, each_step, _ = self._split(key)
         choose = functools.partial(self._chosen, state, key, hyper, reward_params)
         renewed = rollout.renew(self.episodes, state.envs, new_starts, choose)
         moved, steps = rollout.unroll(
-            self.episodes, reward_params, renewed, act, each_step, tau=hyper.tau, **keep
+            self.episodes, reward_params, renewed, act, each_step, tau=hyper.tau
         )
         return state._replace(envs=moved), steps
 
@@ -107,14 +115,19 @@ class Agent:
             return fresh
         static, keys = self.static, jax.random.split(key, self.num_keys)
         progress = state.updates / hyper.decay_updates
-        if static.video_starts:
-            share = starts.share_left(static.video_starts, progress)
+        if static.video_state_resets:
+            share = starts.share_left(static.video_state_resets, progress)
             each = jax.random.split(keys[-1], len(fresh.time))
             fresh = starts.of_videos(self.episodes, reward_params.frames, fresh, each, share=share)
-        if static.own_starts:
-            share, running = starts.share_left(static.own_starts, progress), state.envs.running
+        if static.visited_state_resets:
+            share = starts.share_left(static.visited_state_resets, progress)
             fresh = starts.of_own(
-                self.episodes, reward_params, running, fresh, keys[-self._choosing], share=share
+                self.episodes,
+                reward_params,
+                state.envs.running,
+                fresh,
+                keys[-self._choosing],
+                share=share,
             )
         return fresh
 

@@ -68,7 +68,7 @@ class Episodes:
     """Standard deviation of a centre along one axis, world units."""
     chosen_starts: bool = False
     """True if training may choose where episodes begin (`gril_jax.rl.starts`): they then say it."""
-    stacked: int = 1
+    frame_stack: int = 1
     """Observations that the policy sees, the present one and those before it."""
 
     @classmethod
@@ -97,10 +97,10 @@ class Episodes:
         memory = memory._replace(active=active)
         varied = jnp.zeros(()) if self.chosen_starts else ()
         begun = EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32), varied)
-        if self.stacked == 1:
+        if self.frame_stack == 1:
             return begun
         # Nothing came before: the start is taken to have lasted.
-        return begun._replace(before=jnp.tile(self._now(begun), (self.stacked - 1, 1)))
+        return begun._replace(before=jnp.tile(self._now(begun), (self.frame_stack - 1, 1)))
 
     def advance(
         self,
@@ -124,7 +124,7 @@ class Episodes:
         memory, active = activity.step(episode.memory, *boxes, tau=tau, noise=self.noise)
         remembered, reward = self.reward.step(reward_params, episode.reward_memory, state, active)
         before = episode.before
-        if self.stacked > 1:
+        if self.frame_stack > 1:
             before = jnp.concatenate([before[1:], self._now(episode)[None]])
         moved = EpisodeState(state, memory, remembered, episode.time + 1, episode.varied, before)
         finite = _all_finite((state, remembered, reward))
@@ -152,7 +152,7 @@ class Episodes:
         """The policy's input: the task's observation, and whatever else the reward depends on; the
         present one comes last, where several are seen."""
         now = self._now(episode)
-        return jnp.append(episode.before, now) if self.stacked > 1 else now
+        return jnp.append(episode.before, now) if self.frame_stack > 1 else now
 
     def _now(self, episode: EpisodeState) -> Float[Array, "N"]:
         remembered = self.reward.observe(episode.reward_memory)

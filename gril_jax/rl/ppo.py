@@ -43,8 +43,8 @@ class Static(Sizes):
     num_epochs: int = PPOConfig.num_epochs
     by_object: bool = PPOConfig.by_object  # of tasks with `observation_rows`
     sub_policies: int = PPOConfig.sub_policies  # with networks of their own, one for each stage
-    stacked: int = PPOConfig.stacked  # observations that the policy sees at a time
-    held_noise: float = PPOConfig.held_noise  # share of the noise's variance that is kept so long
+    frame_stack: int = PPOConfig.frame_stack  # observations that the policy sees at a time
+    noise_correlation: float = PPOConfig.noise_correlation  # share of variance held for an unroll
 
 
 class Hyper(NamedTuple):
@@ -56,11 +56,11 @@ class Hyper(NamedTuple):
     entropy_cost: Number = PPOConfig.entropy_cost
     clipping_epsilon: Number = PPOConfig.clipping_epsilon
     reward_scaling: Number = PPOConfig.reward_scaling
-    max_grad_norm: Number = PPOConfig.max_grad_norm
+    max_grad_norm: Number = 1.0  # gradients whose global norm is larger are scaled down to it
     tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
     decay_updates: Number = 1.0  # over which the two below are reached
-    learning_rate_left: Number = PPOConfig.learning_rate_left  # share of the rate, at the end
-    entropy_left: Number = PPOConfig.entropy_left  # share of the entropy cost, at the end
+    final_learning_rate_fraction: Number = PPOConfig.final_learning_rate_fraction
+    final_entropy_fraction: Number = PPOConfig.final_entropy_fraction
 
 
 class TrainState(NamedTuple):
@@ -83,8 +83,8 @@ class PPO(Agent):
     def __init__(self, env: Environment, reward: AnyReward, static: Static):
         self.static = static
         self._passes = static.num_epochs, static.num_minibatches + 1  # keys of `learn`
-        to_learn = math.prod(self._passes) + (static.held_noise > 0)
-        super().__init__(env, reward, static, to_learn, static.stacked)
+        to_learn = math.prod(self._passes) + (static.noise_correlation > 0)
+        super().__init__(env, reward, static, to_learn, static.frame_stack)
         one = networks.make_ppo_networks(
             self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,
@@ -129,7 +129,7 @@ class PPO(Agent):
         """T control steps of every environment; `deterministic` ones play mean actions."""
         actions = self.networks.parametric_action_distribution
         network = functools.partial(self.networks.policy_network.apply, *self.policy(state))
-        share, shape = self.static.held_noise, (self.num_envs, self.env.action_size)
+        share, shape = self.static.noise_correlation, (self.num_envs, self.env.action_size)
         held = jax.random.normal(self._split(key)[-1][-1], shape) if share else 0.0
 
         def act(observation, key):
@@ -169,7 +169,7 @@ class PPO(Agent):
             gae_lambda=hyper.gae_lambda,
             reward_scaling=hyper.reward_scaling,
             clipping_epsilon=hyper.clipping_epsilon,
-            entropy_cost=hyper.entropy_cost * _left(hyper.entropy_left, progress),
+            entropy_cost=hyper.entropy_cost * _left(hyper.final_entropy_fraction, progress),
         )
 
         def minibatch(carry, batch_and_key):
@@ -199,7 +199,8 @@ class PPO(Agent):
         """The collected data, with the value at time limits added to the reward.
 
         The value of the last observation before a reset at the time limit is added to that step's
-        reward, and the step counts as an end. Rollout that a failure took back are dropped.
+        reward, and the step counts as an end. Steps undone by the non-finite guard are excluded
+        from the loss.
         """
         result = steps.result
         timeouts = result.truncated * (1 - result.nonfinite)
@@ -236,5 +237,5 @@ def _left(share: Float[Array, ""] | float, progress: Float[Array, ""] | float):
 
 
 def _optimiser(hyper: Hyper, progress: Float[Array, ""] | float) -> optax.GradientTransformation:
-    rate = hyper.learning_rate * _left(hyper.learning_rate_left, progress)
+    rate = hyper.learning_rate * _left(hyper.final_learning_rate_fraction, progress)
     return optax.chain(optax.clip_by_global_norm(hyper.max_grad_norm), optax.adam(rate))

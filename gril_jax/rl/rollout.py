@@ -40,7 +40,6 @@ class Rollout(NamedTuple):
     result: StepResult
     last: Float[Array, "T B O"]  # the observation after the step, before any reset
     ended: Bool[Array, "T B"]
-    kept: Any  # what else was asked for of the episode after the step, before any reset
 
 
 def init(episodes: Episodes, keys: Key[Array, "K"]) -> VectorState:
@@ -113,14 +112,12 @@ def unroll(
     keys: Key[Array, "T"],
     *,
     tau: Float[Array, ""] | float,
-    keep: Callable[[EpisodeState], Any] = lambda episode: (),
 ) -> tuple[VectorState, Rollout]:
     """Runs a control step of every environment with each of the keys (T,).
 
     Where an episode ends, a start of the pool follows. Should two end in one unroll, the same start
     follows twice. From unroll to unroll each block of the pool is turned by one place, so that an
-    environment whose episodes end early meets other starts. `keep` says what of an episode becomes
-    part of `Rollout`.
+    environment whose episodes end early meets other starts.
     """
     starts = _turned(envs)
 
@@ -131,10 +128,10 @@ def unroll(
         observation = jax.vmap(episodes.observe)(running)
         action, extras = act(observation, key_step)
         running, result = jax.vmap(one)(running, action)
-        last, kept = jax.vmap(lambda episode: (episodes.observe(episode), keep(episode)))(running)
+        last = jax.vmap(episodes.observe)(running)
         ended = result.terminated + result.truncated > 0
         running = jax.vmap(reset_where)(ended, starts, running)
-        return running, Rollout(observation, action, extras, result, last, ended, kept)
+        return running, Rollout(observation, action, extras, result, last, ended)
 
     running, steps = jax.lax.scan(move, envs.running, keys)
     return envs._replace(running=running), steps

@@ -1,7 +1,7 @@
 """Soft actor-critic with rollout, reward, replay and gradient steps in one pure function.
 
 Networks, losses, action distribution and observation statistics are brax's; the step that joins
-them and the replay are ours (`sac_update` has the gradient step). Everything that the next step
+them and the replay are ours (`sac_loss` has the gradient step). Everything that the next step
 depends on is in `TrainState`, the replay included, so that saving it is enough to go on.
 
 A time limit is no end: its transition leads to the observation before the reset, and bootstraps
@@ -22,11 +22,10 @@ from flax import linen
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax.config.policy import SACConfig, check_replay
-from gril_jax.errors import ConfigError
 
 from . import replay, rollout, sac_loss
 from .agent import Agent, Sizes
-from .episodes import Environment, Episodes, EpisodeState
+from .episodes import Environment
 from .policy import Policy, fresh_normalizer, normalize, observed
 from .rewards import AnyReward
 from .sac_loss import Hyper, Learned
@@ -43,7 +42,6 @@ class Static(Sizes):
     batch_size: int = SACConfig.batch_size
     replay_size: int = SACConfig.replay_size  # transitions, a multiple of those of one unroll
     min_replay: int = SACConfig.min_replay  # transitions before learning; till then at random
-    relabel: bool = SACConfig.relabel  # whether rewards are computed when a batch is drawn
 
 
 class TrainState(NamedTuple):
@@ -57,14 +55,6 @@ class TrainState(NamedTuple):
     updates: Int[Array, ""]  # unrolls so far
 
 
-class Seen(NamedTuple):
-    """Inputs of a reward that is computed later, in place of a task's state."""
-
-    objects: Any
-    active: Bool[Array, "N"]
-    reward: Float[Array, ""]  # the task's own
-
-
 class Row(NamedTuple):
     """One transition in the replay."""
 
@@ -73,16 +63,13 @@ class Row(NamedTuple):
     next_observation: Float[Array, "O"]  # before any reset
     discount: Float[Array, ""]  # 0 where the task ended
     dropped: Float[Array, ""]  # 1 where the step was taken back
-    reward: Any  # a number, or `Seen` with `relabel`
+    reward: Float[Array, ""]
 
 
 class SAC(Agent):
     """The algorithm for one environment and one reward; its functions are pure.
 
-    With `relabel` the reward has no memory, and looks at nothing of a state but `Seen`.
-
-    Raises:
-      ConfigError: sizes do not fit together, or the reward cannot be relabelled.
+    Raises ConfigError if sizes do not fit together.
     """
 
     Static, Hyper = Static, Hyper
@@ -90,7 +77,7 @@ class SAC(Agent):
     def __init__(self, env: Environment, reward: AnyReward, static: Static):
         self.static = static
         super().__init__(env, reward, static, 1 + static.updates_per_step)
-        _check(static, self.episodes)
+        check_replay(static)
         self.networks = networks.make_sac_networks(
             self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             hidden_layer_sizes=static.hidden,
@@ -103,7 +90,7 @@ class SAC(Agent):
         key, key_weights, envs = self._begin(key)
         learned = sac_loss.begin(self.networks, key_weights, hyper)
         normalizer = fresh_normalizer(self.observation_size)
-        stored = replay.init(self._row(envs.running), self.static.replay_size)
+        stored = replay.init(self._row(), self.static.replay_size)
         return TrainState(learned, normalizer, stored, envs, key, jnp.zeros((), jnp.int32))
 
     def policy(self, state: TrainState) -> Policy:
@@ -134,7 +121,7 @@ class SAC(Agent):
             action = jnp.where(self._ready(state), drawn, uniform)
             return jnp.where(deterministic[:, None], mean, action), ()
 
-        return self._unroll(state, key, act, hyper, reward_params, keep=self._keep)
+        return self._unroll(state, key, act, hyper, reward_params)
 
     def store(
         self, state: TrainState, steps: rollout.Rollout, *, wanted: Bool[Array, ""] | bool = True
@@ -146,7 +133,7 @@ class SAC(Agent):
             next_observation=steps.last,
             discount=1.0 - steps.result.terminated,
             dropped=steps.result.nonfinite,
-            reward=steps.kept if self.static.relabel else steps.result.reward,
+            reward=steps.result.reward,
         )
         rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows)
         return state._replace(replay=replay.insert(state.replay, rows, wanted=wanted))
@@ -164,11 +151,12 @@ class SAC(Agent):
         Too early they are computed all the same, and thrown away: seeds side by side could not skip
         them either.
         """
+        del reward_params  # each transition has the reward that it had when it was collected
         keys = self._split(key)[-1]
         normalizer = observed(state.normalizer, steps.observation)
         count, size = self.static.updates_per_step, self.static.batch_size
         rows = replay.sample(state.replay, keys[0], count * size)
-        data = self._transitions(rows, reward_params)
+        data = self._transitions(rows)
         batches = jax.tree.map(lambda x: x.reshape(count, size, *x.shape[1:]), data)
 
         def update(learned, batch_and_key):
@@ -185,42 +173,19 @@ class SAC(Agent):
     def _ready(self, state: TrainState) -> Bool[Array, ""]:
         return state.replay.size >= self.static.min_replay
 
-    def _keep(self, episode: EpisodeState) -> Any:
-        if not self.static.relabel:
-            return ()
-        return Seen(episode.state.objects, episode.memory.active, episode.state.reward)
-
-    def _row(self, running: EpisodeState) -> Row:
+    def _row(self) -> Row:
         """Shapes of one row."""
         sizes = (), (self.observation_size,), (self.env.action_size,)
         number, observation, action = (jax.ShapeDtypeStruct(s, jnp.float32) for s in sizes)
-        seen = jax.eval_shape(self._keep, jax.tree.map(lambda x: x[0], running))
-        reward = seen if self.static.relabel else number
-        return Row(observation, action, observation, number, number, reward)
+        return Row(observation, action, observation, number, number, number)
 
-    def _transitions(self, rows: Row, reward_params: Any) -> Transition:
+    def _transitions(self, rows: Row) -> Transition:
         """The rows as transitions (R, ...) for brax's losses, which skip truncated ones."""
-        reward, dropped = rows.reward, rows.dropped
-        if self.static.relabel:
-            rule, nothing = self.episodes.reward, self.episodes.reward.init()
-            reward = jax.vmap(lambda x: rule.step(reward_params, nothing, x, x.active)[1])(reward)
-            # As when a step is taken: one broken reward must not reach the weights.
-            finite = jnp.isfinite(reward)
-            reward, dropped = jnp.where(finite, reward, 0.0), jnp.where(finite, dropped, 1.0)
         return Transition(
             observation=rows.observation,
             action=rows.action,
-            reward=reward,
+            reward=rows.reward,
             discount=rows.discount,
             next_observation=rows.next_observation,
-            extras={"policy_extras": {}, "state_extras": {"truncation": dropped}},
-        )
-
-
-def _check(static: Static, episodes: Episodes) -> None:
-    check_replay(static)
-    if static.relabel and jax.tree.leaves(episodes.reward.init()):
-        raise ConfigError(
-            "relabel is True, but must be False for a reward with a memory of its episode, which "
-            "the replay does not hold"
+            extras={"policy_extras": {}, "state_extras": {"truncation": rows.dropped}},
         )

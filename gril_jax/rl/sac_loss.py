@@ -28,13 +28,13 @@ class Hyper(NamedTuple):
     """Traced values: a sweep over them is a vmap and compiles once."""
 
     learning_rate: Number = SACConfig.learning_rate  # of actor and critics
-    alpha_learning_rate: Number = SACConfig.alpha_learning_rate  # of the temperature's logarithm
-    initial_alpha: Number = SACConfig.initial_alpha  # temperature, in units of scaled reward
-    target_entropy: Number = SACConfig.target_entropy  # nats for each number of an action
+    alpha_learning_rate: Number = 3e-4  # of the temperature's logarithm; 0 keeps it
+    initial_alpha: Number = 1.0  # temperature, in units of scaled reward
+    target_entropy: Number = -0.5  # nats for each number of an action
     discounting: Number = SACConfig.discounting
-    soft_update: Number = SACConfig.soft_update  # share of the critics in their target, a step
+    soft_update: Number = 0.005  # share of the critics in their target, a step
     reward_scaling: Number = SACConfig.reward_scaling
-    max_grad_norm: Number = SACConfig.max_grad_norm  # of actor, critics and temperature each
+    max_grad_norm: Number = 10.0  # of actor, critics and temperature each
     tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
     decay_updates: Number = 1.0  # over which the share of own starts falls
 

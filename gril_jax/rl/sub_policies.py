@@ -1,14 +1,13 @@
 """Networks of sub-policies: each stage of a task has weights of its own.
 
 The learned reward knows the stage that an episode has come to, from the latents alone
-(`gril_jax.reward.staircase`), and the policy sees it: the last number of
-its observation is the share of the stages that are finished. Of the networks for all stages that of
-the present one answers, for actions and for values. So a sub-policy begins where its predecessor
-has finished its stage, learns from its own stage alone, and still explores when the ones before it
-have settled. What it expects to be paid counts as the value of the states that are handed over to
-it, so that its predecessor learns to end where it can go on. T-STAR (Lee et al., CoRL 2021) keeps
-them together by a term for where a stage ends, after training them one by one; here all learn at
-once, in one compiled step.
+(`gril_jax.reward.staircase`), and the policy sees it: the last number of its
+observation is the share of the stages that are finished. The network of the present stage answers,
+for actions and for values. So a sub-policy begins where its predecessor has finished its stage,
+learns from its own stage alone, and still explores when the ones before it have settled. At
+hand-over, a stage bootstraps from its successor's value estimate, so that it learns to end where
+the successor can go on. T-STAR (Lee et al., CoRL 2021) keeps sub-policies together by a loss on
+where a stage ends, after training them one by one; here all learn at once, in one compiled step.
 """
 
 from typing import Any

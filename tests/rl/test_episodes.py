@@ -199,7 +199,7 @@ def test_metrics_are_those_of_the_moment():
 
 def test_a_policy_can_see_the_last_observations_the_present_one_last():
     env = Probe(clock=True, breaks=4, fragile=1.0, episode_length=10)
-    one, three = _episodes(env), _episodes(env, stacked=3)
+    one, three = _episodes(env), _episodes(env, frame_stack=3)
     assert three.observation_size == 3 * one.observation_size
     alone = lane = three.begin(jax.random.key(0))
     seen = [one.observe(alone)] * 3  # nothing came before the start

@@ -301,7 +301,7 @@ def test_actions_are_in_the_box_and_random_only_if_asked(seeing, init):
 
 def _noise(share):
     """The noise of the actions of an unroll (T, B, A), in standard deviations."""
-    ppo = _ppo(dataclasses.replace(UNSEEING, num_envs=4096, held_noise=share))
+    ppo = _ppo(dataclasses.replace(UNSEEING, num_envs=4096, noise_correlation=share))
     state = ppo.init(jax.random.key(0), HYPER)
     means = jnp.arange(4096) % 2 == 0
     collect = jax.jit(lambda s, k: ppo.collect(s, k, HYPER, CONSTANT, deterministic=means)[1])
@@ -327,7 +327,7 @@ def test_noise_is_held_in_part_for_an_unroll_and_is_as_wide_as_ever(share):
 
 
 def test_a_policy_learns_with_held_noise():
-    ppo = _ppo(dataclasses.replace(UNSEEING, held_noise=0.5))
+    ppo = _ppo(dataclasses.replace(UNSEEING, noise_correlation=0.5))
     start = ppo.init(jax.random.key(0), HYPER)
     step = jax.jit(lambda s: jax.lax.scan(lambda s, _: ppo.step(s, HYPER, DONE), s, length=120)[0])
     state = step(start)
@@ -337,7 +337,7 @@ def test_a_policy_learns_with_held_noise():
 
 def test_a_policy_learns_from_stacked_observations():
     """The present observation is the last; that before it does not change the answer."""
-    ppo = _ppo(dataclasses.replace(UNSEEING, stacked=2))
+    ppo = _ppo(dataclasses.replace(UNSEEING, frame_stack=2))
     start = ppo.init(jax.random.key(0), HYPER)
     assert start.normalizer.mean.shape == (4,)
     step = jax.jit(lambda s: jax.lax.scan(lambda s, _: ppo.step(s, HYPER, DONE), s, length=120)[0])

@@ -49,13 +49,13 @@ def begun():
 def unrolled(begun):
     def run(begun, key):
         keys = jax.random.split(key, LENGTH)
-        return rollout.unroll(EPISODES, None, begun, _act, keys, tau=0.005, keep=lambda x: x.time)
+        return rollout.unroll(EPISODES, None, begun, _act, keys, tau=0.005)
 
     return jax.jit(run)(begun, jax.random.key(1))
 
 
 def test_an_unroll_equals_environments_stepped_by_hand(begun, unrolled):
-    """The start for lane i is that at i + drawn; what is kept is from before the reset."""
+    """The start for lane i is that at i + drawn; `last` is from before the reset."""
     after, steps = unrolled
     advance = jax.jit(lambda lane, action: EPISODES.advance(None, lane, action, tau=0.005))
     lanes, starts = ([_at(tree, i) for i in range(NUM)] for tree in (begun.running, begun.starts))
@@ -67,7 +67,7 @@ def test_an_unroll_equals_environments_stepped_by_hand(begun, unrolled):
             over = bool(moment.terminated + moment.truncated > 0)
             mine = rollout.Rollout(
                 observation[i], action[i], _at(extras, i), moment, EPISODES.observe(lane),
-                jnp.asarray(over), lane.time,
+                jnp.asarray(over),
             )  # fmt: skip
             chex.assert_trees_all_close(_at(steps, t, i), mine, atol=1e-6)
             lanes[i] = starts[(i + 3) % NUM] if over else lane
@@ -164,7 +164,7 @@ def test_a_summary_counts_only_episodes_that_ended_from_the_tasks_own_start():
         },
     )  # fmt: skip
     steps = rollout.Rollout(
-        number[..., None], number[..., None], (), moment, number[..., None], ended, ()
+        number[..., None], number[..., None], (), moment, number[..., None], ended
     )
     found = rollout.summary(steps)
     expected = {"score": (1 + 3) / 2, "episodes": 2.0, "reward": 2.5, "nonfinite": 1.0}
@@ -175,6 +175,6 @@ def test_a_summary_without_an_ended_episode_is_zero_not_nan():
     number = jnp.zeros((1, 2))
     moment = episodes.StepResult(number, number, number, number, {"score": number + 7})
     steps = rollout.Rollout(
-        number[..., None], number[..., None], (), moment, number[..., None], number > 0, ()
+        number[..., None], number[..., None], (), moment, number[..., None], number > 0
     )
     assert float(rollout.summary(steps)["score"]) == 0

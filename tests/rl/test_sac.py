@@ -11,7 +11,7 @@ from support.probes import Probe
 
 from gril_jax.config import RunConfig, SACConfig
 from gril_jax.errors import ConfigError
-from gril_jax.rl import rewards, sac_loss
+from gril_jax.rl import sac_loss
 from gril_jax.rl.policy import fresh_normalizer
 from gril_jax.rl.sac import SAC, Hyper, Row, Static
 
@@ -156,34 +156,29 @@ def test_temperature_brings_the_entropy_to_its_target(solved):
 def _transitions(observation):
     n = len(observation)
     zero, action = jnp.zeros(n), jnp.zeros((n, 1))
-    return _sac()._transitions(Row(observation, action, observation, zero, zero, zero), None)
+    return _sac()._transitions(Row(observation, action, observation, zero, zero, zero))
 
 
 # ---------------------------------------------------------------- replay
 
 
-def dense(weight, state, active):
-    """A reward of what `Seen` has: where the block is, whether it moved, and the task's own."""
-    return weight * state.objects.center[2, 0] + 10.0 * active[2] + state.reward
+@pytest.fixture(scope="module")
+def fragile():
+    return _sac(STATIC, weighted, breaks=3, fragile=0.3)
 
 
 @pytest.fixture(scope="module")
-def relabelling():
-    return _sac(Static(**{**STATIC.__dict__, "relabel": True}), dense, breaks=3, fragile=0.3)
-
-
-@pytest.fixture(scope="module")
-def gathered(relabelling):
+def gathered(fragile):
     """Two unrolls without learning, before the replay is full enough: (state, steps of both)."""
 
     @jax.jit
     def gather(key):
         def move(state, key):
             quiet = jnp.arange(16) < 4
-            state, steps = relabelling.collect(state, key, HYPER, 2.0, deterministic=quiet)
-            return relabelling.store(state, steps), steps
+            state, steps = fragile.collect(state, key, HYPER, CONSTANT, deterministic=quiet)
+            return fragile.store(state, steps), steps
 
-        start = relabelling.init(key, HYPER)
+        start = fragile.init(key, HYPER)
         return jax.lax.scan(move, start, jax.random.split(jax.random.key(1), 2))
 
     return gather(jax.random.key(0))
@@ -201,34 +196,9 @@ def test_replay_holds_every_transition_in_order_with_what_came_before_a_reset(ga
     # A time limit does not end the task; a step that was taken back is to be left out.
     assert steps.result.truncated.any()
     assert np.all(np.asarray(rows.discount) == 1)
+    np.testing.assert_array_equal(rows.reward, steps.result.reward)
     np.testing.assert_array_equal(rows.dropped, steps.result.nonfinite)
     assert np.asarray(rows.dropped).any()
-
-
-def test_a_batch_is_labelled_with_the_present_reward(relabelling, gathered):
-    """With the parameters of then, as it was; with others, as they say. Dropped steps have none."""
-    state, steps = gathered
-    rows = jax.tree.map(lambda x: x[: 2 * 4 * 16], state.replay.rows)
-    kept = np.asarray(rows.dropped) == 0
-    then = relabelling._transitions(rows, 2.0).reward
-    np.testing.assert_allclose(then[kept], steps.result.reward.reshape(-1)[kept], rtol=1e-6)
-    now = relabelling._transitions(rows, -1.0).reward
-    moved = rows.reward.objects.center[:, 2, 0]
-    np.testing.assert_allclose(then - now, 3 * moved, atol=1e-5)
-    assert np.abs(moved).max() > 0.1
-
-
-def test_a_reward_that_is_not_finite_when_a_batch_is_labelled_is_left_out(relabelling, gathered):
-    rows = jax.tree.map(lambda x: x[: 2 * 4 * 16], gathered[0].replay.rows)
-    objects = rows.reward.objects._replace(
-        center=rows.reward.objects.center.at[:8, 2, 0].set(jnp.inf)
-    )
-    broken = rows._replace(reward=rows.reward._replace(objects=objects))
-    batch = relabelling._transitions(broken, 2.0)
-    chex.assert_tree_all_finite(batch)
-    dropped = batch.extras["state_extras"]["truncation"]
-    assert np.all(np.asarray(dropped[:8]) == 1)
-    np.testing.assert_array_equal(dropped[8:], rows.dropped[8:])
 
 
 def test_actions_are_uniform_until_the_replay_is_full_enough(gathered):
@@ -247,20 +217,15 @@ def test_actions_are_uniform_until_the_replay_is_full_enough(gathered):
 
 
 @pytest.mark.parametrize(
-    ("change", "reward", "text"),
+    ("change", "text"),
     [
-        ({"replay_size": 1000}, weighted, "replay_size is 1000, but must be a multiple of"),
-        ({"min_replay": 4096}, weighted, "min_replay is 4096, but must be at most replay_size"),
-        (
-            {"relabel": True},
-            rewards.as_reward(weighted)._replace(init=lambda: jnp.ones(())),
-            "relabel is True, but must be False for a reward with a memory",
-        ),
+        ({"replay_size": 1000}, "replay_size is 1000, but must be a multiple of"),
+        ({"min_replay": 4096}, "min_replay is 4096, but must be at most replay_size"),
     ],
 )
-def test_what_does_not_fit_together_is_refused_in_one_sentence(change, reward, text):
+def test_what_does_not_fit_together_is_refused_in_one_sentence(change, text):
     with pytest.raises(ConfigError, match=text):
-        _sac(Static(**{**STATIC.__dict__, **change}), reward)
+        _sac(Static(**{**STATIC.__dict__, **change}))
 
 
 @pytest.mark.parametrize(
@@ -270,8 +235,6 @@ def test_what_does_not_fit_together_is_refused_in_one_sentence(change, reward, t
         ({"replay_size": 100}, r"sac\.replay_size is 100.* such as 256"),
         ({"min_replay": 2**19}, r"sac\.min_replay is 524288.* which is 131072"),
         ({"num_timesteps": 255}, r"sac\.num_timesteps is 255.* = 256 steps"),
-        ({"target_entropy": float("nan")}, r"sac\.target_entropy is nan, but must be finite"),
-        ({"soft_update": 1.5}, r"sac\.soft_update is 1\.5, but must be from 0 to 1"),
     ],
 )
 def test_a_configuration_that_does_not_fit_together_is_refused(change, text):
@@ -300,7 +263,7 @@ def learner():
 def _step(learner, rows, hyper=HYPER):
     sac, learned, _, step = learner
     normalizer = fresh_normalizer(2)
-    batch = sac._transitions(rows, None)
+    batch = sac._transitions(rows)
     return step(learned, normalizer, batch, jax.random.key(1), hyper)
 
 

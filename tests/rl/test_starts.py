@@ -148,7 +148,12 @@ def test_a_frame_gives_its_boxes_and_what_has_moved_up_to_it(fresh):
 @pytest.mark.parametrize("share", [0.0, 0.8])
 def test_training_begins_some_episodes_at_own_moments_and_ends_without(share):
     static = ppo.Static(
-        num_envs=8, unroll_length=4, hidden=(8,), window=4, num_minibatches=1, own_starts=share
+        num_envs=8,
+        unroll_length=4,
+        hidden=(8,),
+        window=4,
+        num_minibatches=1,
+        visited_state_resets=share,
     )
     algorithm = ppo.PPO(Probe(episode_length=8), rewards.environmental, static)
     hyper = ppo.Hyper(*map(jnp.float32, ppo.Hyper(decay_updates=20.0)))

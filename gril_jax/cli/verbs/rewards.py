@@ -109,10 +109,10 @@ def _export_policy(args: list[str]) -> Work:
             f"the policy of {folder} reads its observation object by object, but a policy file "
             "holds plain layers: train with --ppo.by-object false"
         )
-    if config.run.algorithm == "ppo" and config.ppo.stacked > 1:
+    if config.run.algorithm == "ppo" and config.ppo.frame_stack > 1:
         raise RunError(
-            f"the policy of {folder} sees {config.ppo.stacked} observations at a time, but a "
-            "policy file holds what one needs: train with --ppo.stacked 1"
+            f"the policy of {folder} sees {config.ppo.frame_stack} observations at a time, but a "
+            "policy file holds what one needs: train with --ppo.frame-stack 1"
         )
 
     def work() -> None:

@@ -40,8 +40,8 @@ def given(config: RunConfig) -> Given:
         starts = f"{starts}, {100 * varied:.0f} % of them varied ({task.varied})"
     hints = [task.hints[kind] for kind in ("", chosen.observation) if kind in task.hints]
     seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
-    if config.run.algorithm == "ppo" and config.ppo.stacked > 1:
-        seen += f", of the last {config.ppo.stacked} control steps"
+    if config.run.algorithm == "ppo" and config.ppo.frame_stack > 1:
+        seen += f", of the last {config.ppo.frame_stack} control steps"
     level, chosen_starts = _chosen_starts(config)
     level = "C" if varied or hints else level
     return Given(level, f"{starts}{chosen_starts}", seen, _reward(config, task))
@@ -51,12 +51,14 @@ def _chosen_starts(config: RunConfig) -> tuple[str, str]:
     """The level of the starts that training chooses, and in words which they are."""
     section = getattr(config, config.run.algorithm)
     level, said = "A", ""
-    if section.own_starts:
+    if section.visited_state_resets:
         level = "B"
-        said += f", and first {100 * section.own_starts:.0f} %, in the end none at its own moments"
-    if section.video_starts:
+        share = 100 * section.visited_state_resets
+        said += f", and first {share:.0f} %, in the end none at its own moments"
+    if section.video_state_resets:
         level = "V"
-        said += f", and first {100 * section.video_starts:.0f} %, in the end none at videos' frames"
+        share = 100 * section.video_state_resets
+        said += f", and first {share:.0f} %, in the end none at videos' frames"
     return level, said
 
 

@@ -53,7 +53,7 @@ def blank(config: RunConfig, env: envs.Env) -> Any:
 
 def begins_at_frames(config: RunConfig) -> bool:
     """True if training episodes may begin at frames of the demonstrations."""
-    return getattr(config, config.run.algorithm).video_starts > 0
+    return getattr(config, config.run.algorithm).video_state_resets > 0
 
 
 def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
@@ -98,7 +98,7 @@ def in_the_order_of(task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]) -> I
     if sorted(task) != sorted(film):
         raise DemoError(
             "training cannot begin at frames of the demonstrations, which show other objects than "
-            "the task has: video_starts must be 0"
+            "the task has: video_state_resets must be 0"
         )
     order = np.empty(len(task), int)
     order[np.argsort(task, kind="stable")] = np.argsort(film, kind="stable")
@@ -136,13 +136,10 @@ def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P 
     return lambda data: env.render(data, size=pixels + 2 * border, antialias=True)[inner, inner]
 
 
-def _weights(config: RunConfig) -> Float[Array, "2"]:
-    return jnp.asarray(config.run.reward_weights, jnp.float32)
-
-
 def _of_shaped(config, learned, demos, num_classes):
     discounting = getattr(config, config.run.algorithm).discounting
-    return _weights(config), jnp.float32(discounting), learned
+    weights = jnp.asarray(config.run.reward_weights, jnp.float32)
+    return weights, jnp.float32(discounting), learned
 
 
 def _agreed(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):

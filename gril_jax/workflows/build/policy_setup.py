@@ -29,10 +29,11 @@ def make_algorithm(config: RunConfig, env: envs.Env, name: str | None = None) ->
     static = setup.by_name(
         kind.Static, config.pool, section, observe_activity=seen, **config.pool.rule()
     )
-    if static.video_starts and getattr(env, "place", None) is None:
+    if static.video_state_resets and getattr(env, "place", None) is None:
         raise ConfigError(
-            f"{config.run.algorithm}.video_starts is {static.video_starts}, but {config.env.name} "
-            "cannot place objects where a frame shows them: it has no place(center, size, key)"
+            f"{config.run.algorithm}.video_state_resets is {static.video_state_resets}, but "
+            f"{config.env.name} cannot place objects where a frame shows them: it has no "
+            "place(center, size, key)"
         )
     if getattr(static, "by_object", False) and getattr(env, "observation_rows", None) is None:
         raise ConfigError(

@@ -85,8 +85,8 @@ def test_films_give_starts_in_demo_and_in_no_variant():
     demo = configured("find_dupe", options)
     everywhere = configured("find_dupe", dataclasses.replace(options, variant="all"))
     assert (demo.env.variant, everywhere.env.variant) == ("demo", "all")
-    assert demo.ppo.video_starts > 0
-    assert everywhere.ppo.video_starts == everywhere.ppo.own_starts == 0
+    assert demo.ppo.video_state_resets > 0
+    assert everywhere.ppo.video_state_resets == everywhere.ppo.visited_state_resets == 0
     for config in (demo, everywhere):
         assert (config.run.reward, config.ppo.num_timesteps) == ("environmental", 200_000)
         assert config.ppo.observe_activity is False

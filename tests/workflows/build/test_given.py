@@ -41,15 +41,15 @@ def test_help_that_only_authors_can_give_makes_it_level_c(env, level, words):
     ("ppo", "env", "level", "words"),
     [
         (
-            {"own_starts": 0.5},
+            {"visited_state_resets": 0.5},
             {},
             "B",
             "Demo starts, and first 50 %, in the end none at its",
         ),
-        ({"video_starts": 0.3}, {}, "V", "and first 30 %, in the end none at videos' frames;"),
-        ({"own_starts": 0.5, "video_starts": 0.3}, {}, "V", "its own moments, and first 30 %"),
-        ({"own_starts": 0.5}, {"observation": "rich"}, "C", "its own moments;"),
-        ({"stacked": 4}, {}, "A", "sees poses and velocities, of the last 4 control steps;"),
+        ({"video_state_resets": 0.3}, {}, "V", "and first 30 %, in the end none at videos' frames;"),
+        ({"visited_state_resets": 0.5, "video_state_resets": 0.3}, {}, "V", "its own moments, and first 30 %"),
+        ({"visited_state_resets": 0.5}, {"observation": "rich"}, "C", "its own moments;"),
+        ({"frame_stack": 4}, {}, "A", "sees poses and velocities, of the last 4 control steps;"),
     ],
 )
 def test_starts_that_training_chooses_are_levels_b_and_v(ppo, env, level, words):
@@ -70,7 +70,7 @@ def test_states_of_an_expert_are_played_for_level_c_alone(monkeypatch):
     monkeypatch.setattr(entry, "moments", marked)
     fresh = entry.Entry(shoes_in_box.TASK, shoes_in_box.ENTRY.script)
     monkeypatch.setattr(setup, "build", lambda name, options: fresh.make(**options))
-    for starts in ({}, {"own_starts": 0.5}, {"video_starts": 0.5}):
+    for starts in ({}, {"visited_state_resets": 0.5}, {"video_state_resets": 0.5}):
         own = EnvConfig(name="shoes_in_box", varied_starts=0.0)
         config = RunConfig(env=own, ppo=PPOConfig(**starts))
         setup.make_env(config.env, training=True)

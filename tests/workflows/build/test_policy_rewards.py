@@ -41,7 +41,7 @@ def test_frames_to_begin_at_are_those_of_the_videos_with_what_has_moved_in_them(
     """Evenly over all frames, none of the padding, in order of videos and time, and each object
     where the task has it."""
     length = np.array([20, 7, 1, 20, 13, 20])
-    config = RunConfig(ppo=PPOConfig(video_starts=0.5))
+    config = RunConfig(ppo=PPOConfig(video_state_resets=0.5))
     demos, place = _films(config, length)
     learned = RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))
     made = policy_rewards.parameters(config, learned, demos, 18)
@@ -59,16 +59,16 @@ def test_frames_to_begin_at_are_those_of_the_videos_with_what_has_moved_in_them(
 
 
 def test_films_of_other_objects_are_nothing_to_begin_at():
-    config = RunConfig(ppo=PPOConfig(video_starts=0.5))
+    config = RunConfig(ppo=PPOConfig(video_state_resets=0.5))
     learned = RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))
     demos = kinematic_demos(0, 4, num_objects=4, max_length=20)
-    with pytest.raises(DemoError, match="show other objects than the task has: video_starts"):
+    with pytest.raises(DemoError, match="show other objects than the task has: video_state_resets"):
         policy_rewards.parameters(config, learned, demos, 4)
 
 
 def test_a_task_that_cannot_place_boxes_is_refused_frames_to_begin_at():
-    config = RunConfig(ppo=PPOConfig(video_starts=0.5))
-    with pytest.raises(ConfigError, match=r"video_starts is 0\.5, but match_regions cannot place"):
+    config = RunConfig(ppo=PPOConfig(video_state_resets=0.5))
+    with pytest.raises(ConfigError, match=r"video_state_resets is 0\.5, but match_regions cannot place"):
         policy_setup.make_algorithm(config, Probe())
 
 

@@ -20,18 +20,18 @@ from ..table3.rows import REWARDS as TABLE3
 _OWN_STARTS: dict[str, Any] = {
     "env.varied_starts": 0.0,
     "env.observation": "plain",
-    "ppo.own_starts": 0.0,
-    "ppo.video_starts": 0.0,
-    "ppo.held_noise": 0.0,
+    "ppo.visited_state_resets": 0.0,
+    "ppo.video_state_resets": 0.0,
+    "ppo.noise_correlation": 0.0,
 }
 # What lies between moments has to be found: a policy that has nothing to gain walks at random, and
 # gets further in one direction at a time.
-_OWN_MOMENTS = _OWN_STARTS | {"ppo.own_starts": 0.7, "ppo.held_noise": 0.5}
+_OWN_MOMENTS = _OWN_STARTS | {"ppo.visited_state_resets": 0.7, "ppo.noise_correlation": 0.5}
 _JITTER = {"env.variant": "jitter", "env.on_the_way": 0.0, "env.facing": 0.0}
 _MATCH_REGIONS: dict[str, dict[str, Any]] = {
     "A": _JITTER | _OWN_STARTS,
     "B": _JITTER | _OWN_MOMENTS,
-    "V": _JITTER | _OWN_STARTS | {"ppo.video_starts": 0.7},
+    "V": _JITTER | _OWN_STARTS | {"ppo.video_state_resets": 0.7},
     "C": _JITTER
     | _OWN_STARTS
     | {
@@ -44,7 +44,7 @@ _MATCH_REGIONS: dict[str, dict[str, Any]] = {
 _TABLE: dict[str, dict[str, Any]] = {
     "A": _OWN_STARTS,
     "B": _OWN_MOMENTS,
-    "V": _OWN_STARTS | {"ppo.video_starts": 0.7},
+    "V": _OWN_STARTS | {"ppo.video_state_resets": 0.7},
     "C": _OWN_STARTS | {"env.varied_starts": 0.7, "env.observation": "rich"},
 }
 _NOT_FROM_BOXES = ("item_in_drawer", "umbrella_out")  # tasks without a layout: no level V

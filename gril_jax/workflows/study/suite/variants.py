@@ -60,7 +60,12 @@ def ground(
     """Compiles the evaluation of a row's policies, from so many starts of each variant; `wrap`
     makes of a task what the policies were trained in."""
     plain = changed(
-        config, {"run.reward": "environmental", "ppo.video_starts": 0.0, "ppo.own_starts": 0.0}
+        config,
+        {
+            "run.reward": "environmental",
+            "ppo.video_state_resets": 0.0,
+            "ppo.visited_state_resets": 0.0,
+        },
     )
     names = known(config.env.name)
     envs = {name: wrap(setup.make_env(config.env, training=False, variant=name)) for name in names}

@@ -33,9 +33,12 @@ def test_a_row_gives_the_learner_the_help_of_its_level(task):
             ["tabletop", "--env.name=umbrella_out", "--rows=ours at level V"],
             "--rows names 'ours at",
         ),
-        (["shoes_in_box", "--ppo.own-starts=1"], "each row of the table sets it for itself"),
+        (
+            ["shoes_in_box", "--ppo.visited-state-resets=1"],
+            "each row of the table sets it for itself",
+        ),
         (["--run.algorithm", "sac"], "run.algorithm is 'sac', but must be 'ppo' for a ladder"),
-        (["--ppo.own-starts", "0.2"], "each row of the table sets it for itself"),
+        (["--ppo.visited-state-resets", "0.2"], "each row of the table sets it for itself"),
         (["--rows", "ours at level D"], "--rows names 'ours at level D' (did you mean ours at"),
     ],
 )

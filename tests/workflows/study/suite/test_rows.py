@@ -26,7 +26,7 @@ def test_every_row_is_a_configuration_of_its_task():
         if " in " in reward:
             assert config.env.variant == reward.rpartition(" ")[2]
             # Frames of the films are shown as the variant might have drawn them.
-            assert config.ppo.video_starts == CONFIG.ppo.video_starts
+            assert config.ppo.video_state_resets == CONFIG.ppo.video_state_resets
         assert 2_000_000 <= config.ppo.num_timesteps <= 16_000_000
 
 
