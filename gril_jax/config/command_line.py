@@ -73,6 +73,8 @@ def options(schema: type[Any], prefix: str = "--") -> dict[str, Any]:
     """Every option of a dataclass by its command-line spelling, with its type."""
     found: dict[str, Any] = {}
     for name, kind in typing.get_type_hints(schema, include_extras=True).items():
+        if typing.get_origin(kind) is typing.ClassVar:  # a constant
+            continue
         marks = getattr(kind, "__metadata__", ())
         kind = kind.__origin__ if marks else kind
         spelling = next((m.name for m in marks if getattr(m, "name", None)), name)
