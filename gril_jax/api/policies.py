@@ -27,7 +27,7 @@ from .trained_policy import Rates, TrainedPolicy
 
 
 def train_policy(
-    task: str | Env,
+    task: Any,
     reward: LearnedReward | Sequence[LearnedReward] | None = None,
     *,
     preset: str | None = None,
@@ -35,7 +35,7 @@ def train_policy(
     seeds: int = 1,
     seed: int = 0,
     progress: bool = True,
-    **options: Mapping[str, Any],
+    **options: Any,
 ) -> TrainedPolicy:
     """Trains policies for a task: rollout, reward and update in one compiled step, seeds by vmap.
 
@@ -101,7 +101,7 @@ def train_policy(
 
 def evaluate(
     policy: TrainedPolicy,
-    task: str | Env | None = None,
+    task: Any = None,
     *,
     episodes: int = 256,
     seed: int = 0,

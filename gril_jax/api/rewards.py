@@ -13,7 +13,6 @@ from gril_jax.compilation import ahead
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.grid import with_seed
 from gril_jax.demos.demo_set import DemoSet
-from gril_jax.envs import Env
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.report.audit.asked import faults
 from gril_jax.reward import latent_reward
@@ -33,11 +32,11 @@ def learn_reward(
     demos: DemoSet,
     *,
     preset: str | None = None,
-    task: str | Env | None = None,
+    task: Any = None,
     seeds: int | None = None,
     seed: int = 0,
     progress: bool = True,
-    **options: Mapping[str, Any],
+    **options: Any,
 ) -> LearnedReward | list[LearnedReward]:
     """Learns a reward from demonstrations: no actions, no rewards, no task are needed.
 
@@ -115,7 +114,7 @@ class Audit:
 
 def audit_reward(
     reward: LearnedReward,
-    task: str | Env | None = None,
+    task: Any = None,
     *,
     demos: DemoSet | None = None,
     preset: str | None = None,

@@ -14,17 +14,17 @@ from gril_jax.config.command_line import nearest
 from gril_jax.config.files import load
 from gril_jax.config.task import NO_TASK
 from gril_jax.demos.demo_set import DemoSet
-from gril_jax.envs import Env, registry
+from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 from gril_jax.workflows.build import set_settings
 
 from . import tasks
 
-Sections = Mapping[str, Mapping[str, Any]]
+Sections = Mapping[str, Any]  # by name, each a mapping of the fields that it changes
 
 
 def for_demos(
-    demos: DemoSet, preset: str | None, task: str | Env | None, sections: Sections, seed: int
+    demos: DemoSet, preset: str | None, task: Any, sections: Sections, seed: int
 ) -> RunConfig:
     """The configuration of a reward that is learned from some demonstrations.
 
@@ -40,7 +40,7 @@ def for_demos(
 
 
 def for_task(
-    task: str | Env, preset: str | None, sections: Sections, seed: int, demos: DemoSet | None
+    task: Any, preset: str | None, sections: Sections, seed: int, demos: DemoSet | None
 ) -> RunConfig:
     """The configuration of a policy for a task."""
     config = load(preset or tasks.preset(task))

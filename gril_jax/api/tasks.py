@@ -37,7 +37,7 @@ def make(name: str, **options: Any) -> Env:
     return task
 
 
-def preset(task: str | Env) -> str:
+def preset(task: Any) -> str:
     """The name of the configuration that a task is trained with unless another is named."""
     name = task if isinstance(task, str) else _MADE.get(task, ("", {}))[0]
     if not name or registry.is_own(name):
@@ -45,7 +45,7 @@ def preset(task: str | Env) -> str:
     return registry.spec(name).config or name
 
 
-def env_config(task: str | Env, usual: EnvConfig) -> EnvConfig:
+def env_config(task: Any, usual: EnvConfig) -> EnvConfig:
     """The section `env` of a task: by its name as a preset has it, but an object as it is."""
     if isinstance(task, str):
         return dataclasses.replace(usual, name=task)

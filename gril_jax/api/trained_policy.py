@@ -91,9 +91,7 @@ class TrainedPolicy:
         name = self.config.env.shown_name
         return f"<{len(self)} {self.config.run.algorithm.upper()} policies for {name}>"
 
-    def evaluate(
-        self, episodes: int = 256, *, seed: int = 0, task: str | Env | None = None
-    ) -> Rates:
+    def evaluate(self, episodes: int = 256, *, seed: int = 0, task: Any = None) -> Rates:
         """The success of each policy over distinct initial states; see `gril_jax.evaluate`."""
         played = [self._played(one, episodes, seed, task) for one in range(len(self))]
         return Rates([rates_ for rates_, _ in played])
@@ -156,7 +154,7 @@ class TrainedPolicy:
         policy = _restored(policy_setup.fresh_policy(config, algorithm, jax.random.key(0)), arrays)
         return cls(config, env, algorithm, jax.tree.map(lambda x: x[None], policy), (), {})
 
-    def _played(self, index: int, episodes: int, seed: int, task: str | Env | None):
+    def _played(self, index: int, episodes: int, seed: int, task: Any):
         """The rates of one policy and its episodes with deterministic actions."""
         config = self.config
         if task is not None:

@@ -98,7 +98,7 @@ def save_learned(
     about = learned.about
     save_reward(
         path, learned.params, learned.config, classes=learned.classes, robots=learned.robots,
-        objects=learned.objects, activity=learned.activity, softness=learned.softness,
+        objects=learned.objects, activity=learned.activity,
         half_extent=about.get("half_extent"), unit=about.get("unit"),
         provenance=about.get("provenance"), overwrite=overwrite,
     )  # fmt: skip

@@ -59,7 +59,7 @@ def with_choices(config: RunConfig, learned: LearnedReward, source: str) -> RunC
     )
     same = setup.encoder_config(found, len(learned.classes)) == learned.config
     rule = PAPER._replace(**found.pool.rule())
-    if not same or rule != learned.activity or learned.softness is not None:
+    if not same or rule != learned.activity:
         raise ConfigError(
             f"{source} has an encoder or an activity rule that no configuration has, so no policy "
             "can be trained on it here; in code of one's own it works as it is"

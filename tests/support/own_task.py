@@ -37,7 +37,7 @@ def make(speed=1.0):
 SMALL = """
 demos: {num: 4, num_validation: 2, num_failures: 0}
 encoder: {width: 8, latent: 4}
-pretrain: {steps: 4, num_videos: 3, num_frames: 6}
+pretrain: {steps: 4, num_videos: 3}
 ppo: {num_envs: 8, unroll_length: 4, num_timesteps: 64, num_minibatches: 2, hidden: [8]}
 run: {eval_episodes: 4, evaluations: 0, updates_per_chunk: 1}
 """
