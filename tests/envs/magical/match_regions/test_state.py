@@ -7,7 +7,9 @@ import math
 
 import numpy as np
 import pytest
+from gril_jax.envs.magical.layout import COLOURS
 from gril_jax.envs.magical.match_regions import task
+from gril_jax.envs.planar.shapes import SHAPES
 from support import match_regions_lanes as lanes
 from support import planar_scenes, scenes
 from support.match_regions_lanes import BLUE, GOAL, LANES, NAMES, SQUARE, STAR, at_demo, observe
@@ -133,7 +135,6 @@ def test_labels_are_those_of_drawn_colours_and_shapes():
     for lane in range(60):
         names = [env.classes[i] for i in label[lane, 2:]]
         expected = [
-            f"{task.COLOURS[c]} {task.SHAPES[s]}"
-            for c, s in zip(colour[lane], shape[lane], strict=True)
+            f"{COLOURS[c]} {SHAPES[s]}" for c, s in zip(colour[lane], shape[lane], strict=True)
         ]
         assert names == expected

@@ -69,7 +69,8 @@ def _apart(robot, physics):
         given = _arguments(one, state, action)
         a, b = one._engine.step(*given), other._engine.step(*given)
         errors = [jnp.abs(x - y).max() for x, y in zip(a, b, strict=True)]
-        return one.step(state, action), (*errors, (a[2][:-contacts] > 0).sum())
+        moved = state.data._replace(**dict(zip(("pose", "velocity", "memory"), a, strict=True)))
+        return state._replace(data=moved), (*errors, (a[2][:-contacts] > 0).sum())
 
     play = jax.jit(lambda s, a: jax.lax.scan(lambda s, a: jax.vmap(compared)(s, a), s, a))
     return [np.asarray(x) for x in play(_starts(one), _actions(one.action_size))[1]]

@@ -59,9 +59,11 @@ def _lane(states, i):
 
 @functools.cache
 def _state_of():
+    env = _env()
+
     def made(arm, joints, opening):
         start = Start(joints, jnp.asarray(BOX), jnp.zeros((), bool))
-        return _env().reset_to(arm, start, opening=opening)
+        return env.reset_to(arm, start, opening=opening)
 
     return jax.jit(made)
 
@@ -125,7 +127,8 @@ def test_boxes_are_where_mujoco_has_the_bodies(starts):
     data.qpos[:] = qpos
     data.mocap_pos[:], data.mocap_quat[:] = np.split(start.data.fixtures, [3], axis=1)
     mujoco.mj_forward(model, data)
-    boxes = _env().world_boxes(start.data._replace(motion=motion._replace(qpos=qpos)))
+    seen = start.data._replace(motion=motion._replace(qpos=qpos))
+    boxes = _env().world_boxes(jax.tree.map(jnp.asarray, seen))
     lid = data.body("lid")
     turn = lid.xmat.reshape(3, 3)
     np.testing.assert_allclose(boxes.rotation[4], turn, atol=1e-5)
