@@ -12,12 +12,12 @@ from typing import Any
 
 from gril_jax.config.files import to_yaml
 from gril_jax.config.task import NO_TASK
+from gril_jax.demos.vision.video import read_fps
 from gril_jax.errors import DemoError, RunError
 from gril_jax.report.figures.curves import (
     learning_curve,
     pretrain_curve,
     reward_profile,
-    success_failure,
 )
 from gril_jax.report.figures.filmstrip import Film, contact_sheet
 from gril_jax.report.figures.style import png
@@ -48,11 +48,11 @@ def write_report(run_folder: str | os.PathLike) -> Path:
         loss, profile = _loss(run), _profile(run, films)
         if run.rows[run.config.run.algorithm]:
             film, beside = _rollout(run), [_learning_curve(run), profile]
-            later = [Section("Training the reward", [_both_outcomes(run), loss])]
+            later = [Section("Training the reward", [loss])]
             later.append(Section("Demonstrations", [demonstrations]))
         else:
             film, beside = demonstrations, [loss, profile]
-            later = [Section("The learned reward", [_both_outcomes(run), _NO_POLICY])]
+            later = [Section("The policy", [_NO_POLICY])]
         page = render(
             title=f"GRIL run {folder.resolve().name}",
             summary=_summary(run),
@@ -130,24 +130,6 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
     )
 
 
-def _both_outcomes(run: Inputs) -> Part:
-    if run.profiles is None:
-        return Part("Without a profile, successes and failures cannot be compared.")
-    aside = run.profiles.traces("validation")
-    success, failure = aside or run.profiles.traces("train"), run.profiles.traces("failure")
-    if not success or not failure:
-        kind = "failed" if success else "successful"
-        return Part(f"The run has no {kind} demonstrations, so the two cannot be compared.")
-    origin = "that were kept aside from training" if aside else "that it was trained on"
-    return Part(
-        f"The reward along successful demonstrations {origin} (left) and along failed ones "
-        "(right), which never train it. Successes should end near the top, failures below "
-        "them; the mean keeps the last value of those that have ended.",
-        run.save("success_failure.png", png(success_failure(success, failure))),
-        "Learned rewards of successful and of failed demonstrations",
-    )
-
-
 def _learning_curve(run: Inputs) -> Part:
     random, rows = rates(run.results).get("success_random"), run.rows[run.config.run.algorithm]
     figure = learning_curve(rows, random_success=random and random.share)
@@ -178,6 +160,7 @@ def _rollout(run: Inputs) -> Part:
     rollouts, path = read_rollouts(run.folder), run.folder / "rollout.mp4"
     if rollouts is None or not path.exists():
         return Part("The trained policy was not filmed.")
+    read_fps(path)  # or a DemoError: a browser would show a damaged video as nothing
     outcome = "succeeds" if rollouts.success[rollouts.shown] else "fails"
     return Part(
         f"The trained policy in an evaluation episode that {outcome}.",

@@ -18,7 +18,7 @@ from gril_jax.errors import RunError
 from gril_jax.report.headline import headline
 from gril_jax.report.run_report import write_report
 
-PICTURES = {"demos", "reward_profile", "success_failure", "rl_curve", "pretrain"}
+PICTURES = {"demos", "reward_profile", "rl_curve", "pretrain"}
 VIDEOS = {"rollout"}
 VOID = {"meta", "img", "link", "br", "hr", "input"}
 HOSTILE = '<script>alert("x")</script>&'
@@ -127,7 +127,7 @@ def test_the_page_says_what_was_run_and_what_came_of_it(finished, text):
 
 def test_every_picture_has_a_caption_and_an_alternative_text(finished):
     folder, page = finished
-    assert page.tags.count("figcaption") == page.tags.count("figure") == 6
+    assert page.tags.count("figcaption") == page.tags.count("figure") == 5
     assert 'alt=""' not in (folder / "report.html").read_text()
 
 
@@ -170,7 +170,7 @@ def test_names_from_files_are_escaped(tmp_path):
     page = report(folder)
     assert not {"script", "i", "title"} & set(page.tags[page.tags.index("body") :])
     assert page.tags.count("b") == len(headline(RESULTS))
-    assert len(page.addresses) == 6
+    assert len(page.addresses) == 5
     for text in (f"{HOSTILE}2", "GRIL run <b>run&lt;", "<i>odd</i>", f"gril {HOSTILE}"):
         assert text in page.text
 
@@ -183,7 +183,7 @@ def test_a_run_that_only_learned_a_reward_says_that_there_is_no_policy(tmp_path)
     page = report(save_run(tmp_path / "run", ppo=0, results=results))
     assert "No policy has been trained in this run." in page.text
     assert "0.500" in page.text
-    assert len(page.addresses) == 4
+    assert len(page.addresses) == 3
 
 
 def test_an_unfinished_run_shows_what_there_is(run):
@@ -192,7 +192,7 @@ def test_an_unfinished_run_shows_what_there_is(run):
     page = report(run)
     assert "has not finished" in page.text
     assert "was not filmed" in page.text
-    assert len(page.addresses) == 5
+    assert len(page.addresses) == 4
 
 
 def test_a_run_that_has_only_begun_still_has_a_page(run):
@@ -206,17 +206,6 @@ def test_a_run_that_has_only_begun_still_has_a_page(run):
         assert sentence in page.text
 
 
-@pytest.mark.parametrize(
-    ("split", "sentence"),
-    [("train", "no failed demonstrations"), ("failure", "no successful demonstrations")],
-)
-def test_successes_without_failures_and_the_reverse_are_not_compared(run, split, sentence):
-    save_profiles(run, split=np.array([split] * 3))
-    page = report(run)
-    assert sentence in page.text
-    assert len(page.addresses) == 5
-
-
 def test_demonstrations_elsewhere_are_shown_while_they_are_there(tmp_path):
     save_demos(tmp_path / "kept", source="from elsewhere")
     folder = save_run(tmp_path / "run", demos_path=tmp_path / "kept")
@@ -224,12 +213,12 @@ def test_demonstrations_elsewhere_are_shown_while_they_are_there(tmp_path):
     (tmp_path / "kept").rename(tmp_path / "moved")
     page = report(folder)
     assert f"were in {tmp_path / 'kept'}, where they are no more" in page.text
-    assert len(page.addresses) == 5  # the profile is drawn without frames
+    assert len(page.addresses) == 4  # the profile is drawn without frames
 
 
 def test_demonstrations_longer_than_their_profiles_are_cut(run):
     save_profiles(run, length=np.array([5, 6, 7], np.int32))
-    assert len(report(run).addresses) == 6
+    assert len(report(run).addresses) == 5
 
 
 def test_a_demonstration_that_the_set_does_not_have_is_drawn_without_frames(run):
