@@ -8,7 +8,7 @@ import shlex
 
 import jax.numpy as jnp
 import pytest
-from support import saved_policies, saved_rewards
+from support import kitchen_films, saved_policies, saved_rewards
 from support.paths import REPOSITORY
 
 from gril_jax.cli import main, verbs
@@ -50,6 +50,7 @@ def test_the_python_of_a_page_runs_from_top_to_bottom(path, tmp_path, monkeypatc
         robots=("robot",), objects=saved_rewards.OBJECTS[:3],
     )  # fmt: skip
     saved_policies.write("policy.npz")
+    kitchen_films.write_films(tmp_path / "films", 2, fps=10.0, width=64, height=48, tempo=2.0)
     names = {"center": jnp.zeros((3, 2)), "size": jnp.ones((3, 2)), "observation": jnp.zeros(3)}
     for block in _blocks(path, "python"):
         exec(compile(block, _name(path), "exec"), names)

@@ -102,7 +102,7 @@ def test_a_run_leaves_everything_a_reader_looks_for(run):
     names = {path.name for path in run.iterdir()}
     assert {
         *("config.yaml", "versions.json", "metrics.jsonl", "results.json", "report.html"),
-        *("demos", "reward", "policy", "profiles.npz", "rollouts.npz", "rollout.mp4", "policy.mp4"),
+        *("demos", "reward", "policy", "profiles.npz", "rollouts.npz", "rollout.mp4"),
     } <= names
 
 

@@ -133,7 +133,7 @@ def _reader(boxes: str | os.PathLike | Detect) -> Callable[[Film], list[Box]] | 
     """What gives the boxes of a video; None for those that come with it."""
     if callable(boxes):
         return detecting(boxes)
-    words = os.fspath(boxes)
+    words = str(boxes)
     if words == "auto":
         return None
     if words.endswith(".json"):

@@ -114,7 +114,7 @@ def describe(
     ranges are [start, stop).
 
     The objects are those whose activity bits the policy sees, in order. Its fields:
-      format, version, gril_jax: what wrote the file; version 1 had neither digest nor reader.
+      format, version, gril_jax: what wrote the file.
       reader: the text of `gril_jax/export/read_policy.py`, which plays the file.
       layers: `in`, `out` and `activation` (swish, relu, tanh or none) of each.
       output: the ranges of the last layer that hold the action's mean and its spread before

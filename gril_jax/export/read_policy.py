@@ -5,7 +5,7 @@
 
 A file that is damaged, cut short or edited is a ValueError of one sentence. Nothing is unpickled or
 inflated, and no array is larger than the file itself. The file's last 64 bytes, the comment
-of its zip, are the SHA-256 of all bytes before them; files of version 1 have none.
+of its zip, are the SHA-256 of all bytes before them.
 """
 
 import hashlib
@@ -65,7 +65,7 @@ def unpack(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarra
         _require("description" in arrays, "it has no description")
         about = json.loads(str(arrays.pop("description")))
         _require(isinstance(about, dict) and "version" in about, "its description has no version")
-        _require(whole or about["version"] == 1, "its digest is another")
+        _require(whole, "its digest is another")
         for name, array in arrays.items():
             _require(array.dtype == np.float32, f"{name} is not float32")
             _require(np.isfinite(array).all(), f"{name} is not finite")
@@ -88,7 +88,7 @@ def _array(raw):
 def _check_policy(about, arrays):
     """Each layer takes what the one before it gives, and nothing is missing or left over."""
     version = (about["format"], about["version"])
-    _require(version in [("gril-jax policy", 1), ("gril-jax policy", 2)], f"it is {version}")
+    _require(version == ("gril-jax policy", 2), f"it is {version}")
     wanted, size = {}, about["layers"][0]["in"]
     wanted["observation_mean"] = wanted["observation_limit"] = (size,)
     for i, layer in enumerate(about["layers"]):

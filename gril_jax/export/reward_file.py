@@ -7,7 +7,7 @@
 Arrays, named by their path in `RewardParams`, such as `goal`, `scale`, `alpha` and
 `encoder.messages.Dense_0.kernel`; and `description`, a JSON text:
 
-    format, version         "gril-jax reward", 2; files of version 1 have no digest
+    format, version         "gril-jax reward", 2
     encoder                 kind (paper, interaction, mlp, pixel) and the fields of its config
     activity                the fields of an `ActivityRule` (Eq. 4)
     classes, robots         names that a label is an index into; those that are the robot

@@ -24,7 +24,6 @@ from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 
 FORMAT, VERSION = "gril-jax reward", 2
-_READ = (1, 2)  # version 1 had no digest
 
 
 class RewardFileError(GrilError):
@@ -99,10 +98,10 @@ def check_version(about: dict[str, Any], where: str) -> None:
     kind, version = about.get("format"), about["version"]
     if kind != FORMAT:
         raise RewardFileError(f"{where} has format {kind!r:.60}; it must be {FORMAT!r}.")
-    if type(version) is not int or version not in _READ:
+    if type(version) is not int or version != VERSION:
         raise RewardFileError(
-            f"{where} has version {version!r:.60}, but this version of gril-jax reads up to "
-            f"{VERSION}; save it again, or install the version that wrote it."
+            f"{where} has version {version!r:.60}, but this version of gril-jax reads "
+            f"{VERSION}: save it again."
         )
 
 

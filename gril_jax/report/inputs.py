@@ -1,6 +1,5 @@
 """A run's folder and its demonstrations, read once; what is damaged is a RunError or DemoError."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,12 +11,10 @@ from gril_jax.config.task import NO_TASK
 from gril_jax.demos.demo import Demo
 from gril_jax.demos.demo_set import DemoSet, load_demo_set, select_objects
 from gril_jax.demos.schema import HEADER
-from gril_jax.demos.vision.video import write_video
 from gril_jax.graphs import activity
 from gril_jax.report.figures.filmstrip import Film
 from gril_jax.runs.covered import require_same_demos, require_unchanged
 from gril_jax.runs.reading import read_config
-from gril_jax.safe_files import writing
 from gril_jax.threads import parallel_map
 
 from .data import Profiles, read_finished, read_profiles, read_rows, read_versions
@@ -42,12 +39,6 @@ class Inputs(NamedTuple):
     def save(self, name: str, contents: bytes) -> bytes:
         """Writes a file of the report, complete or not at all; returns its contents."""
         return save(self.folder / name, contents)
-
-    def save_video(self, name: str, frames: Iterator[np.ndarray], fps: float) -> bytes:
-        """Writes a video of the report; returns the file's contents."""
-        write_video(self.folder / name, frames, fps)
-        with writing(self.folder):
-            return (self.folder / name).read_bytes()
 
 
 def read_inputs(folder: Path) -> Inputs:

@@ -96,13 +96,6 @@ def test_a_description_that_makes_no_policy_is_refused(file, changed, text):
     assert re.search(text, _refused(file))
 
 
-def test_a_file_of_version_1_which_had_no_digest_is_read(file, tmp_path):
-    about = json.dumps(ABOUT | {"version": 1})
-    np.savez(tmp_path / "old.npz", **arrays(), description=np.array(about))
-    np.testing.assert_array_equal(load_policy(tmp_path / "old.npz")([1, 2, 3]),
-                                  load_policy(file)([1, 2, 3]))  # fmt: skip
-
-
 def test_the_reader_out_of_the_file_plays_it_with_nothing_but_numpy(file):
     with np.load(file) as content:
         reader = json.loads(str(content["description"]))["reader"]

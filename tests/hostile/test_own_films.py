@@ -191,6 +191,9 @@ FIRST = {
         '{"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": 99}]}',
         "t.json, film 'a', box 0: frame 99 is beyond a",
     ),
+    "a frame before the first": (
+        '{"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": -1}]}', "must be a whole number"
+    ),
     "beyond the picture": (
         '{"a": [{"class": "cup", "box": [1, 1, 999, 9]}]}', "must lie within the picture"
     ),

@@ -147,7 +147,7 @@ NAMES = (
     "eval", "report", "export-reward", "export-policy", "subtasks", "audit", "train --resume",
     "report of a table", "join of tables",
 )  # fmt: skip
-_PAGE = ("report.html", "policy.mp4", "demo.mp4", "demos.png")
+_PAGE = ("report.html", "demos.png")
 
 
 def _commands(whole, cut, tables):

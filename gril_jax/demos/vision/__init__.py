@@ -4,7 +4,7 @@ from gril_jax.lazy import offer
 
 __all__, __getattr__ = offer(
     __name__,
-    detect="ColourDetector Detector Tracks",
+    detect="ColourDetector Detector",
     render="paint",
     video="read_fps read_video write_video",
 )

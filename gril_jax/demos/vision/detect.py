@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from gril_jax.demos.demo import Tracks
 from gril_jax.errors import DemoError
@@ -83,13 +83,8 @@ class ColourDetector:
                     f"{name}: the object {class_name!r} is not to be seen in any of "
                     f"{len(frames)} frames."
                 )
-        center, size = carried(center, seen), carried(size, seen)
-        for i in range(len(objects)):
-            hold(center[:, i])
-            hold(size[:, i])
-        label = np.array([self.classes.index(c) for c in objects], np.int32)
-        world = in_world(center, (height, width), scale)
-        return Tracks(world, (size / scale).astype(np.float32), label, seen)
+        label = [self.classes.index(name) for name in objects]
+        return in_world(center, size, seen, label, (height, width), scale)
 
     def _inventory(self, samples: np.ndarray, goal: Goal, scale: float) -> list[str]:
         if self.objects is not None:
@@ -151,11 +146,21 @@ def carried(
 
 
 def in_world(
-    center: Float[np.ndarray, "T N 2"], shape: tuple[int, int], scale: float
-) -> Float32[np.ndarray, "T N 2"]:
-    """Places in pixels of frames of a height and width, in world units."""
+    center: Float[np.ndarray, "T N 2"],
+    size: Float[np.ndarray, "T N 2"],
+    seen: Bool[np.ndarray, "T N"],
+    label: Sequence[int],
+    shape: tuple[int, int],
+    scale: float,
+) -> Tracks:
+    """Tracks in world units of sightings in pixels, in frames of a height and width; without gaps,
+    and at rest where they move less than the codec's slack."""
+    center, size = carried(center, seen), carried(size, seen)
+    for track in (*np.moveaxis(center, 1, 0), *np.moveaxis(size, 1, 0)):
+        hold(track)
     middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
-    return ((center - middle) / scale * [1.0, -1.0]).astype(np.float32)
+    world = ((center - middle) / scale * [1.0, -1.0]).astype(np.float32)
+    return Tracks(world, (size / scale).astype(np.float32), np.array(label, np.int32), seen)
 
 
 def hold(track: np.ndarray) -> None:

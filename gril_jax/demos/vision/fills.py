@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from scipy.optimize import linear_sum_assignment
 
+from gril_jax.demos.demo import Tracks
 from gril_jax.errors import DemoError
 
-from .detect import SAMPLES, Tracks, carried, hold, in_world
+from .detect import SAMPLES, in_world
 from .landmarks import find_regions, find_robot
 from .palette import BLOCK_COLOURS, BLOCK_SHAPES, SUITE_CLASSES, block_code, classify, fills
 from .shape_fit import angle_of, expected_area, roundness_of, shape_outline, true_roundness
@@ -70,17 +71,9 @@ class FillDetector:
         for colour in BLOCK_COLOURS:
             found += _blocks(codes, colour, scale, name)
         found.sort(key=lambda one: (self.classes.index(one[0]), one[1][0, 0]))
-        return self._tracks(found, frames.shape[1:3], scale)
-
-    def _tracks(self, found: list, shape: tuple[int, int], scale: float) -> Tracks:
         center, size, seen = (np.stack([one[k] for one in found], 1) for k in (1, 2, 3))
-        center, size = carried(center, seen), carried(size, seen)
-        for i in range(len(found)):
-            hold(center[:, i])
-            hold(size[:, i])
-        label = np.array([self.classes.index(one[0]) for one in found], np.int32)
-        world = in_world(center, shape, scale)
-        return Tracks(world, (size / scale).astype(np.float32), label, seen)
+        label = [self.classes.index(one[0]) for one in found]
+        return in_world(center, size, seen, label, frames.shape[1:3], scale)
 
 
 def _blocks(codes: list[np.ndarray], colour: str, scale: float, name: str) -> list[tuple]:

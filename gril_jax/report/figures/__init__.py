@@ -4,7 +4,7 @@ from gril_jax.lazy import offer
 
 __all__, __getattr__ = offer(
     __name__,
-    filmstrip="beside_reward contact_sheet with_boxes",
+    filmstrip="contact_sheet",
     curves="learning_curve pretrain_curve reward_profile success_failure",
     style="png",
 )

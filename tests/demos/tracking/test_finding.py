@@ -57,24 +57,6 @@ def test_a_box_may_be_drawn_on_a_later_frame(tmp_path, film):
     assert sum(one.name == "cup" for one in found) == 25
 
 
-@pytest.mark.parametrize(
-    ("rows", "words"),
-    [
-        ({"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": 25}]}, "frame 25 is beyond a"),
-        ({"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": -1}]}, "must be a whole number"),
-        ([], "must have the boxes of each film"),
-        ({}, "the field 'a' is missing"),
-        ({"a": []}, "no box is drawn"),
-        ({"a": [{"box": [1, 1, 9, 9]}]}, "'class' is missing"),
-        ({"a": [{"class": "cup", "box": [1, 1, 9]}]}, "must be x_min"),
-        ({"a": [{"class": "cup", "box": [1, 1, 999, 9]}]}, "must lie within the picture"),
-    ],
-)
-def test_wrong_drawn_boxes_are_a_sentence(tmp_path, film, rows, words):
-    with pytest.raises(DemoError, match=words):
-        follower(drawn(tmp_path, rows))(film)
-
-
 MINE = """
 import numpy as np
 

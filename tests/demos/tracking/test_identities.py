@@ -5,7 +5,7 @@ import pytest
 
 from gril_jax.demos.formats.record import Box
 from gril_jax.demos.tracking.identities import in_order, linked, objects_at_once
-from gril_jax.demos.tracking.mending import away, closed, jitter_of, lone, mended, stray
+from gril_jax.demos.tracking.mending import away, jitter_of, lone, mended
 from gril_jax.demos.tracking.sort import overlap, tracked
 
 FRAMES = 60
@@ -88,22 +88,6 @@ def test_mending_leaves_out_what_is_of_another_object_and_fills_gaps():
     assert np.median(off) < 1.0
     assert off.max() < 8.0  # where it starts and stops
     assert found.smoothing == 9
-
-
-def test_clean_boxes_stay_as_they_are():
-    edges, true = path()
-    found = mended(edges, 30.0)
-    np.testing.assert_array_equal(found.edges, true)
-    assert (found.off, found.jitter, found.smoothing) == (0, 0.0, 1)
-    assert not stray(edges, 9).any()
-
-
-def test_short_gaps_are_bridged_and_in_long_ones_the_last_box_stays():
-    edges = np.full((12, 2, 4), np.nan)
-    edges[[1, 3, 10], 0] = np.array([10.0, 30.0, 100.0])[:, None]
-    found = closed(edges, 2)
-    assert found[:, 0, 0].tolist() == [10, 10, 20, *[30] * 7, 100, 100]
-    assert np.isnan(found[:, 1]).all()
 
 
 def test_a_detector_s_boxes_get_identities_that_pass_each_other_and_survive_gaps():

@@ -117,7 +117,7 @@ def test_a_run_that_was_cut_off_goes_on_where_it_stood(tmp_path, monkeypatch):
             return batch
 
     classes = setup.make_env(SMALL.env, training=False).classes
-    demos = Same(DemoSet(tmp_path, "match_regions", tuple(classes), 1.0, 20.0, "", (), ()), {}, 0)
+    demos = Same(DemoSet((), "match_regions", tuple(classes), 1.0, 20.0, ""), {}, 0)
     monkeypatch.setattr(frame.demonstrations, "gather_once", lambda *args: demos)
     out = tmp_path / "run"
     options = [
