@@ -4,7 +4,7 @@ The networks' own configurations take their defaults from here.
 """
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from .rules import above, at_least, between, optional
 from .tables import ENCODERS
@@ -43,7 +43,7 @@ class EncoderOptions:
     ensemble_size: int = field(default=1, metadata=between(1, 100))
     """Networks, each trained separately; the reward is that of the most pessimistic one."""
 
-    pixels: ClassVar[int] = 64  # width and height of the frames that a pixel encoder sees
+    pixels = 64  # width and height of the frames that a pixel encoder sees
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class PoolConfig:
 
     # The paper's rule: displacement that counts as motion, in diagonals of the object's box, and
     # frames of the median of positions (1 is none).
-    tau: ClassVar[float] = 0.005
-    smoothing: ClassVar[int] = 1
+    tau = 0.005
+    smoothing = 1
 
     def rule(self) -> dict[str, Any]:
         """The options of `gril_jax.graphs.activity`: its arguments by name."""

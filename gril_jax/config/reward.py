@@ -4,7 +4,7 @@ The training's own types take their defaults from here.
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -54,9 +54,9 @@ class LossConfig:
     warmup: int = field(default=1500, metadata=at_least(0))
     """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
 
-    soft_dtw_weight: ClassVar[float] = 1.0
-    gamma: ClassVar[float] = 0.1  # softness of soft-DTW
-    latent_scale: ClassVar[float] = 10.0  # latent distance from first to last frames, if perturbed
+    soft_dtw_weight = 1.0
+    gamma = 0.1  # softness of soft-DTW
+    latent_scale = 10.0  # latent distance from first to last frames, if perturbed
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,6 @@ class PretrainConfig:
     random_activity: float = field(default=0.1, metadata=between(0, 1))
     """Probability that an object of a video counts as moved throughout: no reward for a touch."""
 
-    learning_rate: ClassVar[float] = 1e-3  # of Adam
-    num_frames: ClassVar[int] = 32  # sampled from each video of a batch
-    perturbed_frames: ClassVar[int] = 8  # of each video of a batch
+    learning_rate = 1e-3  # of Adam
+    num_frames = 32  # sampled from each video of a batch
+    perturbed_frames = 8  # of each video of a batch

@@ -6,7 +6,6 @@ from .order import (
     alignment_tau,
     kendall_tau,
     mean_alignment_tau,
-    nearest_frames,
     reward_time_tau,
     two_way_cycle_consistency,
 )
@@ -14,6 +13,6 @@ from .separation import stage_order, success_auc
 
 __all__ = [
     "alignment_tau", "interquartile_interval", "interquartile_mean", "kendall_tau",
-    "mean_alignment_tau", "nearest_frames", "reward_time_tau", "separation", "stage_order",
+    "mean_alignment_tau", "reward_time_tau", "separation", "stage_order",
     "success_auc", "two_way_cycle_consistency",
 ]  # fmt: skip

@@ -100,7 +100,7 @@ def two_way_cycle_consistency(
       In [0, 1]; 0 if there is no pair of videos with at least one frame each.
     """
     length = _lengths(latents, length)
-    nearest = nearest_frames(latents, length)
+    nearest = _nearest_frames(latents, length)
 
     def from_query(u):  # to every other video and back
         back = jnp.take_along_axis(nearest[:, u], nearest[u], axis=1)
@@ -113,19 +113,8 @@ def two_way_cycle_consistency(
     return jnp.sum(jnp.where(counted, share, 0.0)) / jnp.maximum(jnp.sum(counted), 1).astype(float)
 
 
-def nearest_frames(
-    latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None
-) -> Int[Array, "B B T"]:
-    """Index of the nearest frame in each video, for each frame of each video.
-
-    Entry (u, v, t) is the frame of v nearest to frame t of u, by squared distance; the first if
-    several are.
-
-    >>> videos = jnp.array([[[0.0], [1.0], [2.0]], [[2.1], [1.1], [0.1]]])  # one backwards
-    >>> nearest_frames(videos)[0, 1].tolist()
-    [2, 1, 0]
-    """
-    length = _lengths(latents, length)
+def _nearest_frames(latents, length) -> Int[Array, "B B T"]:
+    """Entry (u, v, t) is the frame of v nearest to frame t of u; the first if several are."""
     valid = jnp.arange(latents.shape[1]) < length[:, None]
     keys = jnp.where(valid[..., None], latents, 0.0)
     squares = jnp.sum(jnp.square(keys), axis=-1)

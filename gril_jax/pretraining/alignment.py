@@ -1,9 +1,6 @@
-"""Losses that align videos in time: functions of one batch, which the table `ALIGNMENTS` names.
+"""Losses that align videos in time, which the table `ALIGNMENTS` names: functions of one batch."""
 
-Each takes a key, the latents (V, F, D) of frames, their normalised times (V, F), which of them are
-valid (V, F), the cycle-consistency through all videos, which is computed in any case, and the
-traced options; it returns its weighted loss.
-"""
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
@@ -12,6 +9,17 @@ from gril_jax.config.tables import ALIGNMENTS, find
 from gril_jax.losses import mean_consistency, soft_dtw_divergence, stochastic_consistency
 
 from .options import Hyper, PixelStatic, Static
+
+
+class Frames(NamedTuple):
+    """The frames of a batch of videos, and what a loss may use."""
+
+    key: PRNGKeyArray
+    latents: Float[Array, "V F D"]
+    times: Float[Array, "V F"]  # as shares of their video
+    valid: Bool[Array, "V F"]
+    plain: Float[Array, ""]  # cycle-consistency through all videos, computed in any case
+    hyper: Hyper
 
 
 def aligned(
@@ -26,50 +34,29 @@ def aligned(
     chosen = ALIGNMENTS[config.consistency]
     how = dict(form=chosen.form, temperature=hyper.temperature, similarity=chosen.similarity)
     plain, agreement = mean_consistency(latents, times, valid, **how)
-    losses = [find(name)(key, latents, times, valid, plain, hyper) for name in chosen.losses]
+    frames = Frames(key, latents, times, valid, plain, hyper)
+    losses = [find(name)(frames) for name in chosen.losses]
     return sum(losses[1:], start=losses[0]), agreement
 
 
-def cycle(
-    key: PRNGKeyArray,
-    latents: Float[Array, "V F D"],
-    times: Float[Array, "V F"],
-    valid: Bool[Array, "V F"],
-    plain: Float[Array, ""],
-    hyper: Hyper,
-) -> Float[Array, ""]:
+def cycle(frames: Frames) -> Float[Array, ""]:
     """Temporal cycle-consistency of every frame through every other video."""
-    del key, latents, times, valid, hyper
-    return plain
+    return frames.plain
 
 
-def sampled_cycle(
-    key: PRNGKeyArray,
-    latents: Float[Array, "V F D"],
-    times: Float[Array, "V F"],
-    valid: Bool[Array, "V F"],
-    plain: Float[Array, ""],
-    hyper: Hyper,
-) -> Float[Array, ""]:
+def sampled_cycle(frames: Frames) -> Float[Array, ""]:
     """Temporal cycle-consistency of as many randomly sampled cycles."""
-    del plain
-    return stochastic_consistency(key, latents, times, valid, temperature=hyper.temperature)
+    temperature = frames.hyper.temperature
+    return stochastic_consistency(*frames[:4], temperature=temperature)
 
 
-def warping(
-    key: PRNGKeyArray,
-    latents: Float[Array, "V F D"],
-    times: Float[Array, "V F"],
-    valid: Bool[Array, "V F"],
-    plain: Float[Array, ""],
-    hyper: Hyper,
-) -> Float[Array, ""]:
+def warping(frames: Frames) -> Float[Array, ""]:
     """Soft-DTW divergence per frame, mean over all pairs of videos."""
-    del key, times, plain
+    latents = frames.latents
     one, other = jnp.triu_indices(latents.shape[0], 1)
-    length = jnp.sum(valid, axis=1)  # valid frames come first
+    length = jnp.sum(frames.valid, axis=1)  # valid frames come first
     divergence = soft_dtw_divergence(
-        latents[one], latents[other], length[one], length[other], gamma=hyper.gamma
+        latents[one], latents[other], length[one], length[other], gamma=frames.hyper.gamma
     )
-    frames = jnp.maximum(length[one] + length[other], 1)
-    return hyper.soft_dtw_weight * jnp.mean(divergence / frames)
+    count = jnp.maximum(length[one] + length[other], 1)
+    return frames.hyper.soft_dtw_weight * jnp.mean(divergence / count)

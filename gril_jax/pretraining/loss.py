@@ -27,7 +27,7 @@ class Terms(NamedTuple):
     """The parts of the loss, before lambda."""
 
     consistency: Float[Array, ""]  # squared error of normalised time, soft-DTW, or both
-    agreement: Float[Array, ""]  # see `gril_jax.losses.time_agreement`
+    agreement: Float[Array, ""]  # see `gril_jax.losses.mean_consistency`
     reconstruction: Float[Array, ""]
 
 

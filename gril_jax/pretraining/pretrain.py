@@ -232,7 +232,7 @@ def activity_bits(demos: DemoBatch, hyper: Hyper, config: Static) -> Bool[Array,
 
 
 def agreement_weight(state: TrainState, hyper: Hyper) -> Float[Array, ""]:
-    """Of the time agreement, for the first updates only: see `gril_jax.losses.time_agreement`."""
+    """Of the time agreement, for the first updates only: see `gril_jax.losses.mean_consistency`."""
     done = state.num_updates.astype(float)
     fading = jnp.clip(1.0 - done / jnp.maximum(hyper.warmup, 1.0), 0.0, 1.0)
     return jnp.where(hyper.warmup > 0, fading, 0.0)

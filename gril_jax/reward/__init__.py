@@ -2,7 +2,6 @@
 
 from . import pixels, shaping
 from .latent_goal import (
-    Options,
     RewardParams,
     demo_latents,
     from_demos,
@@ -13,6 +12,6 @@ from .latent_goal import (
 from .learned_reward import LearnedReward
 
 __all__ = [
-    "LearnedReward", "Options", "RewardParams", "demo_latents", "from_demos", "from_latents",
+    "LearnedReward", "RewardParams", "demo_latents", "from_demos", "from_latents",
     "latent_goal_reward", "latent_reward", "pixels", "shaping",
 ]  # fmt: skip

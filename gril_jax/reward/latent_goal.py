@@ -20,7 +20,7 @@ or frames with any leading axes; batch graphs, or the parameters of many seeds, 
 """
 
 import functools
-from typing import NamedTuple, TypedDict, Unpack
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,15 +34,6 @@ from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs import activity
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.types import DemoBatch, SceneGraph
-
-
-class Options(TypedDict, total=False):
-    """Keyword arguments of `from_demos` and `demo_latents`."""
-
-    alpha: Float[Array, ""] | float
-    tau: Float[Array, ""] | float
-    window: int
-    active: Bool[Array, "B T N"] | None
 
 
 class RewardParams(NamedTuple):
@@ -165,8 +156,6 @@ def from_demos(
     config: GraphConfig,
     *,
     alpha: Float[Array, ""] | float = PoolConfig.alpha,
-    tau: Float[Array, ""] | float = PoolConfig.tau,
-    window: int = PoolConfig.window,
     active: Bool[Array, "B T N"] | None = None,
     goals: int = 1,
 ) -> RewardParams:
@@ -176,10 +165,7 @@ def from_demos(
       encoder_params, config: of the trained encoder.
       demos: the training demonstrations; each must end with the task done.
       alpha: weight of an active node in the pooling (Eq. 3).
-      tau: activity threshold in box diagonals (Eq. 4).
-      window: activity window in frames (Eq. 4).
-      active: activity bits by another rule, such as `activity.trajectory` with `noise`, in place
-        of those of `tau` and `window`; the rule must be that of the rollouts.
+      active: activity bits, of the rule that rollouts will have; the paper's (Eq. 4) if left out.
       goals: number of goals, as in `from_latents`.
 
     Returns:
@@ -192,28 +178,15 @@ def from_demos(
       ConfigError: the encoder is not one of scene graphs, or `goals` is out of its range.
     """
     _check_demos(demos, config, active)
-    options = Options(alpha=alpha, tau=tau, window=window, active=active)
-    return _from_demos(encoder_params, demos, config, goals=goals, **options)
+    return _from_demos(encoder_params, demos, config, alpha, active, goals=goals)
 
 
-def demo_latents(
-    encoder_params: Params, demos: DemoBatch, config: GraphConfig, **options: Unpack[Options]
-) -> Float[Array, "B T D"]:
-    """The latent of every frame of every demonstration, padding included.
-
-    One demonstration at a time is in memory. Arguments, options (`alpha`, `tau`, `window` and
-    `active`) and errors are those of `from_demos`.
-    """
-    _check_demos(demos, config, options.get("active"))
-    return _demo_latents(encoder_params, demos, config, **options)
-
-
-@functools.partial(jax.jit, static_argnames=("goals", "window"))
-def _from_demos(encoder_params, demos, config, *, goals, alpha, active, **rule):
+@functools.partial(jax.jit, static_argnames="goals")
+def _from_demos(encoder_params, demos, config, alpha, active, *, goals):
     alpha = jnp.asarray(alpha, jnp.float32)
 
     def ends(demo, active):
-        latent = _embedding(encoder_params, demo, config, alpha, active, **rule)
+        latent = _embedding(encoder_params, demo, config, alpha, active)
         return latent(jnp.zeros_like(demo.length)), latent(demo.length - 1)
 
     first, last = jax.vmap(ends)(demos, active)
@@ -221,26 +194,40 @@ def _from_demos(encoder_params, demos, config, *, goals, alpha, active, **rule):
     return from_latents(encoder_params, first, last, alpha=alpha, goals=goals, ensemble_size=size)
 
 
-@functools.partial(jax.jit, static_argnames="window")
-def _demo_latents(encoder_params, demos, config, *, alpha=PoolConfig.alpha, active=None, **rule):
+def demo_latents(
+    encoder_params: Params,
+    demos: DemoBatch,
+    config: GraphConfig,
+    *,
+    alpha: Float[Array, ""] | float = PoolConfig.alpha,
+    active: Bool[Array, "B T N"] | None = None,
+) -> Float[Array, "B T D"]:
+    """The latent of every frame of every demonstration, padding included.
+
+    One demonstration at a time is in memory. Arguments and errors are those of `from_demos`.
+    """
+    _check_demos(demos, config, active)
+    return _demo_latents(encoder_params, demos, config, alpha, active)
+
+
+@jax.jit
+def _demo_latents(encoder_params, demos, config, alpha, active):
     def one(inputs):
-        latent = _embedding(encoder_params, inputs[0], config, alpha, inputs[1], **rule)
+        latent = _embedding(encoder_params, inputs[0], config, alpha, inputs[1])
         return jax.vmap(latent)(jnp.arange(demos.center.shape[1]))
 
     return jax.lax.map(one, (demos, active))
 
 
-def _embedding(encoder_params, demo, config, alpha, active, **rule):
+def _embedding(encoder_params, demo, config, alpha, active):
     """The latent of one demonstration as a function of the frame."""
     if active is None:
-        active = activity.trajectory(demo.center, demo.size, **rule)
-
-    def graph(frame):
-        boxes = demo.center[frame], demo.size[frame]
-        return scene_graph(*boxes, demo.label, demo.is_robot, active[frame], demo.present)
+        active = activity.trajectory(demo.center, demo.size)
 
     def latent(frame):
-        return encoder.apply(encoder_params, graph(frame), config, alpha=alpha)
+        boxes = demo.center[frame], demo.size[frame]
+        graph = scene_graph(*boxes, demo.label, demo.is_robot, active[frame], demo.present)
+        return encoder.apply(encoder_params, graph, config, alpha=alpha)
 
     return latent
 

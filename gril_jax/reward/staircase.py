@@ -1,18 +1,15 @@
-"""The stages of one learned reward: which of them an episode has finished, and what it is paid.
+"""Stages of one learned reward, and a floor under each stage that is finished.
 
     stairs = staircase.from_levels(shared.level, shared.kept)
     progress = staircase.init()
     progress, r = staircase.step(stairs, progress, latent_goal_reward(params, graph, config))
 
 The reward of a long task climbs in steps, and demonstrations agree on the reward at which each step
-ends: that is how stages are discovered (`gril_jax.subtasks.agreement`). So an episode has finished
-a stage once its reward is nearly as high.
-
-A stage that follows another never pays less than what demonstrations were paid at the end of that
-one, or than when it was entered if that was more. To try things then costs nothing, and to better
-what is done already brings next to nothing: were it paid, a policy would stay with it and never
-look for what comes next. The whole task is worth its all only if what was done before still holds.
-Shapes use M for stages.
+ends (`gril_jax.subtasks.agreement`). An episode has finished a stage once its reward is nearly as
+high. In the next stage the reward never drops below the level at which demonstrations end the one
+before, nor below its value on entry. The next sub-policy can then explore safely, and gains nothing
+by standing still. The last stage has no floor of its own: the task's full reward requires that
+earlier stages still hold. Shapes use M for stages.
 """
 
 from typing import NamedTuple
@@ -20,7 +17,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-_NEARLY = 0.75  # of the way from the level before: beyond what a mere approach is paid
+_NEARLY = 0.75  # of the way from the level before: above the reward of a mere approach
 _START = -1.0  # the reward of demonstrations' first frames, by its scale
 _NO_FLOOR = -1e6  # in the first stage; finite, as all that an episode remembers must be
 
@@ -37,7 +34,7 @@ class Progress(NamedTuple):
     """State of an episode's stages, to be reset when the episode ends."""
 
     index: Int[Array, ""]  # stages finished; `count` when all are
-    floor: Float[Array, ""]  # what the present stage pays at least
+    floor: Float[Array, ""]  # least reward in the present stage
 
 
 def init() -> Progress:
@@ -46,8 +43,8 @@ def init() -> Progress:
 
 
 def from_levels(level: Float[Array, "M"], kept: Bool[Array, "M"]) -> Staircase:
-    """A staircase from the rewards at which stages end in the demonstrations, in their order, and
-    which of them count; without any, one stage that ends at a reward of 0."""
+    """Stages from the rewards at which demonstrations end them, in order, and a mask of those that
+    count; without any, one stage that ends at a reward of 0."""
     order = jnp.argsort(~kept, stable=True)
     some = jnp.any(kept)
     level = jnp.where(some, level[order], 0.0)
@@ -59,7 +56,7 @@ def from_levels(level: Float[Array, "M"], kept: Bool[Array, "M"]) -> Staircase:
 def step(
     stairs: Staircase, progress: Progress, value: Float[Array, ""]
 ) -> tuple[Progress, Float[Array, ""]]:
-    """The progress after the next frame, and what is paid for it.
+    """The progress after the next frame, and its reward.
 
     Args:
       stairs: from `from_levels`.
@@ -67,13 +64,13 @@ def step(
       value: the learned reward of this frame.
 
     Returns:
-      The progress, by at most one stage further and never back, and the reward, or what
-      the present stage pays at least if that is more.
+      The progress, by at most one stage further and never back, and the reward or the present
+      stage's floor, whichever is higher.
     """
     stage = jnp.minimum(progress.index, stairs.count - 1)
     reached = (progress.index < stairs.count) & (value >= stairs.least[stage])
-    paid = jnp.maximum(value, progress.floor)
+    reward = jnp.maximum(value, progress.floor)
     last = progress.index >= stairs.count - 1  # what follows is no stage of its own
-    landing = jnp.maximum(paid, stairs.level[stage])
-    floor = jnp.where(reached & ~last, landing, progress.floor)
-    return Progress(progress.index + reached.astype(jnp.int32), floor), paid
+    level = jnp.maximum(reward, stairs.level[stage])
+    floor = jnp.where(reached & ~last, level, progress.floor)
+    return Progress(progress.index + reached.astype(jnp.int32), floor), reward

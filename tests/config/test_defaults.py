@@ -69,7 +69,7 @@ def test_a_second_default_is_found():
     ("module", "names"),
     [
         ("graphs.activity", {"tau", "window", "smoothing"}),
-        ("reward.latent_goal", {"alpha", "tau", "window"}),
+        ("reward.latent_goal", {"alpha"}),
         ("encoders.encoder", {"alpha"}),
         ("encoders.message_passing", {"alpha"}),
         ("pretraining.final_places", {"near_cost_fraction", "intrusion_weight", "touch"}),

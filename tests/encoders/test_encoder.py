@@ -135,12 +135,6 @@ def test_latent_depends_on_the_robot_if_asked_to(switch):
     assert not np.allclose(_latent(moved, config), _latent(_frame(), config), atol=1e-4)
 
 
-def test_latent_equals_that_of_the_graph_without_padding():
-    frame = _frame()
-    smaller = {k: v[:ABSENT] for k, v in frame.items()}
-    np.testing.assert_allclose(_latent(smaller), _latent(frame), rtol=1e-4, atol=1e-6)
-
-
 def test_alpha_changes_the_latent_only_if_some_but_not_all_nodes_are_active():
     for active in (False, True):
         frame = _frame() | {"active": np.full(5, active)}

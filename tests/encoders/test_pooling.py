@@ -61,10 +61,3 @@ def test_gradient_equals_finite_differences_in_alpha():
     numeric = (first(5.1) - first(4.9)) / 0.2
     np.testing.assert_allclose(jax.grad(first)(5.0), numeric, rtol=1e-2)
     assert abs(numeric) > 0.05
-
-
-def test_vmap_over_alpha_equals_a_loop():
-    alphas = jnp.array([1.0, 2.0, 10.0])
-    batched = jax.jit(jax.vmap(lambda a: node_weights(ACTIVE, ROBOT, PRESENT, alpha=a)))(alphas)
-    for alpha, row in zip(alphas, batched, strict=True):
-        np.testing.assert_array_equal(row, node_weights(ACTIVE, ROBOT, PRESENT, alpha=alpha))

@@ -76,7 +76,7 @@ def test_choices_and_provenance_come_back(tmp_path):
     )
     learned = load_reward(tmp_path / "r")
     assert (learned.classes, learned.robots, learned.objects) == tuple(GIVEN.values())
-    assert learned.activity == (0.01, 7, 3, 0.002, True, True)
+    assert learned.activity == (0.01, 7, 3, 0.002)
     about = learned.about
     assert (about["half_extent"], about["unit"]) == (1.1, "arena units")
     assert about["provenance"]["kendall_tau"] == 0.95
@@ -209,9 +209,9 @@ def test_choices_out_of_range_are_not_written(tmp_path, given, text):
         ({"encoder": {"kind": "mlp", "num_classes": "4"}}, ConfigError, "must be of type int"),
         ({"encoder": {"kind": "mlp", "num_classes": -4}}, ConfigError, "at least 1"),
         (
-            {"encoder": {"kind": "interaction", "num_classes": 4, "self_blocks": "none"}},
+            {"encoder": {"kind": "interaction", "num_classes": 4, "distances": 2}},
             ConfigError,
-            "encoder.self_blocks is 'none'",
+            "encoder.distances is 2; it must be of type bool",
         ),
         ({"encoder": dataclasses.asdict(PAPER) | {"kind": "paper", "width": 9}}, ShapeError, "9"),
         ({"classes": "four"}, ConfigError, "classes is 'four'; it must be a list of names"),

@@ -153,33 +153,6 @@ def test_boxes_that_do_not_fit_are_refused():
         step(activity.init(center[0]), center[0, :5], size[0, :5])
 
 
-def test_an_object_that_returns_stays_active():
-    x = jnp.array([0.0, 0.1, 0.0, 0.0, 0.0])
-    center = jnp.stack([x, jnp.zeros(5)], axis=-1)[:, None]
-    active = trajectory(center, jnp.ones((5, 1, 2)), window=2)
-    assert active[:, 0].tolist() == [False, True, True, True, True]
-
-
-def test_slow_drift_is_seen_over_the_window_but_not_over_one_frame():
-    center = jnp.linspace(0.0, 0.1, 50)[:, None, None] * jnp.ones((1, 1, 2))
-    size = jnp.full((50, 1, 2), 1.0)
-    assert not trajectory(center, size, window=1).any()
-    assert trajectory(center, size, window=40).any()
-
-
-def test_threshold_is_relative_to_the_objects_own_box():
-    center = jnp.zeros((2, 2, 2)).at[1, :, 0].set(0.01)
-    size = jnp.broadcast_to(jnp.array([[0.3, 0.4], [3.0, 4.0]]), (2, 2, 2))
-    active = trajectory(center, size)  # diagonals 0.5 and 5: thresholds 0.0025, 0.025
-    assert active[1].tolist() == [True, False]
-
-
-def test_nothing_is_active_in_the_first_frame():
-    center, size = _walk(0)
-    assert not trajectory(center, size)[0].any()
-    assert not activity.init(center[0]).active.any()
-
-
 def test_new_memory_forgets_the_last_episode():
     center, size = _walk(0)
     assert _rollout(center, size, 0.005, 4)[-1].any()
@@ -191,21 +164,6 @@ def test_new_memory_forgets_the_last_episode():
 def test_one_frame_makes_one_row_of_idle_bits():
     active = trajectory(jnp.ones((1, 3, 2)), jnp.ones((1, 3, 2)))
     assert active.tolist() == [[False] * 3]
-
-
-def test_jitted_scan_and_vmapped_rollouts_equal_the_recording():
-    walks = [_walk(seed) for seed in range(3)]
-    center, size = (jnp.stack(x) for x in zip(*walks, strict=True))
-
-    def rollout(center, size):
-        def step(memory, frame):
-            return activity.step(memory, *frame)
-
-        return jax.lax.scan(step, activity.init(center[0], window=7), (center[1:], size[1:]))[1]
-
-    bits = jax.jit(jax.vmap(rollout))(center, size)
-    for i, walk in enumerate(walks):
-        np.testing.assert_array_equal(bits[i], trajectory(*walk, window=7)[1:])
 
 
 def test_larger_tau_never_sets_more_bits_and_tau_can_be_vmapped():

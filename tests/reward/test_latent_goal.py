@@ -173,15 +173,6 @@ def test_goals_are_the_mean_or_so_many_of_the_last_frames():
     np.testing.assert_allclose(value_of(each, _graph(demos, 1, 3), CONFIG), 0, atol=1e-4)
 
 
-def test_sets_of_goals_can_be_vmapped_over_seeds():
-    many = reward.RewardParams({}, _points(5, 4, 3), jnp.arange(1.0, 6.0), jnp.ones(5))
-    latent = _points(3, seed=1)
-    values = jax.vmap(at, (0, None))(many, latent)
-    for i in range(5):
-        one = jax.tree.map(lambda x, i=i: x[i], many)
-        np.testing.assert_allclose(values[i], at(one, latent), rtol=1e-5)
-
-
 # --- other encoders, other activity
 
 
@@ -193,7 +184,7 @@ def test_sets_of_goals_can_be_vmapped_over_seeds():
 def test_latents_of_other_encoders_equal_a_loop_over_frames(config):
     demos = _demos()
     params = jax.jit(encoder.init)(jax.random.key(0), config)
-    latents = reward.demo_latents(params, demos, config, window=40)
+    latents = reward.demo_latents(params, demos, config)
     for frame in (0, 4):
         graph = _graph(demos, 1, frame)
         expected = apply(params, graph, config)
@@ -226,7 +217,7 @@ def test_activity_by_another_rule_takes_the_place_of_the_papers():
     demos = _demos()
     bits = jax.jit(jax.vmap(lambda c, s: activity.trajectory(c, s)))(demos.center, demos.size)
     expected = reward.from_demos(PARAMS, demos, CONFIG)
-    same = reward.from_demos(PARAMS, demos, CONFIG, active=bits, tau=9.0)
+    same = reward.from_demos(PARAMS, demos, CONFIG, active=bits)
     np.testing.assert_allclose(same.goal, expected.goal, rtol=1e-5, atol=1e-6)
     other = reward.from_demos(PARAMS, demos, CONFIG, active=bits & False)
     assert not np.allclose(other.goal, expected.goal)

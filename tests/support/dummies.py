@@ -33,8 +33,8 @@ def apply(params, graph, config):
     "dummy_loss": """
 import jax.numpy as jnp
 
-def loss(key, latents, times, valid, plain, hyper):
-    return 7.0 + 0.0 * jnp.sum(latents)
+def loss(frames):
+    return 7.0 + 0.0 * jnp.sum(frames.latents)
 """,
     "dummy_form": """
 import jax.numpy as jnp

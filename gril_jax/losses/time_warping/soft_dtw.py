@@ -17,7 +17,7 @@ Array(0., dtype=float32)
 """
 
 import functools
-from typing import Literal
+from typing import Literal, TypedDict, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -34,13 +34,21 @@ Implementation = Literal["auto", "scan", "pallas"]
 _KERNEL_ROWS = 2048
 
 
+class WarpingOptions(TypedDict, total=False):
+    """Options of soft-DTW; keyword arguments of every function of it."""
+
+    gamma: Float[Array, "..."] | float
+    """Softness, above 0, in units of cost; of the batch's shape or one for all; 1 if left out."""
+    implementation: Implementation
+    """"scan" is plain JAX and runs everywhere; "pallas" is one kernel and needs a CUDA GPU;
+    "auto", the default, takes the kernel where it can run."""
+
+
 def soft_dtw(
     cost: Float[Array, "*batch T S"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    *,
-    gamma: Float[Array, "..."] | float = 1.0,
-    implementation: Implementation = "auto",
+    **options: Unpack[WarpingOptions],
 ) -> Float[Array, "*batch"]:
     """Soft minimum, over all monotone alignments, of the sum of their cells' costs.
 
@@ -50,9 +58,7 @@ def soft_dtw(
       lengths: rows that count, 0 to T, of the batch's shape or one for all; may be traced. What
         lies beyond does not matter, NaN included.
       other_lengths: columns that count, 0 to S.
-      gamma: softness, above 0, in units of cost; of the batch's shape or one for all.
-      implementation: "scan" is plain JAX and runs everywhere; "pallas" is one kernel and needs a
-        CUDA GPU; "auto" takes the kernel where it can run.
+      options: `WarpingOptions`.
 
     Returns:
       One value per pair, float32 (float64 for float64 costs), in units of cost; not divided by
@@ -62,7 +68,7 @@ def soft_dtw(
       ShapeError: no rows, no columns, or a length that does not fit.
       ConfigError: gamma is not positive, or the implementation is unknown or cannot run here.
     """
-    problem, chosen = _posed(cost, lengths, other_lengths, gamma, implementation)
+    problem, chosen = _posed(cost, lengths, other_lengths, **options)
     return best_value(*problem, chosen).reshape(cost.shape[:-2])
 
 
@@ -70,16 +76,14 @@ def expected_alignment(
     cost: Float[Array, "*batch T S"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    *,
-    gamma: Float[Array, "..."] | float = 1.0,
-    implementation: Implementation = "auto",
+    **options: Unpack[WarpingOptions],
 ) -> Float[Array, "*batch T S"]:
     """Probability that an alignment sampled from the Gibbs distribution visits each cell.
 
     This is the derivative of `soft_dtw` by its cost; arguments, options and errors are the same.
     Each row and each column that counts sums to at least 1, cells beyond the lengths are 0.
     """
-    problem, chosen = _posed(cost, lengths, other_lengths, gamma, implementation)
+    problem, chosen = _posed(cost, lengths, other_lengths, **options)
     _, alignment = best_value_and_alignment(*problem, chosen)
     return alignment.reshape(cost.shape)
 
@@ -89,20 +93,16 @@ def soft_dtw_between(
     other: Float[Array, "*batch S D"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    *,
-    gamma: Float[Array, "..."] | float = 1.0,
-    implementation: Implementation = "auto",
+    **options: Unpack[WarpingOptions],
 ) -> Float[Array, "*batch"]:
     """`soft_dtw` of two sequences under the squared Euclidean distance of their frames.
-
-    Options are those of `soft_dtw`: `gamma` and `implementation`.
 
     Raises:
       ShapeError: batches, features or lengths do not fit together.
       ConfigError: as for `soft_dtw`.
     """
     cost = pairwise_cost(query, other, lengths, other_lengths)
-    return soft_dtw(cost, lengths, other_lengths, gamma=gamma, implementation=implementation)
+    return soft_dtw(cost, lengths, other_lengths, **options)
 
 
 def soft_dtw_divergence(
@@ -110,9 +110,7 @@ def soft_dtw_divergence(
     other: Float[Array, "*batch S D"],
     lengths: Lengths = None,
     other_lengths: Lengths = None,
-    *,
-    gamma: Float[Array, "..."] | float = 1.0,
-    implementation: Implementation = "auto",
+    **options: Unpack[WarpingOptions],
 ) -> Float[Array, "*batch"]:
     """Soft-DTW minus half of each sequence's soft-DTW with itself (Blondel et al., AISTATS 2021).
 
@@ -120,7 +118,7 @@ def soft_dtw_divergence(
     meant to be positive elsewhere, as it was in all tests with squared distances.
     Arguments, options and errors are those of `soft_dtw_between`.
     """
-    between = functools.partial(soft_dtw_between, gamma=gamma, implementation=implementation)
+    between = functools.partial(soft_dtw_between, **options)
     pairs = [
         (query, other, lengths, other_lengths),
         (query, query, lengths, lengths),
@@ -138,7 +136,7 @@ def soft_dtw_divergence(
     return across - 0.5 * (within + other_within)
 
 
-def _posed(cost, lengths, other_lengths, gamma, implementation):
+def _posed(cost, lengths, other_lengths, *, gamma=1.0, implementation="auto"):
     """The checked problem, and the implementation that solves it."""
     problem = prepare(cost, lengths, other_lengths, gamma)
     return problem, _chosen(implementation, problem)
