@@ -78,7 +78,16 @@ class Agent:
     def step(
         self, state: Any, hyper: Any, reward_params: Any
     ) -> tuple[Any, dict[str, Float[Array, ""]]]:
-        """One unroll of every environment, and what is learned from it."""
+        """One unroll of every environment, and what is learned from it.
+
+        Args:
+          state: of `init`, or of the step before.
+          hyper: of the algorithm's type `Hyper`; every number may be traced.
+          reward_params: what the reward takes as parameters, any pytree.
+
+        Returns:
+          The state after it, and metrics by name, each of shape ().
+        """
         return training.step(self, state, hyper, reward_params)
 
     def act(

@@ -76,7 +76,14 @@ class TrainState(NamedTuple):
 
 
 class PPO(Agent):
-    """The algorithm for one environment and one reward; its functions are pure."""
+    """PPO for one task and one reward; its functions are pure, for `jit`, `vmap` and `scan`.
+
+        state = algorithm.init(key, hyper)
+        state, metrics = algorithm.step(state, hyper, reward_params)
+
+    The task, the reward function and `static` shape the compiled program. The key, the state,
+    `hyper` and the reward's parameters are traced: a `vmap` sweeps them.
+    """
 
     Static, Hyper = Static, Hyper
 
@@ -105,7 +112,10 @@ class PPO(Agent):
         self._make_policy = networks.make_inference_fn(self.networks)
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
-        """Initial weights, and environments at random times of their first episode."""
+        """Initial weights, and B environments at random times of their first episode.
+
+        The key is consumed.
+        """
         key, key_weights, envs = self._begin(key)
         both = self.networks.policy_network, self.networks.value_network
         params = losses.PPONetworkParams(*fresh_weights(key_weights, *both))

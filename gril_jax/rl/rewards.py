@@ -17,6 +17,7 @@ from gril_jax.encoders.encoder import GraphConfig, PixelConfig
 from gril_jax.graphs.scene import SceneGraph, scene_graph
 from gril_jax.reward import shaping, staircase
 from gril_jax.reward.latent_goal import latent_goal_reward
+from gril_jax.reward.learned_reward import LearnedReward
 
 # (parameters, environment state, activity bits (N,)) -> reward of this moment.
 RewardFn = Callable[[Any, Any, Bool[Array, "N"]], Float[Array, ""]]
@@ -68,6 +69,17 @@ def learned(config: GraphConfig, *, robots: Sequence[int] = ()) -> RewardFn:
         return jnp.asarray(latent_goal_reward(params, scene(state, active), config))
 
     return reward
+
+
+def saved(params: LearnedReward, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
+    """The reward of a file (`gril_jax.load_reward`), which is its own parameters.
+
+    Its `objects` are those of the task, in the task's order; without any, labels and robot flags
+    are those of each state. Raises ShapeError if the encoder looks at more than one frame.
+    """
+    seen = state.objects
+    own = {} if params.objects else {"label": seen.label, "is_robot": seen.is_robot}
+    return params(seen.center, seen.size, active, **own)
 
 
 def offset(reward: RewardFn, by: float) -> RewardFn:

@@ -67,7 +67,13 @@ class Row(NamedTuple):
 
 
 class SAC(Agent):
-    """The algorithm for one environment and one reward; its functions are pure.
+    """SAC for one task and one reward; its functions are pure, for `jit`, `vmap` and `scan`.
+
+        state = algorithm.init(key, hyper)
+        state, metrics = algorithm.step(state, hyper, reward_params)
+
+    The task, the reward function and `static` shape the compiled program. The key, the state,
+    `hyper` and the reward's parameters are traced: a `vmap` sweeps them.
 
     Raises ConfigError if sizes do not fit together.
     """
@@ -86,7 +92,10 @@ class SAC(Agent):
         self._make_policy = networks.make_inference_fn(self.networks)
 
     def init(self, key: PRNGKeyArray, hyper: Hyper) -> TrainState:
-        """Initial weights, an empty replay, and environments at random times of an episode."""
+        """Initial weights, an empty replay, and B environments at random times of an episode.
+
+        The key is consumed.
+        """
         key, key_weights, envs = self._begin(key)
         learned = sac_loss.begin(self.networks, key_weights, hyper)
         normalizer = fresh_normalizer(self.observation_size)

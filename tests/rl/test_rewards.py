@@ -211,3 +211,14 @@ def test_pictures_of_many_lanes_and_seeds_are_paid_as_each_by_itself(monkeypatch
             np.testing.assert_allclose(found[s, lane], expected, rtol=1e-5, atol=1e-6)
             np.testing.assert_allclose(found[s, lane], one(own, data[s, lane]), atol=1e-5)
             np.testing.assert_allclose(shared[s, lane], one(own, data[0, lane]), atol=1e-5)
+
+
+def test_a_saved_reward_is_its_own_parameters_with_its_own_objects(encoded):
+    params, latents = encoded
+    own = reward.RewardParams(params, latents[2], jnp.float32(2.0), jnp.float32(ALPHA))
+    names = ("goal", "robot", "block")
+    wanted, _ = _run(rewards.as_reward(rewards.learned(CONFIG)), own)
+    for objects in ((), names):
+        saved = reward.LearnedReward(own, CONFIG, names, ("robot",), objects)
+        values, _ = _run(rewards.as_reward(rewards.saved), saved)
+        np.testing.assert_allclose(values, wanted, rtol=1e-5)
