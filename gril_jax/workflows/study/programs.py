@@ -24,8 +24,8 @@ from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
 from gril_jax.workflows.build.starts import distinct, evaluated_from
 
 from .counted import Counted
-from .rewards import TrainedReward, keys, learns, reward_key, stack
-from .rows import Row
+from .rewards import TrainedReward, keys, reward_key, stack
+from .rows import Row, learns
 
 
 class Program(NamedTuple):

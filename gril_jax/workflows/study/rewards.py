@@ -13,14 +13,13 @@ from gril_jax import reward
 from gril_jax.compilation import ahead, sharding
 from gril_jax.compilation.compiler import compiled
 from gril_jax.config import RunConfig
-from gril_jax.config.tables import REWARDS
 from gril_jax.runs import loop
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import demonstrations, learners, setup
 
-from .rows import Row
+from .rows import Row, learns
 
 
 class TrainedReward(NamedTuple):
@@ -30,11 +29,6 @@ class TrainedReward(NamedTuple):
     tau: float
     demos: DemoBatch
     num_classes: int
-
-
-def learns(config: RunConfig) -> bool:
-    """True if a reward is learned for the policy."""
-    return REWARDS[config.run.reward].learns
 
 
 def reward_key(config: RunConfig) -> Hashable:
