@@ -14,6 +14,10 @@ _share = mean_interval(middle=False)
 _steps = median_reached(unit=1e-6, digits=2)
 
 
+def _count(values, count: int) -> str:
+    return f"{int(values.sum())} of {count}"
+
+
 def sections(found: Found) -> list[Section]:
     """All sections; columns of which no line has a number are left out where they are written."""
     published = found.plan.study.published
@@ -129,7 +133,7 @@ def _of_rewards(lines: Sequence[Line]) -> list[Section]:
                 Column("tau", "tau"),
                 Column("cycle", "cycle consistency"),
                 *map(Column, evaluation.NUMBERS[1:], ("reward against time", "last reward")),
-                Column(PASSES, "pass their audit", lambda x, n: f"{int(x.sum())} of {n}"),
+                Column(PASSES, "pass their audit", _count, among=PASSES),
             ],
         ),
         *(_of_audit(variant) for variant in audited),

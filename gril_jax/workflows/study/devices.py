@@ -27,4 +27,5 @@ def _listed() -> list[str]:
         found = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True, timeout=60)
     except (OSError, subprocess.TimeoutExpired):
         return []
-    return [str(i) for i, _ in enumerate(found.stdout.splitlines()) if not found.returncode]
+    cards = [line for line in found.stdout.splitlines() if line.startswith("GPU ")]
+    return [str(number) for number, _ in enumerate(cards)]

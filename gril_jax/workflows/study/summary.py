@@ -1,7 +1,7 @@
 """What a study writes for people: a Markdown table, a CSV, a figure and a page."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from . import results, saved
 from .columns import among, order_of_starts, sections
 from .curves import learning_curves
 from .results import PASSES, Found
-from .written import Section, by_row, cells, csv, markdown, with_published
+from .written import Line, Section, by_row, cells, csv, markdown, with_published
 
 NAMES = ("study.md", "study.csv", "study.png", "report.html")
 
@@ -79,8 +79,8 @@ def page(found: Found, picture: bytes, folder: Path) -> str:
     """The page, as one self-contained file."""
     study = found.plan.study
     lines = with_published(found.lines, study.published)
-    tables = [one for one in sections(found) if any(map(any, cells(lines, one.columns).values()))]
-    body = [html.Section("Results", [*_dots(found), *(_table(lines, one) for one in tables)])]
+    tables = [*filter(None, (_table(lines, one) for one in sections(found)))]
+    body = [html.Section("Results", tables)]
     caption = "Each dot is a reward; a bar is at their mean."
     if found.curves:
         caption = (
@@ -118,13 +118,17 @@ def _alone(found: Found, name: str) -> str:
     return saved.command(found.plan, Path("RUN"), name)
 
 
-def _table(lines, section: Section) -> html.Table:
-    """A section; in a cell the number, and below it what follows: `84.4; 84.4 (71.9 to 96.9)`."""
+def _table(lines: Sequence[Line], section: Section) -> html.Table | None:
+    """A section; in a cell the number, and below it what follows: `84.4; 84.4 (71.9 to 96.9)`. Rows
+    and columns of which nothing is known are left out; None if that is all."""
+    of = {row: texts for row, texts in cells(lines, section.columns).items() if any(texts)}
+    known = [i for i in range(len(section.columns)) if any(texts[i] for texts in of.values())]
     split = {
-        row: [html.Cell(*re.split(r"; | (?=\()", cell, maxsplit=1)) for cell in texts]
-        for row, texts in cells(lines, section.columns).items()
+        row: [html.Cell(*re.split(r"; | (?=\()", texts[i], maxsplit=1)) for i in known]
+        for row, texts in of.items()
     }
-    return html.Table(section.caption, [one.heading for one in section.columns], split)
+    heads = [section.columns[i].heading for i in known]
+    return html.Table(section.caption, heads, split) if heads else None
 
 
 def _counted(found: Found) -> str:
@@ -137,18 +141,6 @@ def _of_rows(found: Found) -> dict[str, np.ndarray]:
     name = f"success{order_of_starts(found)[0][1]}_sampled"
     known = {row: x[np.isfinite(x)] for row, x in by_row(found.lines, name).items()}
     return {row: x for row, x in known.items() if len(x)}
-
-
-def _dots(found: Found) -> list[Part]:
-    of = _of_rows(found)
-    if not of:
-        return []
-    caption = (
-        f"A dot for each policy, {_counted(found)}, and a bar at their mean; the dotted line is "
-        "the first row's mean."
-    )
-    picture = png(spread(of, "success, sampled actions"))
-    return [Part(caption, picture, "Success of each row's policies", wide=True)]
 
 
 def _tiles(found: Found) -> list[Tile]:

@@ -91,8 +91,9 @@ def task(tmp_path_factory):
 
 
 @pytest.fixture
-def gril(task, tmp_path):
-    """Starts a command line in a folder, in a process that finds the task."""
+def gril(task, tmp_path, monkeypatch):
+    """Starts a command line in a folder, in a process that finds the task, as this one does."""
+    monkeypatch.syspath_prepend(task)
     environment = os.environ | {"PYTHONPATH": str(task), "JAX_PLATFORMS": "cpu"}
 
     def start(*args):

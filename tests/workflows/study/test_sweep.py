@@ -60,7 +60,7 @@ def test_the_smaller_version_has_a_base_rows_and_seeds_of_its_own(planned):
     assert plan.rows["ours without robot"].pretrain.steps == 1500
     assert (plan.config.run.algorithm, plan.config.ppo) == ("sac", load("quickstart").ppo)
     plan = planned("table2", "--quick", "--demos.num", "30")
-    assert (plan.config.demos.num, plan.config.demos.num_failures) == (48, 50)
+    assert (plan.config.demos.num, plan.config.demos.num_failures) == (30, 50)
     for row in plan.rows.values():
         assert (row.demos.num, row.demos.num_failures, row.pretrain.steps) == (30, 21, 1200)
     assert not plan.study.policies
