@@ -17,7 +17,7 @@ from gril_jax.config.command_line import options
 from gril_jax.errors import ConfigError
 from gril_jax.export.reward_file import save_reward
 from gril_jax.runs import run_dir
-from gril_jax.workflows.study.suite import rows as suite
+from gril_jax.workflows.study import recipe, saved
 
 PAGES = sorted(
     path
@@ -67,7 +67,6 @@ def _commands(path):
         made = re.findall(r"^- \*\*Commands?\*\*(.*(?:\n  .*)*)|^Made by (.*)$", text, re.MULTILINE)
         code = [c for said in made for c in re.findall(r"`([^`]*)`", " ".join(said))]
         lines += [part for c in code for part in " ".join(c.split()).split(" and gril ")]
-        lines = [f"gril {line}" if line.startswith("table1 ") else line for line in lines]
     return [line for line in lines if line.startswith("gril ")]
 
 
@@ -77,9 +76,6 @@ def surroundings(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for folder in ("films", "mine"):
         (tmp_path / folder).mkdir()
-    for name in suite.TASKS:
-        (tmp_path / "films" / name).mkdir()
-        (tmp_path / "films" / name / "a.mp4").touch()
     demos = {"task": "match_regions", "demos": 40 * [{"outcome": "success"}]}
     (tmp_path / "mine" / "demos.json").write_text(json.dumps(demos))
     monkeypatch.setattr("gril_jax.runs.sinks.require_installed", lambda sinks: None)
@@ -87,11 +83,13 @@ def surroundings(tmp_path, monkeypatch):
     def of(resumed):
         run = tmp_path / f"run-{resumed}"
         if not run.exists():
-            run_dir.create(run, RunConfig(), device="cpu", experiment=resumed).close()
+            with run_dir.create(run, RunConfig(), device="cpu", experiment=resumed):
+                rows = {"ours": RunConfig()}
+                plan = saved.Plan(recipe.Study("mine"), RunConfig(), rows, {"ours": [0]})
+                saved.write(run, plan)
             for name in ("policy/0", "reward/0"):
                 (run / name).mkdir(parents=True)
                 (run / name / "manifest.json").write_text("{}")
-            (run / "sweep.json").write_text("{}")
         demos = dict.fromkeys(("DEMOS", "HUMAN"), "mine")
         return {"RUN": str(run), "FOLDER": "films", **demos}
 

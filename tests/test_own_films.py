@@ -234,17 +234,17 @@ def test_each_set_of_a_sweep_has_its_own_noise(home, tmp_path, monkeypatch):
         (tmp_path / name / "demos.json").write_text(json.dumps(header | known))
     planned = []
 
-    def made(name, config, settings, **_):
-        planned[:] = config, settings()
+    def made(plan, *args, **_):
+        planned[:] = plan.config, [*plan.rows.values()]
         return lambda: None
 
-    monkeypatch.setattr(sweep, "made", made)
+    monkeypatch.setattr(sweep, "_made", made)
     (verb,) = sweep.VERBS
     for option in ("--demos", "--demos.path"):
         verb.plan(["quickstart", option, f"{tmp_path}/calm,{tmp_path}/rough"])
         _, found = planned
-        assert [cell.config.pool.noise for cell in found.cells] == [None, 0.004]
-        assert [cell.config.pool.rule()["smoothing"] for cell in found.cells] == [1, 3]
+        assert [row.pool.noise for row in found] == [None, 0.004]
+        assert [row.pool.rule()["smoothing"] for row in found] == [1, 3]
         verb.plan(["quickstart", option, f"{tmp_path}/rough"])
         config, found = planned
-        assert config.pool.noise == found.cells[0].config.pool.noise == 0.004
+        assert config.pool.noise == found[0].pool.noise == 0.004

@@ -101,7 +101,7 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path, capsys):
 
 def test_a_run_of_another_verb_is_refused(run, tmp_path, capsys):
     assert "was made by gril train, so gril pretrain" in _fault(capsys, "pretrain", "--resume", run)
-    run_dir.create(tmp_path / "other", RunConfig(), device="cpu").close()  # as of gril ablate
+    run_dir.create(tmp_path / "other", RunConfig(), device="cpu").close()  # of no verb
     assert "was made otherwise" in _fault(capsys, "train", "--resume", tmp_path / "other")
 
 

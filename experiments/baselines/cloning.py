@@ -3,7 +3,7 @@
     python -m gril_jax.experiments.baselines.cloning recorded.json --sets SETS --out cloning.json
 
 Rewards here are learned from films alone; this baseline is also given the recorded actions
-(`gril_jax/experiments/suite/recorded.py`). A network of the observation is trained to name the next
+(`recorded.py`). A network of the observation is trained to name the next
 of MAGICAL's 18 actions, and plays Demo and every variant.
 
 Shapes use D for demonstrations, T for control steps, K for seeds and E for episodes.
@@ -19,10 +19,11 @@ import optax
 import tyro
 from flax import linen as nn
 from gril_jax.envs import Env
-from gril_jax.experiments.baselines import recorded, variants
+from gril_jax.experiments.baselines import recorded
 from jaxtyping import Array, Float, Int
 
 from gril_jax import envs
+from gril_jax.workflows.study.measured import variants
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,9 @@ from gril_jax.config.files import load
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.rl import ppo
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup
+from gril_jax.workflows.study import recipe
+from gril_jax.workflows.study.measured import variants
 from gril_jax.workflows.study.rows import changed
-from gril_jax.workflows.study.suite import rows, variants
 
 from . import recorded
 
@@ -175,8 +176,9 @@ class _Network(nn.Module):
 
 def configured(task: str, options: Options) -> RunConfig:
     """The suite's configuration of a task, without a reward of its own."""
-    steps = rows.rows(options.sets, options.num_timesteps)[rows.row_name(task, rows.SCORE)]
-    change = steps | {
+    suite = recipe.load("suite")
+    change = {
+        "ppo.num_timesteps": options.num_timesteps,
         "env.variant": options.variant,
         "ppo.num_envs": options.num_envs,
         "ppo.num_minibatches": options.num_minibatches,
@@ -184,7 +186,8 @@ def configured(task: str, options: Options) -> RunConfig:
     }
     if options.variant != variants.DEMO:  # no film shows its starts
         change["ppo.video_state_resets"] = 0.0
-    return changed(load("magical_suite"), change)
+    config = changed(load("magical_suite"), {**suite.changes, **change})
+    return changed(config, suite.rows[f"{task} from its score"])
 
 
 def measure(task: str, actions: Int[np.ndarray, "D T"], options: Options) -> dict[str, Any]:

@@ -203,14 +203,6 @@ def existing_folder(name: str) -> Path:
     return path
 
 
-def require_left_to_options(args: list[str], taken: set[str]) -> None:
-    """Raises ConfigError if an option is set that each row of a table sets itself."""
-    for option in (arg.partition("=")[0] for arg in in_full(args)):
-        path = option.removeprefix("--").replace("-", "_")
-        if path in taken or f"{path}_" in taken:
-            raise ConfigError(f"{option} is given, but each row of the table sets it for itself")
-
-
 def require_new_file(path: Path) -> None:
     """Raises RunError unless a file can be created here."""
     with writing(path.parent):  # a name may be too long, or a folder closed to us

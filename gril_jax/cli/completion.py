@@ -43,6 +43,13 @@ def _words() -> tuple[dict[str, list[str]], list[str]]:
     return known, [*SHORTCUTS, *_MORE, *options(RunConfig)]
 
 
+def _files() -> list[str]:
+    """The configurations and studies that are shipped."""
+    from gril_jax.workflows.study import recipe
+
+    return [*names(), *recipe.names()]
+
+
 def _bash(shell: str) -> str:
     known, every = _words()
     second = "\n".join(
@@ -50,7 +57,7 @@ def _bash(shell: str) -> str:
     )
     parts = {
         "FIRST": " ".join(known), "SECOND": second, "OPTIONS": " ".join(every),
-        "WHOLE": "|*:".join(name.split()[0] for name in _WHOLE), "CONFIGS": " ".join(names()),
+        "WHOLE": "|*:".join(name.split()[0] for name in _WHOLE), "CONFIGS": " ".join(_files()),
     }  # fmt: skip
     text = _BASH
     for name, words in parts.items():
@@ -66,6 +73,6 @@ def _fish() -> str:
             here = f"__fish_seen_subcommand_from {first}"
             lines.append(f"complete -c gril -n '{here}' -f -a '{' '.join(rest)}'")
     here = f"__fish_seen_subcommand_from {' '.join(name.split()[0] for name in _WHOLE)}"
-    lines.append(f"complete -c gril -n '{here}' -a '{' '.join(names())}'")
+    lines.append(f"complete -c gril -n '{here}' -a '{' '.join(_files())}'")
     lines += [f"complete -c gril -n '{here}' -l {option[2:]}" for option in every]
     return "\n".join(lines) + "\n"

@@ -21,12 +21,11 @@ _TEXTS = {
     "--resume": "Go on with a run that was cut off, bit for bit.",
     "--hard-negatives": "Learn from states that the rewards of one or two runs overestimated.",
     "--dry-run": "Say what would run, how long and in how much memory; write nothing.",
-    "--join": "One table of runs with different rows, in the folder that --out names.",
     "--help-all": "Every option, with its section's name before it.",
     "--lambda": "Weight of reconstruction relative to temporal cycle-consistency.",
 }
 _VALUES = {
-    "--resume": "RUN", "--hard-negatives": "RUN[,RUN]", "--join": "RUN,RUN", "--dry-run": "",
+    "--resume": "RUN", "--hard-negatives": "RUN[,RUN]", "--dry-run": "",
     "--help-all": "",
 }  # fmt: skip
 
@@ -56,13 +55,6 @@ TRAIN = PRETRAIN | {
         "--ppo.discounting",
     ),
 }  # fmt: skip
-TABLE: Mapping[str, tuple[str, ...]] = {
-    "The task and its demonstrations": ("--task", "--demos", "--demos.num"),
-    "The run": ("--out", "--seed", "--resume", "--join"),
-    "The policies": ("--algorithm", "--ppo.num-timesteps", "--ppo.num-envs"),
-}
-# Of tables whose rows name their task and its demonstrations.
-TASKS = {title: names for title, names in TABLE.items() if "--demos" not in names}
 SWEEP = TRAIN | {"The run": ("--out", "--seed", "--resume", "--run.audit", "--run.evaluations")}
 
 

@@ -52,10 +52,8 @@ def _gril(*args, cwd):
         (["eval", "--help"], "--episodes"),
         (["export-policy", "--help"], "policy.npz"),
         (["export-reward", "--help"], "reward.npz"),
-        (["ablate", "--help"], "--seeds"),
-        (["soundness", "--help"], "--rows"),
-        (["table1", "--help"], "--rows"),
-        (["table2", "--help"], "--rows"),
+        (["sweep", "--help"], "--seeds"),
+        (["sweep", "table1", "--help"], "--rows"),
         (["subtasks", "--help"], "--sets"),
     ],
 )

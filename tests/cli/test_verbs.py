@@ -198,26 +198,15 @@ def test_report_hands_on_the_run(experiment, run):
     assert calls == [((run,), {"echo": arguments.echo})]
 
 
-def test_report_draws_the_pages_of_table_1_and_of_sweeps_anew(experiment, tmp_path, monkeypatch):
-    from gril_jax.workflows.study import results
-    from gril_jax.workflows.study.sweeps import sweep
-    from gril_jax.workflows.study.table1 import table1
+def test_report_draws_the_page_of_a_study_anew(experiment, tmp_path, monkeypatch):
+    from gril_jax.workflows.study import summary
 
     calls = []
-    monkeypatch.setattr(results, "redraw", lambda *args, echo: calls.append(args))
-    for made in (table1, sweep):
-        path = tmp_path / made.TABLE.name
-        run_dir.create(path, RunConfig(), device="cpu", experiment=made.TABLE.name).close()
-        assert main.main(["report", str(path)]) == 0
-        assert calls.pop() == (made.TABLE, path)
-
-
-def test_report_refuses_the_runs_of_other_tables_before_work_starts(experiment, tmp_path, capsys):
-    path = tmp_path / "table2"
-    run_dir.create(path, RunConfig(), device="cpu", experiment="table2").close()
-    assert experiment("report") == []
-    err = _fault(capsys, "report", str(path))
-    assert f"{path} holds a run of gril table2, not of one policy: it has no page" in err
+    monkeypatch.setattr(summary, "redraw", lambda *args: calls.append(args))
+    path = tmp_path / "run"
+    run_dir.create(path, RunConfig(), device="cpu", experiment="sweep").close()
+    assert main.main(["report", str(path)]) == 0
+    assert calls == [(path, arguments.echo)]
 
 
 def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
@@ -246,23 +235,6 @@ def test_export_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):
     (run / "reward" / "000000000100" / "manifest.json").write_text("{}")
     assert main.main(["export-reward", str(run), f"--out={out}"]) == 0
     assert calls == [((run, out), {"echo": arguments.echo})]
-
-
-def test_ablate_takes_a_number_of_seeds_and_rows(experiment, monkeypatch, capsys):
-    from gril_jax.workflows.study import frame
-    from gril_jax.workflows.study.ablate.rows import ROWS
-
-    calls = []
-    monkeypatch.setattr(frame, "make", lambda _, *args, **kwargs: calls.append(args))
-    assert main.main(["ablate", "match_regions", "--seeds", "3", "--rows", "alpha 20"]) == 0
-    assert main.main(["ablate"]) == 0
-    assert [config for config, _ in calls] == [load("match_regions"), RunConfig()]
-    assert [(settings.seeds, [*settings.rows]) for _, settings in calls] == [
-        (3, ["alpha 20"]),
-        (5, [*ROWS]),
-    ]
-    assert main.main(["ablate", "--seeds", "none"]) == 2
-    assert "--seeds is 'none', but must be a whole number of at least 1" in capsys.readouterr().err
 
 
 def test_imports_hand_on_their_folders_and_tell_their_progress(

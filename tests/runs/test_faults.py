@@ -18,10 +18,7 @@ from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import state_leaves
 from gril_jax.workflows.learning import encoders, policies
-from gril_jax.workflows.study.rows import write_settings
-from gril_jax.workflows.study.soundness.rows import Settings as Soundness
-from gril_jax.workflows.study.table1.columns import COLUMNS
-from gril_jax.workflows.study.table1.rows import Settings
+from gril_jax.workflows.study import recipe, saved
 
 
 @pytest.fixture(scope="module")
@@ -124,33 +121,30 @@ def _went_on(advance, begun, **_):
     raise RunError(f"went on after {begun.chunks} chunks from {state_leaves.digest(begun.state)}")
 
 
-def _tables(folder):
-    """Runs of two tables, of which one is joined by its metrics and one by its CSV."""
-    rows = {"environmental": {}, "ours audited": {}}
-    for name, settings in (("table1", Settings(rows, 2)), ("soundness", Soundness(rows, 2))):
-        path = folder / name
-        known = {"device": "a test", "command": ["gril", name], "experiment": name}
-        with run_dir.create(path, RunConfig(), **known) as made:
-            made.cover("begun", write_settings(path, name, settings))
-            for steps in (10, 20):
-                values = {of: [0.25, 0.75] for of in COLUMNS[2:14]}
-                made.log(phase="policy-0", env_steps=steps, seconds=steps, **values)
-            made.finish_phase("policy-0", {"rows": [[0, 0], [0, 1]], "taus": [None, None]})
-            if name == "soundness":
-                (path / "soundness.csv").write_text("row,seed,success\nenvironmental,0,0.5\n")
-                made.cover("table", [path / "soundness.csv"])
-            made.finish({})
-    return folder
+def _study(path):
+    """The run of a study with two rows, of which one has finished."""
+    config = RunConfig()
+    rows = dict.fromkeys(("environmental", "ours audited"), config)
+    plan = saved.Plan(recipe.Study("mine"), config, rows, dict.fromkeys(rows, (0, 1)))
+    known = {"device": "a test", "command": ["gril", "sweep"], "experiment": saved.EXPERIMENT}
+    with run_dir.create(path, config, **known) as made:
+        made.cover("begun", saved.write(path, plan))
+        for steps in (10, 20):
+            values = {of: [0.25, 0.75] for of in ("success", "success_sampled", "score")}
+            made.log(phase="policy-0", env_steps=steps, seconds=steps, **values)
+        made.finish_phase("policy-0", {"rows": [[0, 0], [0, 1]], "taus": [None, None]})
+        made.finish({})
+    return path
 
 
 NAMES = (
     "eval", "report", "export-reward", "export-policy", "subtasks", "audit", "train --resume",
-    "report of a table", "join of tables",
+    "report of a study",
 )  # fmt: skip
 _PAGE = ("report.html", "demos.png")
 
 
-def _commands(whole, cut, tables):
+def _commands(whole, cut, study):
     return {
         "eval": Command(whole, lambda run, out: ["eval", str(run), "--episodes", "1"]),
         "report": Command(
@@ -172,14 +166,7 @@ def _commands(whole, cut, tables):
         "train --resume": Command(
             cut, lambda run, out: ["train", "--resume", str(run)], through="went on after"
         ),
-        "report of a table": Command(
-            tables / "table1", lambda run, out: ["report", str(run)],
-            _PAGE[:1],
-        ),
-        "join of tables": Command(
-            tables / "soundness",
-            lambda run, out: ["soundness", "--join", str(run), "--out", str(out / "joined")],
-        ),
+        "report of a study": Command(study, lambda run, out: ["report", str(run)], _PAGE[:1]),
     }  # fmt: skip
 
 
@@ -202,9 +189,9 @@ def _verdicts(command, work, kinds, most):
 
 @pytest.fixture
 def commands(whole, cut, tmp_path, monkeypatch):
-    """Commands on these runs and on tables; one that goes on stops where training would begin."""
+    """Commands on these runs and on a study; one that goes on stops where training would begin."""
     monkeypatch.setattr(policies.loop, "run_chunks", _went_on)
-    return _commands(whole, cut, _tables(tmp_path))
+    return _commands(whole, cut, _study(tmp_path / "study"))
 
 
 @pytest.mark.parametrize("name", ["export-reward", "train --resume"])

@@ -37,10 +37,7 @@ def test_a_run_that_does_not_say_what_made_it_has_it_too(run):
 @pytest.mark.parametrize(
     ("experiment", "where"),
     [
-        ("table1", "its page is report.html, its table table1.md"),
-        ("table2", "the table table2.md and the figure table2.png"),
-        ("soundness", "the table soundness.md and the figure soundness.png"),
-        ("sweep", "its page is report.html, its table sweep.md"),
+        ("sweep", "its page is report.html, its table study.md"),
         ("novel", "its results lie there in files of their own"),
     ],
 )

@@ -20,9 +20,7 @@ from gril_jax.cli.main import main
 from gril_jax.cli.heavy_imports import heavy_imports
 with heavy_imports():
     from gril_jax.workflows import pretrain, train
-    from gril_jax.workflows.study.soundness import soundness
-    from gril_jax.workflows.study.sweeps import sweep
-    from gril_jax.workflows.study.table1 import table1
+    from gril_jax.workflows.study import driver
 warnings.simplefilter("ignore", RuntimeWarning)  # of forks: JAX has no devices yet
 _CHANGES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "shutil.rmtree")
 _WRITES = os.O_WRONLY | os.O_RDWR

@@ -78,7 +78,7 @@ AUDITED = (
 CONFIG = """
     env: {name: reach, episode_length: 12}
     demos: {num: 4, num_validation: 2, num_failures: 1}
-    encoder: {width: 8, latent: 4, pool_robot: true, robot_messages: true}
+    encoder: {width: 8, latent: 4, robot: true}
     pretrain: {steps: 4, num_videos: 3}
     ppo: {num_envs: 8, unroll_length: 4, num_timesteps: 64, num_minibatches: 2, hidden: [8]}
     run: {eval_episodes: 2, evaluations: 0, updates_per_chunk: 1}

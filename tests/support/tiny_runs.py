@@ -1,4 +1,4 @@
-"""The smallest run of each of six verbs, on the audited task of `support.new_task`."""
+"""The smallest runs of four verbs and two studies, on the audited task of `support.new_task`."""
 
 _TASK = "reach_task:SPEC"
 _TINY = (
@@ -16,26 +16,19 @@ _POLICY = (
 )
 _TWO = ("--seeds", "2")
 _AUDIT = ("--starts", "2", "--ascents", "4")
-_ROWS = ("--rows", "environmental,ours without robot", "--steps-per-encoder", "40")
-# Steps of the first rows of Table I and of soundness are the row's, or the configuration's.
+_ROWS = ("--rows", "environmental,ours without robot")
 VERBS = {
     "quickstart": ("quickstart", *_TINY, *_STEPS, *_POLICY, "--run.audit", "4"),
     "train": ("train", *_TINY, *_STEPS, *_POLICY),
     "pretrain": ("pretrain", *_TINY, *_STEPS),
-    "sweep": (
-        "sweep", *_TINY, *_STEPS, *_POLICY, *_TWO, "--reward", "learned,environmental",
+    "sweep": ("sweep", *_TINY, *_STEPS, *_POLICY, *_TWO, "--reward", "learned,environmental"),
+    "table1": ("sweep", "table1", *_TINY, *_STEPS, *_POLICY[:-2], *_TWO, *_AUDIT, *_ROWS),
+    "soundness": (
+        "sweep", "soundness", *_TINY, *_STEPS, *_POLICY, *_TWO, *_AUDIT, "--rows", "paper",
     ),
-    "table1": ("table1", *_TINY, *_POLICY[:-2], *_TWO, *_AUDIT, *_ROWS),
-    "soundness": ("soundness", *_TINY, *_STEPS, *_POLICY, *_TWO, *_AUDIT, "--rows", "paper"),
 }  # fmt: skip
-# Steps that a row sets for itself are not given, nor are copies that all rows of a table set.
-_OF_ROWS = ("--pretrain.num-perturbations", "--pretrain.adversarial-steps")
 
 
 def command(verb):
-    """A small run of a verb."""
-    args = [*VERBS[verb]]
-    for option in _OF_ROWS if verb in ("table1", "soundness") else ():
-        at = args.index(option)
-        del args[at : at + 2]
-    return args
+    """A small run of a verb, or of a study by its name."""
+    return [*VERBS[verb]]

@@ -21,7 +21,7 @@ TABLE: dict[str, tuple[str, ...]] = {
     "Demonstrations": ("demos",),
     "A task of your own": ("tasks",),
     "Look into a reward, take it elsewhere": ("rewards",),
-    "Compare, over seeds": ("sweep", "tables"),
+    "Compare, over seeds": ("sweep",),
     "This machine": ("machine",),
 }
 

@@ -13,6 +13,7 @@ from gril_jax.runs import phases, run_dir
 from .. import help_page, own_films
 from ..arguments import (
     Work,
+    echo,
     hard_negatives,
     positional,
     resumed_config,
@@ -20,8 +21,8 @@ from ..arguments import (
     run_config_of,
     take,
 )
+from ..heavy_imports import heavy_imports
 from . import Verb, experiment
-from .tables import of_results
 
 _TRAIN = "Learn a reward, then a policy from it."
 
@@ -80,10 +81,19 @@ def _report(args: list[str]) -> Work:
     given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
     folder = Path(given.run)
     run_dir.read_config(folder)  # nothing of the task is run, so it need not be there
-    if (table := phases.made_by(folder)) in ("table1", "sweep"):
-        return of_results("redraw", table, folder)
+    if phases.made_by(folder) == "sweep":
+        return _redrawn(folder)
     phases.require_single(folder)
     return experiment("report", folder)
+
+
+def _redrawn(folder: Path) -> Work:
+    def work() -> None:
+        with heavy_imports():
+            from gril_jax.workflows.study import summary
+        summary.redraw(folder, echo)
+
+    return work
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""The counts behind the success of a table's policies: starts of each evaluation, and policies.
+"""The counts behind the success of a study's policies: starts of each evaluation, and policies.
 
-A policy is one observation. Its success is a share of the distinct starts of an evaluation, and a
-table's intervals are over policies.
+A policy is one observation. Its success is a share of the distinct starts of an evaluation, and
+intervals are over policies.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from gril_jax.report.rates import SURE, UNKNOWN, Rate
 
-from .written import Column, Line, column, mean_interval
+from .written import Line, column
 
 COUNTS = ("starts", "episodes")  # in a policy's line, both of an evaluation
 
@@ -56,18 +56,3 @@ def of_lines(lines: Sequence[Line], variant: str = "", *, sampled: bool = False)
         return f"{starts.min():.0f} to " + Rate(0.0, int(starts.max()), variant=variant).counted
     played = 0 if np.isnan(episodes).any() else int(episodes.max())
     return Counted(played, int(starts[0])).in_words(variant, sampled=sampled)
-
-
-def one_start(lines: Sequence[Line], variant: str = "") -> bool:
-    """True if success is that of a single start, which a policy solves or does not."""
-    return of_lines(lines, variant) == Counted(1, 1).in_words(variant)
-
-
-def success_columns(lines: Sequence[Line], variant: str = "") -> list[Column]:
-    """Success with deterministic and with sampled actions; of one start, who solves it."""
-    among, played = (of_lines(lines, variant, sampled=sampled) for sampled in (False, True))
-    words, write = ("", solved) if one_start(lines, variant) else ("success, ", mean_interval())
-    return [
-        Column("success", f"{words}deterministic actions, {among}", write),
-        Column("success_sampled", f"success, sampled actions, {played}", mean_interval()),
-    ]

@@ -22,8 +22,8 @@ from gril_jax.workflows.learning import policies
 from gril_jax.workflows.learning.encoders import stack
 
 from .counted import Counted
-from .rewards import TrainedReward, learns, reward_key
-from .rows import Row
+from .rewards import TrainedReward, reward_key
+from .rows import Row, learns
 
 
 class Program(NamedTuple):

@@ -1,41 +1,40 @@
-"""One family of tables as a value; the results of its runs: read, joined, and written."""
+"""The results of a study, read from the files of its run and of its parts."""
 
-import dataclasses
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from matplotlib.figure import Figure
-
-from gril_jax.config import RunConfig
-from gril_jax.errors import ConfigError, RunError
+from gril_jax.report.audit import asked
 from gril_jax.report.data import read_versions
-from gril_jax.report.figures.style import png
 from gril_jax.runs import run_dir, times
-from gril_jax.runs.covered import require_unchanged
 from gril_jax.runs.phases import COVERED, read_phases
-from gril_jax.workflows.build.demonstrations import Demonstrations
 from gril_jax.workflows.build.given import of_all
 
-from .counted import COUNTS, Counted
-from .curves import Curve, at_the_end, curves
-from .measures import Measure
-from .programs import Program
-from .rows import Row, Settings, changed, differing, read_settings, write_settings
-from .written import Line, csv, read_csv
+from . import measured, saved
+from .counted import Counted
+from .curves import Curve, curves, numbers
+from .failures import PHASE
+from .measured.audit import FIGURES
+from .saved import Plan
+from .written import Line
 
-Echo = Callable[[str], None]
+PASSES = "passes"  # 1 in the line of a reward that keeps the bounds of its audit, 0 in others
 
 
 class Found(NamedTuple):
-    """The results of the rows and seeds that have finished, in the order of the table."""
+    """The results of the rows and seeds that have finished, in the order of the study."""
 
-    names: list[str]  # of all rows
+    plan: Plan  # its work is that of the parts, too
     lines: list[Line]
     curves: list[Curve]  # of the policies
     profiles: Mapping[str, Mapping[str, Any]]  # of a row's rewards along demonstrations
+    failed: Mapping[str, str]  # row to a sentence on what went wrong
     about: Mapping[str, Any]  # command, versions, device, date, and the demonstrations' digest
+
+    @property
+    def names(self) -> list[str]:
+        """All rows of the study."""
+        return [*self.plan.rows]
 
     @property
     def starts(self) -> Mapping[str, Counted]:
@@ -44,175 +43,86 @@ class Found(NamedTuple):
         return each[0] if each and all(one == each[0] for one in each) else {}
 
     @property
-    def variant(self) -> str:
-        """The variant of the task that `success` is counted from; empty if not recorded."""
-        return next(iter(self.starts), "")
+    def columns(self) -> list[str]:
+        """The columns of the lines: of policies, then what was measured."""
+        whole = sorted(self.lines, key=lambda line: "env_steps" not in line)
+        return [*dict.fromkeys(["row", "seed", *(name for line in whole for name in line)])]
 
 
-class Table(NamedTuple):
-    """One family of tables: its rows are in its settings, the rest is here."""
+class _Own(NamedTuple):
+    """The results that one run has, of the study or of a part, by the places of row and seed."""
 
-    name: str  # of its verb and of its files
-    columns: Callable[[Sequence[Line]], Sequence[str]]  # of the CSV
-    text: Callable[[Found], str]  # in Markdown
-    figure: Callable[[Found], Figure | None]  # None before there is anything to draw
-    picture: str = ""  # the figure's file, if not NAME.png
-    page: Callable[[Found, bytes], str] | None = None  # with the figure; both at the end alone
-    page_in: Callable[[Found, bytes, Path], str] | None = None  # the same, from its folder too
-    settings: type[Settings] = Settings
-    prepare: Callable[[Any, Echo], None] = lambda *_: None  # before a run, from its settings
-    configs: Callable[[RunConfig, Any], Sequence[RunConfig]] = lambda config, settings: [
-        changed(config, change) for change in settings.rows.values()
-    ]  # one a row
-    # The policies' programs, from the rows, the settings and what groups rows into programs.
-    plan: Callable[[list[Row], Any, Callable[..., list[Program]]], list[Program]] = lambda *_: []
-    policy: Callable[[Curve], Mapping[str, Any]] = at_the_end  # its numbers in the lines
-    measured: Mapping[str, Sequence[str]] = {}  # measure to its numbers in the lines
-    measures: Callable[[RunConfig, Any, Demonstrations | None], list[Measure]] = lambda *_: []
-    reference: Callable[[Demonstrations], list[Line]] = lambda demos: []  # lines of no row
-    save: Callable[[Path, str, Any], list[Path]] = write_settings  # returns the files
-    load: Callable[[Path, str, type[Settings]], Any] = read_settings  # what `save` has written
-    names: Callable[[Any], Sequence[str]] = lambda settings: [*settings.rows]
-    complete: Callable[[Found, Any], Found] = lambda found, settings: found  # as read from a run
-    newer: Sequence[str] = ()  # columns that older CSVs lack
-    joins_csv: bool = False  # tables of joined runs are made of their CSV alone
-    order: Sequence[str] = ()  # of rows of joined runs; as they are given where empty
-    summary: Callable[[Found], Mapping[str, Any]] = lambda found: {}  # in results.json
-    one_set: bool = True  # of demonstrations for all rows
-    # What follows the training of a program, from all of them, the settings and a compilers' pool.
-    after: Callable[[Sequence[Program], Any, Any], Callable[[Program, Any], None]] = lambda *_: (
-        lambda *_: None
-    )
+    lines: dict[tuple[int, int], dict[str, Any]]
+    curves: list[Curve]
+    profiles: dict[int, Mapping[str, Any]]
+    failed: dict[int, str]
+    about: dict[str, Any]
 
 
-def read(table: Table, folder: Path, settings: Any) -> Found:
-    """The results that the files of a run hold; RunError if one is missing or damaged."""
-    config, phases = run_dir.read_config(folder), read_phases(folder).finished
-    names = [*table.names(settings)]
+def read(folder: Path) -> Found:
+    """The results that the files of a study hold; RunError if one is missing or damaged."""
+    plan = saved.read(folder)
+    each, work = [_own(folder, plan)], {name: [*seeds] for name, seeds in plan.work.items()}
+    for part in saved.parts(folder):
+        own = saved.read(part)
+        each.append(_own(part, own))
+        for name, seeds in own.work.items():
+            work[name] = sorted({*work.get(name, ()), *seeds})
+    names = [*plan.rows]
+    plan = plan._replace(work={name: work[name] for name in names if name in work})
+    lines = {at: line for one in each for at, line in one.lines.items()}
+    shown = {(curve.cell, curve.seed): curve for one in each for curve in one.curves}
+    profiles = {names[cell]: x for one in each for cell, x in one.profiles.items()}
+    failed = {names[cell]: said for one in each for cell, said in sorted(one.failed.items())}
+    about, digests = each[0].about, [one.about["demos_sha256"] for one in each]
+    about["demos_sha256"] = next(filter(None, digests), "")
+    if shown:
+        about["given"] = of_all(plan.rows[name] for name in plan.work)
+    start = plan.config.run.seed
+    ordered = [
+        {"row": names[cell], "seed": start + seed} | line | _passes(line)
+        for (cell, seed), line in sorted(lines.items(), key=lambda one: one[0])
+    ]
+    of = [shown[at] for at in sorted(shown)]
+    return Found(plan, ordered, of, profiles, failed, about)
+
+
+def _own(folder: Path, plan: Plan) -> _Own:
+    phases = read_phases(folder).finished
     trained = any(name.startswith("policy-") for name in phases)
-    found = curves(phases, run_dir.read_metrics(folder, clocks=True) if trained else [])
+    found = curves(phases, run_dir.read_metrics(folder) if trained else [])
     lines: dict[tuple[int, int], dict[str, Any]] = {}
     for curve in found:
         tau = {} if curve.tau is None else {"tau": curve.tau}
-        lines[curve.cell, curve.seed] = dict(table.policy(curve)) | tau
-    for kind, cell in itertools.product(table.measured, range(len(names))):
-        done = phases.get(f"{kind}-{cell}", {})
-        for seed, values in enumerate(_by_seed(done, table.measured[kind])):
-            lines.setdefault((cell, seed), {}).update(values)
+        lines[curve.cell, curve.seed] = numbers(curve) | tau
+    profiles = {}
+    for cell, name in enumerate(plan.rows):
+        for kind in measured.NUMBERS:
+            done = phases.get(f"{kind}-{cell}")
+            if done is not None:
+                for seed, values in zip(
+                    plan.work[name], measured.by_seed(kind, done), strict=False
+                ):
+                    lines.setdefault((cell, seed), {}).update(values)
+                if kind == "profiles":
+                    profiles[cell] = done
+    for name, done in phases.items():
+        if name.startswith("variants-"):
+            for i, (cell, seed) in enumerate(done["rows"]):
+                values = {what: x[i] for what, x in done["numbers"].items()}
+                lines.setdefault((cell, seed), {}).update(values)
+    failed = {int(cell): said for cell, said in phases.get(PHASE, {}).items()}
     begun = {"started": times.started(folder)} if (folder / times.FILE).exists() else {}
     about = {name: value for name, value in read_versions(folder).items() if name not in COVERED}
     about |= begun | {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
-    if trained:
-        about["given"] = of_all(table.configs(config, settings))
-    first, numbers = config.run.seed, sorted(lines.items())
-    each = [{"row": names[cell], "seed": first + k} | of for (cell, k), of in numbers]
-    known = {name: phases.get(f"profiles-{cell}") for cell, name in enumerate(names)}
-    profiles = {name: one for name, one in known.items() if one is not None}
-    return table.complete(Found(names, each, found, profiles, about), settings)
+    return _Own(lines, found, profiles, failed, about)
 
 
-def _by_seed(done: Mapping[str, Any], wanted: Sequence[str]) -> list[dict[str, float]]:
-    """The numbers of each seed; what was not finite is null in a run's files, and is left out."""
-    lists = {name: done[name] for name in wanted if name in done}
-    each = done.get("seeds") or [
-        dict(zip(lists, values, strict=True)) for values in zip(*lists.values(), strict=True)
-    ]
-    return [{name: x for name, x in one.items() if x is not None} for one in each]
-
-
-def _read_csv(table: Table, folder: Path, settings: Settings) -> Found:
-    """The results that a run's CSV holds, with six digits each."""
-    file = folder / f"{table.name}.csv"
-    require_unchanged(folder, file.name)
-    try:
-        lines = read_csv(
-            file.read_text(encoding="utf-8"), table.columns([]), [*COUNTS, *table.newer]
-        )
-    except (OSError, ValueError, KeyError, TypeError):
-        raise RunError(
-            f"{folder} has no table yet: its {file.name} is missing or damaged"
-        ) from None
-    return Found([*settings.rows], lines, [], {}, {})
-
-
-def write(table: Table, folder: Path, found: Found, *, last: bool = True) -> str:
-    """Table, lines and pictures of what is known; returns the table.
-
-    Those of a table with a page take seconds: it has them at the end alone.
-    """
-    text = "\n\n".join(filter(None, (table.text(found), found.about.get("given"))))
-    files = {
-        f"{table.name}.md": f"{text}\n".encode(),
-        f"{table.name}.csv": csv(found.lines, table.columns(found.lines)).encode(),
-    }
-    paged = table.page is not None or table.page_in is not None
-    figure = table.figure(found) if last or not paged else None
-    if figure is not None:
-        picture = files[table.picture or f"{table.name}.png"] = png(figure)
-        if table.page is not None:
-            files["report.html"] = table.page(found, picture).encode()
-        if table.page_in is not None:
-            files["report.html"] = table.page_in(found, picture, folder).encode()
-    with run_dir.writing(folder):
-        for name, contents in files.items():
-            (folder / name).write_bytes(contents)
-    return text
-
-
-def redraw(table: Table, folder: Path, echo: Echo = print) -> None:
-    """Writes all of a run's table again, from its files alone; RunError if nothing has finished."""
-    found = read(table, folder, table.load(folder, table.name, table.settings))
-    if not found.curves:
-        raise RunError(f"{folder} has no policy that has finished, so its table is still empty")
-    write(table, folder, found)
-    echo(f"report: {folder / 'report.html'}")
-
-
-def join(table: Table, folders: Sequence[Path], out: Path, *, echo: Echo = print) -> None:
-    """Writes the table of several runs, such as of runs with different rows, as one.
-
-    Raises ConfigError if the runs differ in more, or have a row in common.
-    """
-    settings = [read_settings(folder, table.name, table.settings) for folder in folders]
-    found_in = _read_csv if table.joins_csv else read
-    each = [found_in(table, *pair) for pair in zip(folders, settings, strict=True)]
-    first, rows = run_dir.read_config(folders[0]), dict[str, Any]()
-    for own in settings:
-        rows |= own.rows
-    for folder, one in zip(folders, each, strict=True):
-        other = differing(first, run_dir.read_config(folder), rows)
-        if one.about.get("demos_sha256") != each[0].about.get("demos_sha256"):
-            other.append("the demonstrations")
-        if other:
-            what = ", ".join(other)
-            raise ConfigError(f"{folder} cannot be joined with {folders[0]}: they differ in {what}")
-        if not one.lines:
-            raise RunError(f"{folder} has nothing that has finished, so there is nothing to join")
-    known = [(line["row"], line["seed"]) for one in each for line in one.lines]
-    for row, seed in known:
-        if known.count((row, seed)) > 1:
-            raise ConfigError(f"row {row!r} with seed {seed} is in two of the runs to join")
-    run_dir.require_new(out)
-    with run_dir.writing(out):
-        out.mkdir(parents=True)
-    echo(write(table, out, _as_one(each, [*table.order, *rows])))
-    echo(f"written to {out}")
-
-
-def _as_one(each: Sequence[Found], order: Sequence[str]) -> Found:
-    """Results of several runs, row by row in this order."""
-    given = {name for one in each for name in one.names}
-    names = [name for name in dict.fromkeys(order) if name in given]
-    curves = [
-        dataclasses.replace(curve, cell=names.index(one.names[curve.cell]))
-        for one in each
-        for curve in one.curves
-    ]
-    commands = " and ".join(str(one.about.get("command", "")) for one in each)
-    return Found(
-        names,
-        sorted((x for one in each for x in one.lines), key=lambda x: names.index(x["row"])),
-        sorted(curves, key=lambda curve: (curve.cell, curve.seed)),
-        {row: found for one in each for row, found in one.profiles.items()},
-        each[0].about | {"command": commands},
-    )
+def _passes(line: Line) -> dict[str, float]:
+    """1 if the reward keeps all bounds of the audit from the first variant, 0 if not; empty if it
+    was not audited."""
+    first = next((name[6:] for name in line if name.startswith("order_")), None)
+    if first is None:
+        return {}
+    audited = {long: line.get(f"{name}_{first}", float("nan")) for name, long in FIGURES.items()}
+    return {PASSES: float(not asked.faults(audited))}

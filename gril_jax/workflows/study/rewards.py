@@ -10,14 +10,13 @@ import jax
 from gril_jax import reward
 from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
-from gril_jax.config.tables import REWARDS
 from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import demonstrations, learners
 from gril_jax.workflows.learning import encoders
 
-from .rows import Row
+from .rows import Row, learns
 
 
 class TrainedReward(NamedTuple):
@@ -27,11 +26,6 @@ class TrainedReward(NamedTuple):
     tau: float
     demos: DemoBatch
     num_classes: int
-
-
-def learns(config: RunConfig) -> bool:
-    """True if a reward is learned for the policy."""
-    return REWARDS[config.run.reward].learns
 
 
 def reward_key(config: RunConfig) -> Hashable:

@@ -1,141 +1,168 @@
-"""The rows of a table: chosen by name, and saved beside the run that makes them.
+"""The rows of a study: configurations by their names, each one preset with some fields changed.
 
-Neither JAX nor MuJoCo is imported here, nor in the rows of any table: the command line looks at
-them first.
+Neither JAX nor MuJoCo is imported here: the command line looks at rows first.
 """
 
 import dataclasses
-import json
+import fnmatch
+import functools
+import types
+import typing
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from gril_jax.config import RunConfig
 from gril_jax.config.command_line import nearest
-from gril_jax.config.grid import with_seed
-from gril_jax.errors import ConfigError, RunError
-from gril_jax.runs.covered import require_unchanged
-from gril_jax.runs.phases import changed_fields
-from gril_jax.safe_files import write_whole, writing
+from gril_jax.config.tables import REWARDS
+from gril_jax.errors import ConfigError
 
-# Name to what it changes: dotted paths of the configuration, and their values.
-Rows = Mapping[str, Mapping[str, Any]]
-
-# The paper's encoder, in the fields that rows of both of its tables change. GraphIRL and XIRL train
-# by cycle-consistency alone.
-PAPERS_OWN: dict[str, Any] = {
-    "encoder.kind": "paper",
-    "encoder.relations": False,
-    "encoder.robot": False,
-    "loss.lambda_": 1.0,
-    "loss.consistency": "tcc",
-    "pretrain.turn_scenes": False,
-    "pretrain.random_activity": 0.0,
-    "pretrain.num_perturbations": 0,
-    "pretrain.adversarial_steps": 0,
-}
-WITH_ROBOT = {"encoder.robot": True}
-GRAPHIRL = {"encoder.kind": "interaction", "loss.lambda_": 0.0}
-XIRL = {"encoder.kind": "pixels", "loss.lambda_": 0.0}
+Change = Mapping[str, Any]  # dotted fields of the configuration, such as "loss.touch", to values
 
 
 class Row(NamedTuple):
-    """One row of a table with one of its seeds."""
+    """One row of a study with one of its seeds: a run."""
 
-    cell: int  # place of the row among all
+    cell: int  # place of the row among all of the study
     seed: int  # place of the seed among the row's
     config: RunConfig
 
 
-@dataclasses.dataclass(frozen=True)
-class Settings:
-    """All of a table that is not in its configuration; a whole number is an option of its verb."""
+def chosen(patterns: Sequence[str], names: Sequence[str], where: str = "--rows") -> list[str]:
+    """The names that patterns such as "ours at level *" match, each once, in the patterns' order.
 
-    rows: Rows
-    seeds: int = 5
-    """Encoders and policies of each row."""
-
-
-@dataclasses.dataclass(frozen=True)
-class AuditedSettings(Settings):
-    """Those of a table whose rewards are audited."""
-
-    ascents: int = 1000
-    """Gradient ascents of an audit, shared by its starts."""
-    starts: int = 4
-    """Starts that an audit begins from, of each kind."""
+    Raises ConfigError for a pattern that matches none.
+    """
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        matched = [pattern] if pattern in names else fnmatch.filter(names, pattern)
+        if not matched:
+            hint = nearest(pattern, [*names])
+            raise ConfigError(
+                f"{where} names {pattern!r}{hint}, but the rows are: {', '.join(names)}"
+            )
+        found |= dict.fromkeys(matched)
+    return [*found]
 
 
-def chosen_rows(names: str | None, known: Rows) -> Rows:
-    """Rows by their comma-separated names, each once; all if `names` is None."""
-    if names is None:
-        return known
-    wanted = [name.strip() for name in names.split(",")]
-    for name in wanted:
-        if name not in known:
-            hint = nearest(name, [*known])
-            raise ConfigError(f"--rows names {name!r}{hint}, but the rows are: {', '.join(known)}")
-        if wanted.count(name) > 1:
-            raise ConfigError(f"--rows names {name!r} twice, but a row is made once")
-    return {name: known[name] for name in wanted}
+# --- fields
 
 
-def changed(config: RunConfig, change: Mapping[str, Any]) -> RunConfig:
-    """The configuration with some fields, named by dotted paths, set to other values."""
+def changed(config: RunConfig, change: Change) -> RunConfig:
+    """The configuration with some fields set to other values; "x0.5" is half of a number's own.
+
+    Raises ConfigError if there is no such field, or if a value is of the wrong type or range.
+    """
     parts: dict[str, Any] = {}
     for path, value in change.items():
-        section, field = path.split(".")
+        section, field = located(path)
         part = parts.get(section, getattr(config, section))
+        value = _fitted(path, value, _kinds(type(part))[field], getattr(part, field))
         parts[section] = dataclasses.replace(part, **{field: value})
     return dataclasses.replace(config, **parts)
 
 
-def require_learned(config: RunConfig) -> None:
-    """Raises ConfigError if policies would not learn from the rewards that a table compares."""
-    if config.run.reward != "learned":
-        raise ConfigError(
-            f"run.reward is {config.run.reward!r}, but must be 'learned' to compare learned rewards"
-        )
+def difference(first: RunConfig, second: RunConfig) -> dict[str, Any]:
+    """What makes the second configuration of the first, as `changed` takes it."""
+    return {
+        f"{section.name}.{name}": value
+        for section in dataclasses.fields(RunConfig)
+        for name, value in vars(getattr(second, section.name)).items()
+        if getattr(getattr(first, section.name), name) != value
+    }
 
 
-def with_seeds(configs: Sequence[RunConfig], seeds: int) -> list[Row]:
-    """Each row's configuration with this many seeds."""
-    return [
-        Row(cell, seed, with_seed(config, seed))
-        for cell, config in enumerate(configs)
-        for seed in range(seeds)
-    ]
+def located(path: str) -> tuple[str, str]:
+    """The section and the field of a dotted path; ConfigError if there is none."""
+    section, _, field = path.partition(".")
+    known = _paths()
+    if path not in known and f"{path}_" not in known:
+        raise ConfigError(f"there is no field {path!r}{nearest(path, [*known])}")
+    return section, field if path in known else f"{field}_"
 
 
-def differing(first: RunConfig, second: RunConfig, rows: Rows) -> list[str]:
-    """Fields that keep the rows of two runs out of one table, as `changed_fields` describes them.
-
-    Where a run writes to does not count, nor what every row sets.
-    """
-    everywhere = set.intersection(*(set(change) for change in rows.values())) if rows else set()
-    found = changed_fields(first, second)
-    return [said for said in found if said.split(" ")[0] not in {"run.out", *everywhere}]
-
-
-def write_settings(folder: Path, name: str, settings: Settings) -> list[Path]:
-    """Beside the run's configuration as `NAME.json`, for `read_settings`; returns its path."""
-    file = folder / f"{name}.json"
-    with writing(folder):
-        write_whole(file, json.dumps(dataclasses.asdict(settings), indent=1) + "\n")
-    return [file]
-
-
-def read_settings(folder: Path, name: str, kind: type[Settings]) -> Any:
-    """The settings, of this kind, that `write_settings` wrote; RunError if they are damaged."""
-    require_unchanged(folder, f"{name}.json")
+def scale(value: Any) -> float | None:
+    """The factor of a value such as "x0.5"; None for any other."""
+    if not isinstance(value, str) or not value.startswith("x"):
+        return None
     try:
-        found = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
-        rows = {
-            row: {path: tuple(x) if isinstance(x, list) else x for path, x in change.items()}
-            for row, change in found["rows"].items()
-        }
-        return kind(**found | {"rows": rows})
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
-        raise RunError(
-            f"{folder} is no run of gril {name}: its {name}.json is missing or damaged"
-        ) from None
+        return float(value[1:])
+    except ValueError:
+        return None
+
+
+@functools.cache
+def _paths() -> dict[str, None]:
+    usual = RunConfig()
+    return {
+        f"{section.name}.{field.name}": None
+        for section in dataclasses.fields(usual)
+        for field in dataclasses.fields(getattr(usual, section.name))
+    }
+
+
+@functools.cache
+def _kinds(section: type) -> dict[str, Any]:
+    return typing.get_type_hints(section)
+
+
+def _fitted(path: str, value: Any, kind: Any, own: Any) -> Any:
+    """The value as the field has it: a tuple for a list, a float for a whole number."""
+    factor = scale(value)
+    if factor is not None and isinstance(own, int | float):
+        return type(own)(round(factor * own) if isinstance(own, int) else factor * own)
+    value = tuple(value) if isinstance(value, list) else value
+    for member in _members(kind):
+        found = float(value) if member is float and type(value) is int else value
+        if _is(found, member):
+            return tuple(map(float, found)) if typing.get_args(member)[:1] == (float,) else found
+    raise ConfigError(f"{path} is {value!r}, but must be {_in_words(kind)}")
+
+
+def _members(kind: Any) -> tuple[Any, ...]:
+    is_union = typing.get_origin(kind) in (typing.Union, types.UnionType)
+    return typing.get_args(kind) if is_union else (kind,)
+
+
+def _is(value: Any, kind: Any) -> bool:
+    if typing.get_origin(kind) is Literal:
+        return value in typing.get_args(kind)
+    if typing.get_origin(kind) is tuple:
+        item = typing.get_args(kind)[0]
+        wanted = (int, float) if item is float else object
+        return isinstance(value, tuple) and all(isinstance(x, wanted) for x in value)
+    return type(value) is kind
+
+
+def _in_words(kind: Any) -> str:
+    words = []
+    for member in _members(kind):
+        if typing.get_origin(member) is Literal:
+            words += map(repr, typing.get_args(member))
+        else:
+            words.append(getattr(member, "__name__", str(member)))
+    return f"one of {', '.join(words)}" if len(words) > 1 else f"of the kind {words[0]}"
+
+
+# --- what becomes of a row
+
+
+def learns(config: RunConfig) -> bool:
+    """True if a reward is learned for the policy."""
+    return REWARDS[config.run.reward].learns
+
+
+def without_twins(rows: Mapping[str, RunConfig]) -> tuple[dict[str, RunConfig], dict[str, str]]:
+    """The rows but for those with the results of an earlier one, and these with its name: a policy
+    that learns no reward ignores how one would be learned."""
+    usual, kept, twins = RunConfig(), {}, {}
+    first: dict[RunConfig, str] = {}
+    for name, config in rows.items():
+        ignored = [] if learns(config) else ["encoder", "pool", "loss", "pretrain"]
+        if ignored and not getattr(getattr(config, config.run.algorithm), "video_starts", 0):
+            ignored.append("demos")
+        counts = dataclasses.replace(config, **{k: getattr(usual, k) for k in ignored})
+        if (same := first.setdefault(counts, name)) == name:
+            kept[name] = config
+        else:
+            twins[name] = same
+    return kept, twins

@@ -1,4 +1,4 @@
-"""Lines of a table as CSV and as Markdown, both from lists of columns.
+"""Lines of a study as CSV and as Markdown, both from lists of columns.
 
 A line maps columns to values: `row` and `seed` say whose it is, the others are numbers, or words
 that all lines of a row have; what is not known is missing, None or NaN. Shapes use K for the known
@@ -95,10 +95,19 @@ def by_row(lines: Sequence[Line], name: str) -> dict[str, Float[np.ndarray, "n"]
     return {row: column(members, name) for row, members in _rows(lines).items()}
 
 
-def with_paper(lines: Sequence[Line], paper: Mapping[str, float], digits: int) -> list[Line]:
-    """The lines with the paper's number as `paper`, where it has one of the row."""
-    known = {row: {"paper": f"{number:.{digits}f}"} for row, number in paper.items()}
-    return [dict(line) | known.get(line["row"], {}) for line in lines]
+def with_published(
+    lines: Sequence[Line], published: Mapping[str, Mapping[str, float]]
+) -> list[Line]:
+    """The lines with published numbers of their row, of a column NAME as `published NAME`."""
+    return [
+        dict(line)
+        | {
+            f"published {x}": str(of[line["row"]])
+            for x, of in published.items()
+            if line["row"] in of
+        }
+        for line in lines
+    ]
 
 
 def cells(lines: Sequence[Line], columns: Sequence[Column]) -> dict[str, list[str]]:
@@ -161,20 +170,3 @@ def _in_csv(value: Any) -> Any:
     if isinstance(value, str | int):
         return value
     return f"{value:.6g}" if value is not None and np.isfinite(value) else ""
-
-
-def read_csv(text: str, columns: Sequence[str], newer: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """The lines of `csv`, of which the first two columns are the row and the seed.
-
-    Raises KeyError, TypeError or ValueError if a column is missing or holds no number; older files
-    lack those that are `newer`.
-    """
-    return [
-        {"row": line["row"], "seed": int(line["seed"])}
-        | {
-            name: float(line[name])
-            for name in columns[2:]
-            if (line.get(name) if name in newer else line[name])
-        }
-        for line in csv_format.DictReader(io.StringIO(text))
-    ]

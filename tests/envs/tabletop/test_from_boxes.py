@@ -19,7 +19,6 @@ from gril_jax.envs.tabletop.shoes_in_box import model
 from gril_jax.envs.tabletop.start import Footprint, Start, free_joint, reach
 
 from gril_jax import envs
-from gril_jax.workflows.study.ladder import rows as ladder
 
 HALF = jnp.array([model.SHOE_HALF] * 2)
 SPACE = Space(0, model.FLOOR_HALF, model.BOX_HALF[:2])
@@ -173,7 +172,6 @@ def test_one_by_one_is_as_all_at_once_and_the_key_draws_nothing():
 @pytest.mark.parametrize("task", ["shoes_out_of_box", "rubbish_in_bin", "empty_container"])
 def test_other_tasks_with_walls_find_their_starts_again(task):
     env = envs.make(task)
-    assert "ours at level V" in ladder.of_task(task)
 
     def around(key):
         true = env.reset(key)
@@ -185,9 +183,8 @@ def test_other_tasks_with_walls_find_their_starts_again(task):
 
 
 @pytest.mark.parametrize("task", ["item_in_drawer", "umbrella_out"])
-def test_a_task_without_a_layout_places_nothing_and_has_no_level_v(task):
+def test_a_task_without_a_layout_places_nothing(task):
     assert envs.make(task).place is None
-    assert "ours at level V" not in ladder.of_task(task)
 
 
 # ---------------------------------------------------------------- what lies beside what

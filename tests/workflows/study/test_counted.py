@@ -5,10 +5,9 @@ import pytest
 
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.workflows.study import programs as table_programs
-from gril_jax.workflows.study.counted import Counted, of_lines, read, solved, success_columns
+from gril_jax.workflows.study.counted import Counted, of_lines, read, solved
 from gril_jax.workflows.study.programs import Program
 from gril_jax.workflows.study.rows import Row
-from gril_jax.workflows.study.written import cells
 
 
 def _lines(**more):
@@ -22,16 +21,9 @@ def test_what_lines_count_is_that_of_all_of_them():
     assert of_lines([]) == "number of starts not recorded"
 
 
-def test_of_a_single_start_it_is_told_who_solves_it_and_not_a_rate():
-    lines = _lines(starts=1, episodes=8, success_sampled=0.5)
-    means, sampled = success_columns(lines)
-    assert means.heading == "deterministic actions, one start"
-    assert sampled.heading == "success, sampled actions, 8 sampled episodes from one start"
-    assert cells(lines, [means]) == {"a": ["solved by 2 of 3 policies"]}
+def test_of_a_single_start_it_is_told_who_solves_it():
     assert solved(np.array([0.999, 1.0]), 2) == "solved by 1 of 2 policies"  # not in each of many
-    means, _ = success_columns(_lines(starts=4))
-    assert means.heading == "success, deterministic actions, 4 starts"
-    assert cells(_lines(starts=4), [means])["a"][0].startswith("0.667; ")
+    assert of_lines(_lines(starts=1, episodes=8), "demo") == "one Demo start"
 
 
 @pytest.mark.parametrize(

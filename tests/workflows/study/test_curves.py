@@ -1,9 +1,12 @@
 """The curves of training, and what they come to, beside plain NumPy."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from gril_jax.workflows.study.curves import at_the_end, curves, first_at, in_last_tenth
+from gril_jax.workflows.study.counted import Counted
+from gril_jax.workflows.study.curves import curves, first_at, in_last_tenth, numbers
 
 SCORES = ("success", "success_sampled", "success_ever", "score")
 ROWS, TAUS = [(1, 0), (0, 0), (0, 1)], [0.9, None, 0.8]
@@ -14,7 +17,7 @@ def lines():
     """Lines of metrics.jsonl of two programs."""
     draw = np.random.default_rng(0)
     return [
-        {"phase": phase, "env_steps": 100 * (k + 1), "seconds": 2.5 * (k + 1)}
+        {"phase": phase, "env_steps": 100 * (k + 1)}
         | {name: draw.uniform(size=3).tolist() for name in SCORES}
         for k in range(20)
         for phase in ("policy-0", "policy-1")
@@ -35,7 +38,6 @@ def test_a_policy_s_curve_is_its_column_of_its_program_s_metrics(lines):
     ]
     for i, curve in zip((1, 2, 0), found, strict=True):
         np.testing.assert_array_equal(curve.env_steps, [line["env_steps"] for line in own])
-        np.testing.assert_array_equal(curve.seconds, [line["seconds"] for line in own])
         assert {*curve.scores} == {*SCORES}
         for name in SCORES:
             np.testing.assert_array_equal(curve.scores[name], [line[name][i] for line in own])
@@ -44,17 +46,29 @@ def test_a_policy_s_curve_is_its_column_of_its_program_s_metrics(lines):
 def test_a_number_that_was_not_finite_is_told_as_such(lines):
     """metrics.jsonl holds null in its place."""
     found = _found(lines, {"score": [None, 0.5, 0.5]})
-    assert np.isnan(at_the_end(found[2])["score"])
+    assert np.isnan(numbers(found[2])["score"])
 
 
-def test_the_end_is_the_last_evaluation_and_the_first_with_80_percent(lines):
-    last = [line for line in lines if line["phase"] == "policy-0"][-1]
+def test_a_policy_s_numbers_are_means_over_the_last_tenth_and_the_first_with_80_percent(lines):
+    last = [line for line in lines if line["phase"] == "policy-0"][-2:]
     for i, curve in zip((1, 2, 0), _found(lines), strict=True):
-        found = at_the_end(curve)
+        found = numbers(curve)
         assert found["env_steps"] == 2000
-        assert {name: found[name] for name in SCORES} == {name: last[name][i] for name in SCORES}
+        for name in SCORES:
+            assert found[name] == pytest.approx(np.mean([line[name][i] for line in last]))
         reached = curve.env_steps[curve.scores["success_sampled"] >= 0.8]
         assert found["steps_80"] == reached[0]
+
+
+def test_the_first_variant_with_several_starts_tells_most(lines):
+    curve, *_ = _found(lines)
+    own, many = Counted(4, 1), Counted(4, 4)
+    for starts, suffix in (
+        ({"demo": own, "jitter": many, "layout": many}, "_jitter"),
+        ({"jitter": many, "layout": many}, ""),
+        ({"demo": own}, ""),
+    ):
+        assert dataclasses.replace(curve, starts=starts).headline == suffix
 
 
 def test_a_level_is_reached_at_the_first_evaluation_at_or_above_it():

@@ -13,7 +13,7 @@ def _curves(rows, seeds=5, evaluations=4):
     draw = np.random.default_rng(0)
     at = np.arange(1.0, evaluations + 1)
     return [
-        Curve(i, k, None, 1e6 * at, 10 * at, {"success_sampled": draw.uniform(size=evaluations)})
+        Curve(i, k, None, 1e6 * at, {"success_sampled": draw.uniform(size=evaluations)})
         for i in range(rows)
         for k in range(seeds)
     ]
@@ -21,17 +21,16 @@ def _curves(rows, seeds=5, evaluations=4):
 
 def test_a_line_is_the_interquartile_mean_within_the_quartiles_and_a_row_without_policies_lacks():
     found = _curves(2)
-    left, right = learning_curves(["a", "b", "not yet"], found).axes
-    for axes, unit in ((left, 1.0), (right, 10.0)):
-        assert [line.get_label() for line in axes.lines] == ["a", "b"]
-        for cell, (line, band) in enumerate(zip(axes.lines, axes.collections, strict=True)):
-            curves = [[0, *c.scores["success_sampled"]] for c in found if c.cell == cell]
-            middle = np.sort(curves, axis=0)[1:4].mean(axis=0)  # of five, one off at each end
-            np.testing.assert_allclose(line.get_ydata(), middle, rtol=1e-6)
-            np.testing.assert_allclose(line.get_xdata(), unit * np.arange(5))
-            extent = band.get_paths()[0].vertices[:, 1]
-            low, high = np.quantile(curves, [0.25, 0.75], axis=0)
-            np.testing.assert_allclose([extent.min(), extent.max()], [low.min(), high.max()])
+    (axes,) = learning_curves(["a", "b", "not yet"], found).axes
+    assert [line.get_label() for line in axes.lines] == ["a", "b"]
+    for cell, (line, band) in enumerate(zip(axes.lines, axes.collections, strict=True)):
+        curves = [[0, *c.scores["success_sampled"]] for c in found if c.cell == cell]
+        middle = np.sort(curves, axis=0)[1:4].mean(axis=0)  # of five, one off at each end
+        np.testing.assert_allclose(line.get_ydata(), middle, rtol=1e-6)
+        np.testing.assert_allclose(line.get_xdata(), np.arange(5))
+        extent = band.get_paths()[0].vertices[:, 1]
+        low, high = np.quantile(curves, [0.25, 0.75], axis=0)
+        np.testing.assert_allclose([extent.min(), extent.max()], [low.min(), high.max()])
 
 
 @pytest.mark.parametrize("seeds", [1, 2, 3, 4, 5, 6, 7, 10])
@@ -49,10 +48,10 @@ def test_many_rows_have_a_panel_each_and_are_told_apart_where_they_meet():
     names = [f"row {i}" for i in range(2 * len(COLOURS) + 1)]
     found = _curves(len(names), seeds=2)
     drawn = learning_curves(names, found)
-    *panels, together = [axes for axes in drawn.axes if axes.axison]
+    panels = [axes for axes in drawn.axes if axes.axison]
     assert [panel.get_title(loc="left") for panel in panels] == names
-    looks = {(line.get_color(), line.get_linestyle()) for line in together.lines}
-    assert len(looks) == len(together.lines) == len(names)
+    looks = {(panel.lines[0].get_color(), panel.lines[0].get_linestyle()) for panel in panels}
+    assert len(looks) == len(names)
     first, *others = panels
     for cell, panel in enumerate(others, 1):
         own, reference = panel.lines

@@ -9,9 +9,9 @@ import pytest
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.workflows.study import programs as table_programs
+from gril_jax.workflows.study import recipe
 from gril_jax.workflows.study import rewards as table_rewards
-from gril_jax.workflows.study.rows import Row, changed, with_seeds
-from gril_jax.workflows.study.table1.rows import ROWS
+from gril_jax.workflows.study.rows import Row, changed, learns
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_rewards_of_other_offsets_are_other_programs():
 
 def test_a_program_has_at_most_so_many_policies():
     for count, most, parts in ((7, 3, [3, 3, 1]), (2, 3, [2]), (7, None, [7])):
-        rows = with_seeds([RunConfig()], count)
+        rows = [Row(0, seed, RunConfig()) for seed in range(count)]
         found = table_programs._evenly(rows, most)
         assert [len(part) for part in found] == parts
         assert [row for part in found for row in part] == rows
@@ -73,7 +73,7 @@ def test_a_program_has_at_most_so_many_policies():
 
 def test_rows_that_differ_in_what_becomes_of_their_reward_share_it():
     names = ["ours audited", "ours with potential shaping", "ours with robot"]
-    base = load("match_regions")
-    keys = [table_rewards.reward_key(changed(base, ROWS[name])) for name in names]
+    base, rows = load("match_regions"), recipe.load("table1").rows
+    keys = [table_rewards.reward_key(changed(base, rows[name])) for name in names]
     assert keys[0] == keys[1] != keys[2]
-    assert not table_rewards.learns(changed(base, ROWS["environmental"]))
+    assert not learns(changed(base, rows["environmental"]))

@@ -1,89 +1,92 @@
-"""Rows by their names, and settings that are read as they were written."""
+"""Rows by their names, and fields that are changed and told apart."""
 
-from dataclasses import replace
+import dataclasses
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gril_jax.config import RunConfig
-from gril_jax.errors import ConfigError, RunError
+from gril_jax.errors import ConfigError
 from gril_jax.workflows.study.rows import (
-    Settings,
     changed,
-    chosen_rows,
-    differing,
-    read_settings,
-    with_seeds,
-    write_settings,
+    chosen,
+    difference,
+    scale,
+    without_twins,
 )
-from gril_jax.workflows.study.soundness import rows as soundness_rows
-from gril_jax.workflows.study.table1 import rows as table1_rows
-from gril_jax.workflows.study.table2 import rows as table2_rows
 
-ROWS = {"plain": {"pool.alpha": 1.0}, "fancy": {"pool.alpha": 2.0}}
-
-
-def test_rows_come_in_the_order_of_their_names_on_the_command_line():
-    assert chosen_rows(None, ROWS) is ROWS
-    assert list(chosen_rows(" fancy,plain", ROWS).items()) == [*ROWS.items()][::-1]
-
-
-def test_an_unknown_row_and_one_named_twice_are_refused():
-    with pytest.raises(ConfigError, match=r"names 'fanci' \(did you mean fancy\?\), but the rows"):
-        chosen_rows("fanci", ROWS)
-    with pytest.raises(ConfigError, match="names 'plain' twice"):
-        chosen_rows("plain,plain", ROWS)
+ROWS = ("plain", "fancy", "fancy at level A")
+CHANGES = st.fixed_dictionaries(
+    {},
+    optional={
+        "pool.alpha": st.integers(1, 9) | st.floats(0.5, 9.0),
+        "loss.lambda": st.integers(0, 3),
+        "ppo.hidden": st.lists(st.integers(1, 64), min_size=1, max_size=3),
+        "run.reward_weights": st.tuples(st.floats(0, 9), st.integers(0, 9)).map(list),
+        "pool.noise": st.none() | st.floats(0.0, 0.1),
+        "encoder.relations": st.booleans(),
+        "run.reward": st.sampled_from(["learned", "environmental"]),
+    },
+)
 
 
-@pytest.mark.parametrize("known", [table1_rows, table2_rows, soundness_rows])
-def test_a_row_can_be_named_on_the_command_line(known):
-    assert not any("," in name for name in known.ROWS)
-
-
-def test_a_value_out_of_range_is_refused():
-    with pytest.raises(ConfigError, match=r"pool\.alpha is 0"):
-        changed(RunConfig(), {"pool.alpha": 0.0})
-
-
-def test_each_row_has_all_seeds_from_the_configuration_s_on():
-    configs = [changed(RunConfig(), {"run.seed": 7, **change}) for change in ROWS.values()]
-    rows = with_seeds(configs, 2)
-    assert [(row.cell, row.seed, row.config.run.seed) for row in rows] == [
-        (0, 0, 7),
-        (0, 1, 8),
-        (1, 0, 7),
-        (1, 1, 8),
-    ]
-    assert [row.config.pool.alpha for row in rows] == [1.0, 1.0, 2.0, 2.0]
-
-
-def test_runs_may_differ_in_what_every_row_sets_and_in_their_folders():
-    first = RunConfig()
-    other = replace(
-        first, pool=replace(first.pool, alpha=3.0, noise=0.01), run=replace(first.run, out="else")
-    )
-    noise = f"pool.noise (0.01, not {first.pool.noise})"
-    assert differing(first, other, ROWS) == [noise]
-    alpha = f"pool.alpha (3.0, not {first.pool.alpha})"
-    assert differing(first, other, ROWS | {"as it is": {}}) == [alpha, noise]
-    assert differing(first, first, {}) == []
+@given(CHANGES)
+def test_a_difference_makes_the_one_of_the_other(change):
+    base = RunConfig()
+    config = changed(base, change)
+    found = difference(base, config)
+    assert changed(base, found) == config
+    assert {path.rstrip("_") for path in found} <= {*change}
+    for section in dataclasses.fields(base):
+        for field, value in vars(getattr(config, section.name)).items():
+            usual = getattr(getattr(base, section.name), field)
+            if usual is not None and value is not None:
+                assert type(value) is type(usual), field
 
 
 @pytest.mark.parametrize(
-    ("name", "settings"),
+    ("change", "fault"),
     [
-        ("table1", table1_rows.Settings({"a": {"run.reward_weights": (10.0, 1.0)}}, seeds=3)),
-        ("table2", Settings({"XIRL": table2_rows.ROWS["XIRL"]}, 3)),
-        ("soundness", soundness_rows.Settings({"a": {"pool.alpha": 2.0}}, 3, policies=False)),
+        ({"pool.alpha": 0.0}, r"pool\.alpha is 0"),
+        ({"pool.alphas": 1}, r"no field 'pool\.alphas' \(did you mean pool\.alpha\?\)"),
+        ({"poll.alpha": 1}, r"no field 'poll\.alpha' \(did you mean"),
+        ({"pool.alpha": "high"}, "must be of the kind float"),
+        ({"pretrain.steps": 1.5}, "must be of the kind int"),
+        ({"pretrain.steps": True}, "must be of the kind int"),
+        ({"encoder.kind": "papre"}, "must be one of 'paper'"),
+        ({"encoder.relations": 1}, "must be of the kind bool"),
+        ({"run.reward_weights": [1, "x"]}, "reward_weights is"),
     ],
 )
-def test_settings_are_read_as_they_were_written(tmp_path, name, settings):
-    write_settings(tmp_path, name, settings)
-    assert read_settings(tmp_path, name, type(settings)) == settings
+def test_what_no_field_takes_is_refused(change, fault):
+    with pytest.raises(ConfigError, match=fault):
+        changed(RunConfig(), change)
 
 
-@pytest.mark.parametrize("text", [None, "{", "[]", '{"stray": 1}', '{"rows": []}'])
-def test_a_folder_without_whole_settings_is_refused(tmp_path, text):
-    if text is not None:
-        (tmp_path / "made.json").write_text(text)
-    with pytest.raises(RunError, match=r"is no run of gril made: its made\.json is missing or"):
-        read_settings(tmp_path, "made", Settings)
+def test_a_factor_is_of_the_configuration_s_own_number():
+    base = RunConfig()
+    found = changed(base, {"ppo.num_timesteps": "x0.5", "pool.alpha": "x2"})
+    assert found.ppo.num_timesteps == base.ppo.num_timesteps // 2
+    assert found.pool.alpha == 2 * base.pool.alpha
+    assert [scale(x) for x in ("x0.5", "xirl", 3, None)] == [0.5, None, None, None]
+
+
+def test_rows_come_in_the_order_of_their_names_and_patterns_each_once():
+    assert chosen(["fancy", "plain"], ROWS) == ["fancy", "plain"]
+    assert chosen(["fancy*", "*"], ROWS) == ["fancy", "fancy at level A", "plain"]
+    with pytest.raises(ConfigError, match=r"names 'fanci' \(did you mean fancy\?\), but the rows"):
+        chosen(["fanci"], ROWS)
+
+
+def test_rows_with_the_same_results_are_made_once():
+    own, films = {"run.reward": "environmental"}, {"ppo.video_state_resets": 0.5}
+    rows = {
+        "learned": {}, "learned again": {}, "lambda": {"loss.lambda": 2},
+        "own": own, "own with lambda": own | {"loss.lambda": 2},
+        "own of a set": own | {"demos.num": 9},
+        "from films": own | films, "from other films": own | films | {"demos.num": 9},
+    }  # fmt: skip
+    kept, twins = without_twins({name: changed(RunConfig(), row) for name, row in rows.items()})
+    assert twins == {"learned again": "learned", "own with lambda": "own", "own of a set": "own"}
+    assert [*kept] == [name for name in rows if name not in twins]

@@ -15,7 +15,7 @@ from gril_jax.workflows.study.written import (
     mean_interval,
     mean_range,
     median_reached,
-    read_csv,
+    with_published,
 )
 
 COLUMNS = ("row", "seed", "tau", "success", "steps")
@@ -30,28 +30,25 @@ def _lines(count=6, row="ours, audited"):
     ]
 
 
-def test_lines_are_read_as_they_were_written():
-    lines = _lines()
-    lines[1]["tau"], lines[2]["tau"] = float("nan"), None
-    del lines[3]["success"]
-    text = csv(lines, COLUMNS)
-    found = read_csv(text, COLUMNS)
-    assert csv(found, COLUMNS) == text
-    for line, again in zip(lines, found, strict=True):
-        assert (again["row"], again["seed"]) == (line["row"], line["seed"])
-        known = {k: x for k, x in line.items() if k in COLUMNS[2:] and x is not None and x == x}
-        assert {k: x for k, x in again.items() if k in COLUMNS[2:]} == pytest.approx(known, 1e-5)
-
-
 def test_a_stranger_reads_it_by_its_columns():
     found = list(csv_format.DictReader(csv(_lines(), COLUMNS).splitlines()))
     assert [line["row"] for line in found] == ["ours, audited"] * 6
     assert float(found[2]["success"]) == pytest.approx(_lines()[2]["success"], rel=1e-5)
 
 
-def test_a_table_without_a_column_is_no_table():
-    with pytest.raises(KeyError):
-        read_csv(csv(_lines(), COLUMNS[:4]), COLUMNS)
+def test_what_is_not_known_is_empty():
+    lines = _lines(3)
+    lines[1]["tau"], lines[2]["tau"] = float("nan"), None
+    del lines[0]["success"]
+    found = list(csv_format.DictReader(csv(lines, COLUMNS).splitlines()))
+    assert [line["tau"] for line in found][1:] == ["", ""]
+    assert found[0]["success"] == ""
+
+
+def test_published_numbers_stand_in_the_lines_of_their_row():
+    lines = [*_lines(1, "a"), *_lines(1, "b")]
+    found = with_published(lines, {"success": {"a": 85.0}})
+    assert [line.get("published success") for line in found] == ["85.0", None]
 
 
 def test_an_undefined_number_is_counted_and_not_averaged():

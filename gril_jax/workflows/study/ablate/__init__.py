@@ -1,1 +1,0 @@
-"""Encoders trained in 26 ways, each choice changed alone."""

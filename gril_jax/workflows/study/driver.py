@@ -1,0 +1,216 @@
+"""The driver of every study: it trains, measures, goes on where it stood, and writes.
+
+For each row and seed a reward is learned where the row has a learned one, then measured, and a
+policy is trained with it. Seeds share a program, and rows do that compile alike. All that is
+written is read from the run's files; it is written again after each program, so that a study that
+is cut off leaves what it has.
+"""
+
+import contextlib
+import dataclasses
+import functools
+import io
+from collections.abc import Callable, Hashable, Iterator
+from pathlib import Path
+
+import jax
+
+from gril_jax.compilation import ahead
+from gril_jax.config import RunConfig
+from gril_jax.demos import schema
+from gril_jax.errors import ConfigError
+from gril_jax.runs import covered, hosts, run_dir
+from gril_jax.runs.progress import Progress
+from gril_jax.workflows.build import demonstrations, setup
+from gril_jax.workflows.build.demonstrations import Demonstrations
+
+from . import measured as study_measures
+from . import programs as study_programs
+from . import rewards as study_rewards
+from . import saved, summary
+from .failures import PHASE, Failures
+from .measured import audit, measure, variants
+from .programs import learn_policies
+from .rewards import TrainedReward, reward_key
+from .rows import Row, learns
+from .saved import Plan
+
+Echo = Callable[[str], None]
+Gather = Callable[[RunConfig], Demonstrations]
+
+
+def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
+    """Makes a study, or goes on with the run in the folder `resume`; the exit code, 1 if a row
+    failed.
+
+    Of several processes (`gril_jax.runs.hosts`) the first alone keeps what it writes, and speaks.
+    A run that goes on has its own plan. Raises ConfigError if there is nothing to do, or if a
+    policy does not fit into memory.
+    """
+    rows = plan.runs
+    require_possible(plan, rows, new=resume is None)
+    programs = _programs(plan, rows)
+    counts = {
+        "rewards": len({reward_key(row.config) for row in rows if learns(row.config)}),
+        "policies": sum(len(program.rows) for program in programs),
+        "programs": len(programs),
+    }
+    with _opened(plan, resume, echo) as (run, progress, echo):
+        said = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+        echo(f"writing to {run.path}: {said}")
+        failed = _train(plan, rows, programs, run, progress, echo)
+        if not hosts.is_first():
+            return 0
+        return finish(run, failed.cells, counts, echo)
+
+
+def finish(run: run_dir.RunDir, failed: dict[int, str], counts: dict[str, int], echo: Echo) -> int:
+    """Ends a run: without results.json where rows failed, so that --resume tries these again."""
+    if failed or run.finished_phase(PHASE):
+        run.finish_phase(PHASE, {str(cell): said for cell, said in failed.items()})
+    found = summary.write(run.path, last=run.path == saved.root(run.path))
+    if not failed:
+        run.finish(counts)
+    echo(summary.text(found))
+    echo(f"written to {run.path}")
+    for cell, said in failed.items():
+        name = found.names[cell]
+        alone = saved.command(found.plan, run.path, name)
+        echo(f"the row {name!r} failed: {said} (alone: {alone})")
+    return 1 if failed else 0
+
+
+def require_possible(plan: Plan, rows: list[Row], *, new: bool) -> None:
+    """Raises ConfigError, before a run begins, if rows cannot be made."""
+    if not plan.study.policies and not any(learns(row.config) for row in rows):
+        raise ConfigError("no row learns a reward, and the study trains no policies")
+    checked = set()
+    for row in rows:
+        key = _of_set(row.config)
+        if new and learns(row.config) and row.config.demos.path and key not in checked:
+            checked.add(key)
+            env = setup.make_env(row.config.env, training=False)
+            demonstrations.require_usable(row.config, env)
+    audited = plan.study.measure.get("audit", {})
+    if audited.get("ascents"):
+        for env in dict.fromkeys(row.config.env for row in rows if learns(row.config)):
+            audit.audited_tasks(env, audited.get("variants", (audit.OWN,)))
+
+
+def _programs(plan: Plan, rows: list[Row]) -> list[study_programs.Program]:
+    if not plan.study.policies:
+        return []
+    num_classes = len(setup.make_env(plan.config.env, training=False).classes)
+    starts, at_once = tuple(plan.study.evaluate), plan.study.at_once
+    return study_programs.programs(rows, num_classes, jax.devices(), starts=starts, at_once=at_once)
+
+
+@contextlib.contextmanager
+def _opened(
+    plan: Plan, resume: Path | None, echo: Echo
+) -> Iterator[tuple[run_dir.RunDir, Progress, Echo]]:
+    """The run, new or to go on with; in all processes but the first a scratch folder, silent."""
+    config, shown = plan.config, None
+    with hosts.scratch() as scratch:
+        if scratch is not None:
+            own = dataclasses.replace(config.run, out=str(scratch / "run"), sinks=())
+            config, resume = dataclasses.replace(config, run=own), None
+            echo, shown = (lambda line: None), io.StringIO()
+        opened = {"device": setup.device_in_words(), "experiment": saved.EXPERIMENT}
+        with (
+            run_dir.create_or_resume(config, resume, **opened) as run,
+            Progress(stream=shown) as progress,
+        ):
+            if resume is None:
+                run.cover("begun", saved.write(run.path, plan._replace(config=config)))
+            for sentence in run.said:
+                echo(sentence)
+            yield run, progress, echo
+
+
+def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> Failures:
+    """Rewards, measures and policies, in the order in which programs are compiled."""
+    finished = hosts.largest([run.finished_phase(one.name) is not None for one in programs])
+    left = [one for one, done in zip(programs, finished, strict=True) if not done]
+    free = [one for one in left if not any(learns(row.config) for row in one.rows)]
+    others = [one for one in left if one not in free]
+    learned: dict[Hashable, TrainedReward] = {}
+    failed = Failures()
+    gather = _gatherer(plan.config, run, progress)
+
+    def written() -> None:
+        if hosts.is_first():
+            summary.write(run.path, last=False)
+
+    def train(program, compiled) -> None:
+        shown = lambda config: gather(config).batch("train")  # noqa: E731
+        done = learn_policies(program, compiled, learned, shown, run, progress, echo)
+        if program.name in played:
+            variants.finish(played[program.name].result(), program, plan, run)
+        folder = run.path / "policies" / program.name
+        run.finish_phase(program.name, done, sorted(folder.glob("*/manifest.json")))
+        written()
+
+    with ahead.compiling() as pool:
+        # First what needs no reward: it keeps the device at work while all else is compiled.
+        ready = study_programs.get_ready(free, jax.devices(), pool)
+        rows = _with_demonstrations(rows, gather, failed)
+        wanted = study_rewards.get_ready(rows, gather, pool)
+        ready |= study_programs.get_ready(others, jax.devices(), pool)
+        played = variants.get_ready(left, plan.study, pool)
+        needs = functools.partial(study_rewards.needed, wanted)
+        measures = study_measures.of_study(plan, gather, run.path)
+        tasks = (
+            study_rewards.tasks(wanted, learned, run, progress, echo)
+            + measure.tasks(measures, rows, learned, needs, run, pool, progress, written)
+            + study_programs.tasks(left, ready, needs, train)
+        )
+        of = {f"policy-{i}": program.rows for i, program in enumerate(programs)}
+        for number, one in enumerate(wanted):
+            of[f"reward-{number}"] = [row for row in rows if reward_key(row.config) in one.keys]
+        for task in tasks:
+            cell = task.name.rpartition("-")[2]
+            of.setdefault(task.name, [row for row in rows if str(row.cell) == cell])
+        if jax.process_count() == 1:  # several must fail together
+            tasks = [failed.guarded(task, of[task.name]) for task in tasks]
+        ahead.carry_out(tasks)
+    return failed
+
+
+def _with_demonstrations(rows: list[Row], gather: Gather, failed: Failures) -> list[Row]:
+    """The rows whose demonstrations are there, or can be made; the others have failed."""
+    for row in rows:
+        if learns(row.config) and row.cell not in failed.cells:
+            try:
+                gather(row.config)
+            except Exception as error:
+                if jax.process_count() > 1:
+                    raise
+                failed.note([row], error)
+    return [row for row in rows if row.cell not in failed.cells]
+
+
+def _of_set(config: RunConfig) -> Hashable:
+    return study_rewards.task_key(config), config.demos
+
+
+def _gatherer(base: RunConfig, run: run_dir.RunDir, progress: Progress) -> Gather:
+    """Demonstrations for a configuration, each set made once; the run notes the first one."""
+    made: dict[Hashable, Demonstrations] = {}
+
+    def gather(config: RunConfig) -> Demonstrations:
+        key = _of_set(config)
+        if key not in made:
+            config = base if key == _of_set(base) else config
+            env = setup.make_env(config.env, training=False)
+            if not made:
+                made[key] = demonstrations.gather_once(config, env, run, progress)
+            else:
+                folder = run.path / f"demos-{len(made)}"
+                covered.require_part(run.path, folder.name)
+                made[key] = demonstrations.gather(config, env, folder, progress)
+                if not config.demos.path:
+                    run.cover(folder.name, [folder / schema.HEADER])
+        return made[key]
+
+    return gather

@@ -1,0 +1,208 @@
+"""A study in parts: processes that each make some of its rows, on a device of their own.
+
+    RUN/parts/000/      a run like any other, which `gril sweep --resume` goes on with
+
+The parent computes nothing: it shares out the work, waits, and joins what the parts have found.
+"""
+
+import collections
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from gril_jax.runs import reading, run_dir
+from gril_jax.runs.interrupt import Interrupted, noticed
+
+from . import driver, results, saved
+from .driver import Echo
+from .rewards import reward_key
+from .rows import learns
+from .saved import Plan, Work
+
+LOG = "log.txt"  # in a part's folder: what its process said
+_WAIT_S = 0.2
+
+# From the parts' folders to the exit code of each one's process.
+CarryOut = Callable[[Sequence[Path]], Mapping[Path, int]]
+
+
+def make(
+    plan: Plan, count: int, carry_out: CarryOut, *, resume: Path | None = None, echo: Echo = print
+) -> int:
+    """Makes a study in so many parts, or what is left of the one in the folder `resume`; the exit
+    code, 1 if a row failed. The plan's work may be more than the run has had so far."""
+    driver.require_possible(plan, plan.runs, new=resume is None)
+    opened = {"device": f"{count} processes", "experiment": saved.EXPERIMENT}
+    if resume is None:
+        run = run_dir.create_or_resume(plan.config, None, **opened)
+    else:
+        run = run_dir.resume(resume)
+    with run:
+        if resume is None:
+            run.cover("begun", saved.write(run.path, plan._replace(in_parts=True)))
+        saved.write_rows(run.path, plan)
+        begun = saved.parts(run.path)
+        missing = _missing(plan, run.path)
+        for number, work in enumerate(split(plan._replace(work=missing), count), len(begun)):
+            _begin(run.path / "parts" / f"{number:03}", plan._replace(work=work, in_parts=False))
+        left = saved.left(run.path)
+        echo(f"writing to {run.path}: {len(left)} parts")
+        codes = carry_out(left)
+        failed = _failed(run.path, codes)
+        counts = collections.Counter[str]()
+        for folder in (run.path, *saved.parts(run.path)):
+            if (folder / "results.json").is_file():
+                counts.update(reading.read_results(folder))
+        return driver.finish(run, failed, dict(counts), echo)
+
+
+def split(plan: Plan, count: int) -> list[dict[str, list[int]]]:
+    """The work in at most so many parts with about as many steps each: rows with the same reward
+    together, until there are too few of these; then their seeds apart."""
+    units: dict[object, dict[str, list[int]]] = {}
+    for name, seeds in plan.work.items():
+        config = plan.rows[name]
+        key = reward_key(config) if learns(config) else name
+        units.setdefault(key, {})[name] = [*seeds]
+    weighed = [*units.values()]
+
+    def weight(unit: Mapping[str, Sequence[int]]) -> int:
+        return sum(len(seeds) * _steps(plan, name) for name, seeds in unit.items())
+
+    total = sum(map(weight, weighed))
+    while weighed:
+        largest = max(weighed, key=weight)
+        if len(weighed) >= count and weight(largest) <= total / count:
+            break
+        halves = _halves(largest)
+        if len(halves) == 1:
+            break
+        weighed.remove(largest)
+        weighed += halves
+    parts: list[dict[str, list[int]]] = [{} for _ in range(min(count, len(weighed)))]
+    for unit in sorted(weighed, key=weight, reverse=True):
+        part = min(parts, key=weight)
+        for name, seeds in unit.items():
+            part[name] = sorted([*part.get(name, ()), *seeds])
+    return parts
+
+
+def _steps(plan: Plan, name: str) -> int:
+    config = plan.rows[name]
+    if not plan.study.policies:
+        return config.pretrain.steps
+    return getattr(config, config.run.algorithm).num_timesteps
+
+
+def _halves(unit: Mapping[str, list[int]]) -> list[dict[str, list[int]]]:
+    """The unit in two: each row's seeds, or else its rows; as it is if it is a single run."""
+    if max(map(len, unit.values())) > 1:
+        half = {name: -(-len(seeds) // 2) for name, seeds in unit.items()}
+        both = (
+            {name: seeds[: half[name]] for name, seeds in unit.items()},
+            {name: seeds[half[name] :] for name, seeds in unit.items() if seeds[half[name] :]},
+        )
+        return list(both)
+    names = [*unit]
+    cut = -(-len(names) // 2)
+    parts = ({n: unit[n] for n in names[:cut]}, {n: unit[n] for n in names[cut:]})
+    return [part for part in parts if part]
+
+
+def _missing(plan: Plan, folder: Path) -> Work:
+    """The work that neither the run itself nor any of its parts has."""
+    plans = [saved.read(one) for one in (folder, *saved.parts(folder))]
+    has = [one.work for one in plans if not one.in_parts]
+    left = {
+        name: [seed for seed in seeds if not any(seed in one.get(name, ()) for one in has)]
+        for name, seeds in plan.work.items()
+    }
+    return {name: seeds for name, seeds in left.items() if seeds}
+
+
+def _begin(folder: Path, plan: Plan) -> None:
+    """Creates the run of a part, which a process then goes on with."""
+    opened = {"device": "a process of its own", "experiment": saved.EXPERIMENT}
+    with run_dir.create(folder, plan.config, **opened) as run:
+        run.cover("begun", saved.write(folder, plan))
+
+
+def _failed(folder: Path, codes: Mapping[Path, int]) -> dict[int, str]:
+    """The rows of the parts that failed, and of those whose process has died."""
+    found = results.read(folder)
+    names = found.names
+    failed = {names.index(name): said for name, said in found.failed.items()}
+    done = "env_steps" if found.plan.study.policies else "tau"
+    complete = {(line["row"], line["seed"]) for line in found.lines if done in line}
+    for part, code in codes.items():
+        if code == 0 or part not in saved.left(folder):
+            continue
+        said, own = _last_words(part, code), saved.read(part)
+        for name, seeds in own.work.items():
+            start = own.config.run.seed
+            if any((name, start + seed) not in complete for seed in seeds):
+                failed.setdefault(names.index(name), said)
+    return failed
+
+
+def _last_words(part: Path, code: int) -> str:
+    """What a part's process said of its end, or that it ended."""
+    told = (part / LOG).read_text(errors="replace") if (part / LOG).is_file() else ""
+    lines = [line for line in told.splitlines() if line.startswith("gril: ")]
+    if lines:
+        return lines[-1].removeprefix("gril: ").rstrip(".")
+    return f"its process ended with exit code {code}"
+
+
+def command(part: Path) -> list[str]:
+    """The command line that goes on with a part, in a process with one device."""
+    gril = [sys.executable, "-m", "gril_jax.cli.main"]
+    return [*gril, "sweep", "--resume", str(part), "--devices", "1"]
+
+
+def on_this_machine(
+    devices: Sequence[str | None], environment: Mapping[str, str], echo: Echo
+) -> CarryOut:
+    """Carries parts out on this machine, one process a device, each in the environment."""
+
+    def carry_out(left: Sequence[Path]) -> dict[Path, int]:
+        waiting, free, codes = [*left], [*devices], dict[Path, int]()
+        running: dict[Path, tuple[subprocess.Popen, str | None]] = {}
+        told = False
+        with noticed() as notice:
+            while waiting or running:
+                while waiting and free:
+                    part, device = waiting.pop(0), free.pop(0)
+                    running[part] = _started(part, device, environment), device
+                time.sleep(_WAIT_S)
+                if notice.number and not told:
+                    told, waiting = True, []
+                    for process, _ in running.values():
+                        process.send_signal(notice.number)
+                for part, (process, device) in [*running.items()]:
+                    if process.poll() is not None:
+                        codes[part] = process.returncode
+                        free.append(device)
+                        del running[part]
+                        echo(f"part {part.name} has ended, {len(running) + len(waiting)} are left")
+        if notice.number:
+            name = signal.Signals(notice.number).name
+            how = f"gril sweep --resume {saved.root(left[0])} goes on with it"
+            raise Interrupted(f"{name} came, and the parts are saved: {how}", notice.number)
+        return codes
+
+    return carry_out
+
+
+def _started(part: Path, device: str | None, environment: Mapping[str, str]) -> subprocess.Popen:
+    """The process of a part, in a session of its own: a Ctrl-C in the terminal is for the parent,
+    which hands it on."""
+    own = dict(environment) | ({} if device is None else {"CUDA_VISIBLE_DEVICES": device})
+    with open(part / LOG, "ab") as log:
+        return subprocess.Popen(
+            command(part), env=own, stdout=log, stderr=log, stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip

@@ -1,1 +1,0 @@
-"""Ablations of soundness: does an audit predict how well a reward trains a policy?"""

@@ -1,1 +1,0 @@
-"""Every combination of some options, with several seeds."""

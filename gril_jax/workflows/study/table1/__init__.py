@@ -1,1 +1,0 @@
-"""The paper's Table I and Figure 2."""

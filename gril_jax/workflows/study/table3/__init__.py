@@ -1,1 +1,0 @@
-"""The long tasks of the table, each with rewards of all kinds."""

@@ -1,0 +1,61 @@
+"""A study in its run's folder, read as it was written."""
+
+import pytest
+
+from gril_jax.config.files import load
+from gril_jax.errors import RunError
+from gril_jax.runs import run_dir
+from gril_jax.workflows.study import recipe, saved
+from gril_jax.workflows.study.rows import changed
+from gril_jax.workflows.study.saved import Plan
+
+
+@pytest.fixture
+def plan():
+    made, base = recipe.load("table1"), load("quickstart")
+    rows = {row: changed(base, change) for row, change in made.rows.items()}
+    return Plan(made.study, base, rows, {"environmental": [0, 1], "ours audited": [1]})
+
+
+@pytest.fixture
+def folder(tmp_path, plan):
+    path = tmp_path / "run"
+    with run_dir.create(path, plan.config, device="a test", experiment=saved.EXPERIMENT) as run:
+        run.cover("begun", saved.write(path, plan))
+    return path
+
+
+def test_a_plan_is_read_as_it_was_written(folder, plan):
+    found = saved.read(folder)
+    assert (found.config, found.rows, found.work) == (plan.config, plan.rows, plan.work)
+    assert found.study.measure == plan.study.measure
+    assert list(found.study.evaluate) == list(plan.study.evaluate)
+    assert [(row.cell, row.seed, row.config.run.seed) for row in found.runs] == [
+        (0, 0, 0), (0, 1, 1), (8, 1, 1),
+    ]  # fmt: skip
+
+
+def test_a_row_has_a_file_that_gril_train_takes(folder, plan):
+    assert {file.name for file in (folder / "rows").iterdir()} == {
+        "environmental.yaml", "ours-audited.yaml",
+    }  # fmt: skip
+    assert load(str(folder / "rows" / "ours-audited.yaml")) == plan.rows["ours audited"]
+    assert saved.command(plan, folder, "ours audited") == (
+        f"gril train {folder / 'rows' / 'ours-audited.yaml'}"
+    )
+
+
+def test_rows_with_like_names_have_files_of_their_own(tmp_path):
+    found = saved.row_files(tmp_path, ["a b", "a/b", "../a b", "a" * 300, "?"])
+    assert len({*found.values()}) == 5
+    assert {file.parent for file in found.values()} == {tmp_path / "rows"}
+    part = saved.row_files(tmp_path / "parts" / "000", ["a b"])
+    assert part["a b"] == found["a b"]  # a part's rows lie in the study's folder
+
+
+@pytest.mark.parametrize("text", [None, "{", "[]", '{"stray": 1}'])
+def test_a_folder_without_a_whole_study_is_refused(folder, text):
+    file = folder / "study.json"
+    file.unlink() if text is None else file.write_text(text)
+    with pytest.raises(RunError, match=r"study\.json"):
+        saved.read(folder)
