@@ -54,7 +54,7 @@ class _Own(NamedTuple):
 
     lines: dict[tuple[int, int], dict[str, Any]]
     curves: list[Curve]
-    profiles: dict[int, Mapping[str, Any]]
+    profiles: dict[tuple[int, int], Mapping[str, Any]]
     failed: dict[int, str]
     about: dict[str, Any]
 
@@ -72,7 +72,9 @@ def read(folder: Path) -> Found:
     plan = plan._replace(work={name: work[name] for name in names if name in work})
     lines = {at: line for one in each for at, line in one.lines.items()}
     shown = {(curve.cell, curve.seed): curve for one in each for curve in one.curves}
-    profiles = {names[cell]: x for one in each for cell, x in one.profiles.items()}
+    traces = [(at, x) for one in each for at, x in one.profiles.items()]
+    traces.sort(key=lambda one: (one[0][0], -one[0][1]))  # of each row the first seed's last
+    profiles = {names[cell]: x for (cell, _), x in traces}
     failed = {names[cell]: said for one in each for cell, said in sorted(one.failed.items())}
     about, digests = each[0].about, [one.about["demos_sha256"] for one in each]
     about["demos_sha256"] = next(filter(None, digests), "")
@@ -105,7 +107,7 @@ def _own(folder: Path, plan: Plan) -> _Own:
                 ):
                     lines.setdefault((cell, seed), {}).update(values)
                 if kind == "profiles":
-                    profiles[cell] = done
+                    profiles[cell, plan.work[name][0]] = done
     for name, done in phases.items():
         if name.startswith("variants-"):
             for i, (cell, seed) in enumerate(done["rows"]):
