@@ -124,6 +124,9 @@ def step(
 
     `pool` are scenes that an earlier reward overestimated (`gril_jax.pretraining.hard_negatives`),
     leaves (P, N, ...); they teach distances as copies do, also without `num_perturbations`.
+
+    Raises:
+      ConfigError: as for `places`.
     """
     active = activity_bits(demos, hyper, config)
     ends = None
