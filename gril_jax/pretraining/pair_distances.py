@@ -85,7 +85,10 @@ def learned(
 
 
 def beyond(
-    ranges: Ranges, values: Float[Array, "K Q"], half_box: Float[Array, ""], near_cost_fraction
+    ranges: Ranges,
+    values: Float[Array, "K Q"],
+    half_box: Float[Array, ""],
+    near_cost_fraction: Float[Array, ""] | float,
 ) -> Float[Array, ""]:
     """Cost of statistics that are out of their ranges; 0 where none is.
 

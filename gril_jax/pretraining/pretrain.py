@@ -98,7 +98,11 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
 
 
 def places(demos: DemoBatch, num_classes: int, config: Static) -> Ends:
-    """The ends of demonstrations, from their last frames, as the options describe them."""
+    """The ends of demonstrations, from their last frames, as the options describe them.
+
+    Raises:
+      ConfigError: `goal_model` is "arrangement", and `words` are not of as many classes.
+    """
     if config.goal_model != "arrangement":
         return final_places(
             demos, num_classes, turned=config.turn_scenes, trim_quantile=config.trim_quantile,
@@ -120,6 +124,9 @@ def step(
 
     `pool` are scenes that an earlier reward overestimated (`gril_jax.pretraining.hard_negatives`),
     leaves (P, N, ...); they teach distances as copies do, also without `num_perturbations`.
+
+    Raises:
+      ConfigError: as for `places`.
     """
     active = activity_bits(demos, hyper, config)
     ends = None

@@ -113,7 +113,7 @@ class LearnedReward:
 
     def __call__(
         self,
-        center: Float[Array, "N 2"],
+        center: Float[Array, "..."],
         size: Float[Array, "..."],
         active: Bool[Array, "..."],
         *,
