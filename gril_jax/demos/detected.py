@@ -93,10 +93,10 @@ def of_videos(
     """
     name = EnvConfig.name if task is None else task
     if detector is None:
-        if half_extent is None or not half_extent > 0:
+        if half_extent is None:
             raise DemoError(
-                f"half_extent is {half_extent}, but boxes by colour need half the width of the "
-                "world that a frame shows, above 0."
+                "half_extent is None, but boxes by colour need half the width of the world that a "
+                "frame shows."
             )
         detector = by_colour(name, half_extent)
     fps = read_fps(paths[0])

@@ -6,6 +6,7 @@
 A folder holds videos, MAGICAL's `*.pkl.gz` files, or a LeRobot dataset.
 """
 
+import math
 import os
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
@@ -34,7 +35,7 @@ def import_videos(
     out: str | os.PathLike | None = None,
     *,
     boxes: str | os.PathLike | Detect | Detector = "auto",
-    robot: Sequence[str] = (),
+    robot: str | Sequence[str] = (),
     half_extent: float | None = None,
     classes: Sequence[str] | None = None,
     task: str | None = None,
@@ -76,7 +77,8 @@ def import_videos(
     Example:
       >>> demos = import_videos("films", boxes="auto", robot=["hand"])  # doctest: +SKIP
     """
-    folder = pathlib.Path(folder)
+    _require(half_extent=half_extent, fps=fps, jitter=jitter, smoothing=smoothing)
+    folder, robot = pathlib.Path(folder), [robot] if isinstance(robot, str) else robot
     steps = _Steps(progress, 1 if out is None else 2)
     options = {"half_extent": half_extent, "outcome": outcome, "source": source}
     if next(folder.glob("*.pkl.gz"), None):
@@ -102,6 +104,22 @@ def import_videos(
     preset = "medium" if found.notes == "" else "veryfast"
     save_demo_set(found, out, preset=preset, progress=steps)
     return replace(load_demo_set(out), notes=found.notes)
+
+
+_BOUNDS = {  # of an option that is given
+    "half_extent": (lambda x: 0 < x < math.inf, "above 0"),
+    "fps": (lambda x: 0.1 <= x <= 1000, "from 0.1 to 1000"),
+    "jitter": (lambda x: 0 <= x <= 1000, "from 0 to 1000"),
+    "smoothing": (lambda x: 1 <= x < 1000 and x % 2 == 1, "odd and from 1 to 999"),
+}
+
+
+def _require(**given: int | float | None) -> None:
+    """Raises DemoError for a number that is out of its bounds."""
+    for name, value in given.items():
+        holds, words = _BOUNDS[name]
+        if value is not None and not holds(value):
+            raise DemoError(f"{name} is {value}, but must be {words}.")
 
 
 class _Steps:

@@ -84,12 +84,32 @@ def test_a_set_is_a_sequence_of_named_demonstrations_with_boxes(tmp_path):
         made["x"]
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"half_extent": 0.0}, "half_extent is 0.0, but must be above 0"),
+        ({"fps": float("nan")}, "fps is nan, but must be from"),
+        ({"jitter": -1.0}, "jitter is -1.0, but must be from 0"),
+        ({"smoothing": 4}, "smoothing is 4, but must be odd"),
+        ({"boxes": "coco"}, "boxes is 'coco', but must be auto, colour"),
+        ({"boxes": "colour"}, "half_extent is None, but boxes by colour need"),
+        ({"boxes": "colour", "robot": ["hand"]}, "robot is of boxes beside the videos"),
+        ({"camera": "front"}, "is no LeRobot dataset"),
+        ({"robot": "hand"}, r"a\.mp4: no boxes are beside the film"),
+    ],
+)
+def test_options_that_are_wrong_are_named(tmp_path, options, words):
+    push_video(tmp_path / "a.mp4", frames=2)
+    with pytest.raises(DemoError, match=words):
+        import_videos(tmp_path, **options)
+
+
 def test_folders_of_videos_that_do_not_fit_are_refused_by_name(tmp_path):
     with pytest.raises(DemoError, match="holds no video"):
         colour(tmp_path)
     push_video(tmp_path / "a.mp4", frames=2)
-    with pytest.raises(DemoError, match="half_extent is 0"):
-        colour(tmp_path, 0.0)
+    with pytest.raises(DemoError, match="half_extent is None"):
+        colour(tmp_path, None)
     push_video(tmp_path / "b.mp4", fps=10.0, frames=2)
     with pytest.raises(DemoError, match=r"b\.mp4: has 10 frames per second, but a\.mp4 has 8"):
         colour(tmp_path)
