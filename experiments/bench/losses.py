@@ -177,8 +177,7 @@ def pair_loop(latents: Float[Array, "B T D"], times: Float[Array, "B T"]) -> Flo
 
 def cycle_consistency(repeats: int) -> dict[str, Any]:
     """Times and memory of its value and gradient, and the loop's over the others'."""
-    at_once = partial(mean_cycle_consistency, at_once=True)
-    losses = {"pair_loop": pair_loop, "mapped": mean_cycle_consistency, "at_once": at_once}
+    losses = {"pair_loop": pair_loop, "mapped": mean_cycle_consistency}
     num_videos, num_frames, width = _SIZE
     times = jnp.tile(jnp.arange(num_frames) / num_frames, (num_videos, 1))
     args = jax.random.normal(jax.random.key(0), _SIZE), times

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import types
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -122,7 +121,7 @@ def test_a_task_without_stages_is_refused(tmp_path, monkeypatch):
 def test_classes_in_another_order_are_matched_by_name():
     turned = tuple(reversed(CLASSES))
     learned = LearnedReward(_params(), CONFIG, turned)
-    label = audit._labels(learned, CLASSES, np.array([[0, 1, 3]]), Path("reward.npz"))
+    label = audit._labels(learned, CLASSES, np.array([[0, 1, 3]]), "reward.npz")
     assert [turned[i] for i in label[0]] == [CLASSES[i] for i in (0, 1, 3)]
 
 

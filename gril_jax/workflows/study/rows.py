@@ -158,7 +158,7 @@ def without_twins(rows: Mapping[str, RunConfig]) -> tuple[dict[str, RunConfig], 
     first: dict[RunConfig, str] = {}
     for name, config in rows.items():
         ignored = [] if learns(config) else ["encoder", "pool", "loss", "pretrain"]
-        if ignored and not getattr(getattr(config, config.run.algorithm), "video_starts", 0):
+        if ignored and not getattr(getattr(config, config.run.algorithm), "video_state_resets", 0):
             ignored.append("demos")
         counts = dataclasses.replace(config, **{k: getattr(usual, k) for k in ignored})
         if (same := first.setdefault(counts, name)) == name:
