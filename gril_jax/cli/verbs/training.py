@@ -80,7 +80,7 @@ def _report(args: list[str]) -> Work:
     given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
     folder = Path(given.run)
     run_dir.read_config(folder)  # nothing of the task is run, so it need not be there
-    if (table := phases.made_by(folder)) in ("table1", "sweep"):
+    if (table := phases.read_phases(folder).experiment) in ("table1", "sweep"):
         return of_results("redraw", table, folder)
     phases.require_single(folder)
     return experiment("report", folder)

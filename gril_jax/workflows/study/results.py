@@ -14,7 +14,7 @@ from gril_jax.report.data import read_versions
 from gril_jax.report.figures.style import png
 from gril_jax.runs import run_dir, times
 from gril_jax.runs.covered import require_unchanged
-from gril_jax.runs.phases import COVERED, read_phases
+from gril_jax.runs.phases import read_phases
 from gril_jax.workflows.build.demonstrations import Demonstrations
 from gril_jax.workflows.build.given import of_all
 
@@ -99,9 +99,8 @@ def read(table: Table, folder: Path, settings: Any) -> Found:
         done = phases.get(f"{kind}-{cell}", {})
         for seed, values in enumerate(_by_seed(done, table.measured[kind])):
             lines.setdefault((cell, seed), {}).update(values)
-    begun = {"started": times.started(folder)} if (folder / times.FILE).exists() else {}
-    about = {name: value for name, value in read_versions(folder).items() if name not in COVERED}
-    about |= begun | {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
+    about = read_versions(folder) | {"started": times.started(folder)}
+    about |= {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
     if trained:
         about["given"] = of_all(table.configs(config, settings))
     first, numbers = config.run.seed, sorted(lines.items())
