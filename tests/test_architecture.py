@@ -300,7 +300,7 @@ def test_no_module_changes_the_process_when_it_is_imported(path):
         ("import jax.numpy as jnp", "gril_jax.reward", False, "jax.numpy"),
         ("from flax import linen", "gril_jax.encoders.encoder", False, "flax.linen"),
         ("from . import config", "gril_jax.cli", False, "gril_jax.config"),
-        ("from .phases import made_by", "gril_jax.runs.run_dir", False, "gril_jax.runs.phases"),
+        ("from .phases import read_phases", "gril_jax.runs.run_dir", False, "gril_jax.runs.phases"),
         ("from ..errors import RunError", "gril_jax.rl.ppo", False, "gril_jax.errors"),
         ("from .base import State", "gril_jax.envs", True, "gril_jax.envs.base"),
         ("from gril_jax import envs", "gril_jax.demos", False, "gril_jax.envs"),

@@ -20,7 +20,7 @@ from gril_jax.config.tables import ALGORITHMS
 from gril_jax.demos.plain_npz import NotPlainError, read_plain
 from gril_jax.errors import RunError
 from gril_jax.runs.covered import require_unchanged
-from gril_jax.runs.phases import recorded
+from gril_jax.runs.phases import read_phases
 from gril_jax.runs.reading import read_metrics, read_results
 from gril_jax.safe_files import read_object
 
@@ -120,10 +120,10 @@ def _require_shape(path: Path, field: str, array: np.ndarray, shape: tuple) -> N
 
 
 def read_rows(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Rows of metrics.jsonl by phase, "pretrain" and the algorithm; empty if there is no file."""
+    """Rows of metrics.jsonl by phase, "pretrain" and the algorithm; empty before the first."""
     rows: dict[str, list[dict[str, Any]]] = {phase: [] for phase in _STEP}
     metrics = folder / "metrics.jsonl"
-    if not metrics.exists() and recorded(folder) is None:
+    if not metrics.exists() and read_phases(folder).metrics is None:
         return rows
     for line, row in enumerate(read_metrics(folder), 1):
         where = f"{metrics}: line {line}"

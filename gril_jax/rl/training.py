@@ -37,20 +37,22 @@ class Algorithm(Protocol):
     unroll_length: int
     num_keys: int
 
-    def init(self, key: PRNGKeyArray, hyper: Any) -> Any: ...
+    def init(self, key: PRNGKeyArray, hyper: Any) -> Any:
+        """The state before any step. The key is consumed."""
 
     def collect(
         self, state: Any, key: PRNGKeyArray, hyper: Any, reward_params: Any, *,
         deterministic: Bool[Array, "B"],
-    ) -> tuple[Any, Rollout]: ...  # the state with its envs moved on  # fmt: skip
+    ) -> tuple[Any, Rollout]:  # fmt: skip
+        """The state with its environments moved on by T control steps, and these steps."""
 
-    def store(
-        self, state: Any, steps: Rollout, *, wanted: Bool[Array, ""] | bool = True
-    ) -> Any: ...  # the state with these steps in its replay, if wanted
+    def store(self, state: Any, steps: Rollout, *, wanted: Bool[Array, ""] | bool = True) -> Any:
+        """The state with these steps in its replay, if they are wanted."""
 
     def learn(
         self, state: Any, steps: Rollout, key: PRNGKeyArray, hyper: Any, reward_params: Any
-    ) -> tuple[Any, dict[str, Float[Array, ""]]]: ...  # leaves the replay as it is
+    ) -> tuple[Any, dict[str, Float[Array, ""]]]:
+        """The state after gradient steps, with the same replay, and metrics by name, each ()."""
 
 
 class Scores(NamedTuple):

@@ -5,18 +5,16 @@ moment at which the phase has finished, and says how far metrics.jsonl had come 
 `gril_jax.runs.metric_rows`). A command checks the files that it reads, and no others.
 
 Not covered: what a phase has written that is still going on, but for its checkpoints; what is drawn
-from other files, such as report.html; times.jsonl, whose lines check themselves; and of a run of an
-older version everything but the checkpoints, the demonstrations and, if it has a phases.json, the
-fields of its configuration.
+from other files, such as report.html; and times.jsonl.
 """
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from gril_jax.errors import RunError
 
-from .phases import recorded
+from .phases import read_phases
 
 
 def digest(file: Path) -> str:
@@ -25,10 +23,14 @@ def digest(file: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
+def digests(folder: Path, files: Iterable[Path]) -> dict[str, str]:
+    """The digest of each of these files of a run, by its path in the folder."""
+    return {file.relative_to(folder).as_posix(): digest(file) for file in files}
+
+
 def known(folder: Path) -> dict[str, str]:
-    """The digests that a run has noted of its files, by path; empty for an older run."""
-    phases = recorded(folder)
-    by_phase = {} if phases is None else phases.files or {}
+    """The digests that a run has noted of its files, by path."""
+    by_phase = read_phases(folder).files
     return {name: value for files in by_phase.values() for name, value in files.items()}
 
 
@@ -50,8 +52,7 @@ def require_same_demos(folder: Path, header: Path) -> None:
     A set outside of the run's folder may be gone.
     """
     require_unchanged(folder, "demos/demos.json")
-    phases = recorded(folder)
-    begun = {} if phases is None else phases.finished.get("demos", {})
+    begun = read_phases(folder).finished.get("demos", {})
     if "sha256" in begun and header.is_file() and digest(header) != begun["sha256"]:
         raise RunError(
             f"the demonstration set {header.parent} has been changed since the run in {folder} "
@@ -59,12 +60,7 @@ def require_same_demos(folder: Path, header: Path) -> None:
         )
 
 
-def digests(folder: Path, files: Iterable[Path]) -> dict[str, str]:
-    """The digest of each of these files of a run, by its path in the folder."""
-    return {file.relative_to(folder).as_posix(): digest(file) for file in files}
-
-
-def _require(folder: Path, wanted: dict[str, str]) -> None:
+def _require(folder: Path, wanted: Mapping[str, str]) -> None:
     for name, value in wanted.items():
         file = folder / name
         try:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from .metric_rows import plain
+from .json_lines import plain
 from .run_dir import RunDir
 
 

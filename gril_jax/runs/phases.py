@@ -17,12 +17,11 @@ import yaml
 from gril_jax.config import RunConfig
 from gril_jax.config.files import to_yaml
 from gril_jax.errors import RunError
-from gril_jax.safe_files import read_object, require_regular, write_whole, writing
+from gril_jax.safe_files import require_regular, write_whole, writing
 
-from .metric_rows import plain
+from .json_lines import plain
 
 _FILE = "phases.json"
-COVERED = {"digests": _FILE}  # says in versions.json that a run must have this file
 _INSTEAD = {"sweep": "its page is report.html, its table study.md"}
 
 
@@ -33,30 +32,23 @@ class Phases:
     experiment: str | None  # the experiment that can go on with the run, None if it cannot
     config: str  # YAML, as the run began
     finished: dict[str, dict[str, Any]] = field(default_factory=dict)  # phase to its results
-    files: dict[str, dict[str, str]] | None = None  # phase to digests; None in older runs
+    files: dict[str, dict[str, str]] = field(default_factory=dict)  # phase to digests
     metrics: dict[str, Any] | None = None  # how far metrics.jsonl is covered, as its `mark` says
+
+    @property
+    def done(self) -> bool:
+        """True if the run has come to its results."""
+        return "finished" in self.files
 
 
 def write_phases(folder: Path, phases: Phases) -> None:
     """Replaces the file atomically; results are numbers, strings and lists of them."""
     with writing(folder):
-        text = with_digest(plain(dataclasses.asdict(phases)))
-        write_whole(folder / _FILE, text + "\n")
+        write_whole(folder / _FILE, with_digest(plain(dataclasses.asdict(phases))) + "\n")
 
 
 def read_phases(folder: Path) -> Phases:
     """The phases that `write_phases` wrote; a `RunError` if the file is missing or has changed."""
-    found = recorded(folder)
-    if found is None:
-        raise RunError(
-            f"{folder} cannot be resumed, because it has no {_FILE}: it is of an older version"
-        )
-    return found
-
-
-def recorded(folder: Path) -> Phases | None:
-    """The phases of a run; None for one so old that it has none, a `RunError` if they are damaged
-    or lost."""
     file = folder / _FILE
     require_regular(file)
     try:
@@ -66,41 +58,32 @@ def recorded(folder: Path) -> Phases | None:
         if text == with_digest(content) + "\n":
             return Phases(**content)
     except FileNotFoundError:
-        if _is_covered(folder):
-            raise RunError(f"{file} is missing, but the run had written it") from None
-        return None
+        require_run(folder)
+        raise RunError(f"{file} is missing, but the run had written it") from None
     except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
         pass
     raise RunError(f"{file} has been changed since the run wrote it")
 
 
-def _is_covered(folder: Path) -> bool:
-    """True if a run must have the file, as its versions.json says."""
-    try:
-        return COVERED.items() <= read_object(folder / "versions.json").items()
-    except (RunError, FileNotFoundError):
-        return False
-
-
-def made_by(folder: Path) -> str | None:
-    """The experiment that made a run's folder, such as `train`; None if it is not recorded."""
-    found = recorded(folder)
-    if found is not None and not isinstance(found.experiment, str | None):
-        raise RunError(f"{folder / _FILE}: experiment must be a name, not {found.experiment!r:.40}")
-    return found and found.experiment
+def require_run(path: Path) -> None:
+    """Raises a RunError if a folder is of no run."""
+    if not path.is_dir():
+        fault = "is a file" if path.exists() else "does not exist"
+        raise RunError(f"{path} {fault}, but must be the folder of a run")
+    if not (path / "config.yaml").is_file():
+        raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
 
 
 def require_single(folder: Path) -> None:
     """Raises a RunError that says where its results lie if a run has not one reward and policy."""
-    experiment = made_by(folder)
+    experiment = read_phases(folder).experiment
     if experiment not in (None, "train", "pretrain"):
         instead = _INSTEAD.get(experiment, "its results lie there in files of their own")
         raise RunError(f"{folder} holds a run of gril {experiment}, not of one policy: {instead}")
 
 
 def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:
-    """The changed fields of a configuration, such as `run.seed (0, not 1)`; those that the YAML of
-    the older one lacks are newer, and do not count."""
+    """The changed fields of a configuration, such as `run.seed (0, not 1)`."""
     before = yaml.safe_load(began if isinstance(began, str) else to_yaml(began))
     after = yaml.safe_load(to_yaml(now))
     return [
@@ -112,10 +95,6 @@ def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:
 
 
 def with_digest(content: Mapping[str, Any]) -> str:
-    """A JSON object as text, with its digest as another field."""
-    return json.dumps({**content, "sha256": json_digest(content)}, indent=1)
-
-
-def json_digest(content: Mapping[str, Any]) -> str:
-    """SHA-256 of a JSON object with its fields in order, in hexadecimal."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    """A JSON object as text, with the SHA-256 of its sorted fields as another field."""
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    return json.dumps({**content, "sha256": digest}, indent=1)

@@ -5,7 +5,7 @@ JAX is not imported here.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
@@ -15,24 +15,14 @@ from gril_jax.safe_files import read_object, require_regular
 from . import covered, times
 from .checkpoints import manifest
 from .metric_rows import Mark, read_rows
-from .phases import Phases, changed_fields, recorded
+from .phases import Phases, changed_fields, read_phases, require_run
 
 
-class Marks(NamedTuple):
-    """The lines of metrics.jsonl that phases.json and each phase's newest checkpoint cover."""
-
-    found: Sequence[Mark]
-    complete: bool  # False if a checkpoint is of a version that had no marks
-    damaged: Sequence[str]  # a sentence for each checkpoint whose mark cannot be read
-
-
-def marks_of(path: Path, phases: Phases | None) -> Marks:
-    """The marks of a run; of one that has finished the file of its phases has the last one."""
-    found = [] if phases is None or phases.metrics is None else [phases.metrics]
-    complete, damaged = True, list[str]()
-    if has_finished(phases):
-        return Marks(found, complete, damaged)
-    for folder in sorted((path / "checkpoints").glob("*")):
+def marks_of(path: Path, phases: Phases) -> tuple[Sequence[Mark], Sequence[str]]:
+    """The lines of metrics.jsonl that phases.json and each phase's newest checkpoint cover, and a
+    sentence for each checkpoint whose mark cannot be read. Of a finished run the first has all."""
+    found, damaged = [phases.metrics] if phases.metrics else [], list[str]()
+    for folder in [] if phases.done else sorted((path / "checkpoints").glob("*")):
         for step in reversed(manifest.steps(folder)):
             try:
                 mark = manifest.manifest(folder / f"{step:012d}").get("metrics")
@@ -42,19 +32,8 @@ def marks_of(path: Path, phases: Phases | None) -> Marks:
             except RunError:  # removed at this moment, by the process that writes them
                 continue
             found += [mark] if mark else []
-            complete = complete and mark is not None
             break
-    return Marks(found, complete, damaged)
-
-
-def has_finished(phases: Phases | None) -> bool:
-    """True if a run has come to its results, as far as its phases say it."""
-    return phases is not None and "finished" in (phases.files or {})
-
-
-def newest_mark(marks: Marks) -> Mark | None:
-    """The mark that covers most; None if there is none."""
-    return max(marks.found, key=lambda mark: mark["bytes"], default=None)
+    return found, damaged
 
 
 def read_config(path: Path) -> RunConfig:
@@ -66,23 +45,16 @@ def read_config(path: Path) -> RunConfig:
         raise RunError(str(error)) from None
     if not text.strip():
         raise RunError(f"{file} is empty, but must hold the configuration of the run")
-    phases = recorded(path)
-    if phases is None:
-        return config
-    fields = changed_fields(phases.config, config)
-    if fields or (phases.files is not None and text != phases.config):
-        what = ", ".join(fields) or "its text is another than in phases.json"
+    began = read_phases(path).config
+    if text != began:
+        what = ", ".join(changed_fields(began, config)) or "its text is another than in phases.json"
         raise RunError(f"{file} has been changed since the run began: {what}")
     return config
 
 
 def _file(path: Path, name: str) -> Path:
     """A file of a run, which need not be there yet; a RunError if the folder is of no run."""
-    if not path.is_dir():
-        fault = "is a file" if path.exists() else "does not exist"
-        raise RunError(f"{path} {fault}, but must be the folder of a run")
-    if not (path / "config.yaml").is_file():
-        raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
+    require_run(path)
     return path / name
 
 
@@ -91,22 +63,18 @@ def read_metrics(path: Path, *, clocks: bool = False) -> list[dict[str, Any]]:
 
     An incomplete last line is left out.
     """
-    file = _file(path, "metrics.jsonl")
+    file, phases = _file(path, "metrics.jsonl"), read_phases(path)
     require_regular(file)
-    phases = recorded(path)
-    marks = marks_of(path, phases)  # before the file, which may be growing
-    if marks.damaged:
-        raise RunError(marks.damaged[0])
+    marks, damaged = marks_of(path, phases)  # before the file, which may be growing
+    if damaged:
+        raise RunError(damaged[0])
     try:
-        rows = read_rows(file, marks.found, whole=has_finished(phases))
+        rows = read_rows(file, marks, whole=phases.done)
     except FileNotFoundError:
         raise RunError(f"the run in {path} has no metrics yet: it lacks {file.name}") from None
     except OSError as error:
         raise RunError(f"{file} cannot be read ({error})") from None
-    if not clocks:
-        return rows
-    expected = phases is not None and phases.files is not None
-    return times.with_clocks(rows, times.read_times(path, expected=expected), path / times.FILE)
+    return times.with_clocks(rows, times.read_times(path)) if clocks else rows
 
 
 def read_results(path: Path) -> dict[str, Any]:

@@ -29,13 +29,14 @@ from gril_jax.safe_files import sync, take_lock, write_whole, writing
 
 from . import checkpoints, times
 from .covered import digests
-from .metric_rows import MetricRows, plain, read_rows
+from .json_lines import JsonLines, plain
+from .metric_rows import MetricRows, read_rows
 from .phases import Phases, read_phases, write_phases
-from .reading import marks_of, newest_mark, read_config
+from .reading import marks_of, read_config
 from .reading import read_metrics as read_metrics
 from .reading import read_results as read_results
 from .sinks import open_sink
-from .times import CLOCKS, Times
+from .times import CLOCKS
 from .versions import versions
 
 _RESULTS = "results.json"
@@ -44,22 +45,18 @@ _RESULTS = "results.json"
 class RunDir:
     """A run's folder, open for writing; made by `create` or `resume`, closed by `with`."""
 
-    def __init__(
-        self, path: Path, lock: TextIO, phases: Phases, config: RunConfig, *, begins: bool
-    ):
+    def __init__(self, path: Path, lock: TextIO, phases: Phases, config: RunConfig):
         self.path, self.checkpoints = path, path / "checkpoints"
         self.experiment = phases.experiment  # the one that can resume the run
         self.said: list[str] = []  # a sentence for each file that was repaired
         self._lock, self._phases = lock, phases
         self._sinks: list[Any] = []
         self.rows = MetricRows(path / "metrics.jsonl")
-        self.times = Times(path / times.FILE, expected=not begins and phases.files is not None)
+        self.times = JsonLines(path / times.FILE)
         try:
-            rows = self._checked_rows()
-            self.times.expect(rows)
+            rows = self._with_clocks(self._checked_rows())
             self.said += [said for said in (self.rows.said, self.times.said) if said]
-            self.times.append(started=time.strftime("%Y-%m-%dT%H:%M:%S%z"))
-            rows = self._with_clocks(rows)
+            self.note_time(started=time.strftime("%Y-%m-%dT%H:%M:%S%z"))
             self._count = len(rows)
             for name in config.run.sinks:
                 self._sinks.append(open_sink(name, path, dataclasses.asdict(config)))
@@ -70,16 +67,15 @@ class RunDir:
 
     def _checked_rows(self) -> list[dict[str, Any]]:
         """The rows of work that is not done again, which must be those that the run wrote."""
-        marks = marks_of(self.path, self._phases)
-        self.said += marks.damaged
-        rows = read_rows(self.rows.file, marks.found)
-        if marks.complete:
-            self.rows.cut_after(newest_mark(marks), self._phases.finished)
-            rows = read_rows(self.rows.file)
-        return rows
+        marks, damaged = marks_of(self.path, self._phases)
+        self.said += damaged
+        read_rows(self.rows.file, marks)
+        newest = max(marks, key=lambda mark: mark["bytes"], default=None)
+        self.rows.cut_after(newest, self._phases.finished)
+        return read_rows(self.rows.file)
 
     def _with_clocks(self, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-        return times.with_clocks(rows, self.times.read(), self.times.file)
+        return times.with_clocks(rows, times.read_times(self.path))
 
     def log(self, **metrics: Any) -> None:
         """Appends one line of metrics; arrays become lists, non-finite numbers become null.
@@ -88,7 +84,7 @@ class RunDir:
         """
         row = plain(metrics)
         clocks = {name: row.pop(name) for name in CLOCKS if name in row}
-        self.times.append(line=self._count + 1, **clocks)
+        self.note_time(line=self._count + 1, **clocks)
         self.rows.append(row)
         for sink in self._sinks:
             sink.log(self._count, row | clocks)
@@ -105,7 +101,7 @@ class RunDir:
 
     def note_time(self, **fields: Any) -> None:
         """Adds a line to times.jsonl, such as what a stage took."""
-        self.times.append(**fields)
+        self.times.append(plain(fields))
 
     def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
         """Keeps and returns the first `count` rows of a phase, and other rows before them."""
@@ -139,7 +135,7 @@ class RunDir:
             self._note(phase, digests(self.path, files))
 
     def _note(self, phase: str, found: Mapping[str, str]) -> None:
-        files = dict(self._phases.files or {})
+        files = dict(self._phases.files)
         if found:
             files[phase] = files.get(phase, {}) | dict(found)
         metrics = self.rows.mark()
@@ -254,7 +250,7 @@ def create(
         phases = Phases(experiment, to_yaml(config), finished, files)
         write_phases(path, phases)
         write_whole(path / "config.yaml", phases.config)  # last: it makes the folder a run
-    return RunDir(path, lock, phases, config, begins=True)
+    return RunDir(path, lock, phases, config)
 
 
 def resume(path: Path) -> RunDir:
@@ -264,7 +260,7 @@ def resume(path: Path) -> RunDir:
         lock = take_lock(path)
         for left in path.glob(".*.part"):  # by a process that was killed while it wrote
             left.unlink(missing_ok=True)
-    return RunDir(path, lock, phases, config, begins=False)
+    return RunDir(path, lock, phases, config)
 
 
 def require_resumable(path: Path, experiment: str) -> RunConfig:

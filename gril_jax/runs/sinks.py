@@ -78,16 +78,14 @@ class _Wandb:
 
     def __init__(self, folder: Path, config: Mapping[str, Any]):
         package = importlib.import_module(PACKAGES["wandb"])
-        started = (folder / "versions.json").read_bytes()
-        if b'"started"' not in started:  # with this it names this run and no other
-            started += (folder / times.FILE).read_bytes().partition(b"\n")[0]
+        started = times.started(folder) or ""  # with this it names this run and no other
         own = folder / "wandb"
         own.mkdir(exist_ok=True)
         try:
             self._run = package.init(
                 project="gril-jax",
                 name=folder.name,
-                id=hashlib.sha256(folder.name.encode() + started).hexdigest()[:16],
+                id=hashlib.sha256(f"{folder.name} {started}".encode()).hexdigest()[:16],
                 resume="allow",
                 dir=str(own),
                 config=dict(config),

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import Any
 
-from .phases import COVERED
-
 # What the numbers of a run can depend on; `gril doctor` shows the same list.
 PACKAGES = (
     "gril-jax", "jax", "jaxlib", "flax", "optax", "jraph", "mujoco", "mujoco-mjx", "brax",
@@ -24,7 +22,6 @@ def versions(device: str, command: Sequence[str] | None) -> dict[str, Any]:
         "platform": platform.platform(),
         "device": device,
         "command": shlex.join(sys.argv if command is None else command),
-        **COVERED,
     }
 
 

@@ -18,6 +18,15 @@ from gril_jax.report.data import (
 )
 from gril_jax.report.headline import headline, in_words, verdict
 from gril_jax.runs import run_dir
+from gril_jax.runs.phases import Phases, write_phases
+
+
+@pytest.fixture(autouse=True)
+def _a_run(tmp_path):
+    """The folder is of a run that covers no files."""
+    (tmp_path / "config.yaml").touch()
+    write_phases(tmp_path, Phases("train", ""))
+
 
 # --- arrays
 

@@ -1,6 +1,7 @@
 """The chunk loop: rows, checkpoints, interruptions, damage; and what kill -9 leaves goes on."""
 
 import functools
+import hashlib
 import json
 import os
 import random
@@ -104,13 +105,21 @@ def test_rows_after_the_checkpoint_are_cut_and_seconds_go_on(whole, tmp_path):
     shutil.copytree(whole[0], path)
     for step in (10, 11, 12):
         shutil.rmtree(path / "checkpoints" / "walk" / f"{step:012d}", ignore_errors=True)
-    checkpoint.save(path / "checkpoints" / "walk", 3, _state_after(3))
+    _save(path, 3)
     trained, _ = _train(path)
     assert digest(trained.state) == whole[1]
     assert _rows(path) == _rows(whole[0])
     seconds = [row["seconds"] for row in run_dir.read_metrics(path, clocks=True)]
     assert seconds == sorted(seconds)
     assert trained.seconds == seconds[-1]
+
+
+def _save(path, chunks):
+    """Saves a checkpoint as the run did after so many chunks; returns its folder."""
+    data = b"".join((path / "metrics.jsonl").read_bytes().splitlines(keepends=True)[:chunks])
+    mark = {"lines": chunks, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    state = _state_after(chunks)
+    return checkpoint.save(path / "checkpoints" / "walk", chunks, state, metrics=mark)
 
 
 def _state_after(chunks):
@@ -137,7 +146,7 @@ def test_a_damaged_checkpoint_is_told_and_set_aside_and_the_one_before_taken(who
     with pytest.raises(ZeroDivisionError):
         _train(path, row=_fails_after(8), every_s=1e9)
     for step in (3, 6):
-        newest = checkpoint.save(path / "checkpoints" / "walk", step, _state_after(step))
+        newest = _save(path, step)
     file = next(p for p in (newest / "arrays" / "00000").iterdir() if not p.name.startswith("."))
     file.write_bytes(file.read_bytes()[:-1])
     trained, (sentence,) = _train(path)

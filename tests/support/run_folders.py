@@ -1,7 +1,6 @@
 """A small finished run in a folder, with real demonstrations, for the tests of its report."""
 
 import dataclasses
-import json
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from gril_jax.demos.vision.detect import PALETTE_CLASSES
 from gril_jax.demos.vision.video import write_video
 from gril_jax.demos.writer import write_demo_set
 from gril_jax.runs import run_dir
+from gril_jax.runs.phases import read_phases, write_phases
 from support.scenes import BLOCKS, GOAL, HALF_EXTENT, ROBOT, box_of, scene
 
 OBJECTS = ("goal", "robot", *BLOCKS)
@@ -127,7 +127,7 @@ def save_run(
     save_profiles(path, **names)
     if ppo:
         save_rollouts(path)
-    return path if covered else as_older(path)
+    return path if covered else uncovered(path)
 
 
 def differing(one, other):
@@ -144,11 +144,7 @@ def _contents(file):
     return file.read_bytes() if file.is_file() else file.is_dir()
 
 
-def as_older(path):
-    """Makes a run like those of the versions that noted no digests; returns its folder."""
-    (path / "phases.json").unlink(missing_ok=True)
-    (path / "times.jsonl").unlink(missing_ok=True)
-    file = path / "versions.json"
-    versions = {name: x for name, x in json.loads(file.read_text()).items() if name != "digests"}
-    file.write_text(json.dumps(versions))
+def uncovered(path):
+    """Makes a run forget its digests, so that its files may be changed; returns its folder."""
+    write_phases(path, dataclasses.replace(read_phases(path), files={}, metrics=None))
     return path

@@ -81,7 +81,7 @@ def _report(args: list[str]) -> Work:
     given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
     folder = Path(given.run)
     run_dir.read_config(folder)  # nothing of the task is run, so it need not be there
-    if phases.made_by(folder) == "sweep":
+    if phases.read_phases(folder).experiment == "sweep":
         return _redrawn(folder)
     phases.require_single(folder)
     return experiment("report", folder)

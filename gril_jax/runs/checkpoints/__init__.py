@@ -6,6 +6,5 @@ __all__, __getattr__ = offer(
     __name__,
     writer="CheckpointWriter",
     manifest="DamagedError latest steps",
-    checkpoint="discard keep_newest newest restore save save_part",
-    arrays="save_arrays",
+    checkpoint="discard keep_newest newest restore save save_arrays save_part",
 )

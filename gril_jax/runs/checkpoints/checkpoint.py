@@ -1,14 +1,14 @@
 """Checkpoints: the arrays of a state, written by Orbax, beside a manifest of digests.
 
     FOLDER/000000001000/arrays/         Orbax, one folder a leaf
-    FOLDER/000000001000/manifest.json   step; shape, dtype and SHA-256 of each leaf and file; the
-                                        mark of metrics.jsonl
+    FOLDER/000000001000/manifest.json   step; shape and dtype of each leaf; SHA-256 of each file;
+                                        the mark of metrics.jsonl
 
 The same state gives the same files, byte for byte.
 
 A checkpoint is written under another name and renamed when all of it is on the disk. Files are
-verified before Orbax reads them, leaves after. Typed keys are stored as their data. Leaves come
-back bit for bit, on the default device, and strongly typed.
+verified before Orbax reads them. Typed keys are stored as their data. Leaves come back bit for bit,
+on the default device, and strongly typed.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,16 +36,16 @@ from gril_jax.runs.metric_rows import Mark
 from gril_jax.runs.phases import with_digest
 from gril_jax.safe_files import sync, writing
 
-from .manifest import FILE, FORMAT, DamagedError, latest, manifest, steps
+from .manifest import FILE, DamagedError, latest, manifest, steps
 from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
 
 # What Orbax notes beside the arrays: moments and paths, which it does without.
 _NOTES = ("_CHECKPOINT_METADATA", "commit_success.txt")
 
 
-def save(folder: Path, step: int, state: Any) -> Path:
+def save(folder: Path, step: int, state: Any, **more: Any) -> Path:
     """Writes a checkpoint of a pytree as `write` does, and returns its folder."""
-    return write(folder, step, host_copy(state))
+    return write(folder, step, host_copy(state), **more)
 
 
 def write(
@@ -71,7 +71,6 @@ def write(
             "shape": list(leaf.array.shape),
             "dtype": leaf.array.dtype.name,
             "key": leaf.key,
-            "sha256": _digest(leaf.array),
         }
         for index, leaf in enumerate(leaves)
     ]
@@ -84,8 +83,7 @@ def write(
         try:
             _write_arrays(part / "arrays", arrays)
             files = _files(part)
-            content = {"format": FORMAT, "step": step, "leaves": entries, "files": files}
-            content |= {"metrics": dict(metrics)} if metrics else {}
+            content = {"step": step, "leaves": entries, "files": files, "metrics": metrics}
             (part / FILE).write_text(with_digest(content), encoding="utf-8")
             for path in (*part.rglob("*"), part):
                 sync(path)
@@ -116,15 +114,11 @@ def restore(path: Path, like: Any) -> Any:
     _check_structure(path, entries, like)
     _check_files(path, content["files"], entries)
     arrays = _read_arrays(path, entries)
-    leaves = []
-    for entry, old in zip(entries, jax.tree.leaves(like), strict=True):
-        array = arrays.get(entry["file"])
-        if array is None:  # it has no elements
-            array = np.zeros(entry["shape"], jnp.dtype(entry["dtype"]))
-        same = array.dtype == jnp.dtype(entry["dtype"]) and list(array.shape) == entry["shape"]
-        if not same or _digest(array) != entry["sha256"]:
-            raise DamagedError(f"checkpoint {path} is damaged: leaf {entry['path']} has changed")
-        leaves.append(to_device(array, old))
+    by_name, leaves = {entry["path"]: entry for entry in entries}, []
+    for name, old in jax.tree_util.tree_leaves_with_path(like):
+        entry = by_name[leaf_name(name)]
+        empty = np.zeros(entry["shape"], jnp.dtype(entry["dtype"]))  # Orbax stores none of these
+        leaves.append(to_device(arrays.get(entry["file"], empty), old))
     return jax.tree.unflatten(jax.tree.structure(like), leaves)
 
 
@@ -135,6 +129,11 @@ def save_part(run: Path, part: str, step: int, state: Any) -> Path:
     """
     shutil.rmtree(run / part, ignore_errors=True)
     return save(run / part, step, state) / FILE
+
+
+def save_arrays(file: Path, arrays: Mapping[str, Any]) -> None:
+    """Writes arrays that are no state by their names to a .npz file, as `numpy.load` reads it."""
+    np.savez(file, **arrays)
 
 
 def newest(run: Path, part: str) -> Path:
@@ -157,22 +156,17 @@ def discard(path: Path) -> Path:
 
 
 def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> None:
-    wanted = [(leaf_name(p), leaf) for p, leaf in jax.tree_util.tree_leaves_with_path(like)]
-    names, stored = [name for name, _ in wanted], [entry["path"] for entry in entries]
-    # Older versions called "fleet" what is "envs" today, and its "lanes" the "running" ones.
-    stored = [re.sub(r"^fleet\.lanes\.", "fleet.running.", name) for name in stored]
-    stored = [re.sub(r"^fleet\.", "envs.", name) for name in stored]
-    if lacks := [name for name in names if name not in stored]:
+    wanted = {leaf_name(p): like_of(leaf) for p, leaf in jax.tree_util.tree_leaves_with_path(like)}
+    stored = {e["path"]: (e["key"], e["dtype"], tuple(e["shape"])) for e in entries}
+    if lacks := [name for name in wanted if name not in stored]:
         raise RunError(f"checkpoint {path} lacks the leaf {lacks[0]} of the state it is to fill")
-    if has := [name for name in stored if name not in names]:
+    if has := [name for name in stored if name not in wanted]:
         raise RunError(f"checkpoint {path} has a leaf {has[0]} that the state to fill lacks")
-    for entry, present, (name, leaf) in zip(entries, stored, wanted, strict=True):
-        found = (entry["key"], entry["dtype"], tuple(entry["shape"]))
-        need = like_of(leaf)
-        if (present, found) != (name, need):
+    for name, found in stored.items():
+        if found != wanted[name]:
             raise RunError(
-                f"leaf {present} of checkpoint {path} is {_words(*found)}, but the state to fill "
-                f"has {_words(*need)} there"
+                f"leaf {name} of checkpoint {path} is {_words(*found)}, but the state to fill "
+                f"has {_words(*wanted[name])} there"
             )
 
 
@@ -196,10 +190,6 @@ def _check_files(path: Path, digests: dict[str, str], entries: list[dict[str, An
 
 def _words(key: str | None, dtype: str, shape: tuple[int, ...]) -> str:
     return f"{f'a {key} key of ' if key else ''}{dtype}{list(shape)}"
-
-
-def _digest(array: np.ndarray) -> str:
-    return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
 
 
 def _write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:

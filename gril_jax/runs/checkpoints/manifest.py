@@ -9,7 +9,6 @@ from gril_jax.errors import RunError
 from gril_jax.runs.phases import with_digest
 
 FILE = "manifest.json"
-FORMAT = 1
 
 
 class DamagedError(RunError):
@@ -17,8 +16,8 @@ class DamagedError(RunError):
 
 
 def manifest(path: Path) -> dict[str, Any]:
-    """A checkpoint's step and leaves, without reading the arrays; a RunError if there is none or
-    another version wrote it, a DamagedError if it has changed."""
+    """A checkpoint's step and leaves, without reading the arrays; a RunError if there is none, a
+    DamagedError if it has changed."""
     try:
         text = (path / FILE).read_text(encoding="utf-8")
         content = json.loads(text)
@@ -30,10 +29,6 @@ def manifest(path: Path) -> dict[str, Any]:
         raise DamagedError(f"checkpoint {path} is damaged: its manifest cannot be read") from None
     if not same:
         raise DamagedError(f"checkpoint {path} is damaged: its manifest has changed")
-    if content["format"] != FORMAT:
-        raise RunError(
-            f"checkpoint {path} has format {content['format']}, but this version reads {FORMAT}"
-        )
     return content
 
 

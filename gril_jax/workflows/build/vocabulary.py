@@ -12,7 +12,7 @@ from gril_jax.config.task import NO_TASK
 from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.errors import RunError
-from gril_jax.runs.phases import recorded
+from gril_jax.runs.phases import read_phases
 
 from . import setup
 
@@ -79,8 +79,7 @@ def as_results(words: Vocabulary) -> dict[str, Any]:
 
 def _of_films(config: RunConfig, folder: Path) -> Vocabulary | None:
     """As the run has noted it; of an older run, as its demonstration set says, if that is there."""
-    phases = recorded(folder)
-    noted = {} if phases is None else phases.finished.get("demos", {})
+    noted = read_phases(folder).finished.get("demos", {})
     if "classes" in noted:
         fields = {name: noted[name] for name in Vocabulary._fields}
         return Vocabulary(**{k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()})

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from gril_jax.report.audit import asked
 from gril_jax.report.data import read_versions
 from gril_jax.runs import run_dir, times
-from gril_jax.runs.phases import COVERED, read_phases
+from gril_jax.runs.phases import read_phases
 from gril_jax.workflows.build.given import of_all
 
 from . import measured, saved
@@ -114,9 +114,8 @@ def _own(folder: Path, plan: Plan) -> _Own:
                 values = {what: x[i] for what, x in done["numbers"].items()}
                 lines.setdefault((cell, seed), {}).update(values)
     failed = {int(cell): said for cell, said in phases.get(PHASE, {}).items()}
-    begun = {"started": times.started(folder)} if (folder / times.FILE).exists() else {}
-    about = {name: value for name, value in read_versions(folder).items() if name not in COVERED}
-    about |= begun | {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
+    about = read_versions(folder) | {"started": times.started(folder)}
+    about |= {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
     return _Own(lines, found, profiles, failed, about)
 
 
