@@ -67,6 +67,7 @@ def _commands(path):
         code = [c for said in made for c in re.findall(r"`([^`]*)`", " ".join(said))]
         lines += [part for c in code for part in " ".join(c.split()).split(" and gril ")]
         lines = [f"gril {line}" if line.startswith("table1 ") else line for line in lines]
+    lines = [re.sub(r"^[A-Z_]+=\S+ (?=gril )", "", line) for line in lines]
     return [line for line in lines if line.startswith("gril ")]
 
 
@@ -120,6 +121,8 @@ def _understood(line, surroundings):
 
 @pytest.mark.parametrize("path", PAGES, ids=_name)
 def test_every_verb_that_is_named_exists(path):
+    if path.name == "CHANGELOG.md":  # names what there was, too
+        return
     words = {verb for name in verbs.names() for verb in (name, name.split()[0])}
     for code in re.findall(r"(?<!`)`gril ([^`]*)`", path.read_text()):
         verb = code.split()[0] if code else ""

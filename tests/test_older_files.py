@@ -47,7 +47,8 @@ def test_a_reward_file_gives_the_same_value():
 
 
 def test_a_policy_file_acts_as_it_did_and_as_a_new_one_does(run, tmp_path):
-    assert main.main(["export-policy", str(run), "--out", str(tmp_path / "new.npz")]) == 0
+    out = ["--out", str(tmp_path / "new.npz")]
+    assert main.main(["export", "--what", "policy", str(run), *out]) == 0
     for file in (DATA / "policy.npz", tmp_path / "new.npz"):
         act = load_policy(file)
         with np.load(file) as arrays:

@@ -84,8 +84,8 @@ def test_a_policy_is_trained_and_exported_where_the_machine_has_no_network(tmp_p
     out = tmp_path / "run"
     for verb in (
         ["quickstart", "--out", str(out), *SMALL],
-        ["export-policy", str(out), "--out", str(tmp_path / "policy.npz")],
-        ["export-reward", str(out), "--out", str(tmp_path / "reward.npz")],
+        ["export", "--what", "policy", str(out), "--out", str(tmp_path / "policy.npz")],
+        ["export", str(out), "--out", str(tmp_path / "reward.npz")],
     ):
         done = subprocess.run([*gril, *verb], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr

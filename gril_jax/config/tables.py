@@ -70,9 +70,7 @@ _FORMS = "gril_jax.workflows.build.policy_rewards"
 REWARDS = {
     "learned": Reward(f"{_FORMS}.LEARNED", pictures=True),
     "environmental": Reward(f"{_FORMS}.ENVIRONMENTAL", learns=False, pictures=True),
-    "subtasks": Reward(f"{_FORMS}.SUBTASKS", staged=True),
     "stages": Reward(f"{_FORMS}.STAGES", staged=True),
-    "sum": Reward(f"{_FORMS}.SUM", pictures=True),
     "shaped": Reward(f"{_FORMS}.SHAPED"),
 }
 

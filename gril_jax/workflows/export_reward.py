@@ -1,4 +1,4 @@
-"""Exports a run's learned reward for other JAX code: `gril export-reward RUN --out FILE`."""
+"""Exports a run's learned reward for other JAX code: `gril export RUN --out FILE`."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -196,7 +196,7 @@ def _train_encoder(run: OpenRun, updates: int, fresh: Any, step: Callable[[Any],
     begun = loop.restore(run.dir, "pretrain", fresh, tell=run.echo)
     return loop.run_chunks(
         step, begun, run=run.dir, name="pretrain", chunks=steps // updates, row=row,
-        every_s=run.config.run.checkpoint_every, keep=run.config.run.keep_checkpoints,
+        every_s=run.config.run.checkpoint_every,
     ).state  # fmt: skip
 
 

@@ -204,7 +204,7 @@ def _learn_policy(
 
     trained = loop.run_chunks(
         advance, begun, run=run.dir, name=name, chunks=-(-updates // per_chunk), row=row,
-        every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
+        every_s=config.run.checkpoint_every,
     )  # fmt: skip
     state = jax.tree.map(lambda x: x[0], trained.state)
     results = {

@@ -1,5 +1,6 @@
 """Checks, calls and results of each verb, in this process and with stand-ins for the work."""
 
+import dataclasses
 import sys
 import types
 from pathlib import Path
@@ -105,7 +106,7 @@ def test_a_run_without_a_whole_policy_has_none_to_export(run, tmp_path, capsys, 
         (run / "policy" / leftover).mkdir(parents=True)
     if leftover == ".000000000640.part":
         (run / "policy" / leftover / "manifest.json").touch()
-    err = _fault(capsys, "export-policy", str(run), "--out", str(tmp_path / "policy.npz"))
+    err = _fault(capsys, "export", str(run), "--what", "policy", "--out", "x.npz")
     assert "has no policy, so its run has not got that far yet" in err
 
 
@@ -123,7 +124,7 @@ def test_a_run_without_a_whole_policy_has_none_to_export(run, tmp_path, capsys, 
 def test_a_policy_is_exported_to_a_new_file_of_a_folder(trained, tmp_path, capsys, out, fault):
     (tmp_path / "taken.npz").write_text("precious")
     (tmp_path / "dangling").symlink_to(tmp_path / "nothing")
-    err = _fault(capsys, "export-policy", str(trained), "--out", str(tmp_path / out))
+    err = _fault(capsys, "export", str(trained), "--what", "policy", "--out", str(tmp_path / out))
     assert fault in err
     assert (tmp_path / "taken.npz").read_text() == "precious"
 
@@ -165,12 +166,18 @@ def test_pretrain_calls_its_experiment(experiment):
 def test_demos_make_hands_on_the_folder(experiment, tmp_path):
     calls = experiment("make_demos", _PIPELINE)
     out = tmp_path / "set"
-    short = ["--num", "9", "--failures=5", "--variant", "demo", "--seed", "3"]
-    assert main.main(["demos", "make", "quickstart", f"--out={out}", *short]) == 0
-    long = ["--demos.num", "9", "--demos.num-failures", "5"]
-    long += ["--demos.variant", "demo", "--demos.seed", "3"]
-    config = load("quickstart", long, schema=MakeDemosConfig)
-    assert calls == [((config, out), {"echo": arguments.echo})]
+    args = ["--num", "9", "--num-failures=5", "--variant", "jitter", "--seed", "3"]
+    blocks = ["--env.targets", "red star"]
+    assert main.main(["demos", "make", "quickstart", f"--out={out}", *args]) == 2
+    args[5] = "layout"
+    assert main.main(["demos", "make", "quickstart", f"--out={out}", *args, *blocks]) == 0
+    under = load("quickstart")
+    config = MakeDemosConfig(
+        dataclasses.replace(under.env, targets=("red star",)),
+        dataclasses.replace(under.demos, num=9, num_failures=5),
+    )
+    starts = {"variant": "layout", "seed": 3}
+    assert calls == [((config, out), {"echo": arguments.echo} | starts)]
 
 
 def test_a_demo_set_may_be_replaced(experiment, demo_set):
@@ -216,7 +223,7 @@ def test_report_refuses_the_runs_of_other_tables_before_work_starts(experiment, 
     assert f"{path} holds a run of gril table2, not of one policy: it has no page" in err
 
 
-def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
+def test_export_of_a_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
     experiment("setup", _PIPELINE, make_env=lambda config, training: ("env", config, training))
     experiment(
         "policy_setup",
@@ -226,21 +233,21 @@ def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_p
     )
     calls = experiment("policy_file", "gril_jax.export")
     out = tmp_path / "policy.npz"
-    assert main.main(["export-policy", str(trained), f"--out={out}"]) == 0
+    assert main.main(["export", str(trained), "--what=policy", f"--out={out}"]) == 0
     config = RunConfig()
     algorithm = ("ppo", config, ("env", config.env, False))
     wanted = (trained, out, config, algorithm, ("hyper", config))
     assert calls == [(wanted, {"echo": arguments.echo})]
 
 
-def test_export_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):
+def test_export_of_a_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):
     calls = experiment("export_reward")
     out = tmp_path / "reward.npz"
-    assert main.main(["export-reward", str(run), f"--out={out}"]) == 2
+    assert main.main(["export", str(run), f"--out={out}"]) == 2
     assert f"{run} has no reward" in capsys.readouterr().err
     (run / "reward" / "000000000100").mkdir(parents=True)
     (run / "reward" / "000000000100" / "manifest.json").write_text("{}")
-    assert main.main(["export-reward", str(run), f"--out={out}"]) == 0
+    assert main.main(["export", str(run), f"--out={out}"]) == 0
     assert calls == [((run, out), {"echo": arguments.echo})]
 
 

@@ -139,7 +139,7 @@ def _tables(folder):
 
 
 NAMES = (
-    "eval", "report", "export-reward", "export-policy", "subtasks", "audit", "train --resume",
+    "eval", "report", "export", "export of a policy", "subtasks", "audit", "train --resume",
     "report of a table", "join of tables",
 )  # fmt: skip
 _PAGE = ("report.html", "policy.mp4", "demo.mp4", "demos.png")
@@ -151,11 +151,14 @@ def _commands(whole, cut, tables):
         "report": Command(
             whole, lambda run, out: ["report", str(run)], _PAGE
         ),
-        "export-reward": Command(
-            whole, lambda run, out: ["export-reward", str(run), "--out", str(out / "reward.npz")]
+        "export": Command(
+            whole, lambda run, out: ["export", str(run), "--out", str(out / "reward.npz")]
         ),
-        "export-policy": Command(
-            whole, lambda run, out: ["export-policy", str(run), "--out", str(out / "policy.npz")]
+        "export of a policy": Command(
+            whole,
+            lambda run, out: [
+                "export", str(run), "--what", "policy", "--out", str(out / "policy.npz"),
+            ],
         ),
         "subtasks": Command(
             whole, lambda run, out: ["subtasks", str(run), "--out", str(out / "subtasks")]
@@ -202,7 +205,7 @@ def commands(whole, cut, tmp_path, monkeypatch):
     return _commands(whole, cut, _tables(tmp_path))
 
 
-@pytest.mark.parametrize("name", ["export-reward", "train --resume"])
+@pytest.mark.parametrize("name", ["export", "train --resume"])
 def test_faults_are_refused_or_said(commands, tmp_path, name):
     verdicts, bad = _verdicts(commands[name], tmp_path, ("a digit changed", "deleted"), most=3)
     assert not bad

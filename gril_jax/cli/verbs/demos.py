@@ -6,54 +6,43 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from gril_jax.config import EnvConfig, MakeDemosConfig
-from gril_jax.config.command_line import parse
-from gril_jax.config.files import load
+from gril_jax.config import DemosConfig, EnvConfig, MakeDemosConfig
 from gril_jax.config.rules import above, between, optional, rule
+from gril_jax.config.run_config import Section
+from gril_jax.config.task import Places
 from gril_jax.errors import ConfigError
 
 from .. import own_tasks
-from ..arguments import (
-    Work,
-    demo_set_to_write,
-    echo,
-    existing_folder,
-    explained,
-    in_full,
-    positional,
-    take,
-)
+from ..arguments import Work, demo_set_to_write, echo, existing_folder
+from ..configured import ConfigName, read, start
 from ..heavy_imports import heavy_imports
-from . import Verb, experiment
+from . import Verb, experiment, simple
 
-_SHORTCUTS = {
-    "--task": "--env.name",
-    "--num": "--demos.num",
-    "--failures": "--demos.num-failures",
-    "--variant": "--demos.variant",
-    "--seed": "--demos.seed",
-}
+_MAKE = "gril demos make"
+
+
+@dataclass(frozen=True)
+class _Make:
+    """Make scripted demonstrations of a configuration's task."""
+
+    config: ConfigName = None
+    out: str = tyro.MISSING
+    """New folder of the demonstration set."""
+    variant: Places = "layout"
+    """Variant of the starts."""
+    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
+    """Seed of the starts and of the expert."""
+    env: Section[EnvConfig] = field(default=EnvConfig())
+    demos: tyro.conf.OmitArgPrefixes[Section[DemosConfig]] = field(default=DemosConfig())
 
 
 def _make(args: list[str]) -> Work:
-    name, out = positional(args), take(args, "--out")
-    args = own_tasks.named(in_full(args, _SHORTCUTS))
-    if name is None and own_tasks.is_named(args):
-        name = own_tasks.CONFIG
-    config = load(
-        name,
-        args,
-        schema=MakeDemosConfig,
-        prog="gril demos make",
-        description=explained(
-            "Make scripted demonstrations in the new folder that --out names.", _SHORTCUTS
-        ),
-    )
-    if out is None:
-        raise ConfigError("gril demos make needs --out, the folder of the demonstration set")
-    own_tasks.noted(config, args)
-    folder = demo_set_to_write(out)
-    return experiment("build.make_demos", config, folder, config=config, devices=True)
+    given = read(_Make(), args, _MAKE, start)
+    config = MakeDemosConfig(given.env, given.demos)
+    own_tasks.require(config.env)
+    config.env.require_places("--variant", given.variant)
+    folder, starts = demo_set_to_write(given.out), {"variant": given.variant, "seed": given.seed}
+    return experiment("build.make_demos", config, folder, config=config, devices=True, **starts)
 
 
 @dataclass(frozen=True)
@@ -98,14 +87,12 @@ class _ImportVideos(_Import):
 _OWN = ("robot", "camera", "track", "detector", "fps", "jitter", "smoothing")
 
 
-def _videos(args: list[str]) -> Work:
-    prog = "gril demos import-videos"
-    given = parse(_ImportVideos, args, prog=prog, description=f"Make {_VIDEOS.summary}.")
+def _videos(given: _ImportVideos) -> Work:
     if given.boxes == "auto" or given.track or given.detector:
         if given.track and given.detector:
             raise ConfigError("--track and --detector are both given, but boxes come from one")
         if given.task is not None:
-            EnvConfig(name=given.task)  # a ConfigError if there is none
+            EnvConfig(name=given.task).check()
         source, out = existing_folder(given.source), demo_set_to_write(given.out)
         options = {name: getattr(given, name) for name in ("half_extent", "task", "outcome")}
         options |= {name: getattr(given, name) for name in ("camera", "detector", *_OWN[4:])}
@@ -115,7 +102,7 @@ def _videos(args: list[str]) -> Work:
         if getattr(given, name) != getattr(_ImportVideos, name):
             raise ConfigError(f"--{name} is for films of your own, so it needs --boxes auto")
     if given.half_extent is None:
-        raise ConfigError(f"{prog} needs --half-extent, unless --boxes is auto: see {prog} --help")
+        raise ConfigError("--half-extent is missing, but must be given unless --boxes is auto")
     known = {"half_extent": given.half_extent, "task": given.task or EnvConfig.name}
     known |= {"boxes": given.boxes == "True", "outcome": given.outcome}
     return _import("videos", given, known)
@@ -150,18 +137,24 @@ class _ImportMagical(_Import):
     name."""
 
 
-def _magical(args: list[str]) -> Work:
-    about = f"Make {_MAGICAL.summary}."
-    given = parse(_ImportMagical, args, prog=f"gril {_MAGICAL.name}", description=about)
+def _magical(given: _ImportMagical) -> Work:
     if given.task is not None:
-        EnvConfig(name=given.task)  # a ConfigError if there is none
+        EnvConfig(name=given.task).check()
     return _import("magical", given, {"task": given.task})
 
 
-_VIDEOS = Verb("demos import-videos DIR", "a demonstration set from a folder of videos", _videos)
-_MAGICAL = Verb(
-    "demos import-magical DIR",
-    "a demonstration set from MAGICAL's public demonstrations",
-    _magical,
+VERBS = (
+    Verb("demos make [CONFIG]", "scripted demonstrations", _make, schema=_Make),
+    simple(
+        "demos import-videos DIR",
+        "a demonstration set from a folder of videos",
+        _ImportVideos,
+        _videos,
+    ),
+    simple(
+        "demos import-magical DIR",
+        "a demonstration set from MAGICAL's public demonstrations",
+        _ImportMagical,
+        _magical,
+    ),
 )
-VERBS = (Verb("demos make [CONFIG]", "scripted demonstrations", _make), _VIDEOS, _MAGICAL)

@@ -6,22 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from gril_jax.config import RunConfig
-from gril_jax.config.files import load
 from gril_jax.config.grid import Cell, cells, take_axes
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.cluster import cluster_of
 
-from .. import help_page, own_films, own_tasks
-from ..arguments import (
-    Work,
-    in_full,
-    positional,
-    require_left_to_options,
-    run_config,
-    take,
-    whole_number,
-)
+from .. import help_page, own_tasks
+from ..arguments import Work
+from ..words import in_full, positional, require_left_to_options, run_config, take, whole_number
 from . import Verb
 from .tables import made, not_beside
 
@@ -43,15 +35,13 @@ def _plan(args: list[str]) -> Work:
         return _resume(Path(resume), args, cluster)
     name, seeds = positional(args), whole_number(args, "--seeds", 5)
     rows = take(args, "--rows")
-    args[:] = own_tasks.named(in_full(args))
-    if name is None and own_tasks.is_named(args):
-        name = own_tasks.CONFIG
+    args[:] = in_full(args)
     beside = _cells_of_rows(rows, args) if rows is not None else list
     axes = take_axes(args)
     config = run_config(name, args, _PROG, _ABOUT, help_page.SWEEP, own=_OWN)
 
     def one(options: list[str]) -> RunConfig:  # a set may be a value of an axis
-        return load(name, own_films.with_noise(name, options), prog=_PROG)
+        return run_config(name, options, _PROG, _ABOUT)
 
     found = beside(cells(axes, args, one))
 

@@ -16,17 +16,9 @@ from gril_jax.errors import ConfigError
 from gril_jax.runs import run_dir
 
 from .. import help_page, own_tasks
-from ..arguments import (
-    Work,
-    echo,
-    existing_folder,
-    positional,
-    require_left_to_options,
-    run_config,
-    take,
-    whole_number,
-)
+from ..arguments import Work, echo, existing_folder
 from ..heavy_imports import heavy_imports
+from ..words import positional, require_left_to_options, run_config, take, whole_number
 from . import Verb
 
 Loader = Callable[[str | None, list[str]], RunConfig]  # from a configuration's name and options

@@ -65,7 +65,6 @@ def _reward(config: RunConfig, task: envs.TaskSpec) -> str:
     return {
         "learned": "learned from videos",
         "environmental": own,
-        "subtasks": f"a chain of subtasks learned from videos{_acting(config)}",
         "stages": f"learned from videos, in its stages{_acting(config)}",
         "shaped": f"{own}, with one learned from videos as a potential",
     }.get(config.run.reward, config.run.reward)

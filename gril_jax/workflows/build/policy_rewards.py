@@ -94,7 +94,9 @@ def _labels(config: RunConfig) -> tuple[Int[np.ndarray, "N"], Bool[np.ndarray, "
     """The classes of the task's objects in Demo, in its order, and which of them are there: what
     films show, whatever the variant draws (`place` sees to that)."""
     counts = config.env.variant in ("countplus", "all")
-    shown = dataclasses.replace(config.env, variant="demo", padded=config.env.padded or counts)
+    room = ("padded=True",) if counts and "padded" in envs.options(config.env.name) else ()
+    options = (*config.env.options, *room)
+    shown = dataclasses.replace(config.env, variant="demo", options=options)
     env = setup.make_env(shown, training=False)
     seen = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
     return np.asarray(seen.label), np.asarray(seen.size).any(axis=1)
@@ -143,13 +145,12 @@ def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P 
     return lambda data: env.render(data, size=pixels + 2 * border, antialias=True)[inner, inner]
 
 
-def _weights(config: RunConfig) -> Float[Array, "2"]:
-    return jnp.asarray(config.run.reward_weights, jnp.float32)
+_WEIGHTS = (10.0, 1.0)  # of the learned reward as a potential, and of the task's own
 
 
 def _of_shaped(config, learned, demos, num_classes):
     discounting = getattr(config, config.run.algorithm).discounting
-    return _weights(config), jnp.float32(discounting), learned
+    return jnp.asarray(_WEIGHTS, jnp.float32), jnp.float32(discounting), learned
 
 
 def _subtasks(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
@@ -210,10 +211,6 @@ ENVIRONMENTAL = RewardForm(lambda *_: rewards.environmental, lambda *_: ())
 LEARNED = RewardForm(
     lambda config, env: rewards.offset(_learned(config, env), config.run.reward_offset),
     lambda config, learned, demos, num_classes: learned,
-)
-SUM = RewardForm(
-    lambda config, env: rewards.weighted_sum([_learned(config, env), rewards.environmental]),
-    lambda config, learned, demos, num_classes: (_weights(config), (learned, ())),
 )
 SHAPED = RewardForm(lambda config, env: rewards.shaped(_learned(config, env)), _of_shaped)
 SUBTASKS = RewardForm(_subtasks, _of_subtasks)

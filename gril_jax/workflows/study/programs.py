@@ -74,8 +74,8 @@ def programs(
         params = policy_rewards.blank(config, algorithm.episodes.env)
         needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
         each = memory.split(len(members), needed, _available_bytes(), len(devices))
-        if config.env.impl == "warp":  # it has room for the contacts of so many environments
-            each = min(each, config.env.worlds // algorithm.num_envs)
+        if config.env.engine == "warp":  # it has room for the contacts of so many environments
+            each = min(each, config.env.max_envs // algorithm.num_envs)
         per_update = algorithm.num_envs * algorithm.unroll_length
         updates = -(-policy_setup.policy_config(config).num_timesteps // per_update)
         tasks = {
@@ -242,7 +242,7 @@ def learn_policies(
 
     done = loop.run_chunks(
         step, begun, run=run, name=program.name, chunks=len(updates), row=row,
-        every_s=configs[0].run.checkpoint_every, keep=configs[0].run.keep_checkpoints,
+        every_s=configs[0].run.checkpoint_every,
     )  # fmt: skip
     folder = run.path / "policies" / program.name
     shutil.rmtree(folder, ignore_errors=True)  # of a process that was cut off here

@@ -45,7 +45,7 @@ def reward_key(config: RunConfig) -> Hashable:
 
 # What policies alone are given: neither demonstrations nor encoders depend on it.
 _OF_POLICIES = {
-    "reward", "observation", "variant", "varied_starts", "on_the_way", "facing", "padded"
+    "reward", "observation", "variant", "varied_starts", "near_starts"
 }  # fmt: skip
 
 
@@ -148,7 +148,7 @@ def _learned(
     state = loop.run_chunks(
         lambda state: ready.step(state, data, hyper), begun, run=run, name=name,
         chunks=steps // updates, row=row,
-        every_s=chosen.run.checkpoint_every, keep=chosen.run.keep_checkpoints,
+        every_s=chosen.run.checkpoint_every,
     ).state  # fmt: skip
     params, tau = jax.device_get(ready.finish(state, data, hyper))
     train, num_classes = one.demos.batch("train"), len(one.demos.demo_set.classes)

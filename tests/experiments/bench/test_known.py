@@ -1,8 +1,6 @@
 """The tasks of known returns against MuJoCo itself, and the comparison on them."""
 
 import json
-import sys
-import types
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +10,8 @@ import pytest
 from gril_jax.experiments.bench import frame
 from gril_jax.experiments.bench.gymnasium_tasks import InvertedPendulum, Reacher
 from gril_jax.experiments.bench.known import GROUND
-from gril_jax.experiments.bench.pendulum import Pendulum, SacSetting, Setting
+from gril_jax.experiments.bench.pendulum import SacSetting
 
-from gril_jax.cli import main
 from gril_jax.errors import RunError
 
 
@@ -120,75 +117,3 @@ def test_a_process_that_fails_is_one_sentence(monkeypatch):
     monkeypatch.setattr(frame, "_CHILD", "raise SystemExit('no memory left')")
     with pytest.raises(RunError, match="ppo of ours on pendulum failed: no memory left"):
         bench_known._child(("pendulum", "ppo", "ours", 1))
-
-
-@pytest.mark.parametrize(
-    ("args", "fault"),
-    [
-        (["--tasks", "lunch"], "--tasks has 'lunch', but must be of pendulum, inverted_pendulum"),
-        (["--algorithms", "a2c"], "--algorithms has 'a2c', but must be of ppo, sac"),
-        (["--seeds", "0"], "--seeds is 0, but must be at least 1"),
-        (["--jobs", "0"], "--jobs is 0, but must be at least 1"),
-    ],
-)
-def test_options_of_the_verb_have_ranges(capsys, args, fault):
-    assert main.main(["bench", "known", *args]) == 2
-    assert fault in capsys.readouterr().err
-
-
-def test_the_verb_offers_what_there_is_and_prints_the_figures(monkeypatch, capsys):
-    name, calls = "gril_jax.experiments.bench.known", []
-    module = types.ModuleType(name)
-    module.main = lambda **options: calls.append(options) or {"rows": []}
-    monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr(name, module, raising=False)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
-    assert main.main(["bench", "known", "--algorithms", "sac", "--seeds", "2"]) == 0
-    shared = {"seeds": 2, "jobs": None}
-    assert calls == [{"tasks": tuple(GROUND), "algorithms": ("sac",)} | shared]
-    assert json.loads(capsys.readouterr().out).keys() == {"device", "jax", "rows"}
-
-
-_TINY = {
-    "ppo": Setting(num_timesteps=128, num_evals=2, num_envs=8, unroll_length=4, num_minibatches=2,
-                   num_epochs=1, hidden=(4,)),
-    "sac": SacSetting(num_timesteps=64, num_evals=2, num_envs=4, updates_per_step=2, batch_size=8,
-                      replay_size=64, min_replay=8, hidden=(4,)),
-}  # fmt: skip
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("side", ["ours", "stock"])
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
-def test_both_sides_train_on_a_task_that_ends_and_on_one_that_does_not(side, algorithm):
-    from gril_jax.experiments.bench.known import measure
-
-    found = measure("inverted_pendulum", algorithm, side, 2, _TINY[algorithm])
-    assert all(2 < value < 1000 for value in found["returns"] + found["untrained"])
-    found = measure("pendulum", algorithm, side, 1, _TINY[algorithm])
-    assert -200 * 16.3 < found["returns"][0] < 0
-
-
-@pytest.mark.slow
-def test_the_last_return_is_the_mean_over_as_many_episodes_as_are_asked_for():
-    """Four environments play mean actions at a time: those asked for beyond them are others."""
-    from gril_jax.experiments.bench import ours as bench_ours
-
-    found = [
-        bench_ours.all_returns(_TINY["ppo"], Pendulum(), 1, episodes)[0] for episodes in (4, 8)
-    ]
-    assert found[0][0] == found[1][0]  # before training
-    few, twice = found[0][-1], found[1][-1]
-    other = 2 * twice - few
-    assert few != other
-    assert -200 * 16.3 < other < 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
-def test_the_pole_is_kept_upright_to_the_time_limit(algorithm):
-    from gril_jax.experiments.bench.known import measure
-
-    found = measure("inverted_pendulum", algorithm, "ours", 1)
-    assert found["untrained"][0] < 100
-    assert found["returns"][0] > 950  # Gymnasium's threshold

@@ -72,23 +72,6 @@ def test_a_task_that_cannot_place_boxes_is_refused_frames_to_begin_at():
         policy_setup.make_algorithm(config, Probe())
 
 
-def test_a_chain_has_the_goals_on_which_demonstrations_agree(monkeypatch):
-    latents = _latents(6)
-    latents[0] -= 0.5 * (np.arange(FRAMES) > 50) * (np.arange(FRAMES) < 56)  # one is hasty
-    latents = jnp.asarray(latents[..., None], jnp.float32)
-    monkeypatch.setattr(policy_rewards.pretrain, "embed", lambda *_: latents)
-    config = RunConfig(run=dataclasses.replace(RunSettings(), reward="subtasks"))
-    learned = RewardParams({}, jnp.zeros(1), jnp.float32(1 / 3), jnp.float32(1.0))
-    demos = kinematic_demos(0, 6, num_objects=4, max_length=20)
-    demos = demos._replace(length=jnp.full(6, FRAMES))
-    _, chain = policy_rewards.parameters(config, learned, demos, 4)
-    assert int(chain.count) == 3
-    assert chain.goals.shape == (8, 1)
-    np.testing.assert_allclose(chain.goals[:3, 0], [2, 1, 0], atol=0.1)
-    np.testing.assert_allclose(chain.scale[:3], 1, rtol=0.1)  # each step is one long
-    assert np.isfinite(np.asarray(chain.radius)).all()
-
-
 def test_stages_end_where_demonstrations_agree_that_the_reward_stands_still(monkeypatch):
     """At three quarters of each step of three, and in episodes the index follows the reward."""
     latents = jnp.asarray(_latents(6)[..., None], jnp.float32)

@@ -71,7 +71,7 @@ def test_runs_may_differ_in_what_every_row_sets_and_in_their_folders():
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        ("table1", table1_rows.Settings({"a": {"run.reward_weights": (10.0, 1.0)}}, seeds=3)),
+        ("table1", table1_rows.Settings({"a": {"ppo.hidden": (10, 1)}}, seeds=3)),
         ("table2", Settings({"XIRL": table2_rows.ROWS["XIRL"]}, 3)),
         ("soundness", soundness_rows.Settings({"a": {"pool.alpha": 2.0}}, 3, policies=False)),
     ],

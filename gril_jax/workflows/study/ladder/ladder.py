@@ -2,7 +2,7 @@
 
     gril ladder --demos DEMOS --rows "ours at level A,ours at level V"
     gril ladder --demos HUMAN --seeds 5
-    gril ladder shoes_in_box --rows "ours with sub-policies at level B" --env.impl warp
+    gril ladder shoes_in_box --rows "ours with sub-policies at level B" --env.engine warp
 
 Rows are rewards, columns the levels of `experiments.pipeline.given`. For each of them and each seed
 a policy is trained and evaluated from the task's own starts. Writes `ladder.md`, `ladder.csv` (a

@@ -27,7 +27,7 @@ _OWN_STARTS: dict[str, Any] = {
 # What lies between moments has to be found: a policy that has nothing to gain walks at random, and
 # gets further in one direction at a time.
 _OWN_MOMENTS = _OWN_STARTS | {"ppo.own_starts": 0.7, "ppo.held_noise": 0.5}
-_JITTER = {"env.variant": "jitter", "env.on_the_way": 0.0, "env.facing": 0.0}
+_JITTER = {"env.variant": "jitter", "env.near_starts": 0.0}
 _MATCH_REGIONS: dict[str, dict[str, Any]] = {
     "A": _JITTER | _OWN_STARTS,
     "B": _JITTER | _OWN_MOMENTS,
@@ -36,8 +36,7 @@ _MATCH_REGIONS: dict[str, dict[str, Any]] = {
     | _OWN_STARTS
     | {
         "env.varied_starts": 0.8,
-        "env.on_the_way": 0.5,
-        "env.facing": 0.5,
+        "env.near_starts": 0.5,
         "env.observation": "sorted",
     },
 }

@@ -38,6 +38,7 @@ _STEPS = {
     "move_to_region": 0.5, "move_to_corner": 0.5, "fix_colour": 0.5, "make_line": 2.0,
     "cluster_shape": 2.0, "cluster_colour": 2.0,
 }  # fmt: skip
+_OPTIONS = ("physics=magical",)  # and of all tasks but one room for the blocks of any variant
 _IN_ALL = 2.0  # and where everything is drawn anew for each episode
 HOW = (
     "clone https://github.com/qxcv/magical-data, whose folders, such as find-dupe, hold the films "
@@ -64,7 +65,7 @@ def rows(sets: Path, steps: int) -> Rows:
             "env.name": task,
             "env.reward": "sparse",
             "env.observation": "plain",
-            "env.padded": True,
+            "env.options": _OPTIONS if task == "match_regions" else (*_OPTIONS, "padded=True"),
             "demos.path": str(sets / task),
             "ppo.num_timesteps": round(
                 _STEPS.get(task, 1.0) * (_IN_ALL if reward == EVERYWHERE else 1.0) * steps

@@ -53,7 +53,7 @@ _DENSER = _AUDITED | {
     "run.reward_offset": 1.0,
 }
 # The potential's part of a whole episode is as much as ten control steps with full score.
-_SHAPED = {"env.reward": "sparse", "run.reward": "shaped", "run.reward_weights": (10.0, 1.0)}
+_SHAPED = {"env.reward": "sparse", "run.reward": "shaped"}
 
 
 ROWS: dict[str, dict[str, Any]] = {

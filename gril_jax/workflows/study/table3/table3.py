@@ -1,6 +1,6 @@
 """Table III: the long tasks at the table, one learner, one budget, and rewards of all kinds.
 
-    gril table3 --sets DEMOS --seeds 5 --env.impl warp       sized for a GPU
+    gril table3 --sets DEMOS --seeds 5 --env.engine warp       sized for a GPU
     gril table3 --rows "ours on umbrella_out,the task's own on umbrella_out"
 
 Rows are rewards, columns tasks. For each of them and each seed a policy is trained and evaluated

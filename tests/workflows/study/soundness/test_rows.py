@@ -33,6 +33,6 @@ def test_a_budget_is_that_of_the_algorithm_that_trains():
 def test_a_budget_below_one_update_and_another_reward_are_refused():
     with pytest.raises(ConfigError, match=r"ppo\.num_timesteps is 5, but must cover one update"):
         with_budget(RunConfig(), 5)
-    run = dataclasses.replace(RunConfig().run, reward="sum")
-    with pytest.raises(ConfigError, match=r"run\.reward is 'sum', but must be 'learned'"):
+    run = dataclasses.replace(RunConfig().run, reward="shaped")
+    with pytest.raises(ConfigError, match=r"run\.reward is 'shaped', but must be 'learned'"):
         with_budget(RunConfig(run=run), None)

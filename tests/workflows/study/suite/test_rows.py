@@ -22,7 +22,8 @@ def test_every_row_is_a_configuration_of_its_task():
         assert config.env.name == task
         assert config.demos.path == f"sets/{task}"
         assert (config.run.reward == "learned") == (reward != rows.SCORE)
-        assert config.env.padded
+        padded = set() if task == "match_regions" else {"padded=True"}
+        assert {*config.env.options} == {"physics=magical"} | padded
         if " in " in reward:
             assert config.env.variant == reward.rpartition(" ")[2]
             # Frames of the films are shown as the variant might have drawn them.

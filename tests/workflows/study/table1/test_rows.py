@@ -33,7 +33,7 @@ def test_learner_task_and_demonstrations_are_the_same_in_all_rows():
         row = changed(BASE, change)
         assert (row.ppo, row.sac, row.demos) == (BASE.ppo, BASE.sac, BASE.demos)
         assert dataclasses.replace(row.env, reward=None) == BASE.env
-        usual = {"reward": "learned", "reward_weights": (1.0, 0.1), "reward_offset": 1.0}
+        usual = {"reward": "learned", "reward_offset": 1.0}
         assert dataclasses.replace(row.run, **usual) == BASE.run
 
 
@@ -51,7 +51,7 @@ def test_the_denser_row_is_the_default_and_ours_without_robot_the_paper_s_config
 
 def test_every_learned_row_sets_what_any_of_them_changes():
     learned = [x for x in ROWS.values() if x["run.reward"] != "environmental"]
-    extra = {"encoder.pixels", "encoder.precision", "run.reward_weights"}
+    extra = {"encoder.pixels", "encoder.precision"}
     assert len({frozenset(x) - extra for x in learned}) == 1
 
 
