@@ -26,6 +26,7 @@ RunFolder = Annotated[
 
 Schema = TypeVar("Schema")
 
+
 # A value's form in tyro's help, and in words.
 _FORMS = {
     "{None}|": "None or ",
@@ -34,6 +35,11 @@ _FORMS = {
     "FLOAT": "a number",
     "STR": "a word",
 }
+
+
+def short(option: str) -> Any:
+    """Annotation of a field that has a short option beside that in full."""
+    return tyro.conf.arg(aliases=(option,))
 
 
 class Option(NamedTuple):

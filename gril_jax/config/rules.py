@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import tyro
-
 from gril_jax.errors import ConfigError
 
 
@@ -36,11 +34,6 @@ def count() -> dict[str, Any]:
 def optional(metadata: dict[str, Any]) -> dict[str, Any]:
     """The same rule for a value that may also be None."""
     return rule(lambda x: x is None or metadata["holds"](x), metadata["text"])
-
-
-def short(option: str) -> Any:
-    """Annotation of a field that has a short option beside that in full."""
-    return tyro.conf.arg(aliases=(option,))
 
 
 def require(name: str, value: Any, metadata: Mapping[str, Any]) -> None:

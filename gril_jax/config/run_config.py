@@ -15,9 +15,10 @@ import tyro
 
 from gril_jax.errors import ConfigError
 
+from .command_line import short
 from .encoder import EncoderOptions, PoolConfig
 from .reward import LossConfig, PretrainConfig
-from .rules import at_least, between, optional, require, rule, short
+from .rules import at_least, between, optional, require, rule
 from .tables import ALGORITHMS, ENCODERS, REWARDS, alternatives
 from .task import DemosConfig, EnvConfig
 

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
-from .rules import at_least, between, optional, rule, short
+from .command_line import short
+from .rules import at_least, between, optional, rule
 
 BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")

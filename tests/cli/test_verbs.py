@@ -72,14 +72,11 @@ def test_a_folder_without_a_demo_set_is_refused(tmp_path, capsys):
     assert "is not a demonstration set, because it has no demos.json" in err
 
 
-def test_an_output_folder_that_exists_is_refused(tmp_path, capsys):
-    assert "exists already" in _fault(capsys, "train", "--out", str(tmp_path))
-
-
-def test_an_output_folder_below_a_file_is_refused(tmp_path, capsys):
+def test_an_output_folder_that_exists_or_cannot_be_is_refused(tmp_path, capsys):
     (tmp_path / "file").touch()
-    err = _fault(capsys, "train", "--out", str(tmp_path / "file" / "run"))
-    assert "cannot be created, because" in err
+    assert "exists already" in _fault(capsys, "train", "--out", str(tmp_path))
+    below = str(tmp_path / "file" / "run")
+    assert "cannot be created, because" in _fault(capsys, "train", "--out", below)
 
 
 def test_demonstrations_do_not_replace_a_folder_of_other_files(tmp_path, capsys):
@@ -132,35 +129,28 @@ def test_a_policy_is_exported_to_a_new_file_of_a_folder(trained, tmp_path, capsy
 # --- what a verb calls
 
 
-def test_quickstart_trains_its_own_configuration(experiment, demo_set):
-    calls = experiment("train")
-    assert main.main(["quickstart", "--demos", str(demo_set), "--seed=3"]) == 0
-    overrides = ["--demos.path", str(demo_set), "--run.seed", "3"]
-    assert calls == [((load("quickstart", overrides),), {"echo": arguments.echo})]
+@pytest.mark.parametrize(
+    ("args", "name", "overrides"),
+    [
+        (["quickstart", "--seed=3"], "quickstart", ["--run.seed", "3"]),
+        (["train"], None, []),
+        (["train", "match_regions", "--lambda", "2"], "match_regions", ["--loss.lambda=2"]),
+        (["train", "--ppo.num-envs", "32", "quickstart"], "quickstart", ["--ppo.num-envs=32"]),
+        (["pretrain", "quickstart", "--out", "new"], "quickstart", ["--run.out=new"]),
+    ],
+)
+def test_a_run_has_its_configuration_and_above_it_the_options(
+    experiment, tmp_path, monkeypatch, args, name, overrides
+):
+    monkeypatch.chdir(tmp_path)
+    calls = experiment("pretrain" if args[0] == "pretrain" else "train")
+    assert main.main(args) == 0
+    assert calls == [((load(name, overrides),), {"echo": arguments.echo})]
 
 
 def test_the_results_of_an_experiment_are_no_exit_code(experiment):
     experiment("train", main=lambda *_, **__: {"success": 0.9})
     assert main.main(["train"]) == 0
-
-
-def test_train_takes_a_configuration_by_name(experiment, tmp_path):
-    calls = experiment("train")
-    out = str(tmp_path / "new")
-    assert main.main(["train", "match_regions", "--out", out]) == 0
-    assert calls[0][0] == (load("match_regions", ["--run.out", out]),)
-
-
-def test_train_without_a_configuration_takes_the_defaults(experiment):
-    calls = experiment("train")
-    assert main.main(["train"]) == 0
-    assert calls[0][0] == (RunConfig(),)
-
-
-def test_pretrain_calls_its_experiment(experiment):
-    calls = experiment("pretrain")
-    assert main.main(["pretrain", "quickstart"]) == 0
-    assert calls[0][0] == (load("quickstart"),)
 
 
 def test_demos_make_hands_on_the_folder(experiment, tmp_path):

@@ -45,12 +45,6 @@ class _Train(_Quickstart):
 
 def _run(given: _Quickstart, name: str, prog: str, *, films: bool = False) -> Work:
     """A new run of an experiment, or with `resume` one that was cut off."""
-    if given.dry_run and (given.resume is not None or given.hard_negatives is not None):
-        raise ConfigError("--dry-run is for a new run, without --resume and --hard-negatives")
-    if given.resume is not None and given.hard_negatives is not None:
-        raise ConfigError(
-            "--hard-negatives is given beside --resume, but a run that goes on has its own"
-        )
     extra: dict[str, Any] = {}
     if given.resume is not None:
         config, extra["resume"] = _resumed(given, name), Path(given.resume)
@@ -84,7 +78,14 @@ def _resumed(given: _Quickstart, name: str) -> RunConfig:
 
 
 def _begun(given: _Quickstart, name: str, new: Sections | None) -> Sections | None:
-    """The sections that options are read above: those of the run to resume, or of a new one."""
+    """The sections that options are read above: those of the run to resume, or of a new one; a
+    ConfigError for options that exclude each other."""
+    if given.dry_run and (given.resume is not None or given.hard_negatives is not None):
+        raise ConfigError("--dry-run is for a new run, without --resume and --hard-negatives")
+    if given.resume is not None and given.hard_negatives is not None:
+        raise ConfigError(
+            "--hard-negatives is given beside --resume, but a run that goes on has its own"
+        )
     if given.resume is None:
         return new
     config = getattr(given, "config", None)
