@@ -132,7 +132,7 @@ def test_every_verb_that_is_named_exists(path):
 
 def _known_options():
     """Options of the configuration, and those that the command line's own sources name."""
-    known = set(options(RunConfig)) | {"--help"}
+    known = set(options(RunConfig)) | {"--help", "--tyro-print-completion"}
     for path in (REPOSITORY / "gril_jax" / "cli").rglob("*.py"):
         text = path.read_text()
         fields = [n.target for n in ast.walk(ast.parse(text)) if isinstance(n, ast.AnnAssign)]

@@ -117,7 +117,7 @@ def test_as_many_are_kept_aside_as_asked_but_of_ones_own_a_quarter(run, path, wa
     """Of the eight successes that the run has made."""
     flags = ["--demos.num-validation", str(wanted), "--pretrain.num-videos", "2"]
     flags += ["--demos.path", str(run / "demos")] * (path is not None)
-    config = load("quickstart", flags, prog="test", description="")
+    config = load("quickstart", flags, prog="test")
     env = setup.make_env(config.env, training=False)
     with Progress() as progress:
         found = demonstrations.gather(config, env, run / "demos", progress)

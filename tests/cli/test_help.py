@@ -1,5 +1,8 @@
 """Help of a whole run, completion and version: what a person types before anything else."""
 
+import shutil
+import subprocess
+
 import pytest
 
 import gril_jax
@@ -68,11 +71,26 @@ def test_version(capsys):
     assert _said(capsys, "--version") == f"gril-jax {gril_jax.__version__}\n"
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_tyro_writes_what_lets_the_tab_key_finish_words(shell, capsys):
-    script = _said(capsys, "--tyro-print-completion", shell)
-    for word in ("pretrain", "import-magical", "ppo.num-envs", "hard-negatives", "half-extent"):
-        assert word in script
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("gril pretr", ["pretrain"]),
+        ("gril demos make --num-v", ["--num-validation"]),
+        ("gril demos import-m", ["import-magical"]),
+        ("gril train --dry", ["--dry-run"]),
+        ("gril export RUN --what p", ["policy"]),
+    ],
+)
+def test_the_tab_key_finishes_words(words, found, capsys):
+    if shutil.which("bash") is None:
+        pytest.skip("bash is not installed")
+    script = _said(capsys, "--tyro-print-completion", "bash")
+    last, count = words.split()[-1], len(words.split()) - 1
+    code = f"{script}\nCOMP_WORDS=({words}); COMP_CWORD={count}; _tyro_gril gril {last} x\n"
+    done = subprocess.run(
+        ["bash", "-c", code + 'printf "%s\\n" "${COMPREPLY[@]}"'], capture_output=True, text=True
+    )
+    assert done.stdout.split() == found
 
 
 def test_a_shell_that_is_not_known_is_refused(capsys):
