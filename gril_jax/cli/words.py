@@ -22,7 +22,7 @@ def run_config(
     args: list[str],
     prog: str,
     about: str,
-    sections: Mapping[str, tuple[str, ...]] | None = None,
+    sections: help_page.Sections | None = None,
     *,
     own: Mapping[str, str] | None = None,
 ) -> RunConfig:

@@ -38,7 +38,7 @@ def _table(
     about: str,
     own: Mapping[str, str],
     choose: Callable[[ModuleType, list[str], bool, Loader], tuple[RunConfig, dict[str, Any]]],
-    sections: Mapping[str, tuple[str, ...]] = help_page.TABLE,
+    sections: help_page.Sections = help_page.TABLE,
 ) -> Verb:
     """The verb of a table; `summary` is for the help of `gril`, `about` for its own, in which the
     texts of its `own` options come first, then the `sections` of others.
