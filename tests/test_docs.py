@@ -1,6 +1,5 @@
 """The documentation is true: Python runs, commands are understood, links lead somewhere."""
 
-import ast
 import json
 import os
 import re
@@ -131,13 +130,12 @@ def test_every_verb_that_is_named_exists(path):
 
 
 def _known_options():
-    """Options of the configuration, and those that the command line's own sources name."""
-    known = set(options(RunConfig)) | {"--help", "--tyro-print-completion"}
+    """Options of the configuration and of verbs, and those that the command line's sources name."""
+    known = set(options(RunConfig)) | {"--help"}
+    for verb in (verb for title in verbs.TABLE for verb in verbs.group(title)):
+        known |= set(options(verb.schema) if verb.schema else ())
     for path in (REPOSITORY / "gril_jax" / "cli").rglob("*.py"):
-        text = path.read_text()
-        fields = [n.target for n in ast.walk(ast.parse(text)) if isinstance(n, ast.AnnAssign)]
-        known |= {f"--{ast.unparse(name)}".replace("_", "-") for name in fields}
-        known |= set(re.findall(r"--[a-z][a-z-]*", text))
+        known |= set(re.findall(r"--[a-z][a-z-]*", path.read_text()))
     return known
 
 
