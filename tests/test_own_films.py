@@ -215,7 +215,7 @@ def test_a_task_learns_from_films_as_noisy_as_they_are(home, capsys, monkeypatch
     (rough / "demos.json").write_text(json.dumps(header | {"noise": 0.004, "smoothing": 3}))
     (home / "noted.yaml").write_text("pool: {noise: 0.1}\n")
     found = []
-    take = lambda name, config, **_: found.append(config.pool) or (lambda: 0)  # noqa: E731
+    take = lambda *_, config, **__: found.append(config.pool) or (lambda: 0)  # noqa: E731
     monkeypatch.setattr(training, "experiment", take)
     for args in ([], ["quickstart"], [str(home / "noted.yaml")], ["--pool.noise", "0.2"]):
         assert main.main(["train", *args, "--demos", str(rough)]) == 0

@@ -44,6 +44,7 @@ class RunOptions(Sections):
     """Every option, with its section's name before it."""
 
 
+Given = TypeVar("Given")  # options of a verb
 Options = TypeVar("Options", bound=RunOptions)
 
 
@@ -67,8 +68,8 @@ def start(given: Any, *, films_alone: bool = False) -> Sections | None:
 
 
 def read(
-    plain: Options, args: Sequence[str], prog: str, begin: Callable[[Options], Sections | None]
-) -> Options:
+    plain: Given, args: Sequence[str], prog: str, begin: Callable[[Given], Sections | None]
+) -> Given:
     """The options of a command line, above the sections that `begin` finds for those that are
     given, in place of `plain`'s. A user's own task that they name may be run from now on."""
     own_help = not hasattr(plain, "help")

@@ -61,7 +61,7 @@ TRAIN: Sections = PRETRAIN | {
     "The run": _RUN | _NEW | _ASKED,
     "The policy": _POLICY,
 }
-SWEEP: Sections = TRAIN | {"The run": _RUN | _ASKED}
+SWEEP: Sections = TRAIN | {"The run": _RUN | {"--run.audit": _ASKED["--run.audit"]}}
 TABLE: Sections = {
     "The task and its demonstrations": _TASK | _DEMOS,
     "The run": _RUN | {"--join RUN,RUN": "One table of several runs, in the folder of --out."},

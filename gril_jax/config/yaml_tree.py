@@ -54,8 +54,9 @@ def read(file: Traversable) -> dict[str, Any]:
         raise ConfigError("the file must hold sections such as 'env:' with fields below them")
     if not isinstance(tree.get("base", ""), str):
         raise ConfigError("base must be the name of one configuration, or the path of its file")
-    for section in tree.keys() - {"base"}:
-        _check(section, tree[section])
+    for section, fields in tree.items():
+        if section != "base":
+            _check(section, fields)
     return tree
 
 

@@ -75,7 +75,7 @@ def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
         (["demos", "make", "--out"], "--out is given without a value, but must be a word"),
         (["demos", "make", "--out", "x", "--variant", "y"], "--variant is 'y', but must be one of"),
         (["demos", "import-magical", "nowhere", "--out", "x"], "nowhere does not exist"),
-        (["demos", "import-magical", "."], "needs SOURCE, --out"),
+        (["demos", "import-magical"], "needs SOURCE, --out"),
         (["eval"], "gril eval needs RUN"),
         (["eval", "nowhere"], "nowhere does not exist, but must be the folder of a run"),
         (["report", "."], "has no config.yaml"),
