@@ -72,7 +72,7 @@ def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
         (["quickstart", "--demos", "nowhere"], "nowhere does not exist, but must be a folder"),
         (["pretrain", "--pool.alpha=0"], "pool.alpha is 0.0, but must be"),
         (["demos", "make", "quickstart"], "needs --out"),
-        (["demos", "make", "--out"], "--out is given without a value, but must be a word"),
+        (["demos", "make", "--out"], "--out is given without a value, but must be None or a word"),
         (["demos", "make", "--out", "x", "--variant", "y"], "--variant is 'y', but must be one of"),
         (["demos", "import-magical", "nowhere", "--out", "x"], "nowhere does not exist"),
         (["demos", "import-magical"], "needs SOURCE, --out"),

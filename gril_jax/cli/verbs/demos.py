@@ -26,8 +26,8 @@ class _Make:
     """Make scripted demonstrations of a configuration's task."""
 
     config: ConfigName = None
-    out: str = tyro.MISSING
-    """New folder of the demonstration set."""
+    out: str | None = None
+    """New folder of the demonstration set, which must be named."""
     variant: Places = "layout"
     """Variant of the starts."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
@@ -38,6 +38,8 @@ class _Make:
 
 def _make(args: list[str]) -> Work:
     given = read(_Make(), args, _MAKE, start)
+    if given.out is None:
+        raise ConfigError(f"{_MAKE} needs --out: see {_MAKE} --help")
     config = MakeDemosConfig(given.env, given.demos)
     own_tasks.require(config.env)
     config.env.require_places("--variant", given.variant)
