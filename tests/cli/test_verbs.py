@@ -158,8 +158,8 @@ def test_demos_make_hands_on_the_folder(experiment, tmp_path):
     out = tmp_path / "set"
     args = ["--num", "9", "--num-failures=5", "--variant", "jitter", "--seed", "3"]
     blocks = ["--env.targets", "red star"]
-    assert main.main(["demos", "make", "quickstart", f"--out={out}", *args]) == 2
-    args[5] = "layout"
+    assert main.main(["demos", "make", "quickstart", f"--out={out}", *args, *blocks]) == 2
+    args[4] = "layout"
     assert main.main(["demos", "make", "quickstart", f"--out={out}", *args, *blocks]) == 0
     under = load("quickstart")
     config = MakeDemosConfig(
