@@ -109,6 +109,14 @@ def shown_name(name: str) -> str:
     return files.reference(name).file.stem if files.is_reference(name) else name
 
 
+def digest(name: str) -> str | None:
+    """The SHA-256 of the file of a task of one's own; None of one that is no file, or is gone."""
+    try:
+        return files.digest(name) if files.is_reference(name) else None
+    except ValueError:
+        return None
+
+
 def _installed() -> dict[str, metadata.EntryPoint]:
     return {point.name: point for point in metadata.entry_points(group=ENTRY_POINTS)}
 

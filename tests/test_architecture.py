@@ -189,6 +189,27 @@ def test_workflows_are_imported_by_the_command_line_and_the_front_door_alone():
                 )
 
 
+def test_the_words_of_a_command_line_are_read_by_the_command_line_alone():
+    notes = "gril_jax/runs/versions.py"  # how the process was started
+    readers = {
+        _relative(path)
+        for path in _files()
+        if _relative(path).startswith(("gril_jax/", "envs/")) and "argv" in _names(path)
+    }
+    assert {one for one in readers if not one.startswith("gril_jax/cli/")} == {notes}
+    parsers = {_relative(path) for path in _files() if "tyro" in _names(path)}
+    assert "gril_jax/config/command_line.py" in parsers
+    for path in parsers:
+        if path.startswith(("gril_jax/", "envs/")):
+            assert path.startswith(("gril_jax/cli/", "gril_jax/config/")), path
+
+
+def _names(path):
+    """The attributes and names in a source."""
+    nodes = ast.walk(ast.parse(path.read_text()))
+    return {getattr(node, "attr", getattr(node, "id", None)) for node in nodes}
+
+
 def test_there_are_no_import_cycles():
     graph = {
         module: {

@@ -49,7 +49,7 @@ def test_a_set_has_the_classes_the_robot_the_unit_and_the_rate_of_the_films(home
 
 
 def test_a_run_of_films_is_exported_with_their_words_and_loaded(home, capsys):
-    assert gril("export-reward", home / "run", "--out", home / "kitchen.npz") == 0
+    assert gril("export", home / "run", "--out", home / "kitchen.npz") == 0
     assert "widths of the picture" in capsys.readouterr().out
     learned = load_reward(home / "kitchen.npz")
     assert learned.objects == learned.classes == ("coaster", "cup", "hand", "spoon")
@@ -205,22 +205,23 @@ def test_objects_that_a_film_lacks_and_several_of_a_class_are_nodes(home, tmp_pa
     assert present[1].all()
 
 
-def test_a_task_learns_from_films_as_noisy_as_they_are(home, capsys):
+def test_a_task_learns_from_films_as_noisy_as_they_are(home, capsys, monkeypatch):
     """The noise of the boxes goes with them where a task is named, too, unless one says it."""
-    from gril_jax.cli import own_films
+    from gril_jax.cli.verbs import training
 
     header = json.loads((home / "mine" / "demos.json").read_text())
     rough = home / "rough"
     rough.mkdir()
     (rough / "demos.json").write_text(json.dumps(header | {"noise": 0.004, "smoothing": 3}))
-    given = ["--env.name=x.py:make", "--demos.path", str(rough)]
-    noted = ["--pool.noise=0.004"]
-    assert own_films.with_noise(None, given) == [*noted, *given]
-    assert own_films.with_noise("quickstart", given) == [*noted, *given]
-    assert own_films.with_noise("own_videos", ["--seed", "1"]) == ["--seed", "1"]
-    own = home / "noted.yaml"
-    own.write_text("pool: {noise: 0.1}\n")
-    assert own_films.with_noise(str(own), given) == given
+    (home / "noted.yaml").write_text("pool: {noise: 0.1}\n")
+    found = []
+    take = lambda *_, config, **__: found.append(config.pool) or (lambda: 0)  # noqa: E731
+    monkeypatch.setattr(training, "experiment", take)
+    for args in ([], ["quickstart"], [str(home / "noted.yaml")], ["--pool.noise", "0.2"]):
+        assert main.main(["train", *args, "--demos", str(rough)]) == 0
+    assert [(pool.noise, pool.smoothing) for pool in found] == [
+        (0.004, 3), (0.004, 3), (0.1, 1), (0.2, 1),
+    ]  # fmt: skip
 
 
 def test_each_set_of_a_sweep_has_its_own_noise(home, tmp_path, monkeypatch):

@@ -91,8 +91,8 @@ def test_a_policy_is_trained_and_exported_where_the_machine_has_no_network(tmp_p
     out = tmp_path / "run"
     for verb in (
         ["quickstart", "--out", str(out), *SMALL],
-        ["export-policy", str(out), "--out", str(tmp_path / "policy.npz")],
-        ["export-reward", str(out), "--out", str(tmp_path / "reward.npz")],
+        ["export", "--what", "policy", str(out), "--out", str(tmp_path / "policy.npz")],
+        ["export", str(out), "--out", str(tmp_path / "reward.npz")],
     ):
         done = subprocess.run([*gril, *verb], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
@@ -124,7 +124,7 @@ def test_as_many_are_kept_aside_as_asked_but_of_ones_own_a_quarter(run, path, wa
     """Of the eight successes that the run has made."""
     flags = ["--demos.num-validation", str(wanted), "--pretrain.num-videos", "2"]
     flags += ["--demos.path", str(run / "demos")] * (path is not None)
-    config = load("quickstart", flags, prog="test", description="")
+    config = load("quickstart", flags, prog="test")
     env = setup.make_env(config.env, training=False)
     with Progress() as progress:
         found = demonstrations.gather(config, env, run / "demos", progress)

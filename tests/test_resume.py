@@ -16,7 +16,7 @@ from gril_jax import threads as parallel_map
 from gril_jax.cli import arguments, heavy_imports
 from gril_jax.cli import main as cli
 from gril_jax.config import DemosConfig, EnvConfig, PPOConfig, RunConfig, RunSettings
-from gril_jax.errors import ConfigError, DemoError, RunError
+from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.phases import read_phases, write_phases
 
@@ -138,14 +138,6 @@ def test_a_sink_that_does_not_exist_is_refused(capsys):
     assert "run.sinks is ['wandb', 'wandb'], but must be a list of" in err
 
 
-def test_a_deterministic_run_sets_the_flag_before_the_imports(monkeypatch):
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
-    monkeypatch.setenv("XLA_FLAGS", "--xla_dump_to=x")
-    with heavy_imports.heavy_imports(RunConfig(run=RunSettings(deterministic=True))):
-        flags = os.environ["XLA_FLAGS"]
-    assert flags == "--xla_dump_to=x --xla_gpu_deterministic_ops=true"
-
-
 def test_an_arm_on_a_cpu_is_compiled_by_the_older_generator(monkeypatch):
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "unused")
     for task, flags in (
@@ -202,14 +194,14 @@ def test_no_flipped_bit_of_phases_goes_unnoticed(run):
             assert read_phases(run) == phases
 
 
-def test_a_resumed_configuration_needs_what_a_new_one_needs(tmp_path):
+def test_a_resumed_configuration_needs_what_a_new_one_needs(tmp_path, capsys):
     path, demos = tmp_path / "run", tmp_path / "demos"
     config = RunConfig(demos=DemosConfig(path=str(demos)))
     run_dir.create(path, config, device="cpu", experiment="train").close()
-    with pytest.raises(DemoError, match="does not exist, but must be a folder"):
-        arguments.resumed_config(path, None, [], prog="gril train", experiment="train")
-    with pytest.raises(ConfigError, match="keeps the configuration"):
-        arguments.resumed_config(path, "quickstart", [], prog="gril train", experiment="train")
+    assert "does not exist, but must be a folder" in _fault(capsys, "train", "--resume", path)
+    said = _fault(capsys, "train", "quickstart", "--resume", path)
+    assert "keeps the configuration" in said
+    assert "env.targets (" in said
 
 
 # --- kill -9 in real training

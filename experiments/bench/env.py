@@ -1,8 +1,8 @@
 """Control steps per second of a task, random actions in parallel episodes.
 
     gril bench env                      MatchRegions with the default setting
-    gril bench env --settings True      what each setting of the solver and each engine gives
-    gril bench env --task shoes_in_box --settings True   the same there
+    gril bench env --settings      what each setting of the solver and each engine gives
+    gril bench env --task shoes_in_box --settings   the same there
 
 What needs Warp is left out where it is not installed. Throughput is the best of some runs of a
 compiled scan, of all cases in turn, and `finite` the share of episodes whose numbers all are. One

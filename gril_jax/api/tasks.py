@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import inspect
 import io
+import json
 import weakref
 from typing import Any
 
@@ -49,12 +50,13 @@ def env_config(task: Any, usual: EnvConfig) -> EnvConfig:
     """The section `env` of a task: by its name as a preset has it, but an object as it is."""
     if isinstance(task, str):
         return dataclasses.replace(usual, name=task)
-    known = [field.name for field in dataclasses.fields(EnvConfig)]
-    name, options = _MADE.get(task, ("", {}))
-    if not name or registry.is_own(name) or not {*options} <= {*known}:
+    known = [field.name for field in dataclasses.fields(EnvConfig) if field.name != "options"]
+    name, given = _MADE.get(task, ("", {}))
+    if not name or registry.is_own(name):
         return EnvConfig(name=registry.lend(task))
-    values = {option: _default(name, option) for option in registry.options(name)} | options
-    return EnvConfig(name=name, **{n: x for n, x in values.items() if n in known})
+    values = {option: _default(name, option) for option in registry.options(name)} | given
+    further = tuple(f"{n}={json.dumps(x)}" for n, x in given.items() if n not in known)
+    return EnvConfig(name=name, options=further, **{n: x for n, x in values.items() if n in known})
 
 
 def _default(name: str, option: str) -> Any:

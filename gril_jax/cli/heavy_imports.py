@@ -10,7 +10,7 @@ from importlib import metadata
 from pathlib import Path
 
 from gril_jax import threads
-from gril_jax.config import MakeDemosConfig, RunConfig
+from gril_jax.config import MakeDemosConfig
 from gril_jax.config.task import NO_TASK
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
@@ -22,8 +22,6 @@ def _set_for(config: MakeDemosConfig) -> None:
     """Sets the options that a task needs."""
     flags = os.environ.get("XLA_FLAGS", "").split()
     task = None if config.env.name == NO_TASK else registry.spec(config.env.name)
-    if isinstance(config, RunConfig) and config.run.deterministic:
-        flags.append("--xla_gpu_deterministic_ops=true")
     for version, needed in (task.xla_flags if task else {}).items():
         if metadata.version("jaxlib").startswith(version):
             flags += needed

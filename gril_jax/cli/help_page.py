@@ -1,127 +1,113 @@
 """The short help of verbs that take a whole configuration; `--help-all` lists every option."""
 
-import ast
-import dataclasses
-import functools
-import inspect
-import re
 import textwrap
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
-from gril_jax.config import RunConfig
+from gril_jax.config import RewardSections, RunConfig
 from gril_jax.config.command_line import options
 
 _INDENT, _WIDTH = 30, 100
+_FORMS = {"Literal": "NAME", "tuple": "A B ...", "float": "NUMBER", "int": "N", "bool": "BOOL"}
 
-# What is said where the options' own texts are too long, or where they are no fields.
-_TEXTS = {
-    "--task": "Task: one of gril's own, FILE.py:FUNCTION of yours, or an installed entry point.",
-    "--demos": "Folder of a demonstration set; without it the task's expert makes one.",
-    "--resume": "Go on with a run that was cut off, bit for bit.",
-    "--hard-negatives": "Learn from states that the rewards of one or two runs overestimated.",
-    "--dry-run": "Say what would run, how long and in how much memory; write nothing.",
-    "--help-all": "Every option, with its section's name before it.",
-    "--lambda": "Weight of reconstruction relative to temporal cycle-consistency.",
+Sections = Mapping[str, Mapping[str, str]]  # by titles: options, some with a value, and their texts
+
+_TASK = {
+    "--task": "One of gril's own, FILE.py:FUNCTION of yours, or an installed entry point.",
+    "--env.options": "Further options of the task, each NAME=VALUE.",
 }
-_VALUES = {
-    "--resume": "RUN", "--hard-negatives": "RUN[,RUN]", "--dry-run": "",
-    "--help-all": "",
-}  # fmt: skip
-
-PRETRAIN: Mapping[str, tuple[str, ...]] = {
-    "The task and its demonstrations": ("--task", "--env.options", "--demos", "--demos.num"),
-    "The run": (
-        "--out", "--seed", "--resume", "--hard-negatives", "--dry-run", "--run.sinks",
-        "--run.checkpoint-every",
-    ),
-    "The reward": (
-        "--pretrain.steps", "--encoder.kind", "--encoder.width",
-        "--encoder.ensemble-size", "--loss.perturbation-weight", "--lambda", "--pool.alpha",
-    ),
-}  # fmt: skip
-TRAIN = PRETRAIN | {
-    "The task and its demonstrations": (
-        "--task", "--env.options", "--env.variant", "--demos", "--demos.num",
-    ),
-    "The run": (
-        "--out", "--seed", "--resume", "--dry-run", "--run.audit", "--run.eval-episodes",
-    ),
-    "The reward": (
-        "--pretrain.steps", "--encoder.kind", "--loss.perturbation-weight", "--pool.alpha",
-    ),
-    "The policy": (
-        "--algorithm", "--reward", "--ppo.num-timesteps", "--ppo.num-envs", "--ppo.learning-rate",
-        "--ppo.discounting",
-    ),
-}  # fmt: skip
-SWEEP = TRAIN | {"The run": ("--out", "--seed", "--resume", "--run.audit", "--run.evaluations")}
-
-
-def page(
-    usage: str,
-    about: str,
-    sections: Mapping[str, tuple[str, ...]],
-    config: Any,
-    shortcuts: Mapping[str, str],
-    own: Mapping[str, str],
-) -> str:
-    """The page, with the values that the options have in a configuration; first come the verb's
-    `own` options with their texts."""
-    lines = [f"usage: {usage}", "", textwrap.fill(about, _WIDTH, break_on_hyphens=False)]
-    if own:
-        lines += ["", "This command's own:", *(_told(option, text) for option, text in own.items())]
-    for title, names in sections.items():
-        lines += ["", f"{title}:"]
-        lines += [_line(name, shortcuts.get(name, name), config) for name in names]
-    lines += ["", "Everything else:", _line("--help-all", "--help-all", config)]
-    return "\n".join(lines) + "\n"
+_DEMOS = {
+    "--demos": "Folder of a demonstration set; without it the task's expert makes one.",
+    "--demos.num": "Scripted demonstrations to learn from.",
+}
+_RUN = {
+    "--out": "Folder to create for the results; None names one after the time, under runs/.",
+    "--seed": "Seed of everything but the scripted demonstrations.",
+    "--resume RUN": "Go on with a run that was cut off, bit for bit.",
+}
+_NEW = {
+    "--hard-negatives RUN[,RUN]": "Learn from states that one or two runs' rewards overestimated.",
+    "--dry-run": "Say what would run, how long and in how much memory; write nothing.",
+}
+_REWARD = {
+    "--pretrain.steps": "Gradient steps of the encoder.",
+    "--encoder.kind": "Network from boxes, or from pictures, to a latent.",
+    "--loss.perturbation-weight": "Weight of perturbed frames: copies with displaced objects.",
+    "--lambda": "Weight of reconstruction relative to temporal cycle-consistency.",
+    "--pool.alpha": "Weight of an object that has moved; one that has not weighs 1.",
+}
+_POLICY = {
+    "--algorithm": "Algorithm that trains the policy.",
+    "--reward": "Reward of the policy: the learned one, or the task's own, or both.",
+    "--ppo.num-timesteps": "Control steps in all, over all environments.",
+    "--ppo.num-envs": "Environments that are stepped together.",
+    "--ppo.learning-rate": "Learning rate of Adam.",
+    "--ppo.discounting": "Discount of a control step.",
+}
+_ASKED = {
+    "--run.audit": "Gradient ascents of the audit that follows training, 0 for none.",
+    "--run.evaluations": "Evaluations during policy training.",
+}
+PRETRAIN: Sections = {
+    "The task and its demonstrations": _TASK | _DEMOS,
+    "The run": _RUN | _NEW | {"--run.sinks": "tensorboard, wandb: metrics go there, too."},
+    "The reward": _REWARD,
+}
+TRAIN: Sections = PRETRAIN | {
+    "The task and its demonstrations": _TASK
+    | {"--env.variant": "Quantities randomised at the start."}
+    | _DEMOS,
+    "The run": _RUN | _NEW | _ASKED,
+    "The policy": _POLICY,
+}
+SWEEP: Sections = TRAIN | {"The run": _RUN | {"--run.audit": _ASKED["--run.audit"]}}
 
 
-def _line(name: str, full: str, config: Any) -> str:
-    section, _, field = full[2:].replace("-", "_").partition(".")
-    text, value = _TEXTS.get(name), _VALUES.get(name)
-    if value is None:
-        holder = getattr(config, section)
-        field = next(f for f in (field, f"{field}_") if hasattr(holder, f))
-        text = text or _first_sentence(texts(type(holder))[field])
-        text += f" (default: {_shown(getattr(holder, field))})"
-        value = _kind(options(RunConfig)[full])
-    return _told(f"{name} {value}".strip(), text)
+@dataclass(frozen=True)
+class Page:
+    """The short help of a verb."""
+
+    prog: str
+    about: str
+    sections: Sections
+    own: Mapping[str, str] = field(default_factory=dict)
+    """The verb's own options with their texts, which come first."""
+
+    @property
+    def schema(self) -> type[Any]:
+        """What `--help-all` lists: of a verb without a policy no options of one."""
+        return RewardSections if self.sections is PRETRAIN else RunConfig
+
+    def text(self, given: Any) -> str:
+        """The page, with the values that the options have in a configuration."""
+        every = {name for texts in self.sections.values() for name in texts}
+        usage = "" if self.prog == "gril quickstart" else " [CONFIG]"
+        usage += "".join(f" [{option}]" for option in [*self.own][:2]) or " [--task FILE:make]"
+        usage += " [--demos SET]" if "--demos" in every else ""
+        lines = [f"usage: {self.prog}{usage} [--resume RUN] [options]", ""]
+        lines += [textwrap.fill(self.about, _WIDTH, break_on_hyphens=False)]
+        if self.own:
+            lines += ["", "This command's own:", *(told(*one) for one in self.own.items())]
+        for title, texts in self.sections.items():
+            lines += ["", f"{title}:", *(_line(name, text, given) for name, text in texts.items())]
+        last = told("--help-all", "Every option, with its section's name before it.")
+        return "\n".join([*lines, "", "Everything else:", last]) + "\n"
 
 
-def _told(option: str, text: str) -> str:
-    left = f"  {option}  ".ljust(_INDENT)
+def _line(name: str, text: str, given: Any) -> str:
+    option = options(RunConfig).get(name)
+    if option is None:
+        return told(name, text)
+    value = getattr(getattr(given, option.path[0]), option.path[1])
+    shown = " ".join(map(str, value)) or "none" if isinstance(value, tuple) else value
+    form = next((form for known, form in _FORMS.items() if known in str(option.kind)), "TEXT")
+    return told(f"{name} {form}", f"{text} (default: {shown})")
+
+
+def told(usage: str, text: str) -> str:
+    """A line of a help page, wrapped beside its first column."""
+    left, right = f"  {usage}  ".ljust(_INDENT), " " * _INDENT
     return textwrap.fill(
-        text, _WIDTH, initial_indent=left, subsequent_indent=" " * _INDENT, break_on_hyphens=False
+        text, _WIDTH, initial_indent=left, subsequent_indent=right, break_on_hyphens=False
     )
-
-
-def _first_sentence(text: str) -> str:
-    whole = " ".join(text.split())
-    return re.split(r"(?<=[.:;])\s", whole)[0].rstrip(".:;") + "."
-
-
-def _shown(value: Any) -> str:
-    return " ".join(map(str, value)) or "none" if isinstance(value, tuple) else str(value)
-
-
-def _kind(kind: Any) -> str:
-    """The form of a value in a word."""
-    text = str(kind)
-    forms = {"Literal": "NAME", "tuple": "A B ...", "float": "NUMBER", "int": "N", "bool": "BOOL"}
-    return next((form for known, form in forms.items() if known in text), "TEXT")
-
-
-@functools.cache
-def texts(schema: type[Any]) -> dict[str, str]:
-    """The text under each field of a dataclass, or under the one of its base that it replaces."""
-    found: dict[str, str] = {}
-    for kind in filter(dataclasses.is_dataclass, reversed(schema.mro())):
-        (body,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
-        found |= {
-            field.target.id: text.value.value
-            for field, text in zip(body.body, body.body[1:], strict=False)
-            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
-        }
-    return found

@@ -8,7 +8,6 @@ import errno
 import os
 import signal
 import sys
-import textwrap
 from collections.abc import Sequence
 from importlib import metadata
 
@@ -18,6 +17,7 @@ from gril_jax.runs.interrupt import Interrupted, heard
 
 from . import verbs
 from .arguments import Work
+from .help_page import told
 
 _USAGE = """\
 usage: gril VERB [options]
@@ -27,9 +27,8 @@ Learn a reward from demonstration videos without actions, and a policy from the 
 _NOTE = """
 CONFIG is the name of a shipped configuration or the path of a YAML file; RUN is the folder
 that a run made. `gril VERB --help` lists the options of a verb, `gril --version` says which gril
-this is, and `gril completion SHELL` lets the Tab key finish words.
+this is, and `gril --tyro-print-completion SHELL` prints what lets the Tab key finish words.
 """
-_INDENT, _WIDTH = 30, 100
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -107,16 +106,8 @@ def help_page() -> str:
     page = _USAGE
     for title in verbs.TABLE:
         lines = (line for verb in verbs.group(title) for line in verb.lines.items())
-        page += f"\n{title}:\n" + "".join(_line(*line) for line in lines)
+        page += f"\n{title}:\n" + "".join(f"{told(*line)}\n" for line in lines)
     return page + _NOTE
-
-
-def _line(usage: str, summary: str) -> str:
-    left = f"  {usage}  ".ljust(_INDENT)
-    return textwrap.fill(
-        summary, _WIDTH, initial_indent=left, subsequent_indent=" " * _INDENT,
-        break_on_hyphens=False,
-    ) + "\n"  # fmt: skip
 
 
 def _plan(args: list[str]) -> Work:
@@ -124,6 +115,8 @@ def _plan(args: list[str]) -> Work:
     if args[:1] in (["--version"], ["-V"]):
         print(f"gril-jax {metadata.version('gril-jax')}")
         return lambda: 0
+    if args[:1] == [verbs.COMPLETION]:
+        verbs.print_completion(args[1:])
     known = verbs.names()
     families = {name.partition(" ")[0] for name in known if " " in name}
     size = 2 if args and args[0] in families else 1

@@ -4,13 +4,12 @@ A set without a task has its own classes, unit and frame rate. The run's configu
 from the set what depends on them, unless the command line says otherwise.
 """
 
+import dataclasses
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from gril_jax.config.files import load
-from gril_jax.config.task import NO_TASK
-from gril_jax.envs import registry
+from gril_jax.config.run_config import Sections
 from gril_jax.errors import DemoError, RunError
 from gril_jax.safe_files import read_object
 
@@ -18,40 +17,12 @@ CONFIG = "own_videos"
 _TOGETHER = 4  # films of a batch, at most
 _WINDOW = 4.0  # seconds that a displacement is measured over
 
-
-def configured(name: str | None, args: list[str]) -> tuple[str | None, list[str]]:
-    """The configuration's name, and the arguments with what the set of films adds before them.
-
-    Where neither a configuration is named nor the set's task is known, the configuration is
-    `own_videos`. A set that cannot be read is left to who looks at it later.
-    """
-    header = _header(args)
-    if header is None or (name is None and header.get("task") in registry.names()):
-        return name, args
-    name = name or CONFIG
-    if load(name).env.name != NO_TASK:
-        return name, args
-    return name, [*_of_set(header), *args]
+Given = TypeVar("Given", bound=Sections)
 
 
-def with_noise(name: str | None, args: list[str]) -> list[str]:
-    """The arguments of a run, and before them how much the set's boxes jitter, unless the
-    configuration says it: else any jitter would count as motion."""
-    header = _header(args)
-    if header is None or not isinstance(header.get("noise"), float):
-        return args
-    if name is not None and load(name).pool.noise is not None:
-        return args
-    return [*_options({"--pool.noise": header["noise"]}), *args]
-
-
-def _header(args: list[str]) -> dict[str, Any] | None:
-    """The header of the set that the arguments name."""
-    folder = None
-    for index, arg in enumerate(args):
-        option, equals, value = arg.partition("=")
-        if option in ("--demos", "--demos.path"):
-            folder = value if equals else next(iter(args[index + 1 :]), None)
+def header(folder: str | None) -> dict[str, Any] | None:
+    """The header of a demonstration set; None where there is none, which is left to who looks at
+    the set later."""
     try:
         return None if folder is None else read_object(Path(folder) / "demos.json")
     except RunError as error:
@@ -60,16 +31,33 @@ def _header(args: list[str]) -> dict[str, Any] | None:
         return None
 
 
-def _of_set(header: dict[str, Any]) -> list[str]:
-    """Options that depend on a set's units, if it has them."""
-    fields = {"--encoder.length-unit": header.get("half_extent")}
-    if isinstance(rate := header.get("fps"), int | float) and 0 < rate < 1e6:
-        fields["--pool.window"] = max(1, round(_WINDOW * rate))
-    demos = [one for one in header.get("demos", ()) if isinstance(one, dict)]
+def with_noise(given: Given) -> Given:
+    """The sections with how much the set's boxes jitter, unless they say it: else any jitter would
+    count as motion."""
+    found = header(given.demos.path) or {}
+    if given.pool.noise is not None or not isinstance(found.get("noise"), float):
+        return given
+    pool = _replaced(given.pool, noise=found["noise"])
+    return dataclasses.replace(given, pool=pool)
+
+
+def with_units(given: Given, found: dict[str, Any]) -> Given:
+    """The sections with what depends on a set's units, as far as its header has them."""
+    half, rate = found.get("half_extent"), found.get("fps")
+    is_rate = type(rate) in (int, float) and 0 < rate < 1e6
+    listed = found.get("demos")
+    demos = [one for one in (listed if isinstance(listed, list) else ()) if isinstance(one, dict)]
     good = [one for one in demos if one.get("outcome") != "failure"]
-    fields["--pretrain.num-videos"] = max(2, min(_TOGETHER, len(good) - math.ceil(len(good) / 4)))
-    return _options(fields)
+    together = max(2, min(_TOGETHER, len(good) - math.ceil(len(good) / 4)))
+    return dataclasses.replace(
+        given,
+        encoder=_replaced(
+            given.encoder, length_unit=float(half) if type(half) in (int, float) else None
+        ),
+        pool=_replaced(given.pool, window=max(1, round(_WINDOW * rate)) if is_rate else None),
+        pretrain=_replaced(given.pretrain, num_videos=together),
+    )
 
 
-def _options(fields: dict[str, Any]) -> list[str]:
-    return [f"{option}={value}" for option, value in fields.items() if value is not None]
+def _replaced(section: Any, **values: Any) -> Any:
+    return dataclasses.replace(section, **{k: v for k, v in values.items() if v is not None})

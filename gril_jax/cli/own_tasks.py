@@ -4,58 +4,23 @@ A file that `--task` names is run. A file that only a run or a configuration nam
 user has named it before, with the contents that it has now; see `gril_jax.envs.user_tasks.files`.
 """
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.task import NO_TASK
-from gril_jax.envs import registry
 from gril_jax.envs.user_tasks import files
 from gril_jax.errors import ConfigError
+from gril_jax.runs.reading import task_digest
 
 CONFIG = "own_task"  # where a task of one's own is named, but no configuration
 
-_OPTION, _DIGEST = "--env.name", "--env.sha256"
 
-
-def named(args: list[str]) -> list[str]:
-    """The arguments, options in full, with files of tasks as absolute paths and their digests; what
-    is named here may be run."""
-    given: list[str] = []
-    words = iter(args)
-    for arg in words:
-        option, equals, value = arg.partition("=")
-        if option != _OPTION:
-            given.append(arg)
-            continue
-        if not equals and (value := next(words, None)) is None:
-            return args  # which its parser says better
-        given.append(f"{_OPTION}={_named(value)}")
-        if files.is_reference(value):
-            given.append(f"{_DIGEST}={_digest(value)}")
-    return given
-
-
-def is_named(args: list[str]) -> bool:
-    """True if the arguments, options in full, name a task of one's own."""
-    for index, arg in enumerate(args):
-        option, equals, value = arg.partition("=")
-        if option == _OPTION:
-            return registry.is_own(value if equals else "".join(args[index + 1 : index + 2]))
-    return False
-
-
-def noted(config: Any, args: list[str]) -> Any:
-    """The configuration of a new run with the digest of its task's file, which also goes into the
-    arguments; a ConfigError if the file may not be run."""
-    if not files.is_reference(config.env.name):
-        return config
-    digest = require(config.env)
-    if config.env.sha256 is None:
-        args.append(f"{_DIGEST}={digest}")
-    return dataclasses.replace(config, env=dataclasses.replace(config.env, sha256=digest))
+def named(task: str) -> str | None:
+    """A file's function with its absolute path, which is named here and so may be run; None for
+    tasks that are no files."""
+    return str(_sentence(files.name, task)) if files.is_reference(task) else None
 
 
 def of_run(config: RunConfig, task: str | None, folder: Path) -> None:
@@ -66,25 +31,17 @@ def of_run(config: RunConfig, task: str | None, folder: Path) -> None:
         if config.env.name == NO_TASK:
             raise ConfigError(f"{folder} was trained on films alone, so it has no use for --task")
         if not own and task != config.env.name:
-            what = "on films alone" if config.env.name == NO_TASK else f"for {config.env.name}"
-            raise ConfigError(f"{folder} was trained {what}, but --task is {task}")
+            raise ConfigError(f"{folder} was trained for {config.env.name}, but --task is {task}")
         if own:
             _sentence(files.moved, config.env.name, task)
-    if files.is_reference(config.env.name):
-        require(config.env)
+    require(config.env, folder)
 
 
-def require(env: EnvConfig) -> str:
-    """The digest of the task's file; a ConfigError if it may not be run."""
-    return _sentence(files.require, env.name, env.sha256)
-
-
-def _named(value: str) -> str:
-    return str(_sentence(files.name, value)) if files.is_reference(value) else value
-
-
-def _digest(value: str) -> str:
-    return _sentence(files.digest, value)
+def require(env: EnvConfig, folder: Path | None = None) -> None:
+    """Raises ConfigError if the task is of a file that may not be run, or that is another one than
+    the run in a folder has noted."""
+    if files.is_reference(env.name):
+        _sentence(files.require, env.name, None if folder is None else task_digest(folder))
 
 
 def _sentence(function: Callable[..., Any], *args: Any) -> Any:

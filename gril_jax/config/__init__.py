@@ -11,6 +11,6 @@ __all__, __getattr__ = offer(
     task="BLOCK_COLOURS BLOCK_SHAPES DemosConfig EnvConfig TaskName Variant",
     encoder="EncoderOptions PoolConfig",
     reward="LossConfig PretrainConfig",
-    run_config="MakeDemosConfig RewardSections RunConfig RunSettings check",
+    run_config="MakeDemosConfig RewardSections RunConfig RunSettings",
     policy="PPOConfig SACConfig",
 )

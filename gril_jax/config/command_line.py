@@ -1,20 +1,18 @@
-"""Parses command-line options into a dataclass; every mistake becomes one sentence.
+"""Reads a command line into a dataclass with tyro; a mistake becomes one sentence.
 
-The words of a command line are first held against the dataclass's own types and ranges. tyro, whose
-complaints are boxes for a terminal, then reads what is known to be right, and prints the help.
+tyro knows what is wrong, and says it in boxes for a terminal; here its findings become the sentence
+of a `ConfigError`. What a newer tyro finds besides, it says itself.
 """
 
-import contextlib
 import dataclasses
 import difflib
-import io
-import re
-import types
+import functools
 import typing
-from collections.abc import Sequence
-from typing import Annotated, Any, Literal, TypeVar
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import tyro
+from tyro import _errors as events
 
 from gril_jax.errors import ConfigError
 
@@ -28,13 +26,27 @@ RunFolder = Annotated[
 
 Schema = TypeVar("Schema")
 
-_KINDS = {
-    int: "a whole number",
-    int | None: "a whole number",
-    float | None: "a number",
-    float: "a number",
-    tuple[int, ...]: "whole numbers separated by spaces",
+
+# A value's form in tyro's help, and in words.
+_FORMS = {
+    "{None}|": "None or ",
+    "[INT [INT ...]]": "whole numbers separated by spaces",
+    "INT": "a whole number",
+    "FLOAT": "a number",
+    "STR": "a word",
 }
+
+
+def short(option: str) -> Any:
+    """Annotation of a field that has a short option beside that in full."""
+    return tyro.conf.arg(aliases=(option,))
+
+
+class Option(NamedTuple):
+    """An option of a command line."""
+
+    path: tuple[str, ...]  # of its field, such as ("env", "name")
+    kind: Any
 
 
 def parse(
@@ -44,53 +56,51 @@ def parse(
     default: Schema | None = None,
     prog: str,
     description: str | None = None,
-    before: Sequence[str] = (),
+    add_help: bool = True,
 ) -> Schema:
-    """Parses options into a dataclass; `--help` prints the help and exits with 0. A ConfigError
-    says which option is unknown, lacks its value, is of the wrong type or out of range, or which
-    of the words that belong `before` the options comes behind them."""
-    _check(schema, args, prog, before, complete=default is not None)
-    try:
-        with contextlib.redirect_stderr(io.StringIO()):
-            given = tyro.cli(
-                schema,
-                args=[*args],
-                default=tyro.MISSING_NONPROP if default is None else default,
-                config=(tyro.conf.FlagConversionOff,),
-                prog=prog,
-                description=description,
-            )
-    except SystemExit as stop:
-        if not stop.code:  # the help was asked for
-            raise
-        raise ConfigError(f"the command line cannot be read: see {prog} --help") from None
+    """Reads options into a dataclass, above its `default`; `--help` prints tyro's help and exits
+    with 0. A ConfigError says which option is unknown, lacks its value, is of the wrong type or out
+    of range, or is missing."""
+    with events.on_parse_error(functools.partial(_refuse, options(schema))):
+        given = tyro.cli(
+            schema,
+            args=[*args],
+            default=tyro.MISSING_NONPROP if default is None else default,
+            config=(tyro.conf.FlagCreatePairsOff,),
+            prog=prog,
+            description=description,
+            add_help=add_help,
+        )
     for field in dataclasses.fields(given):
         require(f"--{_spelt(field.name)}", getattr(given, field.name), field.metadata)
     return given
 
 
-def options(schema: type[Any], prefix: str = "--") -> dict[str, Any]:
-    """Every option of a dataclass by its command-line spelling, with its type."""
-    found: dict[str, Any] = {}
+def options(schema: type[Any], path: tuple[str, ...] = ()) -> dict[str, Option]:
+    """Every option of a dataclass by its spelling on the command line, with shortcuts."""
+    found: dict[str, Option] = {}
     for name, kind in typing.get_type_hints(schema, include_extras=True).items():
         if typing.get_origin(kind) is typing.ClassVar:  # a constant
             continue
         marks = getattr(kind, "__metadata__", ())
         kind = kind.__origin__ if marks else kind
-        spelling = next((m.name for m in marks if getattr(m, "name", None)), name)
-        option = prefix + _spelt(spelling)
         if dataclasses.is_dataclass(kind):
-            found |= options(kind, f"{option}.")
+            bare = tyro.conf.OmitArgPrefixes in marks
+            inner = options(kind, () if bare else (*path, name))
+            found |= {word: Option((name, one.path[-1]), one.kind) for word, one in inner.items()}
         elif tyro.conf.Positional not in marks:
-            found[option] = kind
+            said = next((m for m in marks if hasattr(m, "aliases")), None)
+            last = said.name if said and said.name else name
+            for word in (f"--{_spelt('.'.join((*path, last)))}", *((said and said.aliases) or ())):
+                found[word] = Option((*path, name), kind)
     return found
 
 
-def nearest(word: str, known: Sequence[str]) -> str:
+def nearest(word: str, known: Iterable[str]) -> str:
     """A hint in brackets that names the known word most like this one, or nothing."""
     last = word.rpartition(".")[2].lstrip("-")
     same = [name for name in known if name.rpartition(".")[2].lstrip("-") == last]
-    close = same or difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    close = same or difflib.get_close_matches(word, [*known], n=1, cutoff=0.6)
     return f" (did you mean {close[0]}?)" if close else ""
 
 
@@ -98,112 +108,44 @@ def _spelt(name: str) -> str:
     return name.replace("_", "-")
 
 
-def _check(
-    schema: type[Any], args: Sequence[str], prog: str, before: Sequence[str], *, complete: bool
-) -> None:
-    """Raises ConfigError for the first word that the dataclass has no use for, or lacks."""
-    known = options(schema)
-    given, loose = _sorted_words(args, known, prog)
-    if {"-h", "--help"} & given.keys():
-        return
-    for option, words in given.items():
-        _check_value(option, words, known[option], prog)
-    top = {"--" + _spelt(field.name): field for field in dataclasses.fields(schema)}
-    places = [
-        option
-        for option, field in top.items()
-        if option not in known and not dataclasses.is_dataclass(field.default)
-    ]
-    if stray := loose[len(places) :]:
-        late = " (a configuration is named before the options)" if stray[0] in before else ""
-        raise ConfigError(f"there is no use for {' '.join(stray)!r}{late}: see {prog} --help")
-    required = {
-        option if option in known else field.name.upper(): option in given
-        for option, field in top.items()
-        if field.default is dataclasses.MISSING
-    }
-    present = sum(required.values()) + len(loose)
-    if not complete and present < len(required):
-        raise ConfigError(f"{prog} needs {', '.join(required)}: see {prog} --help")
+def _refuse(known: dict[str, Option], event: events.ParseErrorEvent) -> None:
+    """Raises ConfigError for what tyro has found."""
+    match event:
+        case (
+            events.UnrecognizedArgs(tokens=words)
+            | events.MissingArgs(unrecognized_tokens=[_, *_] as words)
+        ):
+            said = _unknown(words, known)
+        case events.MissingArgs(missing_arguments=missing):
+            said = f"{event.prog} needs {', '.join(_name(one.arg) for one in missing)}"
+        case events.BadValue(argument=argument):
+            said = f"{_name(argument)} is given without a value, but must be {_form(argument)}"
+        case events.InvalidChoice(argument=argument, value=value, choices=choices):
+            said = f"{_name(argument)} is {value!r}, but must be one of {', '.join(choices)}"
+        case events.InstantiationFailure(argument=argument) if argument is not None:
+            why = event.message.splitlines()[-1].rpartition(">: ")[2]
+            said = f"{_name(argument)} must be {_form(argument)}: {why}"
+        case _:
+            return
+    raise ConfigError(f"{said}: see {event.prog} --help")
 
 
-def _sorted_words(
-    args: Sequence[str], known: dict[str, Any], prog: str
-) -> tuple[dict[str, list[str]], list[str]]:
-    """The words that each option is given, and those that belong to no option."""
-    given: dict[str, list[str]] = {}
-    loose: list[str] = []
-    words, room = loose, 0.0  # the list that the next word belongs to, and for how many
-    for arg in args:
-        if re.match(r"--?[A-Za-z]", arg):
-            name, equals, value = arg.partition("=")
-            option = _spelt(name)
-            if option not in known and option not in ("-h", "--help"):
-                hint = nearest(option, [*known, "--help"])
-                raise ConfigError(f"there is no option {option}{hint}: see {prog} --help")
-            words = given[option] = [value] if equals else []
-            room = _room(known.get(option)) - len(words)
-        elif room > 0:
-            words.append(arg)
-            room -= 1
-        else:
-            loose.append(arg)
-    return given, loose
+def _unknown(words: Sequence[str], known: dict[str, Option]) -> str:
+    option = next((word.partition("=")[0] for word in words if word.startswith("-")), None)
+    if option is None:
+        return f"there is no use for {' '.join(words)!r}"
+    return f"there is no option {option}{nearest(_spelt(option), [*known, '--help'])}"
 
 
-def _members(kind: Any) -> tuple[Any, ...]:
-    """The types that an option may be of."""
-    is_union = typing.get_origin(kind) in (typing.Union, types.UnionType)
-    return typing.get_args(kind) if is_union else (kind,)
+def _name(argument: Any) -> str:
+    """The option in full, also where a shortcut was typed; RUN of a word without one."""
+    lowered = argument.lowered
+    return str(lowered.metavar) if argument.is_positional() else lowered.name_or_flags[-1]
 
 
-def _room(kind: Any) -> int | float:
-    """The number of words that an option of this type takes."""
-    items = typing.get_args(kind) if typing.get_origin(kind) is tuple else (kind,)
-    return float("inf") if items[-1] is Ellipsis else len(items)
-
-
-def _check_value(option: str, words: list[str], kind: Any, prog: str) -> None:
-    if not words and _room(kind) < float("inf"):
-        raise ConfigError(f"{option} is given without a value: see {prog} --help")
-    if _fits(words, kind):
-        return
-    if typing.get_origin(kind) is tuple and (choices := _choices(typing.get_args(kind)[0])):
-        stray = next(word for word in words if word not in choices)
-        raise ConfigError(f"{option} has {stray!r}, but must be of {', '.join(choices)}")
-    choices = _choices(kind)
-    known = _KINDS.get(kind, "of the form that --help shows")
-    right = f"one of {', '.join(choices)}" if choices else known
-    raise ConfigError(f"{option} is {' '.join(words)!r}, but must be {right}")
-
-
-def _choices(kind: Any) -> list[str]:
-    """The words that a type of few values has; empty for a number or a text."""
-    found: list[str] = []
-    for member in _members(kind):
-        if typing.get_origin(member) is Literal:
-            found += typing.get_args(member)
-        elif member is bool:
-            found += ["True", "False"]
-    return found + ["None"] * (bool(found) and type(None) in _members(kind))
-
-
-def _fits(words: list[str], kind: Any) -> bool:
-    if typing.get_origin(kind) is tuple:
-        items = typing.get_args(kind)
-        if items[-1] is not Ellipsis and len(words) != len(items):
-            return False
-        return all(_fits([word], items[0]) for word in words)
-    if choices := _choices(kind):
-        return words[0] in choices
-    return any(_reads(words[0], member) for member in _members(kind))
-
-
-def _reads(word: str, kind: Any) -> bool:
-    if kind is type(None):
-        return word == "None"
-    try:
-        kind(word)
-    except ValueError:
-        return False
-    return True
+def _form(argument: Any) -> str:
+    """What a value must be, in words."""
+    form = str(argument.lowered.metavar)
+    for written, words in _FORMS.items():
+        form = form.replace(written, words)
+    return form

@@ -16,7 +16,7 @@ from .tables import ALIGNMENTS
 class LossConfig:
     """The loss that trains the encoder."""
 
-    lambda_: Annotated[float, tyro.conf.arg(name="lambda")] = field(
+    lambda_: Annotated[float, tyro.conf.arg(name="lambda", aliases=("--lambda",))] = field(
         default=1.0, metadata=at_least(0)
     )
     """Weight of reconstruction relative to temporal cycle-consistency."""

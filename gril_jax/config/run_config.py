@@ -9,35 +9,36 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+import tyro
 
 from gril_jax.errors import ConfigError
 
+from .command_line import short
 from .encoder import EncoderOptions, PoolConfig
 from .reward import LossConfig, PretrainConfig
 from .rules import at_least, between, optional, require, rule
 from .tables import ALGORITHMS, ALIGNMENTS, ENCODERS, REWARDS, alternatives
 from .task import DemosConfig, EnvConfig
 
+Section = tyro.conf.FlagConversionOff  # True and False are written out, as in YAML
+
 
 @dataclass(frozen=True)
 class RunSettings:
     """Settings of the whole run."""
 
-    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
+    seed: Annotated[int, short("--seed")] = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of everything but the scripted demonstrations."""
-    algorithm: Literal[*ALGORITHMS] = "ppo"
+    algorithm: Annotated[Literal[*ALGORITHMS], short("--algorithm")] = "ppo"
     """Algorithm that trains the policy; its options are in the section of its name."""
-    reward: Literal[*REWARDS] = "learned"
+    reward: Annotated[Literal[*REWARDS], short("--reward")] = "learned"
     """Reward of the policy: the learned one, the task's own, the learned one in its stages, or the
     task's own with the learned one as its potential."""
     reward_file: str | None = None
     """A reward that has been learned before, to train the policy on: a file of `gril export`, or
     the folder of a run. None learns one."""
-    reward_weights: tuple[float, float] = field(
-        default=(1.0, 0.1), metadata=rule(lambda x: all(map(isfinite, x)), "two finite numbers")
-    )
-    """Weights of the learned and of the task's own reward in the shaped one."""
     reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
     """Constant added to the learned reward if that is all, also in stages. With 1 it starts at
     about 0 instead of -1: no policy is better or worse for it, but some are found sooner."""
@@ -46,7 +47,9 @@ class RunSettings:
     evaluations: int = field(default=8, metadata=at_least(0))
     """Number of evaluations during policy training, in the training program itself, from the starts
     that success is counted over."""
-    out: str | None = field(default=None, metadata=optional(rule(str.strip, "a folder or None")))
+    out: Annotated[str | None, short("--out")] = field(
+        default=None, metadata=optional(rule(str.strip, "a folder or None"))
+    )
     """Folder to create for the results; None names one after the time, under runs/."""
     eval_episodes: int = field(default=256, metadata=at_least(1))
     """Starts of an evaluation, each played with deterministic actions and with sampled ones."""
@@ -54,8 +57,6 @@ class RunSettings:
     """Updates in one compiled call, after which the host logs and may save; changes no result."""
     checkpoint_every: float = field(default=60.0, metadata=at_least(0))
     """Seconds from one checkpoint to the next; 0 saves after each call."""
-    keep_checkpoints: int = field(default=3, metadata=at_least(1))
-    """Number of newest checkpoints to keep, for each phase."""
     sinks: tuple[str, ...] = field(
         default=(),
         metadata=rule(
@@ -64,49 +65,63 @@ class RunSettings:
         ),
     )
     """Sinks for metrics besides metrics.jsonl: tensorboard, wandb; each is an optional extra."""
-    deterministic: bool = False
-    """True if a GPU sums in a fixed order, for the same bits in each run; a CPU always does."""
 
 
 @dataclass(frozen=True)
-class MakeDemosConfig:
-    """The part of a configuration that scripted demonstrations depend on; a ConfigError if a field
-    is out of its range, or two contradict each other."""
+class DemoSections:
+    """The sections that scripted demonstrations depend on, as they are given: not checked."""
 
-    env: EnvConfig = field(default=EnvConfig())
-    demos: DemosConfig = field(default=DemosConfig())
-
-    def __post_init__(self) -> None:
-        check(self)
+    env: Section[EnvConfig] = field(default=EnvConfig())
+    demos: Section[DemosConfig] = field(default=DemosConfig())
 
 
 @dataclass(frozen=True)
-class RewardSections(MakeDemosConfig):
-    """All settings that a run depends on, but those of algorithms: enough to learn a reward."""
+class RewardSections(DemoSections):
+    """Those that a learned reward depends on."""
 
-    encoder: EncoderOptions = field(default=EncoderOptions())
-    pool: PoolConfig = field(default=PoolConfig())
-    loss: LossConfig = field(default=LossConfig())
-    pretrain: PretrainConfig = field(default=PretrainConfig())
-    run: RunSettings = RunSettings()
+    encoder: Section[EncoderOptions] = field(default=EncoderOptions())
+    pool: Section[PoolConfig] = field(default=PoolConfig())
+    loss: Section[LossConfig] = field(default=LossConfig())
+    pretrain: Section[PretrainConfig] = field(default=PretrainConfig())
+    run: Section[RunSettings] = field(default=RunSettings())
 
 
 # With one section more for each algorithm.
-RunConfig = dataclasses.make_dataclass(
-    "RunConfig",
-    [(name, one.options, field(default=one.options())) for name, one in ALGORITHMS.items()],
+Sections = dataclasses.make_dataclass(
+    "Sections",
+    [(name, Section[one.options], one.options()) for name, one in ALGORITHMS.items()],
     bases=(RewardSections,),
-    namespace={"__doc__": "All settings that a run depends on.", "__module__": __name__},
+    namespace={"__doc__": "All sections, as they are given.", "__module__": __name__},
     frozen=True,
 )
 
 
-def check(config: MakeDemosConfig) -> None:
+@dataclass(frozen=True)
+class MakeDemosConfig(DemoSections):
+    """The part of a configuration that scripted demonstrations depend on; a ConfigError if a field
+    is out of its range, or two contradict each other."""
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @classmethod
+    def of(cls, given: DemoSections) -> Any:
+        """The sections that belong here, checked."""
+        return cls(**{field.name: getattr(given, field.name) for field in dataclasses.fields(cls)})
+
+
+@dataclass(frozen=True)
+class RunConfig(MakeDemosConfig, Sections):
+    """All settings that a run depends on."""
+
+
+def check(config: DemoSections) -> None:
     """Raises ConfigError for the first field that is out of range, with its dotted path."""
     for path, value, metadata in _leaves(config, ""):
         require(path, value, metadata)
-    _check_blocks(config.env, config.demos)
-    if isinstance(config, RewardSections):
+    config.env.check()
+    _check_blocks(config.env)
+    if isinstance(config, Sections):
         _check_sizes(config)
 
 
@@ -119,7 +134,7 @@ def _leaves(config: Any, prefix: str) -> Iterator[tuple[str, Any, Any]]:
             yield path, value, entry.metadata
 
 
-def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
+def _check_blocks(env: EnvConfig) -> None:
     if not env.targets:
         raise ConfigError("env.targets is empty, but must name at least one block")
     blocks = (*env.targets, *env.distractors)
@@ -129,14 +144,7 @@ def _check_blocks(env: EnvConfig, demos: DemosConfig) -> None:
             f"{twice!r} is named more than once in env.targets and env.distractors, but each "
             "block must have a colour and shape of its own"
         )
-    placed = (*EnvConfig.targets, *EnvConfig.distractors)
-    stray = next((b for b in blocks if b not in placed), None)
-    for path, variant in (("env.variant", env.variant), ("demos.variant", demos.variant)):
-        if stray is not None and variant != "layout":
-            raise ConfigError(
-                f"{stray!r} has no place in the original scene, so {path} is {variant!r}, but "
-                "must be 'layout'"
-            )
+    env.require_places("env.variant", env.variant)
 
 
 def _check_sizes(config: RunConfig) -> None:
@@ -149,9 +157,9 @@ def _check_sizes(config: RunConfig) -> None:
         "run.eval_episodes": config.run.eval_episodes,
     }
     for path, number in at_once.items():
-        if env.impl == "warp" and env.worlds < number:
+        if env.engine == "warp" and env.max_envs < number:
             raise ConfigError(
-                f"env.worlds is {env.worlds}, but must be at least {path}, which is {number}"
+                f"env.max_envs is {env.max_envs}, but must be at least {path}, which is {number}"
             )
     staged = [name for name, one in REWARDS.items() if one.staged]
     if config.ppo.sub_policies > 1 and (

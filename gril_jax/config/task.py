@@ -2,11 +2,12 @@
 
 import json
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
+from .command_line import short
 from .rules import at_least, between, optional, rule
 
 BLOCK_COLOURS = ("red", "green", "blue", "yellow")
@@ -15,7 +16,7 @@ BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 TaskName = str  # `EnvConfig` checks it against the registry
 NO_TASK = "none"  # of a run that learns a reward from films alone
 Variant = Literal["demo", "jitter", "layout", "color", "shape", "countplus", "dynamics", "all"]
-Places = Literal["demo", "jitter", "layout"]
+Places = Literal["demo", "jitter", "layout"]  # of scripted demonstrations
 
 _BLOCKS = rule(
     lambda names: {*names} <= {f"{c} {s}" for c in BLOCK_COLOURS for s in BLOCK_SHAPES},
@@ -30,20 +31,17 @@ _PAIRS = rule(
     "a list of NAME=VALUE, each name once",
 )
 _LENGTH = rule(lambda x: x >= 1, "None or at least 1")
-_STEPS = rule(lambda x: 1 <= x <= 100, "None or from 1 to 100")
 
 
 @dataclass(frozen=True)
 class EnvConfig:
     """The task in the simulator."""
 
-    name: TaskName = "match_regions"
+    name: Annotated[TaskName, short("--task")] = "match_regions"
     """The task: one of gril's own, a file of yours and the function that makes it, such as
     my_task.py:make, an entry point of `gril_jax.tasks`, or the import path of a TaskSpec. It takes
-    those of the options here that its constructor has; impl apart, others do nothing. none is for a
+    those of the options here that its constructor has; others do nothing. none is for a
     reward from films alone, whose classes, units and frame rate the demonstration set has."""
-    robot: Literal["gripper", "short", "medium", "long"] = "gripper"
-    """The robot: a gripper with two fingers, or a stick of this length."""
     targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
     """Blocks that belong inside the region, each a colour and a shape."""
     distractors: tuple[str, ...] = field(
@@ -57,21 +55,14 @@ class EnvConfig:
     varied_starts: float = field(default=0.5, metadata=between(0, 1))
     """Share of the training episodes that start with the robot anywhere and some targets moved, or
     for a task on a table at a moment of a scripted expert's."""
-    on_the_way: float = field(default=0.0, metadata=between(0, 1))
-    """In those, the probability that a target outside the region starts on its way there."""
-    facing: float = field(default=0.0, metadata=between(0, 1))
-    """In those, the probability that the robot stands before such a target, facing it."""
-    physics: Literal["xmagical", "magical"] = "xmagical"
-    """Physics: x-magical's, or the original MAGICAL's, in which blocks coast."""
-    padded: bool = False
-    """In MAGICAL's tasks but match_regions, True if observations have room for as many blocks as
-    any variant has, so that a policy can play all variants."""
-    engine: Literal["auto", "kernel", "impulse", "mjx"] = "auto"
+    near_starts: float = field(default=0.0, metadata=between(0, 1))
+    """In those, the probability that a target outside the region starts on its way there; also that
+    the robot stands before such a target, facing it."""
+    engine: Literal["auto", "kernel", "impulse", "mjx", "warp"] = "auto"
     """Physics solver: our impulses in one NVIDIA Warp kernel; the same in JAX, which has gradients
-    and is many times slower; or MuJoCo MJX (only the gripper, "xmagical", fixed shapes). auto is
-    the kernel on CPUs and NVIDIA GPUs, and impulse elsewhere."""
-    turn: Literal["original", "smooth"] = "original"
-    """Turning of the robot by an action: the original saturating law, or a proportional one."""
+    and is many times slower; MuJoCo MJX (only the gripper, "xmagical", fixed shapes); or, of a task
+    on a table, MuJoCo Warp where that is installed. auto is the kernel on CPUs and NVIDIA GPUs and
+    impulse elsewhere, and MJX on a table."""
     observation: Literal["plain", "rich", "sorted", "xmagical"] = "rich"
     """The policy's observation: poses and velocities; also which blocks are in the region; the same
     with the targets in the order in which they are due; or x-magical's state vector in its exact
@@ -80,23 +71,17 @@ class EnvConfig:
     """The task's own reward, which only `run.reward environmental` learns from: match_regions has
     S4, V5, S3, sparse, a task on a table staged, stages, sparse, MAGICAL's others sparse; None is
     the first."""
-    substeps: int | None = field(default=None, metadata=optional(_STEPS))
-    """Physics steps for each control step; None is the engine's own (10, or 5 with mjx)."""
-    iterations: int | None = field(default=None, metadata=optional(_STEPS))
-    """Sweeps of the solver for each physics step; None is the engine's own (6, or 2 with mjx)."""
-    impl: Literal["jax", "warp"] = "jax"
-    """Engine of a task on a table: MuJoCo MJX, or MuJoCo Warp where that is installed."""
-    worlds: int = field(default=4096, metadata=at_least(1))
-    """With warp, the most environments stepped together, counting all seeds of a program: their
-    contacts share one table."""
+    max_envs: int = field(default=4096, metadata=at_least(1))
+    """With the engine warp, the most environments stepped together, counting all seeds of a
+    program: their contacts share one table."""
     episode_length: int | None = field(default=None, metadata=optional(_LENGTH))
     """Control steps in an episode; None is the task's own: 120 of match_regions, 8 a second."""
     options: tuple[str, ...] = field(default=(), metadata=_PAIRS)
-    """Options of a task of your own, each NAME=VALUE: keyword arguments of its function."""
-    sha256: str | None = None
-    """Digest of the file of a task of your own, which a run notes; another file is refused."""
+    """Further options of the task, each NAME=VALUE: keyword arguments of the function or class that
+    makes it, such as robot=short or physics=magical of MatchRegions."""
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """Raises ConfigError if there is no such task, or if it has no such reward."""
         if self.name == NO_TASK:
             return
         try:
@@ -104,10 +89,25 @@ class EnvConfig:
         except ValueError as error:
             raise ConfigError(f"env: {error}") from None
 
+    def require_places(self, option: str, variant: str) -> None:
+        """Raises ConfigError if a variant, which the option names, has no places for the blocks."""
+        placed = (*EnvConfig.targets, *EnvConfig.distractors)
+        stray = next((b for b in (*self.targets, *self.distractors) if b not in placed), None)
+        if stray is not None and variant != "layout":
+            raise ConfigError(
+                f"{stray!r} has no place in the original scene, so {option} is {variant!r}, but "
+                "must be 'layout'"
+            )
+
     @property
     def is_own(self) -> bool:
         """True if the task is a user's own: a file's or an entry point's."""
         return registry.is_own(self.name)
+
+    @property
+    def digest(self) -> str | None:
+        """The SHA-256 of the file that the task is of; None if it is of none."""
+        return registry.digest(self.name)
 
     @property
     def shown_name(self) -> str:
@@ -132,7 +132,7 @@ def _value(text: str) -> Any:
 class DemosConfig:
     """The demonstrations that the reward is learned from."""
 
-    path: str | None = None
+    path: Annotated[str | None, short("--demos")] = None
     """Folder of a demonstration set; None makes scripted ones."""
     num: int = field(default=48, metadata=at_least(2))
     """Scripted demonstrations to learn from."""
@@ -140,7 +140,3 @@ class DemosConfig:
     """Held-out demonstrations to measure the reward; of those at demos.path a quarter at most."""
     num_failures: int = field(default=8, metadata=at_least(0))
     """Scripted failures, which only measure the reward and never train it."""
-    variant: Places = "layout"
-    """Variant of the starts in the scripted demonstrations."""
-    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
-    """Seed of the scripted demonstrations."""

@@ -1,6 +1,6 @@
 """Exports a run's policy as plain arrays, for programs without JAX or this package.
 
-`gril export-policy RUN --out policy.npz` writes the policy that `gril eval` plays, with its
+`gril export RUN --what policy --out policy.npz` writes the policy that `gril eval` plays, with its
 deterministic (mean) action. `gril_jax/export/read_policy.py` plays it with NumPy alone, here or
 copied to a robot, and refuses a file that is damaged or edited:
 

@@ -1,4 +1,4 @@
-"""Plays a policy file of `gril export-policy`; this one file and NumPy are all that a robot needs.
+"""Plays a policy file of `gril export`; this one file and NumPy are all that a robot needs.
 
     act = load_policy("policy.npz")
     action = act(observation)  # one observation (O,) or many (..., O)

@@ -191,11 +191,9 @@ def _next(run: Inputs) -> list[Step]:
     if run.rows[run.config.run.algorithm]:
         steps += [
             Step("Play the policy from other starts.", "gril eval RUN --episodes 1000"),
-            Step("Take the policy to a robot.", "gril export-policy RUN --out policy.npz"),
+            Step("Take the policy to a robot.", "gril export RUN --what policy --out policy.npz"),
         ]
-    steps.append(
-        Step("Take the reward to your own simulator.", "gril export-reward RUN --out reward.npz")
-    )
+    steps.append(Step("Take the reward to your own simulator.", "gril export RUN --out reward.npz"))
     if run.config.env.name != NO_TASK:
         again = "gril sweep RUN/config.yaml --seeds 5 --out NEW"
         steps.append(Step("See how much depends on the seed.", again))

@@ -63,7 +63,7 @@ def run_chunks(
     chunks: int,
     row: Callable[[int, float, Any], Mapping[str, Any]],
     every_s: int | float,
-    keep: int,
+    keep: int = 3,
 ) -> Trained:
     """Runs a phase to its end, with a row of metrics for each chunk and occasional checkpoints.
 

@@ -52,6 +52,16 @@ def read_config(path: Path) -> RunConfig:
     return config
 
 
+def task_digest(path: Path) -> str | None:
+    """The SHA-256 that a run has noted of the file of its task; None if it has noted none."""
+    covered.require_unchanged(path, "versions.json")
+    try:
+        noted = read_object(path / "versions.json").get("task_sha256")
+    except FileNotFoundError:
+        return None
+    return noted if isinstance(noted, str) else None
+
+
 def _file(path: Path, name: str) -> Path:
     """A file of a run, which need not be there yet; a RunError if the folder is of no run."""
     require_run(path)

@@ -2,7 +2,7 @@
 
     config.yaml      the resolved configuration; `gril train FOLDER/config.yaml` runs it again
     phases.json      see `gril_jax.runs.phases`, and `gril_jax.runs.covered` for its digests
-    versions.json    package versions, Python, platform, device, command
+    versions.json    package versions, Python, platform, device, command, digest of a task's file
     metrics.jsonl    see `gril_jax.runs.metric_rows`
     times.jsonl      see `gril_jax.runs.times`: the one file in which two equal runs differ
     results.json     written when the run has finished
@@ -35,6 +35,7 @@ from .phases import Phases, read_phases, write_phases
 from .reading import marks_of, read_config
 from .reading import read_metrics as read_metrics
 from .reading import read_results as read_results
+from .reading import task_digest as task_digest
 from .sinks import open_sink
 from .times import CLOCKS
 from .versions import versions
@@ -236,7 +237,9 @@ def create(
       begun: phases that have finished before the run began, with what they came to.
     """
     require_new(path)
-    made_with = json.dumps(versions(device, command), indent=2) + "\n"
+    made_with = versions(device, command)
+    if (digest := config.env.digest) is not None:
+        made_with["task_sha256"] = digest
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -244,7 +247,7 @@ def create(
         except FileExistsError:
             require_new(path)
         lock = take_lock(path)
-        write_whole(path / "versions.json", made_with)
+        write_whole(path / "versions.json", json.dumps(made_with, indent=2) + "\n")
         finished = {name: dict(results) for name, results in (begun or {}).items()}
         files = {"begun": digests(path, [path / "versions.json"])}
         phases = Phases(experiment, to_yaml(config), finished, files)

@@ -1,4 +1,4 @@
-"""A run's learned reward for other JAX code: `gril export-reward RUN --out FILE`."""
+"""A run's learned reward for other JAX code: `gril export RUN --out FILE`."""
 
 import dataclasses
 from collections.abc import Callable, Mapping

@@ -64,11 +64,11 @@ def test_every_verb_works_on_a_task_of_ones_own(foreign, capsys, monkeypatch):
     assert main.main(TRAIN) == 0
     config = run_dir.read_config(folder / "run")
     assert config.env.name == f"{folder / 'my_task.py'}:make"
-    assert config.env.sha256 == files.digest(config.env.name)
+    assert run_dir.task_digest(folder / "run") == files.digest(config.env.name)
     assert (folder / "run" / "rollout.mp4").stat().st_size > 0
     assert "Task my_task" in (folder / "run" / "report.html").read_text()
-    assert main.main(["export-policy", "run", "--out", "policy.npz"]) == 0
-    assert main.main(["export-reward", "run", "--out", "reward.npz"]) == 0
+    assert main.main(["export", "--what", "policy", "run", "--out", "policy.npz"]) == 0
+    assert main.main(["export", "run", "--out", "reward.npz"]) == 0
     learned = load_reward("reward.npz")
     assert (learned.classes, learned.robots) == (own_task.CLASSES, ("hand",))
     # Somebody else's run: its task is not run before the user names it.
@@ -82,7 +82,7 @@ def test_every_verb_works_on_a_task_of_ones_own(foreign, capsys, monkeypatch):
     assert main.main(["eval", "run", "--episodes", "2", *moved]) == 0
     with open("moved.py", "a") as file:
         file.write("# more\n")
-    said = _fault(capsys, "export-reward", "run", "--out", "other.npz", *moved)
+    said = _fault(capsys, "export", "run", "--out", "other.npz", *moved)
     assert "moved.py has been changed since the run began" in said
 
 
@@ -90,8 +90,7 @@ def test_every_verb_works_on_a_task_of_ones_own(foreign, capsys, monkeypatch):
 def test_a_run_that_was_cut_off_finds_its_task_again(folder, capsys, slow):
     given = ["--env.options", "speed=2", "--demos", "mine", "--out", "run"]
     task = files.name("my_task.py:make")
-    options = [f"--env.name={task}", f"--env.sha256={files.digest(str(task))}"]
-    config = load("small.yaml", [*options, *given[:2], "--demos.path", "mine"])
+    config = load("small.yaml", [f"--env.name={task}", *given[:2], "--demos.path", "mine"])
     run_dir.create(folder / "run", config, device="cpu", experiment="pretrain").close()
     text = own_task.TASK
     (folder / "my_task.py").write_text(text + "# more\n")

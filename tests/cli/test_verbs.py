@@ -1,5 +1,6 @@
 """Checks, calls and results of each verb, in this process and with stand-ins for the work."""
 
+import dataclasses
 import sys
 import types
 from inspect import signature
@@ -75,14 +76,11 @@ def test_a_folder_without_a_demo_set_is_refused(tmp_path, capsys):
     assert "is not a demonstration set, because it has no demos.json" in err
 
 
-def test_an_output_folder_that_exists_is_refused(tmp_path, capsys):
-    assert "exists already" in _fault(capsys, "train", "--out", str(tmp_path))
-
-
-def test_an_output_folder_below_a_file_is_refused(tmp_path, capsys):
+def test_an_output_folder_that_exists_or_cannot_be_is_refused(tmp_path, capsys):
     (tmp_path / "file").touch()
-    err = _fault(capsys, "train", "--out", str(tmp_path / "file" / "run"))
-    assert "cannot be created, because" in err
+    assert "exists already" in _fault(capsys, "train", "--out", str(tmp_path))
+    below = str(tmp_path / "file" / "run")
+    assert "cannot be created, because" in _fault(capsys, "train", "--out", below)
 
 
 def test_demonstrations_do_not_replace_a_folder_of_other_files(tmp_path, capsys):
@@ -109,7 +107,7 @@ def test_a_run_without_a_whole_policy_has_none_to_export(run, tmp_path, capsys, 
         (run / "policy" / leftover).mkdir(parents=True)
     if leftover == ".000000000640.part":
         (run / "policy" / leftover / "manifest.json").touch()
-    err = _fault(capsys, "export-policy", str(run), "--out", str(tmp_path / "policy.npz"))
+    err = _fault(capsys, "export", str(run), "--what", "policy", "--out", "x.npz")
     assert "has no policy, so its run has not got that far yet" in err
 
 
@@ -127,7 +125,7 @@ def test_a_run_without_a_whole_policy_has_none_to_export(run, tmp_path, capsys, 
 def test_a_policy_is_exported_to_a_new_file_of_a_folder(trained, tmp_path, capsys, out, fault):
     (tmp_path / "taken.npz").write_text("precious")
     (tmp_path / "dangling").symlink_to(tmp_path / "nothing")
-    err = _fault(capsys, "export-policy", str(trained), "--out", str(tmp_path / out))
+    err = _fault(capsys, "export", str(trained), "--what", "policy", "--out", str(tmp_path / out))
     assert fault in err
     assert (tmp_path / "taken.npz").read_text() == "precious"
 
@@ -135,11 +133,23 @@ def test_a_policy_is_exported_to_a_new_file_of_a_folder(trained, tmp_path, capsy
 # --- what a verb calls
 
 
-def test_quickstart_trains_its_own_configuration(experiment, demo_set):
-    calls = experiment("train")
-    assert main.main(["quickstart", "--demos", str(demo_set), "--seed=3"]) == 0
-    overrides = ["--demos.path", str(demo_set), "--run.seed", "3"]
-    assert calls == [((load("quickstart", overrides),), {"echo": arguments.echo})]
+@pytest.mark.parametrize(
+    ("args", "name", "overrides"),
+    [
+        (["quickstart", "--seed=3"], "quickstart", ["--run.seed", "3"]),
+        (["train"], None, []),
+        (["train", "match_regions", "--lambda", "2"], "match_regions", ["--loss.lambda=2"]),
+        (["train", "--ppo.num-envs", "32", "quickstart"], "quickstart", ["--ppo.num-envs=32"]),
+        (["pretrain", "quickstart", "--out", "new"], "quickstart", ["--run.out=new"]),
+    ],
+)
+def test_a_run_has_its_configuration_and_above_it_the_options(
+    experiment, tmp_path, monkeypatch, args, name, overrides
+):
+    monkeypatch.chdir(tmp_path)
+    calls = experiment("pretrain" if args[0] == "pretrain" else "train")
+    assert main.main(args) == 0
+    assert calls == [((load(name, overrides),), {"echo": arguments.echo})]
 
 
 def test_the_results_of_an_experiment_are_no_exit_code(experiment):
@@ -147,34 +157,21 @@ def test_the_results_of_an_experiment_are_no_exit_code(experiment):
     assert main.main(["train"]) == 0
 
 
-def test_train_takes_a_configuration_by_name(experiment, tmp_path):
-    calls = experiment("train")
-    out = str(tmp_path / "new")
-    assert main.main(["train", "match_regions", "--out", out]) == 0
-    assert calls[0][0] == (load("match_regions", ["--run.out", out]),)
-
-
-def test_train_without_a_configuration_takes_the_defaults(experiment):
-    calls = experiment("train")
-    assert main.main(["train"]) == 0
-    assert calls[0][0] == (RunConfig(),)
-
-
-def test_pretrain_calls_its_experiment(experiment):
-    calls = experiment("pretrain")
-    assert main.main(["pretrain", "quickstart"]) == 0
-    assert calls[0][0] == (load("quickstart"),)
-
-
 def test_demos_make_hands_on_the_folder(experiment, tmp_path):
     calls = experiment("make_demos", _PIPELINE)
     out = tmp_path / "set"
-    short = ["--num", "9", "--failures=5", "--variant", "demo", "--seed", "3"]
-    assert main.main(["demos", "make", "quickstart", f"--out={out}", *short]) == 0
-    long = ["--demos.num", "9", "--demos.num-failures", "5"]
-    long += ["--demos.variant", "demo", "--demos.seed", "3"]
-    config = load("quickstart", long, schema=MakeDemosConfig)
-    assert calls == [((config, out), {"echo": arguments.echo})]
+    args = ["--num", "9", "--num-failures=5", "--variant", "jitter", "--seed", "3"]
+    blocks = ["--env.targets", "red star"]
+    assert main.main(["demos", "make", "quickstart", f"--out={out}", *args, *blocks]) == 2
+    args[4] = "layout"
+    assert main.main(["demos", "make", "quickstart", f"--out={out}", *args, *blocks]) == 0
+    under = load("quickstart")
+    config = MakeDemosConfig(
+        dataclasses.replace(under.env, targets=("red star",)),
+        dataclasses.replace(under.demos, num=9, num_failures=5),
+    )
+    starts = {"variant": "layout", "seed": 3}
+    assert calls == [((config, out), {"echo": arguments.echo} | starts)]
 
 
 def test_a_demo_set_may_be_replaced(experiment, demo_set):
@@ -209,7 +206,7 @@ def test_report_draws_the_page_of_a_study_anew(experiment, tmp_path, monkeypatch
     assert calls == [(path, arguments.echo)]
 
 
-def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
+def test_export_of_a_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_path):
     experiment("setup", _PIPELINE, make_env=lambda config, training: ("env", config, training))
     experiment(
         "policy_setup",
@@ -219,21 +216,21 @@ def test_export_policy_builds_the_run_s_own_algorithm(experiment, trained, tmp_p
     )
     calls = experiment("policy_file", "gril_jax.export")
     out = tmp_path / "policy.npz"
-    assert main.main(["export-policy", str(trained), f"--out={out}"]) == 0
+    assert main.main(["export", str(trained), "--what=policy", f"--out={out}"]) == 0
     config = RunConfig()
     algorithm = ("ppo", config, ("env", config.env, False))
     wanted = (trained, out, config, algorithm, ("hyper", config))
     assert calls == [(wanted, {"echo": arguments.echo})]
 
 
-def test_export_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):
+def test_export_of_a_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):
     calls = experiment("export_reward")
     out = tmp_path / "reward.npz"
-    assert main.main(["export-reward", str(run), f"--out={out}"]) == 2
+    assert main.main(["export", str(run), f"--out={out}"]) == 2
     assert f"{run} has no reward" in capsys.readouterr().err
     (run / "reward" / "000000000100").mkdir(parents=True)
     (run / "reward" / "000000000100" / "manifest.json").write_text("{}")
-    assert main.main(["export-reward", str(run), f"--out={out}"]) == 0
+    assert main.main(["export", str(run), f"--out={out}"]) == 0
     assert calls == [((run, out), {"echo": arguments.echo})]
 
 

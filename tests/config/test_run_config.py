@@ -1,13 +1,15 @@
 """The schema: ranges, contradictions, help texts."""
 
 import dataclasses
-import math
+import inspect
+import itertools
 import subprocess
 import sys
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from gril_jax.cli.help_page import texts
 from gril_jax.config import (
     BLOCK_COLOURS,
     BLOCK_SHAPES,
@@ -32,34 +34,44 @@ def _with(path, value):
     return RunConfig(**{section: dataclasses.replace(SECTIONS[section], **{name: value})})
 
 
+def _numbers():
+    for section, default in SECTIONS.items():
+        for field in dataclasses.fields(default):
+            value = getattr(default, field.name)
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                yield f"{section}.{field.name}", field
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from([*_numbers()]), st.floats(), st.integers(-(2**40), 2**40))
+def test_a_number_is_taken_as_its_rule_says_and_else_named_with_what_would_be_right(
+    which, real, whole
+):
+    path, field = which
+    value = real if isinstance(getattr(SECTIONS[path.split(".")[0]], field.name), float) else whole
+    if field.metadata["holds"](value):
+        section, name = path.split(".")
+        found = dataclasses.replace(SECTIONS[section], **{name: value})
+        assert getattr(found, name) == value
+        return
+    with pytest.raises(ConfigError) as caught:
+        _with(path, value)
+    shown = path.rstrip("_")  # lambda, as on the command line
+    assert str(caught.value) == f"{shown} is {value!r}, but must be {field.metadata['text']}"
+
+
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        ("env.varied_starts", 1.5),
-        ("env.varied_starts", -0.1),
-        ("env.varied_starts", math.nan),
-        ("env.substeps", 0),
         ("env.episode_length", 0),
         ("env.targets", ("green",)),
         ("env.targets", ("purple star",)),
-        ("env.targets", ("green  star",)),
         ("env.distractors", ("star green",)),
-        ("demos.num", 1),
-        ("demos.num_failures", -1),
-        ("encoder.width", 0),
-        ("encoder.rounds", 17),
-        ("encoder.ensemble_size", 0),
-        ("pool.alpha", 0.0),
-        ("pool.alpha", math.inf),
-        ("pool.noise", -0.001),
-        ("loss.temperature", 0.0),
-        ("pretrain.num_videos", 1),
-        ("ppo.num_envs", 0),
-        ("ppo.discounting", 1.01),
-        ("ppo.clipping_epsilon", 0.0),
+        ("env.options", ("speed",)),
+        ("env.options", ("speed=1", "speed=2")),
+        ("pool.smoothing", 2),
         ("ppo.hidden", (64, 0)),
-        ("run.seed", -1),
-        ("run.seed", 2**31),
+        ("run.sinks", ("wandb", "wandb")),
         ("run.out", " "),
     ],
 )
@@ -68,31 +80,31 @@ def test_a_field_out_of_range_is_named_with_its_value_and_what_would_be_right(pa
         _with(path, value)
     shown = list(value) if isinstance(value, tuple) else value
     assert str(caught.value).startswith(f"{path} is {shown!r}, but must be ")
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("path", "value"),
+    ("path", "low", "high"),
     [
-        ("env.varied_starts", 0.0),
-        ("env.varied_starts", 1.0),
-        ("env.distractors", ()),
-        ("encoder.rounds", 0),
-        ("pool.noise", 0.0),
-        ("loss.lambda_", 0.0),
-        ("ppo.discounting", 1.0),
-        ("ppo.hidden", ()),
-        ("run.seed", 2**31 - 1),
+        ("env.varied_starts", 0.0, 1.0),
+        ("encoder.rounds", 0, 16),
+        ("run.seed", 0, 2**31 - 1),
+        ("ppo.discounting", 0.0, 1.0),
     ],
 )
-def test_the_ends_of_a_range_are_inside_it(path, value):
+def test_the_ends_of_a_range_are_inside_it(path, low, high):
     section, name = path.split(".")
-    assert getattr(getattr(_with(path, value), section), name) == value
+    for value in (low, high):
+        assert getattr(getattr(_with(path, value), section), name) == value
+    for value in (low - 1, high + 1):
+        with pytest.raises(ConfigError, match=f"{path} is {value}, but must be from"):
+            _with(path, value)
 
 
-def test_lambda_is_named_as_on_the_command_line():
-    with pytest.raises(ConfigError, match=r"^loss\.lambda is -1\.0, but must be "):
-        _with("loss.lambda_", -1.0)
+def test_an_unknown_task_and_a_reward_that_it_has_not_are_refused():
+    with pytest.raises(ConfigError, match=r"^env: there is no task 'shoes'"):
+        _with("env.name", "shoes")
+    with pytest.raises(ConfigError, match=r"^env: reward is 'staged', but"):
+        _with("env.reward", "staged")
 
 
 def test_a_task_needs_a_target():
@@ -117,8 +129,8 @@ def test_a_block_without_a_place_in_the_original_scene_needs_the_layout_variant(
         RunConfig(env=env)
     everywhere = dataclasses.replace(env, variant="layout")
     assert RunConfig(env=everywhere).env == everywhere
-    with pytest.raises(ConfigError, match=r"demos\.variant is 'demo'"):
-        RunConfig(env=everywhere, demos=DemosConfig(variant="demo"))
+    with pytest.raises(ConfigError, match="--variant is 'demo', but must be 'layout'"):
+        everywhere.require_places("--variant", "demo")
 
 
 @pytest.mark.parametrize(
@@ -185,17 +197,17 @@ def test_policies_that_read_objects_see_one_observation():
 
 
 def test_warp_has_room_for_the_environments():
-    warp = EnvConfig(name="shoes_in_box", impl="warp", worlds=32)
+    warp = EnvConfig(name="shoes_in_box", engine="warp", max_envs=32)
     few, enough = RunSettings(eval_episodes=32), PPOConfig(num_envs=32)
-    assert RunConfig(env=warp, ppo=enough, run=few).env.worlds == 32
+    assert RunConfig(env=warp, ppo=enough, run=few).env.max_envs == 32
     for path, changes in {
         "ppo.num_envs": {"ppo": PPOConfig(num_envs=64), "run": few},
         "run.eval_episodes": {"ppo": enough, "run": RunSettings(eval_episodes=64)},
     }.items():
         with pytest.raises(ConfigError) as caught:
             RunConfig(env=warp, **changes)
-        assert str(caught.value) == f"env.worlds is 32, but must be at least {path}, which is 64"
-    assert RunConfig(env=EnvConfig(worlds=32), ppo=PPOConfig(num_envs=64)).env.impl == "jax"
+        assert str(caught.value) == f"env.max_envs is 32, but must be at least {path}, which is 64"
+    assert RunConfig(env=EnvConfig(max_envs=32), ppo=PPOConfig(num_envs=64)).env.engine == "auto"
 
 
 def test_the_timesteps_cover_one_update():
@@ -231,17 +243,29 @@ def test_every_number_has_a_range():
 
 
 def test_every_field_has_a_help_text_under_it():
-    for name, section in SECTIONS.items():
-        assert {f.name for f in dataclasses.fields(section)} <= set(texts(type(section))), name
+    for module in (schema, encoder, policy, reward, task):
+        for node in ast.parse(inspect.getsource(module)).body:
+            if isinstance(node, ast.ClassDef) and node.name not in (
+                "RewardSections",
+                "DemoSections",
+                "MakeDemosConfig",
+                "RunConfig",
+            ):
+                for field, text in itertools.pairwise(node.body):
+                    if isinstance(field, ast.AnnAssign):
+                        assert isinstance(text, ast.Expr), f"{node.name}.{field.target.id}"
 
 
-def test_every_field_is_an_option():
+def test_every_field_is_an_option_and_there_are_few():
     names = {
         f"--{s}.{f.name}".rstrip("_").replace("_", "-")
         for s, section in SECTIONS.items()
         for f in dataclasses.fields(section)
     }
-    assert set(options(RunConfig)) == names
+    shortcuts = {"--task", "--demos", "--out", "--seed", "--reward", "--algorithm", "--lambda"}
+    assert set(options(RunConfig)) == names | shortcuts
+    few = (SECTIONS["env"], SECTIONS["demos"], SECTIONS["run"])
+    assert sum(len(dataclasses.fields(section)) for section in few) <= 27
 
 
 def test_the_blocks_and_the_defaults_are_those_of_the_task():

@@ -117,6 +117,6 @@ def test_a_task_of_another_package_needs_no_line_in_the_table(reach):
     config = EnvConfig(name="reach_task:SPEC", reward="near")
     assert envs.make(config.name).classes == ("goal", "robot")
     with pytest.raises(ConfigError, match="there is no task 'reach_task:NONE'"):
-        EnvConfig(name="reach_task:NONE")
+        EnvConfig(name="reach_task:NONE").check()
     with pytest.raises(ConfigError, match="reach_task:TaskSpec is a type, but a"):
-        EnvConfig(name="reach_task:TaskSpec")
+        EnvConfig(name="reach_task:TaskSpec").check()

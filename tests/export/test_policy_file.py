@@ -115,7 +115,7 @@ def exported(task, tmp_path_factory):
     folder = tmp_path_factory.mktemp("export")
     state = _save_run(folder / "run", task, SMALL)
     out = folder / "policy.npz"
-    assert main.main(["export-policy", str(folder / "run"), "--out", str(out)]) == 0
+    assert main.main(["export", "--what", "policy", str(folder / "run"), "--out", str(out)]) == 0
     return folder, state, out
 
 
@@ -178,7 +178,8 @@ def test_arrays_are_plain_float32_in_order(exported):
 def test_an_export_reads_the_run_only_leaves_no_other_file_and_repeats_to_the_byte(exported):
     folder, _, out = exported
     before = sorted(p for p in folder.rglob("*"))
-    assert main.main(["export-policy", str(folder / "run"), "--out", str(folder / "again")]) == 0
+    again = ["--out", str(folder / "again")]
+    assert main.main(["export", "--what", "policy", str(folder / "run"), *again]) == 0
     assert (folder / "again").read_bytes() == out.read_bytes()
     (folder / "again").unlink()
     assert sorted(p for p in folder.rglob("*")) == before

@@ -69,10 +69,8 @@ def test_a_link_to_a_set_keeps_its_place(home, capsys):
     assert sorted(os.listdir(home / "set")) == [*SET, "import.png", "import.txt"]
 
 
-@pytest.mark.parametrize(
-    "verb", ["eval", "report", "export-reward", "audit", "demos import-videos"]
-)
+@pytest.mark.parametrize("verb", ["eval", "report", "export", "audit", "demos import-videos"])
 def test_an_input_of_an_impossible_name_is_refused(home, capsys, verb):
-    more = {"export-reward": ["--out", "r.npz"]}
+    more = {"export": ["--out", "r.npz"]}
     more["demos import-videos"] = ["--out", "new", "--half-extent", "1"]
     refused(home, [*verb.split(), "n" * 5000, *more.get(verb, [])], "too long", capsys)

@@ -138,7 +138,7 @@ def _study(path):
 
 
 NAMES = (
-    "eval", "report", "export-reward", "export-policy", "subtasks", "audit", "train --resume",
+    "eval", "report", "export", "export of a policy", "subtasks", "audit", "train --resume",
     "report of a study",
 )  # fmt: skip
 _PAGE = ("report.html", "demos.png")
@@ -150,11 +150,14 @@ def _commands(whole, cut, study):
         "report": Command(
             whole, lambda run, out: ["report", str(run)], _PAGE
         ),
-        "export-reward": Command(
-            whole, lambda run, out: ["export-reward", str(run), "--out", str(out / "reward.npz")]
+        "export": Command(
+            whole, lambda run, out: ["export", str(run), "--out", str(out / "reward.npz")]
         ),
-        "export-policy": Command(
-            whole, lambda run, out: ["export-policy", str(run), "--out", str(out / "policy.npz")]
+        "export of a policy": Command(
+            whole,
+            lambda run, out: [
+                "export", str(run), "--what", "policy", "--out", str(out / "policy.npz"),
+            ],
         ),
         "subtasks": Command(
             whole, lambda run, out: ["subtasks", str(run), "--out", str(out / "subtasks")]
@@ -195,7 +198,7 @@ def commands(whole, cut, tmp_path, monkeypatch):
     return _commands(whole, cut, _study(tmp_path / "study"))
 
 
-@pytest.mark.parametrize("name", ["export-reward", "train --resume"])
+@pytest.mark.parametrize("name", ["export", "train --resume"])
 def test_faults_are_refused_or_said(commands, tmp_path, name):
     verdicts, bad = _verdicts(commands[name], tmp_path, ("a digit changed", "deleted"), most=3)
     assert not bad

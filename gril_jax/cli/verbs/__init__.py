@@ -7,14 +7,16 @@ import importlib
 import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeVar, Union
+
+import tyro
 
 from gril_jax.config import MakeDemosConfig
+from gril_jax.config.command_line import parse
+from gril_jax.errors import ConfigError
 
 from ..arguments import Work, echo
 from ..heavy_imports import heavy_imports
-
-__all__ = ["TABLE", "Verb", "experiment", "find", "group", "names"]
 
 TABLE: dict[str, tuple[str, ...]] = {
     "Learn a reward, and a policy from it": ("training",),
@@ -25,6 +27,10 @@ TABLE: dict[str, tuple[str, ...]] = {
     "This machine": ("machine",),
 }
 
+COMPLETION = "--tyro-print-completion"
+
+Options = TypeVar("Options")
+
 
 class Verb(NamedTuple):
     """A verb, which its module has in `VERBS`."""
@@ -33,6 +39,7 @@ class Verb(NamedTuple):
     summary: str
     plan: Callable[[list[str]], Work]  # from the arguments; imports nothing heavy
     more: Mapping[str, str] = MappingProxyType({})  # further lines of the help: usage, summary
+    schema: type[Any] | None = None  # the dataclass of its options
 
     @property
     def name(self) -> str:
@@ -43,6 +50,24 @@ class Verb(NamedTuple):
     def lines(self) -> dict[str, str]:
         """Everything that `gril --help` says of the verb."""
         return {self.usage: self.summary, **self.more}
+
+
+def simple(
+    usage: str,
+    summary: str,
+    schema: type[Options],
+    work: Callable[[Options], Work],
+    about: str | None = None,
+) -> Verb:
+    """A verb whose options are the fields of a dataclass, from which `work` makes what is left to
+    do; `about` begins its help, the summary without it."""
+
+    def plan(args: list[str]) -> Work:
+        text = about or f"{summary[0].upper()}{summary[1:]}."
+        return work(parse(schema, args, prog=f"gril {verb.name}", description=text))
+
+    verb = Verb(usage, summary, plan, schema=schema)
+    return verb
 
 
 def experiment(
@@ -69,6 +94,23 @@ def group(title: str) -> list[Verb]:
     """The verbs below a title of the help, in order."""
     modules = (importlib.import_module(f"{__name__}.{module}") for module in TABLE[title])
     return [verb for module in modules for verb in module.VERBS]
+
+
+def print_completion(shell: list[str]) -> None:
+    """Prints what lets the Tab key of a shell finish verbs and options, and exits; a ConfigError if
+    there is no such shell."""
+    if shell not in (["bash"], ["zsh"], ["fish"], ["tcsh"]):
+        raise ConfigError(f"{COMPLETION} must be followed by one of bash, zsh, fish, tcsh")
+    families: dict[str, list[Any]] = {}
+    for verb in (verb for title in TABLE for verb in group(title) if verb.schema):
+        first, _, second = verb.name.partition(" ")
+        mark = tyro.conf.subcommand(second or first, description=verb.summary)
+        families.setdefault(first, []).append(Annotated[verb.schema, mark])
+    every = [
+        kinds[0] if len(kinds) == 1 else Annotated[Union[*kinds], tyro.conf.subcommand(first)]
+        for first, kinds in families.items()
+    ]
+    tyro.cli(Union[*every], args=[COMPLETION, *shell], prog="gril")
 
 
 def names() -> list[str]:

@@ -5,52 +5,44 @@ from typing import Annotated, Literal
 
 import tyro
 
-from gril_jax.config import EnvConfig, MakeDemosConfig
-from gril_jax.config.command_line import parse
-from gril_jax.config.files import load
+from gril_jax.config import DemosConfig, EnvConfig, MakeDemosConfig
 from gril_jax.config.rules import above, between, optional, rule
+from gril_jax.config.run_config import Section
+from gril_jax.config.task import Places
 from gril_jax.errors import ConfigError
 
 from .. import own_tasks
-from ..arguments import (
-    Work,
-    demo_set_to_write,
-    existing_folder,
-    explained,
-    in_full,
-    positional,
-    take,
-)
-from . import Verb, experiment
+from ..arguments import Work, demo_set_to_write, existing_folder
+from ..configured import ConfigName, read, start
+from . import Verb, experiment, simple
 
-_SHORTCUTS = {
-    "--task": "--env.name",
-    "--num": "--demos.num",
-    "--failures": "--demos.num-failures",
-    "--variant": "--demos.variant",
-    "--seed": "--demos.seed",
-}
+_MAKE = "gril demos make"
+
+
+@dataclass(frozen=True)
+class _Make:
+    """Make scripted demonstrations of a configuration's task."""
+
+    config: ConfigName = None
+    out: str | None = None
+    """New folder of the demonstration set, which must be named."""
+    variant: Places = "layout"
+    """Variant of the starts."""
+    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
+    """Seed of the starts and of the expert."""
+    env: Section[EnvConfig] = field(default=EnvConfig())
+    demos: tyro.conf.OmitArgPrefixes[Section[DemosConfig]] = field(default=DemosConfig())
 
 
 def _make(args: list[str]) -> Work:
-    name, out = positional(args), take(args, "--out")
-    args = own_tasks.named(in_full(args, _SHORTCUTS))
-    if name is None and own_tasks.is_named(args):
-        name = own_tasks.CONFIG
-    config = load(
-        name,
-        args,
-        schema=MakeDemosConfig,
-        prog="gril demos make",
-        description=explained(
-            "Make scripted demonstrations in the new folder that --out names.", _SHORTCUTS
-        ),
-    )
-    if out is None:
-        raise ConfigError("gril demos make needs --out, the folder of the demonstration set")
-    own_tasks.noted(config, args)
-    folder = demo_set_to_write(out)
-    return experiment("build.make_demos", config, folder, config=config, devices=True)
+    given = read(_Make(), args, _MAKE, start)
+    if given.out is None:
+        raise ConfigError(f"{_MAKE} needs --out: see {_MAKE} --help")
+    config = MakeDemosConfig(given.env, given.demos)
+    own_tasks.require(config.env)
+    config.env.require_places("--variant", given.variant)
+    folder, starts = demo_set_to_write(given.out), {"variant": given.variant, "seed": given.seed}
+    return experiment("build.make_demos", config, folder, config=config, devices=True, **starts)
 
 
 @dataclass(frozen=True)
@@ -84,42 +76,19 @@ class _Import:
     """Outcome of all the videos."""
 
 
-def _videos(args: list[str]) -> Work:
-    prog = f"gril {_VIDEOS.name}"
-    given = parse(_Import, args, prog=prog, description=f"Make {_VIDEOS.summary}.")
+def _videos(given: _Import) -> Work:
     if given.task is not None:
-        EnvConfig(name=given.task)  # a ConfigError if there is none
+        EnvConfig(name=given.task).check()
     if given.boxes == "colour" and given.half_extent is None:
-        raise ConfigError(f"{prog} needs --half-extent where --boxes is colour")
+        raise ConfigError("gril demos import-videos needs --half-extent where --boxes is colour")
     options = {one.name: getattr(given, one.name) for one in fields(_Import)}
     folders = existing_folder(options.pop("source")), demo_set_to_write(options.pop("out"))
     return experiment("import_videos", *folders, **options)
 
 
-@dataclass(frozen=True)
-class _ImportMagical:
-    source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")]
-    """Folder of MAGICAL's *.pkl.gz files."""
-    out: str
-    """Folder of the demonstration set."""
-    task: str | None = None
-    """Task that the set is for, such as match_regions_magical; None is that of the recordings'
-    name."""
-
-
-def _magical(args: list[str]) -> Work:
-    about = f"Make {_MAGICAL.summary}."
-    given = parse(_ImportMagical, args, prog=f"gril {_MAGICAL.name}", description=about)
-    if given.task is not None:
-        EnvConfig(name=given.task)  # a ConfigError if there is none
-    folders = existing_folder(given.source), demo_set_to_write(given.out)
-    return experiment("import_videos", *folders, task=given.task, boxes="colour")
-
-
-_VIDEOS = Verb("demos import-videos DIR", "a demonstration set from a folder of videos", _videos)
-_MAGICAL = Verb(
-    "demos import-magical DIR",
-    "a demonstration set from MAGICAL's public demonstrations",
-    _magical,
+VERBS = (
+    Verb("demos make [CONFIG]", "scripted demonstrations", _make, schema=_Make),
+    simple(
+        "demos import-videos DIR", "a demonstration set from a folder of videos", _Import, _videos
+    ),
 )
-VERBS = (Verb("demos make [CONFIG]", "scripted demonstrations", _make), _VIDEOS, _MAGICAL)

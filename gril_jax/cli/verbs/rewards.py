@@ -2,27 +2,27 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
-from gril_jax.config import RunConfig, TaskName, Variant
-from gril_jax.config.command_line import RunFolder, parse
-from gril_jax.config.files import load
+from gril_jax.config import EnvConfig, RunConfig, TaskName, Variant
+from gril_jax.config.command_line import RunFolder
 from gril_jax.config.rules import between, count
+from gril_jax.config.stages import StageOptions
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 
 from .. import own_tasks
-from ..arguments import Work, echo, require_new_file, run_config_of, take
+from ..arguments import Work, echo, require_new_file, run_config_of
 from ..heavy_imports import heavy_imports
-from . import Verb, experiment
+from . import experiment, simple
 
 
 @dataclass(frozen=True)
 class _Audit:
     reward: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="REWARD_OR_RUN")]
-    """A file of export-reward, or a run's folder."""
+    """A file of gril export, or a run's folder."""
     task: TaskName | None = None
     """The task, or where the file of your own is now; by default the run's, or match_regions."""
     out: str | None = None
@@ -37,9 +37,7 @@ class _Audit:
     """Seed of all randomness."""
 
 
-def _audit(args: list[str]) -> Work:
-    about = "Find how a learned reward could be hacked, before a policy does."
-    given = parse(_Audit, args, prog="gril audit", description=about)
+def _audit(given: _Audit) -> Work:
     source = Path(given.reward)
     config = None
     if source.is_dir():
@@ -47,8 +45,7 @@ def _audit(args: list[str]) -> Work:
     elif not source.is_file():
         raise RunError(f"{source} does not exist, but must be a reward file or the folder of a run")
     elif given.task:  # XLA's options depend on the task
-        (task,) = own_tasks.named([f"--env.name={given.task}"])[:1]
-        config = load(None, [task], prog="gril audit")
+        config = RunConfig(env=EnvConfig(name=own_tasks.named(given.task) or given.task))
     out = None if given.out is None else Path(given.out)
     if out is not None and out.exists() and not out.is_dir():
         raise RunError(f"{out} is a file, but --out must be a folder")
@@ -58,17 +55,12 @@ def _audit(args: list[str]) -> Work:
     return experiment("audit", source, config=config, devices=True, **options)
 
 
-def _subtasks(args: list[str]) -> Work:
-    from gril_jax.workflows.subtasks.options import Options
-
-    about = "Find the stages of a task in a learned reward, and cut its demonstrations at them."
-    task = take(args, "--task")
-    options = parse(Options, args, prog="gril subtasks", description=about)
-    folder = Path(options.run)
-    run_config_of(folder, "reward", task=task)
-    out = Path(options.out) if options.out else folder / "subtasks"
+def _subtasks(given: StageOptions) -> Work:
+    folder = Path(given.run)
+    run_config_of(folder, "reward", task=given.task)
+    out = Path(given.out) if given.out else folder / "subtasks"
     run_dir.require_new(out)
-    return experiment("subtasks.report", folder, out, options, devices=True)
+    return experiment("subtasks.report", folder, out, given, devices=True)
 
 
 @dataclass(frozen=True)
@@ -76,44 +68,20 @@ class _Export:
     run: RunFolder
     out: str
     """File to create, such as reward.npz or policy.npz."""
+    what: Literal["reward", "policy"] = "reward"
+    """The learned reward, as one file that load_reward reads, or the policy, as one that needs
+    NumPy alone."""
     task: str | None = None
     """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
 
 
-def _export(part: str, args: list[str], about: str) -> tuple[Path, Path, RunConfig]:
-    """A run, the new file for a part of it, and its configuration."""
-    given = parse(_Export, args, prog=f"gril export-{part}", description=about)
+def _export(given: _Export) -> Work:
     folder, out = Path(given.run), Path(given.out)
-    config = run_config_of(folder, part, task=given.task)
+    config = run_config_of(folder, given.what, task=given.task)
     require_new_file(out)
-    return folder, out, config
-
-
-def _export_reward(args: list[str]) -> Work:
-    about = "Write a run's learned reward as one file, which load_reward reads."
-    folder, out, _ = _export("reward", args, about)
-    return experiment("export_reward", folder, out)
-
-
-def _export_policy(args: list[str]) -> Work:
-    about = "Write a run's policy as an npz file that needs NumPy alone."
-    folder, out, config = _export("policy", args, about)
-    if config.run.algorithm == "ppo" and config.ppo.sub_policies > 1:
-        raise RunError(
-            f"the policy of {folder} is {config.ppo.sub_policies} sub-policies, chosen by the "
-            "learned reward's stages, but a policy file holds one network: train with "
-            "--ppo.sub-policies 1"
-        )
-    if config.run.algorithm == "ppo" and config.ppo.by_object:
-        raise RunError(
-            f"the policy of {folder} reads its observation object by object, but a policy file "
-            "holds plain layers: train with --ppo.by-object false"
-        )
-    if config.run.algorithm == "ppo" and config.ppo.frame_stack > 1:
-        raise RunError(
-            f"the policy of {folder} sees {config.ppo.frame_stack} observations at a time, but a "
-            "policy file holds what one needs: train with --ppo.frame-stack 1"
-        )
+    if given.what == "reward":
+        return experiment("export_reward", folder, out)
+    _require_one_network(folder, config)
 
     def work() -> None:
         with heavy_imports(config, devices=True):
@@ -127,13 +95,47 @@ def _export_policy(args: list[str]) -> Work:
     return work
 
 
+def _require_one_network(folder: Path, config: RunConfig) -> None:
+    """Raises RunError for a policy that is more than a file of one network can hold."""
+    ppo, algorithm = config.ppo, config.run.algorithm
+    if algorithm == "ppo" and ppo.sub_policies > 1:
+        raise RunError(
+            f"the policy of {folder} is {ppo.sub_policies} sub-policies, chosen by the "
+            "learned reward's stages, but a policy file holds one network: train with "
+            "--ppo.sub-policies 1"
+        )
+    if algorithm == "ppo" and ppo.by_object:
+        raise RunError(
+            f"the policy of {folder} reads its observation object by object, but a policy file "
+            "holds plain layers: train with --ppo.by-object False"
+        )
+    if algorithm == "ppo" and ppo.frame_stack > 1:
+        raise RunError(
+            f"the policy of {folder} sees {ppo.frame_stack} observations at a time, but a "
+            "policy file holds what one needs: train with --ppo.frame_stack 1"
+        )
+
+
 VERBS = (
-    Verb("audit RUN|REWARD", "how a reward could be hacked, before a policy finds it", _audit),
-    Verb(
+    simple(
+        "audit RUN|REWARD",
+        "how a reward could be hacked, before a policy finds it",
+        _Audit,
+        _audit,
+        about="Find how a learned reward could be hacked, before a policy does.",
+    ),
+    simple(
         "subtasks RUN",
         "stages found in a run's learned reward, and demonstrations cut at them",
+        StageOptions,
         _subtasks,
+        about="Find the stages of a task in a learned reward, and cut its demonstrations at them.",
     ),
-    Verb("export-reward RUN", "a run's reward as one file that load_reward reads", _export_reward),
-    Verb("export-policy RUN", "a run's policy as plain NumPy arrays", _export_policy),
-)
+    simple(
+        "export RUN --out FILE",
+        "a run's reward, or with --what policy its policy, as one file",
+        _Export,
+        _export,
+        about="Write a run's learned reward, or its policy, as one file.",
+    ),
+)  # fmt: skip

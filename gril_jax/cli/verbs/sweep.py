@@ -7,24 +7,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gril_jax.config import RunConfig
-from gril_jax.config.files import load
 from gril_jax.config.grid import cells, take_axes
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.cluster import cluster_of
 
-from .. import help_page, own_films, own_tasks
-from ..arguments import (
-    Work,
-    echo,
-    existing_folder,
-    in_full,
-    positional,
-    run_config,
-    take,
-    whole_number,
-)
+from .. import help_page, own_tasks
+from ..arguments import Work, echo, existing_folder
 from ..heavy_imports import heavy_imports
+from ..words import in_full, positional, run_config, take, whole_number
 from . import Verb
 
 _ABOUT = (
@@ -118,14 +109,12 @@ def _with_own(study: Any, args: list[str]) -> Any:
 
 def _grid(name: str | None, args: list[str]) -> tuple[RunConfig, dict[str, RunConfig]]:
     """What all combinations of the options with commas have in common, and each of them by name."""
-    args[:] = own_tasks.named(in_full(args))
-    if name is None and own_tasks.is_named(args):
-        name = own_tasks.CONFIG
+    args[:] = in_full(args)
     axes = take_axes(args)
     config = run_config(name, args, _PROG, _ABOUT, help_page.SWEEP, own=_OWN)
 
     def one(options: list[str]) -> RunConfig:  # a set may be a value of an axis
-        return load(name, own_films.with_noise(name, options), prog=_PROG)
+        return run_config(name, options, _PROG, _ABOUT, help_page.SWEEP)
 
     if not axes:
         return config, {"as configured": config}

@@ -9,7 +9,6 @@ from typing import Annotated
 import tyro
 
 from gril_jax.config import EnvConfig, MakeDemosConfig
-from gril_jax.config.command_line import parse
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 from gril_jax.safe_files import new_file, writing
@@ -17,7 +16,7 @@ from gril_jax.safe_files import new_file, writing
 from .. import own_tasks
 from ..arguments import Work, echo, require_new_file
 from ..heavy_imports import heavy_imports
-from . import Verb
+from . import simple
 
 
 @dataclass(frozen=True)
@@ -28,15 +27,13 @@ class _Check:
     """Keyword arguments of its function, each NAME=VALUE."""
 
 
-def _check(args: list[str]) -> Work:
-    about = "Say in sentences what a task of your own lacks."
-    given = parse(_Check, args, prog="gril check-task", description=about)
+def _check(given: _Check) -> Work:
     name = given.task
     if not registry.is_own(name) and name not in registry.names():
         raise ConfigError(f"{name} must be a task of your own: FILE.py:FUNCTION, or an entry point")
     if not registry.is_own(name):
         raise ConfigError(f"{name} is one of gril's own tasks, which its tests check")
-    name = own_tasks.named([f"--env.name={name}"])[0].partition("=")[2]
+    name = own_tasks.named(name) or name
     env = EnvConfig(name=name, options=given.options)
 
     def work() -> int:
@@ -55,9 +52,7 @@ class _New:
     """Folder for the files, which must exist."""
 
 
-def _new(args: list[str]) -> Work:
-    about = "Write a task that runs, to be changed, and a test of it."
-    given = parse(_New, args, prog="gril new-task", description=about)
+def _new(given: _New) -> Work:
     fits = given.name.isidentifier() and given.name.isascii()
     if not fits or keyword.iskeyword(given.name):
         raise ConfigError(
@@ -84,6 +79,12 @@ def _new(args: list[str]) -> Work:
 
 
 VERBS = (
-    Verb("new-task NAME", "a task of your own that runs, to be changed, and its test", _new),
-    Verb("check-task FILE:make", "what a task of your own lacks, in sentences", _check),
-)
+    simple(
+        "new-task NAME", "a task of your own that runs, to be changed, and its test", _New, _new,
+        about="Write a task that runs, to be changed, and a test of it.",
+    ),
+    simple(
+        "check-task FILE:make", "what a task of your own lacks, in sentences", _Check, _check,
+        about="Say in sentences what a task of your own lacks.",
+    ),
+)  # fmt: skip

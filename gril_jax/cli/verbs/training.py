@@ -1,75 +1,115 @@
 """Verbs that learn a reward and a policy, and show what a run came to."""
 
+import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from gril_jax.config import Variant
-from gril_jax.config.command_line import RunFolder, parse
+from gril_jax.config import RunConfig, Variant
+from gril_jax.config.command_line import RunFolder
+from gril_jax.config.files import sections
 from gril_jax.config.rules import between, count
+from gril_jax.config.run_config import Sections
 from gril_jax.errors import ConfigError
 from gril_jax.runs import phases, run_dir
+from gril_jax.runs.phases import changed_fields
 
-from .. import help_page, own_films
-from ..arguments import (
-    Work,
-    echo,
-    hard_negatives,
-    positional,
-    resumed_config,
-    run_config,
-    run_config_of,
-    take,
+from .. import help_page, own_tasks
+from ..arguments import Work, echo, hard_negatives, run_config_of
+from ..configured import (
+    ConfigName,
+    RunOptions,
+    new_run,
+    read_run,
+    require_surroundings,
+    start,
 )
 from ..heavy_imports import heavy_imports
-from . import Verb, experiment
+from . import Verb, experiment, simple
 
 _TRAIN = "Learn a reward, then a policy from it."
 
 
-def _new_run(
-    name: str, of: str | None, args: list[str], prog: str, about: str, *, films: bool = False
-) -> Work:
-    """A new run, or with --resume one that was cut off; `of` None takes the defaults, or with
-    `films`, which need no task, what the demonstration set says."""
-    resume, negatives = take(args, "--resume"), take(args, "--hard-negatives")
-    if dry := "--dry-run" in args:
-        args.remove("--dry-run")
-        if resume is not None or negatives is not None:
-            raise ConfigError("--dry-run is for a new run, without --resume and --hard-negatives")
-    sections = help_page.TRAIN if name == "train" else help_page.PRETRAIN
+@dataclass(frozen=True)
+class _Quickstart(RunOptions):
+    hard_negatives: str | None = None
+    """Runs whose rewards overestimated states to learn from: one, or two with a comma."""
+    dry_run: bool = False
+    """Say what would run, how long and in how much memory; write nothing."""
+
+
+@dataclass(frozen=True)
+class _Train(_Quickstart):
+    config: ConfigName = None
+
+
+def _run(given: _Quickstart, name: str, prog: str, *, films: bool = False) -> Work:
+    """A new run of an experiment, or with `resume` one that was cut off."""
     extra: dict[str, Any] = {}
-    if resume is None:
-        if films:
-            of, args = own_films.configured(of, args)
-        config = run_config(of, args, prog, about, sections, films_alone=films)
-        if negatives is not None:
-            extra["hard_negatives"] = hard_negatives(negatives, config)
+    if given.resume is not None:
+        config, extra["resume"] = _resumed(given, name), Path(given.resume)
     else:
-        if negatives is not None:
-            raise ConfigError(
-                "--hard-negatives is given beside --resume, but a run that goes on has its own"
-            )
-        extra["resume"] = folder = Path(resume)
-        config = resumed_config(folder, of, args, prog=prog, experiment=name)
-    if dry:
+        config = new_run(given, prog, films_alone=films)
+    if given.hard_negatives is not None:
+        extra["hard_negatives"] = hard_negatives(given.hard_negatives, config)
+    if given.dry_run:
         return experiment("dry_run", config, config=config, devices=True, verb=name)
     return experiment(name, config, config=config, devices=True, **extra)
 
 
+def _resumed(given: _Quickstart, name: str) -> RunConfig:
+    """The configuration of a run to resume; a ConfigError with the fields in which the options
+    beside it say something else."""
+    folder = Path(given.resume)
+    config = run_dir.require_resumable(folder, name)
+    task = given.env.name if given.env.name != config.env.name else None
+    own_tasks.of_run(config, task, folder)
+    env = dataclasses.replace(given.env, name=config.env.name)
+    run = dataclasses.replace(given.run, out=given.run.out or config.run.out)
+    if changed := changed_fields(
+        config, RunConfig.of(dataclasses.replace(given, env=env, run=run))
+    ):
+        raise ConfigError(
+            f"a resumed run keeps the configuration in {folder / 'config.yaml'}, but the command "
+            f"line gives {', '.join(changed)}"
+        )
+    require_surroundings(config)
+    return config
+
+
+def _begun(given: _Quickstart, name: str, new: Sections | None) -> Sections | None:
+    """The sections that options are read above: those of the run to resume, or of a new one; a
+    ConfigError for options that exclude each other."""
+    if given.dry_run and (given.resume is not None or given.hard_negatives is not None):
+        raise ConfigError("--dry-run is for a new run, without --resume and --hard-negatives")
+    if given.resume is not None and given.hard_negatives is not None:
+        raise ConfigError(
+            "--hard-negatives is given beside --resume, but a run that goes on has its own"
+        )
+    if given.resume is None:
+        return new
+    config = getattr(given, "config", None)
+    run_dir.require_resumable(Path(given.resume), name)
+    return sections(config or str(Path(given.resume) / "config.yaml"))
+
+
 def _quickstart(args: list[str]) -> Work:
-    resumes = any(arg.partition("=")[0] == "--resume" for arg in args)
-    name = None if resumes else "quickstart"  # what goes on may have begun otherwise
-    return _new_run("train", name, args, "gril quickstart", _TRAIN)
+    page = help_page.Page("gril quickstart", _TRAIN, help_page.TRAIN)
+    begin = lambda given: _begun(given, "train", sections("quickstart"))  # noqa: E731
+    return _run(read_run(_Quickstart(), args, page, begin), "train", page.prog)
 
 
 def _train(args: list[str]) -> Work:
-    return _new_run("train", positional(args), args, "gril train", _TRAIN)
+    page = help_page.Page("gril train", _TRAIN, help_page.TRAIN)
+    begin = lambda given: _begun(given, "train", start(given))  # noqa: E731
+    return _run(read_run(_Train(), args, page, begin), "train", page.prog)
 
 
 def _pretrain(args: list[str]) -> Work:
     about = "Learn a reward; without CONFIG, from films of your own that --demos names."
-    return _new_run("pretrain", positional(args), args, "gril pretrain", about, films=True)
+    page = help_page.Page("gril pretrain", about, help_page.PRETRAIN)
+    begin = lambda given: _begun(given, "pretrain", start(given, films_alone=True))  # noqa: E731
+    return _run(read_run(_Train(), args, page, begin), "pretrain", page.prog, films=True)
 
 
 @dataclass(frozen=True)
@@ -77,8 +117,7 @@ class _Report:
     run: RunFolder
 
 
-def _report(args: list[str]) -> Work:
-    given = parse(_Report, args, prog="gril report", description="Draw a run's figures.")
+def _report(given: _Report) -> Work:
     folder = Path(given.run)
     run_dir.read_config(folder)  # nothing of the task is run, so it need not be there
     if phases.read_phases(folder).experiment == "sweep":
@@ -112,15 +151,18 @@ class _Eval:
     """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
 
 
-def _eval(args: list[str]) -> Work:
-    options = dict(vars(parse(_Eval, args, prog="gril eval", description="Play a run's policy.")))
+def _eval(given: _Eval) -> Work:
+    options = dict(vars(given))
     folder = Path(options.pop("run"))
     config = run_config_of(folder, task=options.pop("task"))
     return experiment("evaluate", folder, config=config, devices=True, **options)
 
 
 VERBS = (
-    Verb("quickstart", "a small run from demonstrations to a policy, on a laptop", _quickstart),
+    Verb(
+        "quickstart", "a small run from demonstrations to a policy, on a laptop", _quickstart,
+        schema=_Quickstart,
+    ),
     Verb(
         "train [CONFIG]",
         "the same for any configuration",
@@ -130,8 +172,14 @@ VERBS = (
             "train|pretrain --hard-negatives RUN[,RUN]":
                 "learn from states that earlier rewards overestimated",
         },
+        schema=_Train,
     ),
-    Verb("report RUN", "figures and tables of a run", _report),
-    Verb("eval RUN", "success of a run's policy over distinct starts, and its return", _eval),
-    Verb("pretrain [CONFIG]", "the learned reward alone", _pretrain),
+    Verb("pretrain [CONFIG]", "the learned reward alone", _pretrain, schema=_Train),
+    simple(
+        "eval RUN", "success of a run's policy over distinct starts, and its return", _Eval, _eval,
+        about="Play a run's policy.",
+    ),
+    simple(
+        "report RUN", "figures and tables of a run", _Report, _report, about="Draw a run's figures."
+    ),
 )  # fmt: skip

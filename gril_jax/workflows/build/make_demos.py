@@ -13,6 +13,7 @@ import numpy as np
 
 from gril_jax import envs
 from gril_jax.config import MakeDemosConfig, RunConfig
+from gril_jax.config.task import Places
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.demos.detected import by_colour
@@ -26,22 +27,36 @@ from gril_jax.threads import parallel_map
 from . import filming, own_expert, setup
 
 
-def main(config: MakeDemosConfig, out: Path, echo: Callable[[str], None] = print) -> None:
-    """Writes a demonstration set to `out`."""
+def main(
+    config: MakeDemosConfig,
+    out: Path,
+    echo: Callable[[str], None] = print,
+    *,
+    variant: Places = "layout",
+    seed: int = 0,
+) -> None:
+    """Writes a demonstration set to `out`; its starts are those of a variant."""
     with Progress() as progress:
-        made = make(config, out, progress)
+        made = make(config, out, progress, variant=variant, seed=seed)
     trimmed, frames = sum(demo.trimmed for demo in made), sum(map(len, made))
     echo(f"wrote {len(made)} demonstrations of {frames} frames to {out} ({trimmed} trimmed)")
 
 
-def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> DemoSet:
+def make(
+    config: MakeDemosConfig | RunConfig,
+    out: Path,
+    progress: Progress,
+    *,
+    variant: Places = "layout",
+    seed: int = 0,
+) -> DemoSet:
     """Plays the task's expert, films it, and saves what a detector reads as a set at `out`.
 
     Raises DemoError if the expert fails too often, or lacks something that it needs.
     """
     chosen, name = config.demos, config.env.name
     good, bad = chosen.num + chosen.num_validation, chosen.num_failures
-    wanted = envs.Wanted(good, bad, chosen.seed, chosen.variant)
+    wanted = envs.Wanted(good, bad, seed, variant)
     phase = progress.phase("playing the expert", total=good + bad, unit="episodes")
 
     def build(**changes) -> envs.Env:
@@ -56,7 +71,7 @@ def make(config: MakeDemosConfig | RunConfig, out: Path, progress: Progress) -> 
             )
         else:
             shown = envs.demonstrate(name)(build, wanted, phase.update)
-        source = f"scripted expert, {chosen.variant} layout, seed {chosen.seed}"
+        source = f"scripted expert, {variant} layout, seed {seed}"
         save = _save_videos if shown.films is None else _save_films
         return save(shown, out, progress, task=config.env.shown_name, source=source)
     except envs.ExpertError as error:

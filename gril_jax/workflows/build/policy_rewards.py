@@ -87,7 +87,9 @@ def _labels(config: RunConfig) -> tuple[Int[np.ndarray, "N"], Bool[np.ndarray, "
     """The classes of the task's objects in Demo, in its order, and which of them are there: what
     films show, whatever the variant draws (`place` sees to that)."""
     counts = config.env.variant in ("countplus", "all")
-    shown = dataclasses.replace(config.env, variant="demo", padded=config.env.padded or counts)
+    room = ("padded=True",) if counts and "padded" in envs.options(config.env.name) else ()
+    options = (*config.env.options, *room)
+    shown = dataclasses.replace(config.env, variant="demo", options=options)
     env = setup.make_env(shown, training=False)
     seen = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
     return np.asarray(seen.label), np.asarray(seen.size).any(axis=1)
@@ -136,10 +138,12 @@ def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P 
     return lambda data: env.render(data, size=pixels + 2 * border, antialias=True)[inner, inner]
 
 
+_WEIGHTS = (10.0, 1.0)  # of the learned reward as a potential, and of the task's own
+
+
 def _of_shaped(config, learned, demos, num_classes):
     discounting = getattr(config, config.run.algorithm).discounting
-    weights = jnp.asarray(config.run.reward_weights, jnp.float32)
-    return weights, jnp.float32(discounting), learned
+    return jnp.asarray(_WEIGHTS, jnp.float32), jnp.float32(discounting), learned
 
 
 def _agreed(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):

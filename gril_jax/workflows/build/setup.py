@@ -17,6 +17,7 @@ from gril_jax.envs import registry
 
 from gril_jax import envs
 from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.config.command_line import nearest
 from gril_jax.config.tables import ENCODERS, alternatives, find
 from gril_jax.config.task import NO_TASK
 from gril_jax.encoders import encoder, ensemble
@@ -52,13 +53,21 @@ def task_options(
     if config.is_own:
         return _own_options(config, training=training, variant=variant)
     known = envs.options(config.name)
-    if config.impl != EnvConfig.impl and "impl" not in known:
-        other = " has env.engine instead" if "engine" in known else " has only one"
-        raise ConfigError(f"env.impl is {config.impl!r}, but {config.name}{other}")
-    given = dataclasses.asdict(config) | {"variant": variant or config.variant}
-    if not training:
-        given |= {"varied_starts": 0.0, "on_the_way": 0.0, "facing": 0.0}
-    return {name: value for name, value in given.items() if name in known and value is not None}
+    own = config.own_options
+    if stray := next((name for name in own if name not in known), None):
+        hint = nearest(stray, known)
+        raise ConfigError(f"env.options has {stray}, but {config.name} takes no such option{hint}")
+    if config.engine == "warp" and "impl" not in known:
+        raise ConfigError(f"env.engine is 'warp', but {config.name} has other engines, such as auto")
+    near = config.near_starts if training else 0.0
+    given = dataclasses.asdict(config) | {
+        "variant": variant or config.variant,
+        "varied_starts": config.varied_starts if training else 0.0,
+        "on_the_way": near, "facing": near, "worlds": config.max_envs,
+        "impl": "warp" if config.engine == "warp" else "jax",
+    }  # fmt: skip
+    del given["options"]
+    return {n: value for n, value in given.items() if n in known and value is not None} | own
 
 
 def _own_options(config: EnvConfig, *, training: bool, variant: str | None) -> dict[str, Any]:

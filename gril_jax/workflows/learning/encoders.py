@@ -120,7 +120,7 @@ def train(
     begun = loop.restore(run, name, fresh, tell=echo)
     return loop.run_chunks(
         lambda state: step(state, data, hyper), begun, run=run, name=name, chunks=steps // updates,
-        row=line, every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
+        row=line, every_s=config.run.checkpoint_every,
     ).state  # fmt: skip
 
 

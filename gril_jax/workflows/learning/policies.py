@@ -142,7 +142,7 @@ def train(
 
     return loop.run_chunks(
         advance, begun, run=run, name=name, chunks=plan.chunks, row=line,
-        every_s=config.run.checkpoint_every, keep=config.run.keep_checkpoints,
+        every_s=config.run.checkpoint_every,
     )  # fmt: skip
 
 

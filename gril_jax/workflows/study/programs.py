@@ -72,8 +72,8 @@ def programs(
         params = policy_rewards.blank(config, algorithm.episodes.env)
         needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
         each = memory.split(len(members), needed, _available_bytes(), len(devices))
-        if config.env.impl == "warp":  # it has room for the contacts of so many environments
-            each = min(each, config.env.worlds // algorithm.num_envs)
+        if config.env.engine == "warp":  # it has room for the contacts of so many environments
+            each = min(each, config.env.max_envs // algorithm.num_envs)
         plan = _plan(config, algorithm)
         tasks = {
             variant: setup.make_env(config.env, training=False, variant=variant or None)

@@ -36,7 +36,7 @@ def reward_key(config: RunConfig) -> Hashable:
 
 # What policies alone are given: neither demonstrations nor encoders depend on it.
 _OF_POLICIES = {
-    "reward", "observation", "variant", "varied_starts", "on_the_way", "facing", "padded"
+    "reward", "observation", "variant", "varied_starts", "near_starts"
 }  # fmt: skip
 
 

@@ -1,8 +1,8 @@
 """Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
 
     gril subtasks RUN                   about a minute
-    gril subtasks RUN --films True      and each segment as a film of its own
-    gril subtasks RUN --sets True       and a set for each subtask, for `gril pretrain --demos`
+    gril subtasks RUN --films      and each segment as a film of its own
+    gril subtasks RUN --sets       and a set for each subtask, for `gril pretrain --demos`
 
 `segments.csv` has a line a segment: its film, frames and seconds.
 
@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 
 from gril_jax import reward
 from gril_jax.config import RunConfig
+from gril_jax.config.stages import StageOptions
 from gril_jax.demos import schema
 from gril_jax.demos.demo import Demo
 from gril_jax.demos.formats import lerobot
@@ -42,7 +43,6 @@ from gril_jax.workflows.build import demonstrations, learners, policy_setup, set
 
 from . import cuts
 from .ends import doubt, scores, segments, write_sets
-from .options import Options
 
 _FIGURES = 3  # held-out demonstrations that are drawn
 
@@ -56,7 +56,9 @@ class Traces(NamedTuple):
     length: Int[np.ndarray, "B"]
 
 
-def main(folder: Path, out: Path, options: Options, *, echo: Callable[[str], None] = print) -> None:
+def main(
+    folder: Path, out: Path, options: StageOptions, *, echo: Callable[[str], None] = print
+) -> None:
     """Writes figures, scores and cut demonstrations into a new folder.
 
     Raises RunError if there is no reward, or if there are no stages to tell apart, ConfigError if
@@ -119,7 +121,7 @@ def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrati
 
 
 def discover(
-    traces: Traces, options: Options
+    traces: Traces, options: StageOptions
 ) -> tuple[agreement.SharedBoundaries, Int[np.ndarray, "B M"], dict[str, Any]]:
     """Boundaries on which all demonstrations agree, those that each shows alone, and the rule."""
     given = jnp.asarray(traces.reward), jnp.asarray(traces.length)

@@ -25,8 +25,8 @@ with_warp = pytest.mark.skipif(not INSTALLED, reason="warp-lang is not installed
 
 
 @functools.cache
-def _env(impl):
-    config = EnvConfig(name="shoes_in_box", reward="staged", impl=impl, worlds=64)
+def _env(engine):
+    config = EnvConfig(name="shoes_in_box", reward="staged", engine=engine, max_envs=64)
     return setup.make_env(config, training=False)
 
 
@@ -37,7 +37,7 @@ def _step(impl):
 
 @pytest.fixture(scope="module")
 def starts():
-    return jax.jit(jax.vmap(_env("jax").reset))(jax.random.split(jax.random.key(0), LANES))
+    return jax.jit(jax.vmap(_env("auto").reset))(jax.random.split(jax.random.key(0), LANES))
 
 
 def _qpos(states):
@@ -118,7 +118,7 @@ def test_a_whole_episode_of_the_expert_ends_alike(starts):
 @with_warp
 def test_a_sweep_runs_as_many_seeds_at_once_as_there_is_room_for():
     env = EnvConfig(
-        name="shoes_in_box", reward="staged", impl="warp", worlds=160, varied_starts=0.0
+        name="shoes_in_box", reward="staged", engine="warp", max_envs=160, varied_starts=0.0
     )
     run = RunSettings(reward="environmental", eval_episodes=64)
     config = RunConfig(env=env, ppo=PPOConfig(num_envs=64), run=run)
@@ -136,7 +136,7 @@ def test_without_the_package_a_sentence_says_what_to_install():
 def test_an_unknown_implementation_and_another_task_are_refused():
     with pytest.raises(ValueError, match="impl is 'cpp', but must be one of jax, warp"):
         envs.make("shoes_in_box", impl="cpp")
-    with pytest.raises(ConfigError, match=r"match_regions has env\.engine"):
-        setup.make_env(EnvConfig(impl="warp"), training=False)
+    with pytest.raises(ConfigError, match="'warp', but match_regions has other engines"):
+        setup.make_env(EnvConfig(engine="warp"), training=False)
     with pytest.raises(ValueError, match="worlds is 0"):
         envs.make("shoes_in_box", worlds=0)

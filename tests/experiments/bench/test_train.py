@@ -25,7 +25,9 @@ class Success(Probe):
     [
         (["train", "--repeats", "0"], "--repeats is 0, but must be at least 1"),
         (["train", "--num-envs=0"], "--num-envs is 0, but must be at least 1"),
-        (["train", "--parts", "lunch"], "--parts has 'lunch', but must be of training, starts"),
+        (["train", "--parts", "lunch"], "--parts is 'lunch', but must be one of training, starts"),
+        (["env", "--task", "lunch"], "there is no configuration 'lunch'"),
+        (["brax"], "there is no verb 'bench brax'"),
     ],
 )
 def test_options_of_the_verbs_have_ranges(capsys, args, fault):

@@ -21,10 +21,10 @@ PIXELS = 64
 
 
 def _make(folder, num, num_failures, seed):
-    chosen = DemosConfig(num=num, num_validation=1, num_failures=num_failures, seed=seed)
+    chosen = DemosConfig(num=num, num_validation=1, num_failures=num_failures)
     config = MakeDemosConfig(env=EnvConfig(name="shoes_in_box"), demos=chosen)
     with Progress(stream=io.StringIO()) as progress:
-        return make_demos.make(config, folder, progress)
+        return make_demos.make(config, folder, progress, seed=seed)
 
 
 @pytest.fixture(scope="module")

@@ -84,7 +84,7 @@ def test_a_row_gives_the_learner_the_help_of_its_level(name):
 @pytest.mark.parametrize("name", ["table1", "table2", "soundness"])
 def test_every_learned_row_sets_what_any_of_them_changes(name):
     rows = [x for x in recipe.load(name).rows.values() if x.get("run.reward") != "environmental"]
-    extra = {"encoder.pixels", "encoder.precision", "run.reward_weights"}
+    extra = {"encoder.precision"}
     assert len({frozenset(x) - extra for x in rows}) == 1
 
 

@@ -23,7 +23,6 @@ CHANGES = st.fixed_dictionaries(
         "pool.alpha": st.integers(1, 9) | st.floats(0.5, 9.0),
         "loss.lambda": st.integers(0, 3),
         "ppo.hidden": st.lists(st.integers(1, 64), min_size=1, max_size=3),
-        "run.reward_weights": st.tuples(st.floats(0, 9), st.integers(0, 9)).map(list),
         "pool.noise": st.none() | st.floats(0.0, 0.1),
         "encoder.relations": st.booleans(),
         "run.reward": st.sampled_from(["learned", "environmental"]),
@@ -56,7 +55,6 @@ def test_a_difference_makes_the_one_of_the_other(change):
         ({"pretrain.steps": True}, "must be of the kind int"),
         ({"encoder.kind": "papre"}, "must be one of 'paper'"),
         ({"encoder.relations": 1}, "must be of the kind bool"),
-        ({"run.reward_weights": [1, "x"]}, "reward_weights is"),
     ],
 )
 def test_what_no_field_takes_is_refused(change, fault):

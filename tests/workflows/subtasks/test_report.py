@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gril_jax.cli import main
+from gril_jax.config.stages import StageOptions
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.demos.vision.video import read_video
@@ -17,7 +18,6 @@ from gril_jax.runs.progress import Progress
 from gril_jax.workflows.subtasks import cuts
 from gril_jax.workflows.subtasks import ends as stage_ends
 from gril_jax.workflows.subtasks import report as subtask_report
-from gril_jax.workflows.subtasks.options import Options
 
 STAGES = [{"lid": 20, "A": 60, "B": 40}, {"lid": 10, "A": 30, "B": -1}]
 
@@ -106,7 +106,7 @@ def _traces(reward, held_out=None):
 def test_fewer_than_two_stages_is_a_sentence_that_names_the_knob(tmp_path, climb, words):
     ramp = np.linspace(-climb, 0, 60, dtype=np.float32)
     traces = _traces(np.tile(ramp, (4, 1)))
-    rule = vars(Options("run", patience=9))
+    rule = vars(StageOptions("run", patience=9))
     with pytest.raises(RunError, match=words) as fault:
         subtask_report._require_stages(tmp_path, traces, rule, 1)
     assert f"climbs by {climb:.2f}" in str(fault.value)
@@ -161,7 +161,7 @@ def test_a_report_has_scores_segments_and_figures(tmp_path, monkeypatch):
     monkeypatch.setattr(subtask_report, "traces_of", lambda *args: traces)
     said = []
     subtask_report.main(
-        tmp_path, tmp_path / "out", Options("run", smoothing=1, patience=4), echo=said.append
+        tmp_path, tmp_path / "out", StageOptions("run", smoothing=1, patience=4), echo=said.append
     )
     report = json.loads((tmp_path / "out" / "subtasks.json").read_text())
     assert report["demonstrations"]["d2"]["ends"] == [10, 85]

@@ -127,7 +127,7 @@ def test_a_scene_that_has_no_room_stays_where_it_is():
 
 def test_films_are_read_in_demos_classes_whatever_a_variant_draws():
     def labels(variant):
-        env = {"name": "cluster_shape", "padded": True, "observation": "plain"}
+        env = {"name": "cluster_shape", "options": ("padded=True",), "observation": "plain"}
         config = RunConfig(env=EnvConfig(**env, varied_starts=0.0, variant=variant))
         return policy_rewards._labels(config)
 

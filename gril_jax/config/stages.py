@@ -1,13 +1,13 @@
-"""The options of `gril subtasks`; JAX is not imported here."""
+"""How stages are found in a learned reward: the options of `gril subtasks`."""
 
 from dataclasses import dataclass, field
 
-from gril_jax.config.command_line import RunFolder
-from gril_jax.config.rules import count, optional, rule
+from .command_line import RunFolder
+from .rules import count, optional, rule
 
 
 @dataclass(frozen=True)
-class Options:
+class StageOptions:
     """The run, and how its stages are found; see `gril_jax.subtasks.agreement`."""
 
     run: RunFolder
@@ -33,3 +33,5 @@ class Options:
     subtask annotations goes to `lerobot` in the results."""
     sets: bool = False
     """Write each subtask's demonstrations as a separate set, films included."""
+    task: str | None = None
+    """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
