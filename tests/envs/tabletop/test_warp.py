@@ -31,8 +31,8 @@ def _env(engine):
 
 
 @functools.cache
-def _step(impl):
-    return jax.jit(jax.vmap(_env(impl).step))
+def _step(engine):
+    return jax.jit(jax.vmap(_env(engine).step))
 
 
 @pytest.fixture(scope="module")
@@ -51,13 +51,13 @@ def _lanes(starts):
 @with_warp
 def test_a_step_is_that_of_c_mujoco(starts):
     actions = np.random.default_rng(0).uniform(-1, 1, (LANES, 5)).astype(np.float32)
-    after = {impl: _step(impl)(starts, jnp.asarray(actions)) for impl in ("jax", "warp")}
-    plays = [Hand(_env("jax"), lane) for lane in _lanes(starts)]
+    after = {name: _step(name)(starts, jnp.asarray(actions)) for name in ("auto", "warp")}
+    plays = [Hand(_env("auto"), lane) for lane in _lanes(starts)]
     for play, action in zip(plays, actions, strict=True):
         play.act(action)
     true = np.stack([play.qpos for play in plays])
     np.testing.assert_allclose(_qpos(after["warp"]), true, atol=1e-4)
-    np.testing.assert_allclose(_qpos(after["jax"]), true, atol=1e-4)
+    np.testing.assert_allclose(_qpos(after["auto"]), true, atol=1e-4)
     shapes = [[(x.shape, x.dtype) for x in jax.tree.leaves(state)] for state in after.values()]
     assert shapes[0] == shapes[1]
 
@@ -93,19 +93,19 @@ def test_lanes_of_lanes_are_lanes(starts):
 @pytest.mark.slow
 def test_a_whole_episode_of_the_expert_ends_alike(starts):
     """Open loop: an expert's actions in C MuJoCo, replayed."""
-    plays = [scenes.box_filled(_env("jax"), lane, i) for i, lane in enumerate(_lanes(starts))]
+    plays = [scenes.box_filled(_env("auto"), lane, i) for i, lane in enumerate(_lanes(starts))]
     actions = [np.array(play.actions) for play in plays]
     length = max(map(len, actions))
     rest = np.array([0, 0, 0, 0, 1])
     held = [np.concatenate([a, np.tile(a[-1] * rest, (length - len(a), 1))]) for a in actions]
     ends = {}
-    for impl in ("jax", "warp"):
-        states, ends[impl] = starts, [None] * LANES
+    for engine in ("auto", "warp"):
+        states, ends[engine] = starts, [None] * LANES
         for moment, action in enumerate(np.stack(held, axis=1).astype(np.float32), start=1):
-            states = _step(impl)(states, jnp.asarray(action))
+            states = _step(engine)(states, jnp.asarray(action))
             for i, played in enumerate(actions):
                 if moment == len(played):
-                    ends[impl][i] = _qpos(states)[i, 10:].reshape(2, 7)[:, :3]
+                    ends[engine][i] = _qpos(states)[i, 10:].reshape(2, 7)[:, :3]
         assert (np.asarray(states.metrics["score"]) == 1).mean() >= 0.75
     true = [play.qpos[10:].reshape(2, 7)[:, :3] for play in plays]
     gaps = {
