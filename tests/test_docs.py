@@ -10,6 +10,7 @@ import pytest
 from support import kitchen_films, saved_policies, saved_rewards
 from support.paths import REPOSITORY
 
+import gril_jax
 from gril_jax.cli import main, verbs
 from gril_jax.config import RunConfig
 from gril_jax.config.command_line import options
@@ -53,6 +54,14 @@ def test_the_python_of_a_page_runs_from_top_to_bottom(path, tmp_path, monkeypatc
     names = {"center": jnp.zeros((3, 2)), "size": jnp.ones((3, 2)), "observation": jnp.zeros(3)}
     for block in _blocks(path, "python"):
         exec(compile(block, _name(path), "exec"), names)
+
+
+@pytest.mark.parametrize("path", [p for p in PAGES if _blocks(p, "py")], ids=_name)
+def test_python_that_trains_for_minutes_names_what_there_is(path):
+    """Its functions are called with the same arguments in `tests/api`."""
+    for block in _blocks(path, "py"):
+        for name in re.findall(r"gril\.(\w+)\(", block):
+            assert callable(getattr(gril_jax, name)), name
 
 
 # --- commands

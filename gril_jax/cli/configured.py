@@ -16,6 +16,7 @@ from gril_jax.config import RunConfig
 from gril_jax.config.command_line import parse
 from gril_jax.config.files import sections
 from gril_jax.config.run_config import Sections
+from gril_jax.config.tables import REWARDS
 from gril_jax.config.task import NO_TASK
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError, DemoError
@@ -107,7 +108,7 @@ def new_run(given: Sections, prog: str, *, films_alone: bool = False) -> RunConf
 
     Raises a ConfigError, DemoError or RunError if it lacks what it needs, or its folder exists.
     """
-    config = RunConfig.of(given)
+    config = RunConfig.of(_with_reward(given))
     own_tasks.require(config.env)
     if config.env.name == NO_TASK and not films_alone:
         raise ConfigError(
@@ -122,9 +123,21 @@ def new_run(given: Sections, prog: str, *, films_alone: bool = False) -> RunConf
     return config
 
 
+def _with_reward(given: Sections) -> Sections:
+    """The sections with the file or run of a reward where `run.reward` names one."""
+    run = given.run
+    if run.reward in REWARDS or not Path(run.reward).exists():
+        return given
+    run = dataclasses.replace(run, reward="learned", reward_file=run.reward)
+    return dataclasses.replace(given, run=run)
+
+
 def require_surroundings(config: RunConfig) -> None:
     """Raises if a run lacks what it needs beside its configuration."""
     sinks.require_installed(config.run.sinks)
+    reward = config.run.reward_file
+    if reward is not None and not Path(reward).exists():
+        raise ConfigError(f"run.reward_file is {reward}, but there is no such file or run")
     if config.demos.path is not None:
         folder = existing_folder(config.demos.path)
         if not (folder / "demos.json").is_file():

@@ -39,7 +39,7 @@ _REWARD = {
 }
 _POLICY = {
     "--algorithm": "Algorithm that trains the policy.",
-    "--reward": "Reward of the policy: the learned one, or the task's own, or both.",
+    "--reward": "learned, environmental, stages or shaped; or the file or run of a reward.",
     "--ppo.num-timesteps": "Control steps in all, over all environments.",
     "--ppo.num-envs": "Environments that are stepped together.",
     "--ppo.learning-rate": "Learning rate of Adam.",

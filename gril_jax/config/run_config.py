@@ -33,9 +33,16 @@ class RunSettings:
     """Seed of everything but the scripted demonstrations."""
     algorithm: Annotated[Literal[*ALGORITHMS], short("--algorithm")] = "ppo"
     """Algorithm that trains the policy; its options are in the section of its name."""
-    reward: Annotated[Literal[*REWARDS], short("--reward")] = "learned"
-    """Reward of the policy: the learned one, the task's own, the learned one in its stages, or the
-    task's own with the learned one as its potential."""
+    reward: Annotated[str, short("--reward")] = field(
+        default="learned",
+        metadata=rule(
+            lambda x: x in REWARDS,
+            f"{alternatives([*REWARDS])}, or the file or run of a reward that has been learned",
+        ),
+    )
+    """Reward of the policy: the learned one (learned), the task's own (environmental), the learned
+    one in its stages (stages), or the task's own with the learned one as its potential (shaped). On
+    a command line also the file of `gril export` or the folder of a run: that reward is taken."""
     reward_file: str | None = None
     """A reward that has been learned before, to train the policy on: a file of `gril export`, or
     the folder of a run. None learns one."""

@@ -90,8 +90,9 @@ def test_the_command_line_learns_the_same_reward_and_policy(home, rewards, task,
     name = f"{home / 'my_task.py'}:make"
     args = ["--task", name, "--demos", str(home / "set"), "--out", str(run)]
     assert main.main(["train", small, *args]) == 0
-    assert main.main(["export", str(run), "--what", "policy", "--out", str(tmp_path / "theirs.npz")]) == 0
-    assert main.main(["export", str(run), "--out", str(tmp_path / "reward.npz")]) == 0
+    for what, file in (("policy", "theirs.npz"), ("reward", "reward.npz")):
+        export = ["export", str(run), "--what", what, "--out", str(tmp_path / file)]
+        assert main.main(export) == 0
     reward = gril.load_reward(tmp_path / "reward.npz")
     ours = gril.train_policy(name, reward, preset=small, **QUIET)
     ours.save(tmp_path / "ours.npz")
