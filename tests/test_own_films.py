@@ -219,8 +219,8 @@ def test_a_task_learns_from_films_as_noisy_as_they_are(home, capsys, monkeypatch
     monkeypatch.setattr(training, "experiment", take)
     for args in ([], ["quickstart"], [str(home / "noted.yaml")], ["--pool.noise", "0.2"]):
         assert main.main(["train", *args, "--demos", str(rough)]) == 0
-    assert [(pool.noise, pool.smoothing) for pool in found] == [
-        (0.004, 3), (0.004, 3), (0.1, 1), (0.2, 1),
+    assert [(pool.noise, pool.rule()["smoothing"]) for pool in found] == [
+        (0.004, 3), (0.004, 3), (0.1, 3), (0.2, 3),
     ]  # fmt: skip
 
 

@@ -134,15 +134,13 @@ def test_as_many_are_kept_aside_as_asked_but_of_ones_own_a_quarter(run, path, wa
 def test_failures_are_kept_from_the_encoder(run):
     config = run_dir.read_config(run)
     env = setup.make_env(config.env, training=False)
-    config = load(
-        None, ["--demos.path", str(run / "demos"), *SMALL[6:]], prog="test", description=""
-    )
+    config = load(None, ["--demos.path", str(run / "demos"), *SMALL[6:]], prog="test")
     with Progress() as progress, pytest.raises(DemoError, match="the task also has"):
         demonstrations.gather(  # the default task has more blocks than these videos show
             config, setup.make_env(config.env, training=False), run, progress
         )
     found = demonstrations.gather(
-        load("quickstart", ["--demos.path", str(run / "demos"), *SMALL], prog="", description=""),
+        load("quickstart", ["--demos.path", str(run / "demos"), *SMALL], prog=""),
         env,
         run,
         Progress(),

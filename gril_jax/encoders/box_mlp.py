@@ -79,5 +79,6 @@ class _BoxMLP(nn.Module):
         objects = nodes.present & ~nodes.is_robot
         agent = nn.relu(nn.Dense(half, name="agent")(x))
         boxes = nn.relu(nn.Dense(half, name="boxes")(x))
-        pooled = [weighted_pool(z, w * 1.0) for z, w in ((agent, robot), (boxes, objects))]
+        parts = (agent, robot), (boxes, objects)
+        pooled = [weighted_pool(z, w.astype(z.dtype)) for z, w in parts]
         return nn.relu(nn.Dense(config.width, name="latent")(jnp.concatenate(pooled)))

@@ -180,6 +180,7 @@ def require_one_unit(learned: LearnedReward, task: str, env: envs.Env, source: s
 def env_of(learned: LearnedReward, task: str) -> EnvConfig:
     """The task; one with targets has those of its usual blocks that the reward was made for."""
     chosen = EnvConfig(name=task)
+    chosen.check()
     if chosen.is_own:
         return chosen
     if "targets" not in envs.options(task):

@@ -68,7 +68,7 @@ def test_version(capsys):
     [
         ("gril pretr", ["pretrain"]),
         ("gril demos make --num-v", ["--num-validation"]),
-        ("gril demos import-m", ["import-magical"]),
+        ("gril demos import-v", ["import-videos"]),
         ("gril train --dry", ["--dry-run"]),
         ("gril export RUN --what p", ["policy"]),
     ],

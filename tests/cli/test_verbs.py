@@ -246,8 +246,8 @@ def test_imports_hand_on_their_folders_and_tell_their_progress(
 
     monkeypatch.setattr(workflow, "import_videos", importer)
     out = tmp_path / "out"
-    assert main.main(["demos", "import-magical", str(tmp_path), "--out", str(out)]) == 0
-    args = ["demos", "import-magical", str(tmp_path), "--out", str(out)]
+    assert main.main(["demos", "import-videos", str(tmp_path), "--out", str(out)]) == 0
+    args = ["demos", "import-videos", str(tmp_path), "--out", str(out)]
     assert main.main([*args, "--task", "match_regions_magical"]) == 0
     assert main.main([*args, "--task", "match_regons"]) == 2
     capsys.readouterr()
@@ -259,8 +259,8 @@ def test_imports_hand_on_their_folders_and_tell_their_progress(
         takes.bind("a", "b", **options, progress=None)
     given = [(o["task"], o["boxes"], o.get("half_extent"), o.get("outcome")) for _, o in calls]
     assert given == [
-        (None, "colour", None, None),
-        ("match_regions_magical", "colour", None, None),
+        (None, "auto", None, "unknown"),
+        ("match_regions_magical", "auto", None, "unknown"),
         (None, "colour", 1.5, "success"),
     ]
     stdout, stderr = capsys.readouterr()

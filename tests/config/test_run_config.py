@@ -1,10 +1,11 @@
 """The schema: ranges, contradictions, help texts."""
 
+import ast
 import dataclasses
 import inspect
-import itertools
 import subprocess
 import sys
+import textwrap
 
 import pytest
 from hypothesis import given, settings
@@ -69,7 +70,6 @@ def test_a_number_is_taken_as_its_rule_says_and_else_named_with_what_would_be_ri
         ("env.distractors", ("star green",)),
         ("env.options", ("speed",)),
         ("env.options", ("speed=1", "speed=2")),
-        ("pool.smoothing", 2),
         ("ppo.hidden", (64, 0)),
         ("run.sinks", ("wandb", "wandb")),
         ("run.out", " "),
@@ -243,17 +243,17 @@ def test_every_number_has_a_range():
 
 
 def test_every_field_has_a_help_text_under_it():
-    for module in (schema, encoder, policy, reward, task):
-        for node in ast.parse(inspect.getsource(module)).body:
-            if isinstance(node, ast.ClassDef) and node.name not in (
-                "RewardSections",
-                "DemoSections",
-                "MakeDemosConfig",
-                "RunConfig",
-            ):
-                for field, text in itertools.pairwise(node.body):
-                    if isinstance(field, ast.AnnAssign):
-                        assert isinstance(text, ast.Expr), f"{node.name}.{field.target.id}"
+    for section in map(type, SECTIONS.values()):
+        told = set()  # a field that a class declares again has the text of its base
+        for kind in filter(dataclasses.is_dataclass, reversed(section.mro())):
+            (body,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+            pairs = zip(body.body, [*body.body[1:], None], strict=True)
+            told |= {
+                field.target.id
+                for field, text in pairs
+                if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
+            }
+        assert {field.name for field in dataclasses.fields(section)} <= told, section.__name__
 
 
 def test_every_field_is_an_option_and_there_are_few():
@@ -265,7 +265,7 @@ def test_every_field_is_an_option_and_there_are_few():
     shortcuts = {"--task", "--demos", "--out", "--seed", "--reward", "--algorithm", "--lambda"}
     assert set(options(RunConfig)) == names | shortcuts
     few = (SECTIONS["env"], SECTIONS["demos"], SECTIONS["run"])
-    assert sum(len(dataclasses.fields(section)) for section in few) <= 27
+    assert sum(len(dataclasses.fields(section)) for section in few) <= 28
 
 
 def test_the_blocks_and_the_defaults_are_those_of_the_task():

@@ -54,9 +54,9 @@ def test_numbers_are_those_of_an_imported_set_bit_for_bit(tmp_path):
         out = tmp_path / str(unit)
         verb = ["demos", "import-videos", str(films), "--boxes", "auto", "--out", str(out)]
         assert main.main([*verb, "--jitter", "0", *options]) == 0
-        imported = gril_jax.load_demo_set(out)
+        imported = gril_jax.load_demos(out)
         assert imported.half_extent == unit
-        (tracks,) = imported.tracks
+        (tracks,) = (demo.tracks for demo in imported)
         center, size = boxes_from_pixels(boxes, WIDTH, HEIGHT, half_extent=unit)
         kept = len(tracks.center)
         for number, name in enumerate(names):

@@ -31,4 +31,4 @@ PICKLES = {
 def test_foreign_pickles_are_refused(home, capsys, kind):
     make, words = PICKLES[kind]
     make(films(home) / "a.pkl.gz")
-    refused(home, ["demos", "import-magical", "films", "--out", "new"], words, capsys)
+    refused(home, ["demos", "import-videos", "films", "--out", "new"], words, capsys)

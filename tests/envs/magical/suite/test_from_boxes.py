@@ -189,7 +189,7 @@ def test_padded_variants_have_observations_of_one_size_and_nothing_where_nothing
 
 
 def test_frames_of_films_leave_the_places_free_that_only_variants_fill():
-    env = {"name": "cluster_shape", "padded": True, "observation": "plain"}
+    env = {"name": "cluster_shape", "options": ("padded=True",), "observation": "plain"}
     config = RunConfig(env=EnvConfig(**env, varied_starts=0.0))
     seen = jax.jit(envs.make("cluster_shape", engine="impulse").reset)(jax.random.key(0)).objects
     film = lambda x: jnp.asarray(x)[None, None].repeat(3, axis=1)  # noqa: E731
