@@ -26,7 +26,9 @@ def test_every_box_equals_plain_arithmetic(boxes):
             scale = 2 * unit / WIDTH
             middle = ((x0 + x1) / 2 - WIDTH / 2) * scale, (HEIGHT / 2 - (y0 + y1) / 2) * scale
             np.testing.assert_allclose(c, middle, rtol=1e-6, atol=1e-6)
-            np.testing.assert_allclose(s, ((x1 - x0) * scale, (y1 - y0) * scale), rtol=1e-6, atol=1e-30)
+            np.testing.assert_allclose(
+                s, ((x1 - x0) * scale, (y1 - y0) * scale), rtol=1e-6, atol=1e-30
+            )
 
 
 def test_arrays_of_jax_are_traced_and_lost_boxes_stay_lost():

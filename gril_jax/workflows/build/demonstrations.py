@@ -5,11 +5,10 @@ import shutil
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gril_jax.envs import Env
-
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet, demo_batch, load_demo_set, select_objects
+from gril_jax.envs import Env
 from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
@@ -88,7 +87,12 @@ def chosen(config: RunConfig, env: Env | None, source: Path) -> Demonstrations:
 
 
 def of_set(
-    config: RunConfig, env: Env | None, demo_set: DemoSet, *, own: bool = True, source: Any = "demos"
+    config: RunConfig,
+    env: Env | None,
+    demo_set: DemoSet,
+    *,
+    own: bool = True,
+    source: Any = "demos",
 ) -> Demonstrations:
     """The demonstrations of a set, reduced and split; of somebody's `own` videos a quarter at the
     most is kept aside. Errors are those of `gather`, in which `source` names the set."""

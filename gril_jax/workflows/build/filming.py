@@ -10,12 +10,12 @@ from collections.abc import Sequence
 import cv2
 import jax
 import numpy as np
-from gril_jax.envs import Env, State
-from gril_jax.envs.tabletop.environment import Tabletop
-from gril_jax.envs.tabletop.render import Renderer
 from jaxtyping import UInt8
 
 from gril_jax.demos.vision import render
+from gril_jax.envs import Env, State
+from gril_jax.envs.tabletop.environment import Tabletop
+from gril_jax.envs.tabletop.render import Renderer
 
 _PIXELS = 384
 

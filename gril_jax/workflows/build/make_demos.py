@@ -103,9 +103,7 @@ def _save_videos(
             phase.total = total
             phase.update(done)
 
-        return import_videos(
-            scratch, out, boxes=boxes, outcome=outcome, progress=tell, **header
-        )
+        return import_videos(scratch, out, boxes=boxes, outcome=outcome, progress=tell, **header)
 
 
 def _save_films(

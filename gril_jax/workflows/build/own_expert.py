@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import numpy as np
+
 from gril_jax.envs.base import Demonstrations, Env, Episode, ExpertError, Film, Wanted
 from gril_jax.envs.user_tasks import protocol
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-from gril_jax.envs import Env
 
 from gril_jax import envs
 from gril_jax.config import RunConfig
 from gril_jax.demos.demo_set import DemoSet
+from gril_jax.envs import Env
 from gril_jax.errors import ConfigError, DemoError
 
 _ROUNDING = 0.01  # of half_extent, by which films of the same picture may differ

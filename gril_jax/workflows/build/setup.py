@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 
 import jax
 import numpy as np
-from gril_jax.envs import registry
 
 from gril_jax import envs
 from gril_jax.config import EnvConfig, RunConfig
@@ -21,6 +20,7 @@ from gril_jax.config.command_line import nearest
 from gril_jax.config.tables import ENCODERS, alternatives, find
 from gril_jax.config.task import NO_TASK
 from gril_jax.encoders import encoder, ensemble
+from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 from gril_jax.pretraining import pixel_pretrain, pretrain
 from gril_jax.pretraining.arrangement import words_of
@@ -58,7 +58,9 @@ def task_options(
         hint = nearest(stray, known)
         raise ConfigError(f"env.options has {stray}, but {config.name} takes no such option{hint}")
     if config.engine == "warp" and "impl" not in known:
-        raise ConfigError(f"env.engine is 'warp', but {config.name} has other engines, such as auto")
+        raise ConfigError(
+            f"env.engine is 'warp', but {config.name} has other engines, such as auto"
+        )
     near = config.near_starts if training else 0.0
     given = dataclasses.asdict(config) | {
         "variant": variant or config.variant,
@@ -108,7 +110,9 @@ def encoder_config(config: RunConfig, num_classes: int) -> encoder.AnyConfig:
     if not config.encoder.share_attributes or not isinstance(chosen, encoder.EncoderConfig):
         return chosen
     if config.env.name == NO_TASK:
-        raise ConfigError("encoder.share_attributes is True, but must be False where there is no task")
+        raise ConfigError(
+            "encoder.share_attributes is True, but must be False where there is no task"
+        )
     return dataclasses.replace(chosen, words=_words(config.env))
 
 

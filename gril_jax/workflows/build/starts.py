@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs import Env, registry
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from gril_jax.config import EnvConfig
+from gril_jax.envs import Env, registry
 from gril_jax.rl.episodes import Episodes, EpisodeState
 from gril_jax.rl.evaluate import begin
 

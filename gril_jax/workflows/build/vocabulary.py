@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from gril_jax.envs import Env
 
 from gril_jax.config import RunConfig
 from gril_jax.config.task import NO_TASK
 from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
+from gril_jax.envs import Env
 from gril_jax.errors import RunError
 from gril_jax.runs.phases import read_phases
 

@@ -144,11 +144,10 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> Failures:
 
     def train(program, compiled) -> None:
         shown = lambda config: gather(config).batch("train")  # noqa: E731
-        done = learn_policies(program, compiled, learned, shown, run, progress, echo)
+        done, saved_files = learn_policies(program, compiled, learned, shown, run, progress, echo)
         if program.name in played:
             variants.finish(played[program.name].result(), program, plan, run)
-        folder = run.path / "policies" / program.name
-        run.finish_phase(program.name, done, sorted(folder.glob("*/manifest.json")))
+        run.finish_phase(program.name, done, saved_files)
         written()
 
     with ahead.compiling() as pool:

@@ -4,9 +4,9 @@ import jax
 import numpy as np
 import pytest
 from gril_jax.envs.tabletop import render
-from gril_jax.workflows.build import filming
 
 from gril_jax import envs
+from gril_jax.workflows.build import filming
 
 
 @pytest.fixture(scope="module")

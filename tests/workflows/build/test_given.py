@@ -5,12 +5,12 @@ import dataclasses
 import pytest
 from gril_jax.envs.tabletop import entry
 from gril_jax.envs.tabletop.shoes_in_box import task as shoes_in_box
-from gril_jax.workflows.build import setup
-from gril_jax.workflows.build.given import given, of_all
 
 from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.config.files import load
 from gril_jax.types import DemoBatch
+from gril_jax.workflows.build import setup
+from gril_jax.workflows.build.given import given, of_all
 
 
 def _config(**env):
@@ -46,8 +46,18 @@ def test_help_that_only_authors_can_give_makes_it_level_c(env, level, words):
             "B",
             "Demo starts, and first 50 %, in the end none at its",
         ),
-        ({"video_state_resets": 0.3}, {}, "V", "and first 30 %, in the end none at videos' frames;"),
-        ({"visited_state_resets": 0.5, "video_state_resets": 0.3}, {}, "V", "its own moments, and first 30 %"),
+        (
+            {"video_state_resets": 0.3},
+            {},
+            "V",
+            "and first 30 %, in the end none at videos' frames;",
+        ),
+        (
+            {"visited_state_resets": 0.5, "video_state_resets": 0.3},
+            {},
+            "V",
+            "its own moments, and first 30 %",
+        ),
         ({"visited_state_resets": 0.5}, {"observation": "rich"}, "C", "its own moments;"),
         ({"frame_stack": 4}, {}, "A", "sees poses and velocities, of the last 4 control steps;"),
     ],

@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.workflows.build import hard_negatives, policy_setup, setup
 from support.probes import Probe
 
 from gril_jax.audit.scene_reward import Scene
@@ -24,6 +23,7 @@ from gril_jax.rl.policy import Policy
 from gril_jax.runs import phases, run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
+from gril_jax.workflows.build import hard_negatives, policy_setup, setup
 
 CONFIG = RunConfig(
     encoder=EncoderOptions(width=4, rounds=0, latent=2),

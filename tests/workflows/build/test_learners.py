@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.workflows.build import demonstrations, learners, setup
 from support.kinematic_demos import kinematic_demos
 
 from gril_jax import reward
@@ -15,6 +14,7 @@ from gril_jax.config import EncoderOptions, LossConfig, PretrainConfig, RunConfi
 from gril_jax.config.files import load
 from gril_jax.encoders.ensemble import split
 from gril_jax.errors import ConfigError
+from gril_jax.workflows.build import demonstrations, learners, setup
 
 SEEDS, MEMBERS = 2, 2
 CONFIG = RunConfig(  # of few parts, since it is the compiling that takes time
@@ -69,7 +69,9 @@ def test_seeds_and_members_all_differ_and_learn(trained):
 
 def test_a_member_is_trained_as_a_network_by_itself(trained):
     _, fresh, state, metrics, _, _ = trained
-    alone = dataclasses.replace(CONFIG, encoder=dataclasses.replace(CONFIG.encoder, ensemble_size=1))
+    alone = dataclasses.replace(
+        CONFIG, encoder=dataclasses.replace(CONFIG.encoder, ensemble_size=1)
+    )
     one = learners._of_boxes(alone, DEMOS, None)
     hyper = setup.pretrain_hyper(alone)
     losses = []
@@ -105,7 +107,9 @@ def test_an_encoder_that_knows_what_classes_share_gets_their_words_from_the_task
     assert green_region[0] == green_star[0] != blue_region[0]  # a colour
     assert green_region[1] == blue_region[1] != green_star[1]  # a kind
     assert not {*robot} & {*green_region, *blue_region, *green_star}
-    plain = load("magical_suite", ["--env.name", "find_dupe", "--encoder.share-attributes", "False"])
+    plain = load(
+        "magical_suite", ["--env.name", "find_dupe", "--encoder.share-attributes", "False"]
+    )
     assert setup.encoder_config(plain, 21).words == ()
     films = load("own_videos", ["--encoder.share-attributes", "True"])
     with pytest.raises(ConfigError, match=r"encoder\.share_attributes is True, but must be False"):

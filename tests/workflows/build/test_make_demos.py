@@ -9,13 +9,13 @@ from gril_jax.envs.tabletop import demonstrations, render
 from gril_jax.envs.tabletop.script import Script
 from gril_jax.envs.tabletop.shoes_in_box import expert
 from gril_jax.envs.tabletop.shoes_in_box.task import shoes_in_box
-from gril_jax.workflows.build import make_demos
 
 from gril_jax.config import DemosConfig, EnvConfig, MakeDemosConfig
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError
 from gril_jax.runs.progress import Progress
+from gril_jax.workflows.build import make_demos
 
 PIXELS = 64
 

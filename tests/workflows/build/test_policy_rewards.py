@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
 from support.kinematic_demos import kinematic_demos
 from support.probes import Probe
 
@@ -14,6 +13,7 @@ from gril_jax.config import PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.staircase import Staircase
+from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
 
 FRAMES = 140
 ENDS = (35, 75, 115)
@@ -68,7 +68,9 @@ def test_films_of_other_objects_are_nothing_to_begin_at():
 
 def test_a_task_that_cannot_place_boxes_is_refused_frames_to_begin_at():
     config = RunConfig(ppo=PPOConfig(video_state_resets=0.5))
-    with pytest.raises(ConfigError, match=r"video_state_resets is 0\.5, but match_regions cannot place"):
+    with pytest.raises(
+        ConfigError, match=r"video_state_resets is 0\.5, but match_regions cannot place"
+    ):
         policy_setup.make_algorithm(config, Probe())
 
 

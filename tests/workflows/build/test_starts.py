@@ -5,12 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs import registry
-from gril_jax.workflows.build import setup
-from gril_jax.workflows.build.starts import Group, draw, evaluated_from, which
 
 from gril_jax.config import EnvConfig
 from gril_jax.rl import rewards
 from gril_jax.rl.episodes import Episodes
+from gril_jax.workflows.build import setup
+from gril_jax.workflows.build.starts import Group, draw, evaluated_from, which
 
 ONE_BLOCK = EnvConfig(targets=("green square",), distractors=("yellow circle",))
 
