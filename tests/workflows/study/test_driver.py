@@ -64,7 +64,6 @@ def test_a_study_that_was_cut_off_goes_on_where_it_stood(task, monkeypatch):
         assert (out / name).stat().st_size > 500
 
 
-@pytest.mark.slow
 def test_a_row_that_fails_ends_neither_the_others_nor_the_study(task, monkeypatch, capsys):
     out, learn = task / "run", driver.learn_policies
 
