@@ -185,7 +185,7 @@ def main(monkeypatch):
     """The calls to the experiment of either verb."""
     calls = []
     for name in ("pretrain", "train"):
-        module = types.ModuleType(f"gril_jax.experiments.{name}")
+        module = types.ModuleType(f"gril_jax.workflows.{name}")
         module.main = lambda *args, **kwargs: calls.append(kwargs)
         monkeypatch.setitem(sys.modules, module.__name__, module)
         monkeypatch.setattr(module.__name__, module, raising=False)
