@@ -96,7 +96,7 @@ def learn_reward(
 
 @dataclasses.dataclass(frozen=True)
 class Audit:
-    """What an adversary found: figures by name, and whether the reward keeps all bounds.
+    """An audit's figures by name, and whether the reward keeps all bounds.
 
     `docs/audit.md` defines each figure. A reward from videos alone is asked less, because videos do
     not say what success is.

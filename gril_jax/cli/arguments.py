@@ -1,4 +1,4 @@
-"""What verbs make of their arguments before anything heavy is imported: paths, runs, echoes."""
+"""Paths and runs that arguments name, checked before anything heavy is imported."""
 
 import functools
 from collections.abc import Callable
