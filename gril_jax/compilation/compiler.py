@@ -13,7 +13,12 @@ from typing import Any
 
 import jax
 
-_OPTIONS: dict[str, dict[str, Any]] = {"cpu": {"xla_backend_optimization_level": 1}}
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "cpu": {"xla_backend_optimization_level": 1},
+    # Kernels are timed, but their results are not compared: XIRL's programs compile in 40 s in
+    # place of 180 (H100, JAX 0.11).
+    "gpu": {"xla_gpu_autotune_level": 2},
+}
 _BRIEF: dict[str, dict[str, Any]] = _OPTIONS | {
     "gpu": {
         "xla_disable_hlo_passes": "priority-fusion",
