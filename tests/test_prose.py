@@ -45,6 +45,7 @@ def prose(text: str) -> list[tuple[int, str]]:
     text = re.sub(r"`[^`\n]*`", "code", text)
     text = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", text)
     text = re.sub(r"<[^>\n]*>|https?://\S+", "", text)
+    text = re.sub(r"\d{4}-\d\d-\d\d|\b\d+:\d\d\b", "then", text)  # a date or a time is a word
     found, words, begun = [], [], 1
 
     def end() -> None:
