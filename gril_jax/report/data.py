@@ -19,9 +19,7 @@ from jaxtyping import Bool, Float, Int
 from gril_jax.config.tables import ALGORITHMS
 from gril_jax.demos.plain_npz import NotPlainError, read_plain
 from gril_jax.errors import RunError
-from gril_jax.runs.covered import require_unchanged
-from gril_jax.runs.phases import read_phases
-from gril_jax.runs.reading import read_metrics, read_results
+from gril_jax.runs.reading import read_metrics, read_phases, read_results, require_unchanged
 from gril_jax.safe_files import read_object
 
 SPLITS = ("train", "validation", "failure")

@@ -13,8 +13,7 @@ from gril_jax.demos.demo_set import DemoSet, load_demo_set, select_objects
 from gril_jax.demos.schema import HEADER
 from gril_jax.graphs import activity
 from gril_jax.report.figures.filmstrip import Film
-from gril_jax.runs.covered import require_same_demos, require_unchanged
-from gril_jax.runs.reading import read_config
+from gril_jax.runs.reading import read_config, require_same_demos, require_unchanged
 from gril_jax.threads import parallel_map
 
 from .data import Profiles, read_finished, read_profiles, read_rows, read_versions

@@ -21,8 +21,8 @@ from gril_jax.report.figures.curves import (
 )
 from gril_jax.report.figures.filmstrip import Film, contact_sheet
 from gril_jax.report.figures.style import png
-from gril_jax.runs import times
-from gril_jax.runs.phases import require_single
+from gril_jax.runs.json_lines import CLOCKS
+from gril_jax.runs.reading import require_single
 
 from .data import read_rollouts, read_versions
 from .headline import headline, verdict
@@ -203,7 +203,7 @@ def _next(run: Inputs) -> list[Step]:
 def _what_was_run(run: Inputs) -> dict[str, Any]:
     versions = read_versions(run.folder)
     known = ("command", "device", "python", "platform")
-    results = {name: value for name, value in run.results.items() if name not in times.CLOCKS}
+    results = {name: value for name, value in run.results.items() if name not in CLOCKS}
     return {
         "facts": _in_text({name: versions[name] for name in known if name in versions}),
         "tables": {

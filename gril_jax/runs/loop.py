@@ -46,7 +46,7 @@ def restore(run: Run, name: str, state: Any, *, tell: Callable[[str], None]) -> 
     found, chunks, seconds = state, 0, 0.0
     if hosts.is_first():
         found, chunks = run.newest(name, state, tell)
-        rows = [row for row in run.cut_metrics(name, chunks) if row.get("phase") == name]
+        rows = [row for row in run.metrics() if row.get("phase") == name]
         seconds = float(rows[-1].get("seconds") or 0.0) if rows else 0.0
     (chunks,) = hosts.largest([chunks])  # those of the first: others know of none
     if chunks:

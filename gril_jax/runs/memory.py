@@ -61,12 +61,6 @@ class MemoryRun:
         """Adds to `times`."""
         self.times.append(plain(fields))
 
-    def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
-        """The rows before a phase: without a checkpoint it always begins anew."""
-        del count
-        self._rows = [row for row in self._rows if row.get("phase") != phase]
-        return self.metrics()
-
     def finished_phase(self, name: str) -> dict[str, Any] | None:
         """The results of a phase, or None while it has not finished."""
         return self._finished.get(name)
@@ -98,8 +92,9 @@ class MemoryRun:
         return []
 
     def newest(self, phase: str, state: Any, tell: Any) -> tuple[Any, int]:
-        """The fresh state and 0 chunks."""
-        del phase, tell
+        """The fresh state and 0 chunks: without a checkpoint a phase always begins anew."""
+        del tell
+        self._rows = [row for row in self._rows if row.get("phase") != phase]
         return state, 0
 
     def saving(self, phase: str, *, keep: int) -> NoCheckpoints:

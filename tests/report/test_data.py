@@ -18,7 +18,7 @@ from gril_jax.report.data import (
 )
 from gril_jax.report.headline import headline, in_words, verdict
 from gril_jax.runs import run_dir
-from gril_jax.runs.phases import Phases, write_phases
+from gril_jax.runs.reading import Phases, write_phases
 
 
 @pytest.fixture(autouse=True)

@@ -1,10 +1,25 @@
-"""times.jsonl: clocks are joined to their rows, and no run depends on them."""
+"""metrics.jsonl and times.jsonl: what is cut came after a mark; no run depends on its clocks."""
 
 import pytest
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
-from gril_jax.runs import run_dir, times
+from gril_jax.runs import json_lines, run_dir
+
+
+@pytest.mark.parametrize("count", [None, 1, 3])
+def test_a_file_is_cut_to_a_mark_and_goes_on_from_there(tmp_path, count):
+    rows, marks = json_lines.JsonLines(tmp_path / "metrics.jsonl"), {None: None}
+    for i in range(3):
+        rows.append({"i": i})
+        marks[i + 1] = rows.mark()
+    left = count or 0
+    assert rows.cut(marks[count]) == 3 - left
+    rows.append({"i": 9})
+    rows.sync()
+    kept = json_lines.read_rows(rows.file, [rows.mark()], whole=True)
+    assert [row["i"] for row in kept] == [*range(left), 9]
+    rows.close()
 
 
 @pytest.fixture
@@ -20,21 +35,18 @@ def path(tmp_path):
 ROWS = [{"phase": "ppo", "env_steps": i} for i in range(4)]
 
 
-def test_clocks_are_in_a_file_of_their_own_and_readers_join_them(path):
+def test_clocks_are_in_a_file_of_their_own_and_of_two_the_later_one_counts(path):
     assert run_dir.read_metrics(path) == ROWS
     row = {"phase": "ppo", "env_steps": 3, "seconds": 1.5, "env_steps_per_s": 2.0}
     assert run_dir.read_metrics(path, clocks=True)[3] == row
-    assert times.started(path)[:2] == "20"
-
-
-def test_of_two_times_of_a_row_the_later_one_counts(path):
+    assert json_lines.started(path)[:2] == "20"
     with run_dir.resume(path) as run:
         run.note_time(line=4, seconds=7.0)
     assert run_dir.read_metrics(path, clocks=True)[3]["seconds"] == 7.0
 
 
 def test_a_damaged_line_is_refused_and_without_the_file_the_run_goes_on(path):
-    file = path / times.FILE
+    file = path / json_lines.TIMES
     lines = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(b"".join([*lines[:2], b"{]\n", *lines[3:]]))
     fault = r"times\.jsonl: line 3 is not JSON: remove it, and the run goes on without its times"
@@ -51,9 +63,14 @@ def test_a_damaged_line_is_refused_and_without_the_file_the_run_goes_on(path):
     assert run_dir.read_metrics(path) == [*ROWS, {"phase": "later"}]
 
 
-def test_a_last_line_that_was_cut_short_is_left_out(path):
-    file = path / times.FILE
-    file.write_bytes(file.read_bytes()[:-3])
+def test_last_lines_that_were_cut_short_are_left_out_and_then_cut_off(path):
+    times, metrics = path / json_lines.TIMES, path / "metrics.jsonl"
+    times.write_bytes(times.read_bytes()[:-3])
+    metrics.write_bytes(metrics.read_bytes() + b'{"phase": "lat')
+    assert run_dir.read_metrics(path) == ROWS
     with run_dir.resume(path) as run:
-        assert run.said == [f"the last line of {file} was cut short, and is left out"]
+        said = "the last line of {} was cut short, and is left out"
+        assert run.said == [said.format(file) for file in (metrics, times)]
+        run.log(phase="later")
     assert "seconds" not in run_dir.read_metrics(path, clocks=True)[3]
+    assert run_dir.read_metrics(path) == [*ROWS, {"phase": "later"}]
