@@ -176,7 +176,7 @@ def _summary(run: Inputs) -> str:
     of = f"Task {chosen.env.shown_name}" if chosen.env.name != NO_TASK else "Films alone, no task"
     given = run.results.get("given")
     return (
-        f"{of}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
+        f"{of}, {chosen.run.reward_form} reward, {chosen.encoder.kind} encoder"
         f"{learner}, seed {chosen.run.seed}" + f". The learner is given {given}." * bool(given)
     )
 

@@ -43,7 +43,6 @@ class Static(Sizes):
     num_epochs: int = PPOConfig.num_epochs
     by_object: bool = PPOConfig.by_object  # of tasks with `observation_rows`
     sub_policies: int = PPOConfig.sub_policies  # with networks of their own, one for each stage
-    frame_stack: int = PPOConfig.frame_stack  # observations that the policy sees at a time
     noise_correlation: float = PPOConfig.noise_correlation  # share of variance held for an unroll
 
 
@@ -91,7 +90,7 @@ class PPO(Agent):
         self.static = static
         self._passes = static.num_epochs, static.num_minibatches + 1  # keys of `learn`
         to_learn = math.prod(self._passes) + (static.noise_correlation > 0)
-        super().__init__(env, reward, static, to_learn, static.frame_stack)
+        super().__init__(env, reward, static, to_learn)
         one = networks.make_ppo_networks(
             self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,

@@ -117,16 +117,16 @@ class Needs(NamedTuple):
 
 def needs_of(config: RunConfig) -> Needs:
     """The parts that a configuration needs."""
-    form = REWARDS[config.run.reward]
-    encoder = form.learns and config.run.reward_file is None
+    form = REWARDS[config.run.reward_form]
+    encoder = form.learns and config.run.reward_source is None
     demos = encoder or form.staged or policy_rewards.begins_at_frames(config)
     return Needs(form.learns, encoder, demos)
 
 
 def _reused(config: RunConfig, env: envs.Env) -> tuple[RunConfig, LearnedReward | None]:
     """The configuration with the encoder of the reward that it names, and that reward."""
-    source = config.run.reward_file
-    if source is None or not REWARDS[config.run.reward].learns:
+    source = config.run.reward_source
+    if source is None:
         return config, None
     learned = reuse.load(Path(source))
     return reuse.configured(config, learned, env, source), learned
@@ -139,7 +139,7 @@ def _kept(run: OpenRun, reused: LearnedReward | None) -> dict[str, Any]:
     results = run.dir.finished_phase("reward")
     if results is None:
         digest = state_leaves.digest(reused.params)
-        results = {"reward_from": run.config.run.reward_file, "reward_sha256": digest}
+        results = {"reward_from": run.config.run.reward_source, "reward_sha256": digest}
         run.dir.finish_phase("reward", results, run.dir.save_part("reward", 0, reused.params))
         run.echo(f"the reward is that of {results['reward_from']} (sha256 {digest[:12]})")
     return results
@@ -150,7 +150,7 @@ def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrat
     config, num_classes = run.config, len(env.classes)
     if run.dir.finished_phase("policy_reward") is None:
         learned = None
-        if REWARDS[config.run.reward].learns:
+        if REWARDS[config.run.reward_form].learns:
             learned = run.dir.load_part("reward", setup.blank_reward(config, num_classes))
         shown = None if demos is None else demos.batch("train")
         params = policy_rewards.parameters(config, learned, shown, num_classes)

@@ -191,11 +191,6 @@ def test_minibatches_divide_the_environments():
         RunConfig(ppo=PPOConfig(num_minibatches=5))
 
 
-def test_policies_that_read_objects_see_one_observation():
-    with pytest.raises(ConfigError, match=r"ppo\.frame_stack is 2.* must be 1 with ppo\.by_object"):
-        RunConfig(ppo=PPOConfig(frame_stack=2, by_object=True))
-
-
 def test_warp_has_room_for_the_environments():
     warp = EnvConfig(name="shoes_in_box", engine="warp", max_envs=32)
     few, enough = RunSettings(eval_episodes=32), PPOConfig(num_envs=32)

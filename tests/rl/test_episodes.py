@@ -195,22 +195,3 @@ def test_observation_ends_with_the_activity_bits_if_asked():
 def test_metrics_are_those_of_the_moment():
     _, moments = _play(Probe(), [0.0] * 3)
     np.testing.assert_allclose([float(m.metrics["score"]) for m in moments], [0.1, 0.2, 0.3])
-
-
-def test_a_policy_can_see_the_last_observations_the_present_one_last():
-    env = Probe(clock=True, breaks=4, fragile=1.0, episode_length=10)
-    one, three = _episodes(env), _episodes(env, frame_stack=3)
-    assert three.observation_size == 3 * one.observation_size
-    alone = lane = three.begin(jax.random.key(0))
-    seen = [one.observe(alone)] * 3  # nothing came before the start
-    np.testing.assert_array_equal(three.observe(lane), jnp.concatenate(seen))
-    for action in (0.7, -0.3, 0.2):
-        lane, _ = three.advance(None, lane, jnp.array([action]), tau=0.005)
-        seen = [*seen[1:], one.observe(lane)]
-        np.testing.assert_array_equal(three.observe(lane), jnp.concatenate(seen))
-    after, moment = three.advance(None, lane, jnp.array([0.7]), tau=0.005)
-    assert moment.nonfinite == 1
-    np.testing.assert_array_equal(three.observe(after), three.observe(lane))
-    fresh = three.begin(jax.random.key(1))
-    again = episodes.reset_where(jnp.array(True), fresh, lane)
-    np.testing.assert_array_equal(three.observe(again), three.observe(fresh))

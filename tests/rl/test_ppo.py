@@ -333,20 +333,3 @@ def test_a_policy_learns_with_held_noise():
     state = step(start)
     assert _mean_action(ppo, state, 1) > 0.5
     assert _mean_action(ppo, state, -1) < -0.5
-
-
-def test_a_policy_learns_from_stacked_observations():
-    """The present observation is the last; that before it does not change the answer."""
-    ppo = _ppo(dataclasses.replace(UNSEEING, frame_stack=2))
-    start = ppo.init(jax.random.key(0), HYPER)
-    assert start.normalizer.mean.shape == (4,)
-    step = jax.jit(lambda s: jax.lax.scan(lambda s, _: ppo.step(s, HYPER, DONE), s, length=120)[0])
-    state = step(start)
-
-    def mean(before, now):
-        seen = jnp.array([before, 0, now, 0], jnp.float32)
-        logits = ppo.networks.policy_network.apply(state.normalizer, state.params.policy, seen)
-        return float(ppo.networks.parametric_action_distribution.mode(logits)[0])
-
-    assert min(mean(before, 1) for before in (-1, 1)) > 0.5
-    assert max(mean(before, -1) for before in (-1, 1)) < -0.5

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from gril_jax.config import RunConfig, Variant
 from gril_jax.config.command_line import RunFolder
 from gril_jax.config.files import sections
-from gril_jax.config.rules import between, count
+from gril_jax.config.tables import between, count
 from gril_jax.config.run_config import Sections
 from gril_jax.errors import ConfigError
 from gril_jax.runs import reading, run_dir

@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 
 from gril_jax import reward
 from gril_jax.config import RunConfig
-from gril_jax.config.stages import StageOptions
+from gril_jax.config.run_config import StageOptions
 from gril_jax.demos import schema
 from gril_jax.demos.demo import Demo
 from gril_jax.demos.formats import lerobot
