@@ -70,7 +70,7 @@ class Alignment(NamedTuple):
     """A loss that aligns videos in time."""
 
     losses: tuple[str, ...]
-    """Functions as `gril_jax.pretraining.alignment` has them; several are summed."""
+    """Functions as `gril_jax.pretraining.loss` has them; several are summed."""
     form: str = "regression_mse"
     """Form of the cycle-consistency that they are given."""
     similarity: str = "l2"
@@ -107,14 +107,14 @@ ENCODERS = {
     "pixels": Encoder("gril_jax.encoders.resnet.PixelConfig", boxes=False, saved="pixel"),
 }
 
-_CYCLE = ("gril_jax.pretraining.alignment.cycle",)
-_WARPING = ("gril_jax.pretraining.alignment.warping",)
+_CYCLE = ("gril_jax.pretraining.loss.cycle",)
+_WARPING = ("gril_jax.pretraining.loss.warping",)
 ALIGNMENTS = {
     "tcc": Alignment(_CYCLE),
     "tcc_variance": Alignment(_CYCLE, form="regression_mse_var"),
     "tcc_huber": Alignment(_CYCLE, form="regression_huber"),
     "tcc_classification": Alignment(_CYCLE, form="classification"),
-    "tcc_stochastic": Alignment(("gril_jax.pretraining.alignment.sampled_cycle",)),
+    "tcc_stochastic": Alignment(("gril_jax.pretraining.loss.sampled_cycle",)),
     "tcc_cosine": Alignment(_CYCLE, similarity="cosine"),
     "soft_dtw": Alignment(_WARPING),
     "both": Alignment(_CYCLE + _WARPING),

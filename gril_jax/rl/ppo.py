@@ -25,9 +25,15 @@ from gril_jax.config.policy import PPOConfig
 from . import blocks, ppo_loss, rollout, set_networks
 from .agent import Agent, Sizes
 from .episodes import Environment
-from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
+from .policy import (
+    Policy,
+    fresh_normalizer,
+    fresh_weights,
+    normalize,
+    observed,
+    of_stages,
+)
 from .rewards import AnyReward
-from .sub_policies import of_stages
 
 Number = Float[Array, ""] | float
 

@@ -20,8 +20,7 @@ from gril_jax.config import RunConfig
 from gril_jax.config.tables import REWARDS
 from gril_jax.errors import ConfigError
 from gril_jax.report import rates, run_report
-from gril_jax.report.audit import asked
-from gril_jax.report.headline import in_words
+from gril_jax.report.headline import audit_kept, audit_sentence, in_words
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.rl import training
 from gril_jax.runs.checkpoints import state_leaves
@@ -98,7 +97,7 @@ def main(
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
-    for line in (*rates.sentences(results), *([asked.sentence(results)] if needs.reward else [])):
+    for line in (*rates.sentences(results), *([audit_sentence(results)] if needs.reward else [])):
         echo(line)
     echo(f"given: {results['given']}")
     tau = f"tau {results['tau']:.3f}, " if "tau" in results else ""
@@ -171,7 +170,7 @@ def _audited(run: OpenRun) -> dict[str, Any]:
         phase = run.progress.phase("auditing the reward", total=ascents, unit="ascents")
         # It repeats to the byte, so what a process that was cut off left of it is written over.
         results = audit.main(run.path, ascents=ascents, seed=run.config.run.seed, echo=_silent)
-        found = {"audit": asked.kept(results)}
+        found = {"audit": audit_kept(results)}
         run.dir.finish_phase("audit", found)
         phase.update(ascents)
     return found

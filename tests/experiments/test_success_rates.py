@@ -9,8 +9,8 @@ from support.run_folders import RESULTS, save_run
 
 from gril_jax.config import RunConfig
 from gril_jax.report import rates
-from gril_jax.report.figures.curves import spread
-from gril_jax.report.figures.style import png
+from gril_jax.report.curves import spread
+from gril_jax.report.style import png
 from gril_jax.report.run_report import write_report
 from gril_jax.workflows.study import recipe, summary
 from gril_jax.workflows.study.counted import Counted

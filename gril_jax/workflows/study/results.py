@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gril_jax.report.audit import asked
+from gril_jax.report import headline
 from gril_jax.report.data import read_versions
 from gril_jax.runs import json_lines, run_dir
 from gril_jax.runs.reading import read_phases
@@ -126,4 +126,4 @@ def _passes(line: Line) -> dict[str, float]:
     if first is None:
         return {}
     audited = {long: line.get(f"{name}_{first}", float("nan")) for name, long in FIGURES.items()}
-    return {PASSES: float(not asked.faults(audited))}
+    return {PASSES: float(not headline.faults(audited))}
