@@ -57,19 +57,6 @@ class Profiles(NamedTuple):
     length: Int[np.ndarray, "B"]  # frames before padding
     transitions: Bool[np.ndarray, "B T"]  # frames at which a stage ends
 
-    def traces(self, split: str) -> list[Float[np.ndarray, "_"]]:
-        """The rewards of one split's demonstrations, without padding."""
-        chosen = [i for i, name in enumerate(self.split) if name == split]
-        return [self.reward[i, : self.length[i]] for i in chosen]
-
-
-class Rollouts(NamedTuple):
-    """Evaluation episodes of the trained policy."""
-
-    reward: Float[np.ndarray, "E T"]  # of each step, so of frames 1 to T
-    success: Bool[np.ndarray, "E"]
-    shown: int  # the episode in rollout.mp4
-
 
 def read_profiles(folder: Path) -> Profiles | None:
     """Reads profiles.npz; None if there is none."""
@@ -94,8 +81,8 @@ def read_profiles(folder: Path) -> Profiles | None:
     return Profiles(tuple(names.tolist()), tuple(split.tolist()), reward, length, transitions)
 
 
-def read_rollouts(folder: Path) -> Rollouts | None:
-    """Reads rollouts.npz; None if there is none."""
+def read_outcome(folder: Path) -> bool | None:
+    """True if the episode of rollouts.npz that was filmed is a success; None without the file."""
     require_unchanged(folder, "rollouts.npz")
     path = folder / "rollouts.npz"
     arrays = _arrays(path, {"reward": "f", "success": "bf", "shown": "iu"})
@@ -108,7 +95,7 @@ def read_rollouts(folder: Path) -> Rollouts | None:
     _require_shape(path, "shown", shown, ())
     if not 0 <= int(shown) < len(reward):
         raise RunError(f"{path}: shown is {int(shown)}, but there are {len(reward)} episodes")
-    return Rollouts(reward, success > 0.5, int(shown))
+    return bool(success[int(shown)] > 0.5)
 
 
 def _arrays(path: Path, kinds: Mapping[str, str]) -> dict[str, np.ndarray] | None:

@@ -18,7 +18,7 @@ from gril_jax.runs.json_lines import CLOCKS
 from gril_jax.runs.reading import require_single
 
 from .curves import learning_curve, pretrain_curve, reward_profile
-from .data import Inputs, films_of, read_inputs, read_rollouts, read_versions
+from .data import Inputs, films_of, read_inputs, read_outcome, read_versions
 from .filmstrip import Film, contact_sheet
 from .headline import headline, verdict
 from .html import Part, Section, Step, render, save
@@ -152,11 +152,11 @@ def _of_random(random: Rate | None) -> str:
 
 
 def _rollout(run: Inputs) -> Part:
-    rollouts, path = read_rollouts(run.folder), run.folder / "rollout.mp4"
-    if rollouts is None or not path.exists():
+    success, path = read_outcome(run.folder), run.folder / "rollout.mp4"
+    if success is None or not path.exists():
         return Part("The trained policy was not filmed.")
     read_fps(path)  # or a DemoError: a browser would show a damaged video as nothing
-    outcome = "succeeds" if rollouts.success[rollouts.shown] else "fails"
+    outcome = "succeeds" if success else "fails"
     return Part(
         f"The trained policy in an evaluation episode that {outcome}.",
         path.read_bytes(),

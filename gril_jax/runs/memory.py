@@ -8,31 +8,13 @@
 file: it has no checkpoints, and nothing can go on with it once it is cut off.
 """
 
+import contextlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from .json_lines import plain
 from .run_dir import RunDir
-
-
-class NoCheckpoints:
-    """Stands in for the writer of checkpoints: always busy, so that nothing is collected for it."""
-
-    longest_stall_s = 0.0
-    busy = True
-
-    def save(self, step: int, state: Any) -> None:
-        """Does nothing."""
-
-    def wait(self) -> None:
-        """Returns at once."""
-
-    def __enter__(self) -> "NoCheckpoints":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
 
 class MemoryRun:
@@ -97,10 +79,10 @@ class MemoryRun:
         self._rows = [row for row in self._rows if row.get("phase") != phase]
         return state, 0
 
-    def saving(self, phase: str, *, keep: int) -> NoCheckpoints:
-        """What stands in for the writer of checkpoints."""
+    def saving(self, phase: str, *, keep: int) -> contextlib.nullcontext[None]:
+        """No writer of checkpoints."""
         del phase, keep
-        return NoCheckpoints()
+        return contextlib.nullcontext()
 
     def settle(self, phase: str) -> None:
         """Does nothing: there are no checkpoints to remove."""

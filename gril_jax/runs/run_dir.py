@@ -28,7 +28,7 @@ from gril_jax.errors import RunError
 from gril_jax.safe_files import sync, take_lock, write_whole, writing
 
 from . import checkpoints
-from .json_lines import CLOCKS, TIMES, JsonLines, Mark, latest_of, plain, read_rows, with_clocks
+from .json_lines import CLOCKS, TIMES, JsonLines, latest_of, plain, read_rows, with_clocks
 from .reading import Phases, digest, marks_of, read_config, read_phases, versions, write_phases
 from .reading import read_metrics as read_metrics
 from .reading import read_results as read_results
@@ -44,7 +44,7 @@ class RunDir:
         self.path, self.checkpoints = path, path / "checkpoints"
         self.experiment = phases.experiment  # the one that can resume the run
         self.said: list[str] = []  # a sentence for each file that was repaired
-        self._lock, self._phases = lock, phases
+        self._lock, self._phases, self._config = lock, phases, config
         self._sinks: list[Any] = []
         self.rows, self.times = JsonLines(path / "metrics.jsonl"), JsonLines(path / TIMES)
         self.said += [said for said in (self.rows.said, self.times.said) if said]
@@ -57,15 +57,23 @@ class RunDir:
                     f"{count} lines of {self.rows.file} after the last checkpoint are left out: "
                     "their work is done again"
                 )
-            rows = self.metrics()
             self.note_time(started=time.strftime("%Y-%m-%dT%H:%M:%S%z"))
-            self._count = len(rows)
-            for name in config.run.sinks:
-                self._sinks.append(open_sink(name, path, dataclasses.asdict(config)))
-                self._sinks[-1].begin(rows)
+            self._open_sinks()
         except BaseException:
             self.close()
             raise
+
+    def _open_sinks(self) -> None:
+        rows = self.metrics()
+        self._count = len(rows)
+        self._close_sinks()
+        for name in self._config.run.sinks:
+            config = dataclasses.asdict(self._config)
+            self._sinks.append(open_sink(name, self.path, config, rows))
+
+    def _close_sinks(self) -> None:
+        while self._sinks:
+            self._sinks.pop().close()
 
     def log(self, **metrics: Any) -> None:
         """Appends one line of metrics; arrays become lists, non-finite numbers become null.
@@ -154,15 +162,9 @@ class RunDir:
             except checkpoints.DamagedError as error:
                 aside = checkpoints.discard(path)
                 tell(f"{error}: it is set aside as {aside.name}, and the one before it is taken")
-        self._cut(latest_of(mark, self._phases.metrics))
+        if self.rows.cut(latest_of(mark, self._phases.metrics)):
+            self._open_sinks()
         return state, chunks
-
-    def _cut(self, mark: Mark | None) -> None:
-        if self.rows.cut(mark):
-            rows = self.metrics()
-            self._count = len(rows)
-            for sink in self._sinks:
-                sink.begin(rows)
 
     def saving(self, phase: str, *, keep: int) -> "checkpoints.CheckpointWriter":
         """The writer of a phase's checkpoints, of which so many of the newest stay."""
@@ -190,8 +192,7 @@ class RunDir:
 
     def close(self) -> None:
         """Releases the lock; closing twice is harmless."""
-        while self._sinks:
-            self._sinks.pop().close()
+        self._close_sinks()
         self.rows.close()
         self.times.close()
         if not self._lock.closed:

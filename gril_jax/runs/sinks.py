@@ -1,8 +1,7 @@
 """Sinks: copies of metrics.jsonl for TensorBoard and Weights & Biases, both optional.
 
-`begin` replaces all rows, and is called first, and whenever rows have been cut; `log` sends one
-more, with its number in the file from 0; `close` sends what remains. A row's finite numbers are
-sent under PHASE/NAME, at its step.
+`log` sends one row, with its number in the file from 0; `close` sends what remains. A row's finite
+numbers are sent under PHASE/NAME, at its step. Where rows are cut, a sink is opened again.
 """
 
 import hashlib
@@ -31,14 +30,20 @@ def require_installed(names: Sequence[str]) -> None:
             )
 
 
-def open_sink(name: str, folder: Path, config: Mapping[str, Any]) -> "_TensorBoard | _Wandb":
-    """Opens a sink for the run in a folder; its own files go to a folder below of its name. A
-    ConfigError if its package is not installed, a RunError if it cannot start."""
+def open_sink(
+    name: str, folder: Path, config: Mapping[str, Any], rows: Sequence[Row]
+) -> "_TensorBoard | _Wandb":
+    """Opens a sink for the run in a folder, with its rows so far; the sink's own files go to a
+    folder below of its name. A ConfigError if its package is not installed, a RunError if it cannot
+    start."""
     require_installed([name])
-    return {"tensorboard": _TensorBoard, "wandb": _Wandb}[name](folder, config)
+    sink = {"tensorboard": _TensorBoard, "wandb": _Wandb}[name](folder, config)
+    for index, row in enumerate(rows):
+        sink.log(index, row)
+    return sink
 
 
-def scalars(row: Mapping[str, Any]) -> tuple[int | None, dict[str, float]]:
+def scalars(row: Row) -> tuple[int | None, dict[str, float]]:
     """A row's step, or None, and its numbers by PHASE/NAME."""
     step = next((int(row[name]) for name in _STEPS if row.get(name) is not None), None)
     phase = row.get("phase", "run")
@@ -48,15 +53,10 @@ def scalars(row: Mapping[str, Any]) -> tuple[int | None, dict[str, float]]:
 
 class _TensorBoard:
     def __init__(self, folder: Path, config: Mapping[str, Any]):
-        self._folder, self._writer = folder / "tensorboard", None
-
-    def begin(self, rows: Sequence[Row]) -> None:
-        self.close()
-        shutil.rmtree(self._folder, ignore_errors=True)  # its files can only grow
+        del config
+        shutil.rmtree(folder / "tensorboard", ignore_errors=True)  # its files can only grow
         package = importlib.import_module(PACKAGES["tensorboard"])
-        self._writer = package.SummaryWriter(str(self._folder), flush_secs=10)
-        for index, row in enumerate(rows):
-            self.log(index, row)
+        self._writer = package.SummaryWriter(str(folder / "tensorboard"), flush_secs=10)
 
     def log(self, index: int, row: Row) -> None:
         step, numbers = scalars(row)
@@ -64,8 +64,7 @@ class _TensorBoard:
             self._writer.add_scalar(name, value, index if step is None else step)
 
     def close(self) -> None:
-        if self._writer is not None:
-            self._writer.close()
+        self._writer.close()
 
 
 class _Wandb:
@@ -86,10 +85,6 @@ class _Wandb:
                 f"wandb cannot start ({reason}): log in, set WANDB_MODE=offline, or leave it out "
                 "of run.sinks"
             ) from None
-
-    def begin(self, rows: Sequence[Row]) -> None:
-        for index, row in enumerate(rows):
-            self.log(index, row)
 
     def log(self, index: int, row: Row) -> None:
         step, numbers = scalars(row)

@@ -133,8 +133,7 @@ def test_a_sink_that_cannot_start_is_one_sentence_and_gives_the_lock_back(spoken
 
 def test_tensorboard_s_files_are_readable(tmp_path):
     pytest.importorskip("tensorboardX")
-    sink = metric_sinks.open_sink("tensorboard", tmp_path, {})
-    sink.begin(ROWS[:1])
+    sink = metric_sinks.open_sink("tensorboard", tmp_path, {}, ROWS[:1])
     sink.log(1, ROWS[1])
     sink.close()
     (file,) = (tmp_path / "tensorboard").iterdir()
