@@ -22,7 +22,7 @@ from gril_jax.audit.scene_reward import Scene, scene_reward
 from gril_jax.config import RunConfig
 from gril_jax.errors import DemoError
 from gril_jax.pretraining import pretrain
-from gril_jax.pretraining.copies import Ends, displaced
+from gril_jax.pretraining.batch import Ends, displaced
 from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.data import read_finished
 from gril_jax.reward.latent_goal import RewardParams

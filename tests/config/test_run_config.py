@@ -157,6 +157,16 @@ def test_pixels_refuse_what_needs_boxes(path, value, right):
     assert str(caught.value) == sentence
 
 
+def test_a_reward_is_one_of_the_forms_or_has_been_learned_before():
+    for reward in ("kitchen.npz", "runs/one"):
+        run = _with("run.reward", reward).run
+        assert (run.reward_form, run.reward_source) == ("learned", reward)
+    run = _with("run.reward", "stages").run
+    assert (run.reward_form, run.reward_source) == ("stages", None)
+    with pytest.raises(ConfigError, match=r"run\.reward is 'lerned', but must be 'learned', "):
+        _with("run.reward", "lerned")
+
+
 def test_sub_policies_need_stages():
     ppo = PPOConfig(sub_policies=2)
     staged = RunSettings(reward="stages")
