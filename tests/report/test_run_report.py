@@ -140,12 +140,6 @@ def test_the_same_folder_gives_the_same_files(copied):
     assert [name for name in files if drawn[0][name] != drawn[1][name]] == []
 
 
-def test_nothing_is_left_behind_beside_the_reports_files(run):
-    before = {path.name for path in run.iterdir()}
-    write_report(run)
-    assert {path.name for path in run.iterdir()} == before
-
-
 def test_verdict_film_numbers_curve_and_profile_come_first_and_in_this_order(finished):
     text = (finished[0] / "report.html").read_text(encoding="utf-8")
     marks = [
@@ -228,13 +222,6 @@ def test_a_demonstration_that_the_set_does_not_have_is_drawn_without_frames(run)
     assert "frames above" not in page.text
 
 
-def test_numbers_that_are_missing_or_null_have_no_tile(run):
-    (run / "results.json").write_text('{"success": null, "tau": 0.25}')
-    page = report(run)
-    assert "0.250" in page.text
-    assert "Wilson" not in page.text
-
-
 @pytest.mark.parametrize(
     ("more", "said"),
     [
@@ -298,13 +285,6 @@ def test_a_profile_longer_than_its_video_is_refused(run):
     save_profiles(run, reward=wide, transitions=wide > 0, length=np.array([20] * 3, np.int32))
     with pytest.raises(RunError, match="profile of 'two' has 20 frames, but its video has 8"):
         write_report(run)
-
-
-def test_a_folder_that_is_no_run_is_refused(tmp_path):
-    with pytest.raises(RunError, match=r"no config\.yaml"):
-        write_report(tmp_path)
-    with pytest.raises(RunError, match="does not exist"):
-        write_report(tmp_path / "nowhere")
 
 
 def test_a_file_that_cannot_be_written_is_one_sentence(run):
