@@ -42,9 +42,7 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
         return Verdict("open", f"A reward was learned{said}.")
     rate, random = known["success"], known.get("success_random")
     against = "" if random is None else f"; a random policy: {random.value} of {random.counted}"
-    if rate.starts is None:
-        found = f"success {rate}" + ("" if random is None else f"; a random policy: {random.value}")
-    elif rate.single:
+    if rate.single:
         found = f"the task's one start is {rate.value}{against}"
     else:
         found = f"{rate.tally} end in success{against}"
