@@ -22,7 +22,7 @@ from .data import Inputs, films_of, read_inputs, read_outcome, read_versions
 from .filmstrip import Film, contact_sheet
 from .headline import headline, verdict
 from .html import Part, Section, Step, render, save
-from .rates import UNKNOWN, Rate, rates
+from .rates import Rate, rates
 from .style import png
 
 _TOP = 4  # numbers on the first screen
@@ -142,9 +142,8 @@ def _evaluations(rows: Sequence[Mapping[str, Any]]) -> str:
     examined = [row for row in rows if row.get("eval/success") is not None]
     if not examined:
         return ""
-    counts = [row.get("eval/episodes") for row in examined]
-    drawn = UNKNOWN if None in counts else f"{counts[0]:.0f} fresh starts for either kind"
-    return f" Marks: evaluations in between, {drawn}."
+    drawn = examined[0].get("eval/episodes") or 0
+    return f" Marks: evaluations in between, {drawn:.0f} fresh starts for either kind."
 
 
 def _of_random(random: Rate | None) -> str:
