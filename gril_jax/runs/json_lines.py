@@ -65,13 +65,14 @@ class JsonLines:
         """The lines so far."""
         return {"lines": self._lines, "bytes": self._bytes, "sha256": self._sha.hexdigest()}
 
-    def cut(self, mark: Mark | None) -> int:
-        """Truncates the file after a mark, or all of it; the number of lines that are left out."""
-        before = self._lines
+    def cut(self, lines: int) -> int:
+        """Truncates the file after so many lines; the number of those that are left out."""
+        left_out = self._lines - lines
         with writing(self.file.parent):
-            os.truncate(self.file, mark["bytes"] if mark else 0)
-            self._count(self.file.read_bytes())
-        return before - self._lines
+            kept = b"".join(self.file.read_bytes().splitlines(keepends=True)[:lines])
+            os.truncate(self.file, len(kept))
+        self._count(kept)
+        return left_out
 
     def sync(self) -> None:
         """Returns once the lines so far are on disk."""
@@ -109,11 +110,6 @@ def read_rows(file: Path, marks: Iterable[Mark] = (), *, whole: bool = False) ->
     if whole and len(data) > max((mark["bytes"] for mark in marks), default=0):
         raise RunError(f"{file} goes on after the last line that the run wrote")
     return rows
-
-
-def latest_of(*marks: Mark | None) -> Mark | None:
-    """The mark that covers most; None of none."""
-    return max(filter(None, marks), key=lambda mark: mark["bytes"], default=None)
 
 
 def read_times(folder: Path) -> list[Row]:

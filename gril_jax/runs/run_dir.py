@@ -28,7 +28,7 @@ from gril_jax.errors import RunError
 from gril_jax.safe_files import sync, take_lock, write_whole, writing
 
 from . import checkpoints
-from .json_lines import CLOCKS, TIMES, JsonLines, latest_of, plain, read_rows, with_clocks
+from .json_lines import CLOCKS, TIMES, JsonLines, plain, read_rows, with_clocks
 from .reading import Phases, digest, marks_of, read_config, read_phases, versions, write_phases
 from .reading import read_metrics as read_metrics
 from .reading import read_results as read_results
@@ -52,7 +52,7 @@ class RunDir:
             marks, damaged = marks_of(path, phases)
             self.said += damaged
             read_rows(self.rows.file, marks)  # they must be those that the run wrote
-            if count := self.rows.cut(latest_of(*marks)):
+            if count := self.rows.cut(max((mark["lines"] for mark in marks), default=0)):
                 self.said.append(
                     f"{count} lines of {self.rows.file} after the last checkpoint are left out: "
                     "their work is done again"
@@ -150,8 +150,8 @@ class RunDir:
     def newest(self, phase: str, state: Any, tell: Callable[[str], None]) -> tuple[Any, int]:
         """The newest undamaged checkpoint of a phase and its chunks; the state and 0 without one.
 
-        Damaged ones are set aside, and `tell` takes a sentence for each. Rows of metrics after it
-        are cut off, but for those of finished phases.
+        Damaged ones are set aside, and `tell` takes a sentence for each. From the phase's first row
+        after it on, all rows of metrics are cut off.
         """
         chunks, mark = 0, None
         while (path := checkpoints.latest(self.checkpoints / phase)) is not None:
@@ -162,7 +162,9 @@ class RunDir:
             except checkpoints.DamagedError as error:
                 aside = checkpoints.discard(path)
                 tell(f"{error}: it is set aside as {aside.name}, and the one before it is taken")
-        if self.rows.cut(latest_of(mark, self._phases.metrics)):
+        rows = read_rows(self.rows.file)
+        after = range(mark["lines"] if mark else 0, len(rows))
+        if self.rows.cut(next((i for i in after if rows[i].get("phase") == phase), len(rows))):
             self._open_sinks()
         return state, chunks
 

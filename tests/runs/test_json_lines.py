@@ -7,19 +7,30 @@ from gril_jax.errors import RunError
 from gril_jax.runs import json_lines, run_dir
 
 
-@pytest.mark.parametrize("count", [None, 1, 3])
-def test_a_file_is_cut_to_a_mark_and_goes_on_from_there(tmp_path, count):
-    rows, marks = json_lines.JsonLines(tmp_path / "metrics.jsonl"), {None: None}
-    for i in range(3):
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_a_file_is_cut_and_goes_on_from_there(tmp_path, count):
+    rows, marks = json_lines.JsonLines(tmp_path / "metrics.jsonl"), []
+    for i in range(4):
+        marks.append(rows.mark())
         rows.append({"i": i})
-        marks[i + 1] = rows.mark()
-    left = count or 0
-    assert rows.cut(marks[count]) == 3 - left
+    assert rows.cut(count) == 4 - count
+    assert rows.mark() == marks[count]
     rows.append({"i": 9})
     rows.sync()
     kept = json_lines.read_rows(rows.file, [rows.mark()], whole=True)
-    assert [row["i"] for row in kept] == [*range(left), 9]
+    assert [row["i"] for row in kept] == [*range(count), 9]
     rows.close()
+
+
+def test_a_phase_that_begins_again_leaves_the_rows_of_others(path):
+    with run_dir.resume(path) as run:
+        for i in range(2):
+            run.log(phase="sac", env_steps=i)
+        assert run.newest("sac", "fresh", pytest.fail) == ("fresh", 0)
+        assert run.metrics()[-1]["phase"] == "ppo"
+        run.log(phase="sac", env_steps=5)
+        run.newest("third", "fresh", pytest.fail)
+    assert run_dir.read_metrics(path) == [*ROWS, {"phase": "sac", "env_steps": 5}]
 
 
 @pytest.fixture
