@@ -16,6 +16,7 @@ from support.run_folders import RESULTS, save_demos, save_profiles, save_run
 from gril_jax.config import RunConfig, RunSettings
 from gril_jax.errors import RunError
 from gril_jax.report.headline import headline
+from gril_jax.report.html import Cell, Section, Table, render
 from gril_jax.report.run_report import write_report
 
 PICTURES = {"demos", "reward_profile", "rl_curve", "pretrain"}
@@ -285,3 +286,50 @@ def test_a_file_that_cannot_be_written_is_one_sentence(run):
     (run / "report.html").mkdir()
     with pytest.raises(RunError, match="cannot be written to"):
         write_report(run)
+
+
+# --- tables
+
+MARKUP = "<b>x</b>&"
+
+
+def _page(*tables):
+    return render("title", "summary", [], [Section("numbers", tables)], {}, {}, {})
+
+
+def _cells(html, tag):
+    return re.findall(rf"<{tag}[^>]*>(.*?)</{tag}>", html)
+
+
+def test_a_table_has_its_headings_across_and_its_rows_down():
+    rows = {
+        "first": [Cell("1.5", "1 to 2"), Cell("never")],
+        "second": [Cell("10.0"), Cell("")],
+    }
+    page = _page(Table("what it is", ["a", "b"], rows))
+    head, *body = _cells(re.search("<thead>.*</tbody>", page, re.DOTALL)[0].replace("\n", ""), "tr")
+    assert (_cells(head, "td"), _cells(head, "th")) == ([""], ["a", "b"])
+    assert [_cells(row, "th") for row in body] == [["first"], ["second"]]
+    assert [_cells(row, "td") for row in body] == [
+        ["1.5<small>1 to 2</small>", "never"],
+        ["10.0", ""],
+    ]
+    assert "<figcaption>what it is</figcaption>" in page
+
+
+def test_a_table_is_scrolled_by_itself_and_from_the_keyboard_too():
+    page = _page(Table("what it is", ["a"], {"row": [Cell("1")]}))
+    assert '<div class="wide" tabindex="0" role="region" aria-label="what it is"><table>' in page
+    assert ".wide { overflow-x: auto; }" in page
+
+
+def test_what_stands_in_a_table_is_text():
+    page = _page(Table(f'{MARKUP}"', [MARKUP], {MARKUP: [Cell(MARKUP, MARKUP)]}))
+    assert "<b>" not in page
+    assert page.count("&lt;b&gt;x&lt;/b&gt;&amp;") == 6
+    assert 'aria-label="&lt;b&gt;x&lt;/b&gt;&amp;&quot;"' in page
+
+
+def test_a_row_of_another_length_than_the_headings_is_a_mistake():
+    with pytest.raises(ValueError, match="shorter"):
+        _page(Table("", ["a", "b"], {"row": [Cell("1")]}))

@@ -1,5 +1,6 @@
 """Checkpoints: bit for bit there and back; damage is named; halves are never chosen."""
 
+import hashlib
 import json
 import os
 import subprocess
@@ -15,7 +16,7 @@ import pytest
 from gril_jax.errors import RunError
 from gril_jax.runs.checkpoints import checkpoint, latest, manifest, steps
 from gril_jax.runs.checkpoints.checkpoint import CheckpointWriter, restore, save, write
-from gril_jax.runs.checkpoints.state_leaves import host_copy
+from gril_jax.runs.checkpoints.state_leaves import digest, host_copy, like_of, to_device
 
 
 class State(NamedTuple):
@@ -262,6 +263,64 @@ def test_keys_of_another_generator_are_refused(tmp_path):
     path = save(tmp_path, 0, jax.random.key(0, impl="rbg"))
     with pytest.raises(RunError, match=r"leaf \(root\) .* is a rbg key of"):
         restore(path, jax.random.key(0))
+
+
+# --- the leaves of a state
+
+LEAVES = {"w": jnp.arange(6.0).reshape(2, 3), "key": jax.random.key(3), "n": jnp.int32(4), "x": 1.5}
+
+
+def test_leaves_have_names_kinds_and_their_own_memory():
+    leaves = host_copy(LEAVES)
+    assert [leaf.path for leaf in leaves] == ["key", "n", "w", "x"]
+    assert leaves[0].key == str(jax.random.key_impl(LEAVES["key"]))
+    assert [leaf.key for leaf in leaves[1:]] == [None] * 3
+    assert all(leaf.array.flags.owndata for leaf in leaves)
+    np.testing.assert_array_equal(leaves[2].array, LEAVES["w"])
+
+
+def test_a_copy_outlives_the_donation_of_what_was_copied():
+    # A view of a buffer on a CPU would change with it.
+    double = jax.jit(lambda x: x * 2, donate_argnums=0)
+    state = jnp.arange(1000.0)
+    (leaf,) = host_copy(state)
+    for _ in range(3):
+        state = double(state)
+    np.testing.assert_array_equal(leaf.array, np.arange(1000.0))
+
+
+def test_shapes_are_known_without_values():
+    for leaf, copied in zip(jax.tree.leaves(LEAVES), host_copy(LEAVES), strict=True):
+        assert like_of(leaf) == (copied.key, copied.array.dtype.name, copied.array.shape)
+
+
+def test_a_leaf_comes_back_on_the_device():
+    for leaf, copied in zip(jax.tree.leaves(LEAVES), host_copy(LEAVES), strict=True):
+        back = to_device(copied.array, leaf)
+        assert back.dtype == jnp.asarray(leaf).dtype
+        assert bool((back == leaf).all())
+
+
+def test_the_digest_is_sha_256_over_heads_and_bits():
+    total = hashlib.sha256()
+    for leaf in host_copy(LEAVES):
+        total.update(repr((leaf.path, leaf.key, leaf.array.dtype.name, leaf.array.shape)).encode())
+        total.update(leaf.array.tobytes())
+    assert digest(LEAVES) == total.hexdigest()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"w": LEAVES["w"].reshape(3, 2)},
+        {"w": LEAVES["w"].at[0, 0].set(-0.0)},
+        {"n": jnp.uint32(4)},
+        {"key": jax.random.key_data(LEAVES["key"])},
+        {"extra": jnp.zeros(0)},
+    ],
+)
+def test_states_that_differ_in_anything_have_other_digests(change):
+    assert digest({**LEAVES, **change}) != digest(LEAVES)
 
 
 # --- in a thread
