@@ -160,6 +160,8 @@ def test_broken_lanes_leave_all_weights_finite(solved):
 
 def test_an_observation_that_was_constant_so_far_does_not_blow_up_the_networks(solved):
     """It counts as if it had varied a little until it first changes."""
+    if solved.kind == "sac":
+        pytest.skip("both have the same statistics")
     state, _ = solved.found["done"]
     constant = np.asarray(state.normalizer.std) == np.float32(LEAST_DEVIATION)
     assert constant.any()
@@ -168,14 +170,13 @@ def test_an_observation_that_was_constant_so_far_does_not_blow_up_the_networks(s
     beyond = (ones - state.normalizer.mean)[constant] / LEAST_DEVIATION
     np.testing.assert_allclose(seen[constant], beyond, rtol=1e-5)
     assert np.abs(seen).max() <= MAX_OBSERVATION
-    if solved.kind == "ppo":
-        for network, params in (
-            (solved.networks.value_network, state.params.value),
-            (solved.networks.policy_network, state.params.policy),
-        ):
-            out = network.apply(state.normalizer, params, ones)
-            nearby = network.apply(state.normalizer, params, 0.9 * ones)
-            assert np.abs(out - nearby).max() < 10  # one deviation apart
+    for network, params in (
+        (solved.networks.value_network, state.params.value),
+        (solved.networks.policy_network, state.params.policy),
+    ):
+        out = network.apply(state.normalizer, params, ones)
+        nearby = network.apply(state.normalizer, params, 0.9 * ones)
+        assert np.abs(out - nearby).max() < 10  # one deviation apart
 
 
 def test_temperature_brings_the_entropy_to_its_target(solved):
