@@ -190,7 +190,7 @@ def test_workflows_are_imported_by_the_command_line_and_the_front_door_alone():
 
 
 def test_the_words_of_a_command_line_are_read_by_the_command_line_alone():
-    notes = "gril_jax/runs/versions.py"  # how the process was started
+    notes = "gril_jax/runs/reading.py"  # how the process was started
     readers = {
         _relative(path)
         for path in _files()
@@ -321,7 +321,7 @@ def test_no_module_changes_the_process_when_it_is_imported(path):
         ("import jax.numpy as jnp", "gril_jax.reward", False, "jax.numpy"),
         ("from flax import linen", "gril_jax.encoders.encoder", False, "flax.linen"),
         ("from . import config", "gril_jax.cli", False, "gril_jax.config"),
-        ("from .phases import read_phases", "gril_jax.runs.run_dir", False, "gril_jax.runs.phases"),
+        ("from .loop import restore", "gril_jax.runs.run_dir", False, "gril_jax.runs.loop"),
         ("from ..errors import RunError", "gril_jax.rl.ppo", False, "gril_jax.errors"),
         ("from .base import State", "gril_jax.envs", True, "gril_jax.envs.base"),
         ("from gril_jax import envs", "gril_jax.demos", False, "gril_jax.envs"),

@@ -18,7 +18,7 @@ from gril_jax.cli import main as cli
 from gril_jax.config import DemosConfig, EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
-from gril_jax.runs.phases import read_phases, write_phases
+from gril_jax.runs.reading import read_phases, write_phases
 
 
 @pytest.fixture

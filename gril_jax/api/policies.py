@@ -153,7 +153,7 @@ def _shown(
     """The demonstrations that training needs beside the reward."""
     if demos is not None:
         return demonstrations.of_set(config, env, demos)
-    if REWARDS[config.run.reward].staged or policy_rewards.begins_at_frames(config):
+    if REWARDS[config.run.reward_form].staged or policy_rewards.begins_at_frames(config):
         raise ConfigError(
             f"run.reward {config.run.reward!r} or resets to video states need the demonstrations: "
             "train_policy(..., demos=...)"

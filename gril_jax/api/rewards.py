@@ -14,7 +14,7 @@ from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.grid import with_seed
 from gril_jax.demos.demo_set import DemoSet
 from gril_jax.errors import ConfigError, DemoError
-from gril_jax.report.audit.asked import faults
+from gril_jax.report.headline import faults
 from gril_jax.reward import latent_reward
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs.memory import MemoryRun

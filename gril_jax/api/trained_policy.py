@@ -173,7 +173,6 @@ def require_plain(config: RunConfig) -> None:
     found = {
         "sub-policies": ("sub_policies", ppo.sub_policies, ppo.sub_policies > 1),
         "a network that reads objects one by one": ("by_object", ppo.by_object, ppo.by_object),
-        "a network of several observations": ("frame_stack", ppo.frame_stack, ppo.frame_stack > 1),
     }
     for what, (name, value, holds) in found.items():
         if holds:

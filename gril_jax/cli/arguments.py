@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError, DemoError, RunError
-from gril_jax.runs import covered, run_dir
+from gril_jax.runs import reading, run_dir
 from gril_jax.safe_files import writing
 
 from . import own_tasks
@@ -23,7 +23,7 @@ def run_config_of(folder: Path, part: str | None = None, *, task: str | None = N
     config = run_dir.read_config(folder)
     own_tasks.of_run(config, task, folder)
     if part is not None:
-        covered.require_part(folder, part)
+        reading.require_unchanged(folder, f"{part}/")
     if part is not None and not any(folder.glob(f"{part}/[0-9]*/manifest.json")):
         raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
     return config

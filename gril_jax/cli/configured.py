@@ -124,20 +124,20 @@ def new_run(given: Sections, prog: str, *, films_alone: bool = False) -> RunConf
 
 
 def _with_reward(given: Sections) -> Sections:
-    """The sections with the file or run of a reward where `run.reward` names one."""
+    """The sections, in which a run of a reward that has no slash in its name is told as a path."""
     run = given.run
-    if run.reward in REWARDS or not Path(run.reward).exists():
+    if run.reward in REWARDS or "/" in run.reward or not Path(run.reward).exists():
         return given
-    run = dataclasses.replace(run, reward="learned", reward_file=run.reward)
+    run = dataclasses.replace(run, reward=f"./{run.reward}")
     return dataclasses.replace(given, run=run)
 
 
 def require_surroundings(config: RunConfig) -> None:
     """Raises if a run lacks what it needs beside its configuration."""
     sinks.require_installed(config.run.sinks)
-    reward = config.run.reward_file
+    reward = config.run.reward_source
     if reward is not None and not Path(reward).exists():
-        raise ConfigError(f"run.reward_file is {reward}, but there is no such file or run")
+        raise ConfigError(f"run.reward is {reward}, but there is no such file or run")
     if config.demos.path is not None:
         folder = existing_folder(config.demos.path)
         if not (folder / "demos.json").is_file():

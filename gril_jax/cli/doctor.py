@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from gril_jax.runs.versions import package_versions
+from gril_jax.runs.reading import package_versions
 
 _DEVICES = "import jax; print(', '.join(str(d) for d in jax.devices()))"
 

@@ -16,7 +16,7 @@ from tyro import _errors as events
 
 from gril_jax.errors import ConfigError
 
-from .rules import require
+from .tables import require
 
 RunFolder = Annotated[
     str,

@@ -8,7 +8,7 @@ from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
 from .command_line import short
-from .rules import at_least, between, optional, rule
+from .tables import at_least, between, optional, rule
 
 BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")

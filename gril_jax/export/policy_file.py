@@ -47,7 +47,7 @@ from gril_jax.errors import RunError, ShapeError
 from gril_jax.rl import training
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
 from gril_jax.runs.checkpoints import checkpoint
-from gril_jax.runs.versions import package_versions
+from gril_jax.runs.reading import package_versions
 from gril_jax.safe_files import new_file, writing
 
 from . import read_policy

@@ -21,7 +21,7 @@ from gril_jax.audit.scene_reward import Scene
 from gril_jax.graphs.scene import safe_norm
 
 from .contrast import cost
-from .copies import Ends
+from .batch import Ends
 
 
 class Chosen(NamedTuple):

@@ -29,7 +29,7 @@ from gril_jax.config.task import NO_TASK
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.export.reward_file import load_reward
-from gril_jax.report.audit.page import Findings, write_report
+from gril_jax.report.audit_page import Findings, write_report
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
 from gril_jax.workflows import export_reward, film_audit

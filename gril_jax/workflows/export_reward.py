@@ -14,7 +14,7 @@ from gril_jax.report.data import read_finished
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
-from gril_jax.runs.covered import require_same_demos
+from gril_jax.runs.reading import require_same_demos
 from gril_jax.workflows.build import policy_setup, setup, vocabulary
 from gril_jax.workflows.build.vocabulary import Vocabulary
 

@@ -22,12 +22,12 @@ from gril_jax.audit.scene_reward import Scene, scene_reward
 from gril_jax.config import RunConfig
 from gril_jax.errors import DemoError
 from gril_jax.pretraining import pretrain
-from gril_jax.pretraining.copies import Ends, displaced
+from gril_jax.pretraining.batch import Ends, displaced
 from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.data import read_finished
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.runs import run_dir
-from gril_jax.runs.covered import require_same_demos
+from gril_jax.runs.reading import require_same_demos
 from gril_jax.runs.json_lines import plain
 from gril_jax.safe_files import write_whole
 from gril_jax.types import DemoBatch

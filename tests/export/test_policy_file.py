@@ -22,7 +22,7 @@ from gril_jax.rl.policy import Policy
 from gril_jax.rl.ppo import PPO, Hyper, Static
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
-from gril_jax.runs.versions import package_versions
+from gril_jax.runs.reading import package_versions
 from gril_jax.workflows.build import policy_setup, setup
 
 OBSERVATIONS = 256

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import tyro
 
 from gril_jax.config import DemosConfig, EnvConfig, MakeDemosConfig
-from gril_jax.config.rules import above, between, optional, rule
+from gril_jax.config.tables import above, between, optional, rule
 from gril_jax.config.run_config import Section
 from gril_jax.config.task import Places
 from gril_jax.errors import ConfigError

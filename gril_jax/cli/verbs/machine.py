@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from gril_jax.config import TaskName, Variant
 from gril_jax.config.files import load
-from gril_jax.config.rules import count, optional
+from gril_jax.config.tables import count, optional
 
 from .. import doctor
 from ..arguments import Work, echo

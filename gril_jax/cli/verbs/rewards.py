@@ -8,8 +8,8 @@ import tyro
 
 from gril_jax.config import EnvConfig, RunConfig, TaskName, Variant
 from gril_jax.config.command_line import RunFolder
-from gril_jax.config.rules import between, count
-from gril_jax.config.stages import StageOptions
+from gril_jax.config.tables import between, count
+from gril_jax.config.run_config import StageOptions
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 
@@ -108,11 +108,6 @@ def _require_one_network(folder: Path, config: RunConfig) -> None:
         raise RunError(
             f"the policy of {folder} reads its observation object by object, but a policy file "
             "holds plain layers: train with --ppo.by-object False"
-        )
-    if algorithm == "ppo" and ppo.frame_stack > 1:
-        raise RunError(
-            f"the policy of {folder} sees {ppo.frame_stack} observations at a time, but a "
-            "policy file holds what one needs: train with --ppo.frame_stack 1"
         )
 
 

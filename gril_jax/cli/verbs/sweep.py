@@ -116,9 +116,14 @@ def _grid(name: str | None, args: list[str]) -> tuple[RunConfig, dict[str, RunCo
     def one(options: list[str]) -> RunConfig:  # a set may be a value of an axis
         return run_config(name, options, _PROG, _ABOUT, help_page.SWEEP)
 
-    if not axes:
-        return config, {"as configured": config}
-    return config, {cell.name: cell.config for cell in cells(axes, args, one)}
+    found = {cell.name: cell.config for cell in cells(axes, args, one)} if axes else {}
+    for each in found.values() or [config]:
+        if each.run.reward_source is not None:
+            raise ConfigError(
+                f"run.reward is {each.run.reward}, but a sweep learns its rewards itself: only "
+                "gril train takes one that has been learned"
+            )
+    return config, found or {"as configured": config}
 
 
 def _rows_of(

@@ -8,11 +8,10 @@ from typing import Any, Literal
 from gril_jax.config import RunConfig, Variant
 from gril_jax.config.command_line import RunFolder
 from gril_jax.config.files import sections
-from gril_jax.config.rules import between, count
+from gril_jax.config.tables import between, count
 from gril_jax.config.run_config import Sections
 from gril_jax.errors import ConfigError
-from gril_jax.runs import phases, run_dir
-from gril_jax.runs.phases import changed_fields
+from gril_jax.runs import reading, run_dir
 
 from .. import help_page, own_tasks
 from ..arguments import Work, echo, hard_negatives, run_config_of
@@ -66,7 +65,7 @@ def _resumed(given: _Quickstart, name: str) -> RunConfig:
     own_tasks.of_run(config, task, folder)
     env = dataclasses.replace(given.env, name=config.env.name)
     run = dataclasses.replace(given.run, out=given.run.out or config.run.out)
-    if changed := changed_fields(
+    if changed := reading.changed_fields(
         config, RunConfig.of(dataclasses.replace(given, env=env, run=run))
     ):
         raise ConfigError(
@@ -120,9 +119,9 @@ class _Report:
 def _report(given: _Report) -> Work:
     folder = Path(given.run)
     run_dir.read_config(folder)  # nothing of the task is run, so it need not be there
-    if phases.read_phases(folder).experiment == "sweep":
+    if reading.read_phases(folder).experiment == "sweep":
         return _redrawn(folder)
-    phases.require_single(folder)
+    reading.require_single(folder)
     return experiment("report", folder)
 
 

@@ -108,7 +108,7 @@ def in_the_order_of(task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]) -> I
 
 
 def _form(config: RunConfig) -> RewardForm:
-    return find(REWARDS[config.run.reward].form)
+    return find(REWARDS[config.run.reward_form].form)
 
 
 def robots(env: envs.Env) -> tuple[int, ...]:

@@ -12,7 +12,7 @@ from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.envs import Env
 from gril_jax.errors import RunError
-from gril_jax.runs.phases import read_phases
+from gril_jax.runs.reading import read_phases
 
 from . import setup
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from gril_jax.errors import ShapeError
 from gril_jax.metrics.interquartile import interquartile_mean
-from gril_jax.report.figures.style import COLOURS, GREY, WIDTH, shortened, styled
+from gril_jax.report.style import COLOURS, GREY, WIDTH, shortened, styled
 
 from .counted import Counted, read
 

@@ -19,7 +19,7 @@ from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.errors import ConfigError
-from gril_jax.runs import covered, hosts, run_dir
+from gril_jax.runs import hosts, reading, run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import demonstrations, setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
@@ -206,7 +206,7 @@ def _gatherer(base: RunConfig, run: run_dir.RunDir, progress: Progress) -> Gathe
                 made[key] = demonstrations.gather_once(config, env, run, progress)
             else:
                 folder = run.path / f"demos-{len(made)}"
-                covered.require_part(run.path, folder.name)
+                reading.require_unchanged(run.path, f"{folder.name}/")
                 made[key] = demonstrations.gather(config, env, folder, progress)
                 if not config.demos.path:
                     run.cover(folder.name, [folder / schema.HEADER])

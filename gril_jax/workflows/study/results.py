@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gril_jax.report.audit import asked
+from gril_jax.report import headline
 from gril_jax.report.data import read_versions
-from gril_jax.runs import run_dir, times
-from gril_jax.runs.phases import read_phases
+from gril_jax.runs import json_lines, run_dir
+from gril_jax.runs.reading import read_phases
 from gril_jax.workflows.build.given import of_all
 
 from . import measured, saved
@@ -114,7 +114,7 @@ def _own(folder: Path, plan: Plan) -> _Own:
                 values = {what: x[i] for what, x in done["numbers"].items()}
                 lines.setdefault((cell, seed), {}).update(values)
     failed = {int(cell): said for cell, said in phases.get(PHASE, {}).items()}
-    about = read_versions(folder) | {"started": times.started(folder)}
+    about = read_versions(folder) | {"started": json_lines.started(folder)}
     about |= {"demos_sha256": phases.get("demos", {}).get("sha256", "")}
     return _Own(lines, found, profiles, failed, about)
 
@@ -126,4 +126,4 @@ def _passes(line: Line) -> dict[str, float]:
     if first is None:
         return {}
     audited = {long: line.get(f"{name}_{first}", float("nan")) for name, long in FIGURES.items()}
-    return {PASSES: float(not asked.faults(audited))}
+    return {PASSES: float(not headline.faults(audited))}

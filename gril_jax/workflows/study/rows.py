@@ -148,7 +148,7 @@ def _in_words(kind: Any) -> str:
 
 def learns(config: RunConfig) -> bool:
     """True if a reward is learned for the policy."""
-    return REWARDS[config.run.reward].learns
+    return REWARDS[config.run.reward_form].learns
 
 
 def without_twins(rows: Mapping[str, RunConfig]) -> tuple[dict[str, RunConfig], dict[str, str]]:

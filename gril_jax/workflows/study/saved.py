@@ -19,7 +19,7 @@ from gril_jax.config.files import to_yaml
 from gril_jax.config.grid import with_seed
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.runs import run_dir
-from gril_jax.runs.covered import require_unchanged
+from gril_jax.runs.reading import require_unchanged
 from gril_jax.safe_files import write_whole, writing
 
 from .recipe import Study

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from gril_jax.errors import RunError
 from gril_jax.report import html
-from gril_jax.report.figures.curves import spread, success_failure
-from gril_jax.report.figures.style import png
+from gril_jax.report.curves import spread, success_failure
+from gril_jax.report.style import png
 from gril_jax.report.headline import Tile
 from gril_jax.report.html import Part
 from gril_jax.runs import run_dir

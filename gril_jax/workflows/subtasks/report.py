@@ -25,16 +25,16 @@ from matplotlib.figure import Figure
 
 from gril_jax import reward
 from gril_jax.config import RunConfig
-from gril_jax.config.stages import StageOptions
+from gril_jax.config.run_config import StageOptions
 from gril_jax.demos import schema
 from gril_jax.demos.demo import Demo
 from gril_jax.demos.formats import lerobot
 from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.export.lerobot import annotate
-from gril_jax.report.figures.curves import reward_profile
-from gril_jax.report.figures.style import COLOURS, GREY, png, styled
+from gril_jax.report.curves import reward_profile
+from gril_jax.report.style import COLOURS, GREY, png, styled
 from gril_jax.runs import run_dir
-from gril_jax.runs.covered import require_same_demos
+from gril_jax.runs.reading import require_same_demos
 from gril_jax.runs.json_lines import plain
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole

@@ -59,7 +59,6 @@ def test_help_that_only_authors_can_give_makes_it_level_c(env, level, words):
             "its own moments, and first 30 %",
         ),
         ({"visited_state_resets": 0.5}, {"observation": "rich"}, "C", "its own moments;"),
-        ({"frame_stack": 4}, {}, "A", "sees poses and velocities, of the last 4 control steps;"),
     ],
 )
 def test_starts_that_training_chooses_are_levels_b_and_v(ppo, env, level, words):

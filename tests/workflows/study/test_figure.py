@@ -5,7 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from gril_jax.errors import ShapeError
-from gril_jax.report.figures.style import COLOURS, png
+from gril_jax.report.style import COLOURS, png
 from gril_jax.workflows.study.curves import Curve, draw_spread, learning_curves
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gril_jax.cli import main
-from gril_jax.config.stages import StageOptions
+from gril_jax.config.run_config import StageOptions
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.demos.vision.video import read_video

@@ -7,9 +7,9 @@ from support.run_folders import OBJECTS, moving_scene
 from support.scenes import HALF_EXTENT
 
 from gril_jax.demos.vision.detect import PALETTE_CLASSES
-from gril_jax.report.figures import filmstrip
-from gril_jax.report.figures.filmstrip import Film, contact_sheet
-from gril_jax.report.figures.style import COLOURS, pixels
+from gril_jax.report import filmstrip
+from gril_jax.report.filmstrip import Film, contact_sheet
+from gril_jax.report.style import COLOURS, pixels
 
 FRAMES, TRACKS = moving_scene(side=192)
 MOVED = np.zeros((len(FRAMES), len(OBJECTS)), bool)

@@ -1,4 +1,4 @@
-"""Digests of a run's files: what is refused, what is repaired."""
+"""What a command reads of a run is what the run wrote, and of a run of one policy."""
 
 import shutil
 
@@ -8,14 +8,14 @@ from support.run_folders import save_run
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
 from gril_jax.report.run_report import write_report
-from gril_jax.runs import covered, run_dir
+from gril_jax.runs import reading, run_dir
+from gril_jax.runs.reading import require_single
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A run whose files are covered."""
-    path = save_run(tmp_path_factory.mktemp("covered") / "run", covered=True)
-    return path
+    """A run whose files are reading."""
+    return save_run(tmp_path_factory.mktemp("covered") / "run", covered=True)
 
 
 @pytest.fixture
@@ -55,16 +55,14 @@ def test_a_file_that_was_lost_is_refused(run, name, damage):
         write_report(run)
 
 
-def test_an_emptied_configuration_is_not_the_default_one(run):
-    (run / "config.yaml").write_text("")
-    with pytest.raises(RunError, match=r"config\.yaml is empty"):
-        run_dir.read_config(run)
-
-
-def test_a_changed_field_is_named(run):
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [(None, "", "is empty"), ("seed: 0", "seed: 3", "has been changed since the run began: ")],
+)
+def test_another_configuration_is_refused(run, old, new, fault):
     file = run / "config.yaml"
-    file.write_text(file.read_text().replace("seed: 0", "seed: 3", 1))
-    with pytest.raises(RunError, match="has been changed since the run began: "):
+    file.write_text(file.read_text().replace(old, new, 1) if old else new)
+    with pytest.raises(RunError, match=rf"config\.yaml {fault}"):
         run_dir.read_config(run)
 
 
@@ -87,11 +85,11 @@ def test_a_demonstration_set_must_be_the_one_that_the_run_began_with(tmp_path):
     with run_dir.create(path, RunConfig(), device="cpu") as run:
         header.parent.mkdir()
         header.write_text("{}")
-        run.finish_phase("demos", {"sha256": covered.digest(header)}, [header])
-    covered.require_same_demos(path, header)
+        run.finish_phase("demos", {"sha256": reading.digest(header)}, [header])
+    reading.require_same_demos(path, header)
     header.write_text("{ }")
     with pytest.raises(RunError, match=r"demos\.json has been changed since the run wrote it"):
-        covered.require_same_demos(path, header)
+        reading.require_same_demos(path, header)
 
 
 def test_results_that_were_lost_can_be_made_again(tmp_path):
@@ -104,3 +102,39 @@ def test_results_that_were_lost_can_be_made_again(tmp_path):
     with run_dir.resume(path) as run:
         run.finish({"tau": 0.5})
     assert run_dir.read_results(path) == {"tau": 0.5}
+
+
+@pytest.fixture
+def made(tmp_path):
+    def make(experiment):
+        path = tmp_path / "run"
+        run_dir.create(path, RunConfig(), device="a test", experiment=experiment).close()
+        return path
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("experiment", "where"),
+    [
+        ("sweep", "its page is report.html, its table study.md"),
+        ("novel", "its results lie there in files of their own"),
+    ],
+)
+def test_a_table_s_run_is_refused_and_nothing_of_it_is_overwritten(made, experiment, where):
+    path = made(experiment)
+    (path / "report.html").write_text("the table's own page")
+    before = {file.name: file.read_bytes() for file in path.iterdir()}
+    with pytest.raises(RunError, match=f"holds a run of gril {experiment}, .*{where}") as error:
+        write_report(path)
+    assert "\n" not in str(error.value)
+    assert {file.name: file.read_bytes() for file in path.iterdir()} == before
+
+
+@pytest.mark.parametrize("text", ["", "[", "[1]", "{}", '{"experiment": 3}', "\xff"])
+def test_damage_is_one_sentence_that_names_the_file(made, text):
+    path = made("train")
+    require_single(path)
+    (path / "phases.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(RunError, match=r"phases\.json"):
+        require_single(path)

@@ -11,12 +11,11 @@ import numpy as np
 from gril_jax.audit.measures import Audit, States, clear_successes
 from gril_jax.audit.scene_reward import Scene, StagedTask
 from gril_jax.audit.states import FACTORS
-from gril_jax.report.figures.style import png
-from gril_jax.report.headline import Tile, Verdict
-from gril_jax.report.html import Part, render, save
 
-from .asked import ASKED, OUTBID, faults, outbid
-from .maps import Situation, View, reward_maps, state_pictures
+from .audit_maps import Situation, reward_maps, state_pictures
+from .headline import ASKED, OUTBID, Tile, Verdict, faults, outbid
+from .html import Part, render, save
+from .style import png
 
 
 class Findings(NamedTuple):
@@ -102,10 +101,6 @@ class Findings(NamedTuple):
             return Verdict("bad", f"Not sound: {many}. {edge}")
         return Verdict("good", f"Sound: all {len(ASKED)} measures are as asked. {edge}")
 
-    def view(self, title: str, scene: Scene) -> View:
-        """A state to draw."""
-        return View(title, scene.center, scene.size, scene.active)
-
     def _state(self, scene: Scene) -> dict[str, Any]:
         rows = zip(self.names, scene.center, scene.active, strict=True)
         return {
@@ -156,12 +151,12 @@ def _unearned(folder: Path, found: Findings) -> Part:
     numbers = found.numbers()
     made = found.states.battery
     start, done = (_first(found, kind) for kind in ("start", "success"))
-    views = [
-        found.view(f"reset: {numbers['start_reward']:.3f}", start),
-        found.view(f"no progress: {reward:.3f}", scene),
-        found.view("a success", done),
+    states = [
+        (f"reset: {numbers['start_reward']:.3f}", start),
+        (f"no progress: {reward:.3f}", scene),
+        ("a success", done),
     ]
-    pictures = state_pictures(views, found.names, half_extent=found.task.half_extent)
+    pictures = state_pictures(states, found.names, half_extent=found.task.half_extent)
     return Part(
         f"The most overestimated state without progress, found by {how}, gets {reward:.3f}: "
         f"{numbers['hack_share']:.0%} of the range. The worst of "
@@ -175,8 +170,8 @@ def _unearned(folder: Path, found: Findings) -> Part:
 def _maps(folder: Path, found: Findings) -> Part:
     start, done = (_first(found, kind) for kind in ("start", "success"))
     situations = [
-        Situation(found.view("others at the start", start), found.audit.rewards.alone[0, 0]),
-        Situation(found.view("others as in a success", done), found.audit.rewards.alone[0, 1]),
+        Situation("others at the start", start, found.audit.rewards.alone[0, 0]),
+        Situation("others as in a success", done, found.audit.rewards.alone[0, 1]),
     ]
     figure = reward_maps(situations, found.names, found.swept, half_extent=found.task.half_extent)
     return Part(
@@ -192,8 +187,8 @@ def _pair(folder: Path, found: Findings) -> Part:
     kind, pair = found.worst_pair()
     if found.numbers()["worst_violation"] == 0:
         return Part("Every pair of states is in its true order.")
-    views = [found.view(f"true progress {q:.2f}: reward {r:.3f}", s) for s, q, r in pair]
-    figure = state_pictures(views, found.names, half_extent=found.task.half_extent)
+    states = [(f"true progress {q:.2f}: reward {r:.3f}", s) for s, q, r in pair]
+    figure = state_pictures(states, found.names, half_extent=found.task.half_extent)
     return Part(
         f"The two states ({kind}) whose rewards contradict their true progress most, by "
         f"{found.numbers()['worst_violation']:.0%} of the range.",

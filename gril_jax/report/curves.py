@@ -1,6 +1,6 @@
 """Curves: the learned reward along demonstrations, encoder and policy training, cases over seeds.
 
-Each function returns a figure that nothing else refers to; `png` of `gril_jax.report.figures.style`
+Each function returns a figure that nothing else refers to; `png` of `gril_jax.report.style`
 turns it into a file. T is frames of a demonstration, K pictures on a strip.
 """
 

@@ -7,29 +7,23 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from gril_jax.report.figures.style import COLOURS, GREY, HALF, shortened, styled
+from gril_jax.audit.scene_reward import Scene
+
+from .style import COLOURS, GREY, HALF, shortened, styled
 
 _MOST = 6  # maps in a row
-
-
-class View(NamedTuple):
-    """One state to draw."""
-
-    title: str
-    center: Float[np.ndarray, "N 2"]
-    size: Float[np.ndarray, "N 2"]
-    active: Bool[np.ndarray, "N"]
 
 
 class Situation(NamedTuple):
     """Maps of one situation: the places of the other objects while one is swept."""
 
-    view: View
+    title: str
+    scene: Scene
     reward: Float[np.ndarray, "M G G"]  # rows go up in y
 
 
@@ -60,7 +54,7 @@ def reward_maps(
             image = _map(axes, situation, column, index, low, high, half_extent)
             axes.set_title(shortened(names[index], 20), fontsize=9)
             if column % columns == 0:
-                axes.set_ylabel(situation.view.title, fontsize=9)
+                axes.set_ylabel(situation.title, fontsize=9)
     bar = figure.colorbar(image, ax=panels, shrink=0.8, aspect=25)
     bar.set_label("learned reward")
     bar.outline.set_visible(False)
@@ -69,28 +63,31 @@ def reward_maps(
 
 def _map(axes: Axes, situation: Situation, row: int, index: int, low, high, half_extent):
     """One object's map; its centre stays where its box fits into the plane."""
-    view = situation.view
-    x, y = np.maximum(half_extent - view.size[index] / 2, 0)
+    scene = situation.scene
+    x, y = np.maximum(half_extent - scene.size[index] / 2, 0)
     image = axes.imshow(
         situation.reward[row], origin="lower", extent=(-x, x, -y, y), cmap="viridis",
         vmin=low, vmax=high, interpolation="nearest",
     )  # fmt: skip
-    for other in range(len(view.center)):
+    for other in range(len(scene.center)):
         if other != index:
-            _box(axes, view, other, color="white", linewidth=1.0)
-    axes.plot(*view.center[index], "o", color=COLOURS[1], markersize=5, markeredgecolor="white")
+            _box(axes, scene, other, color="white", linewidth=1.0)
+    axes.plot(*scene.center[index], "o", color=COLOURS[1], markersize=5, markeredgecolor="white")
     _plane(axes, half_extent)
     return image
 
 
 @styled
-def state_pictures(views: Sequence[View], names: Sequence[str], *, half_extent: float) -> Figure:
-    """States side by side as boxes; thick boxes have their activity bit set."""
+def state_pictures(
+    states: Sequence[tuple[str, Scene]], names: Sequence[str], *, half_extent: float
+) -> Figure:
+    """Titled states side by side as boxes; thick boxes have their activity bit set."""
     figure = Figure(figsize=(HALF, 0.5 * HALF), layout="constrained")
-    for axes, view in zip(figure.subplots(1, len(views), squeeze=False)[0], views, strict=True):
+    panels = figure.subplots(1, len(states), squeeze=False)[0]
+    for axes, (title, scene) in zip(panels, states, strict=True):
         for i in range(len(names)):
-            _box(axes, view, i, linewidth=2.6 if view.active[i] else 0.9, **_look(i))
-        axes.set_title(view.title, fontsize=9)
+            _box(axes, scene, i, linewidth=2.6 if scene.active[i] else 0.9, **_look(i))
+        axes.set_title(title, fontsize=9)
         _plane(axes, half_extent)
     looks = map(_look, range(len(names)))
     known = [Rectangle((0, 0), 1, 1, fill=False, linewidth=1.6, **look) for look in looks]
@@ -105,9 +102,9 @@ def _look(index: int) -> dict[str, str]:
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": line}
 
 
-def _box(axes: Axes, view: View, index: int, **look) -> None:
-    corner = view.center[index] - view.size[index] / 2
-    axes.add_patch(Rectangle(corner, *view.size[index], fill=False, **look))
+def _box(axes: Axes, scene: Scene, index: int, **look) -> None:
+    corner = scene.center[index] - scene.size[index] / 2
+    axes.add_patch(Rectangle(corner, *scene.size[index], fill=False, **look))
 
 
 def _plane(axes: Axes, half_extent: float) -> None:

@@ -1,9 +1,11 @@
 """Checkpoints: bit for bit there and back; damage is named; halves are never chosen."""
 
+import hashlib
 import json
 import os
 import subprocess
 import sys
+import threading
 from typing import NamedTuple
 
 import jax
@@ -12,15 +14,9 @@ import numpy as np
 import pytest
 
 from gril_jax.errors import RunError
-from gril_jax.runs.checkpoints.checkpoint import (
-    latest,
-    manifest,
-    restore,
-    save,
-    steps,
-    write,
-)
-from gril_jax.runs.checkpoints.state_leaves import host_copy
+from gril_jax.runs.checkpoints import checkpoint, latest, manifest, steps
+from gril_jax.runs.checkpoints.checkpoint import CheckpointWriter, restore, save, write
+from gril_jax.runs.checkpoints.state_leaves import digest, host_copy, like_of, to_device
 
 
 class State(NamedTuple):
@@ -77,12 +73,6 @@ def _flip(file, position=-1, bit=0):
 
 def test_a_state_comes_back_bit_for_bit(saved):
     _same(restore(saved, _state(seed=1)), _state())
-
-
-def test_typed_keys_come_back_as_keys_that_draw_the_same(saved):
-    again = restore(saved, _state(seed=1))
-    draw = jax.vmap(lambda key: jax.random.uniform(key, (4,)))
-    assert (draw(again.key) == draw(_state().key)).all()
 
 
 @pytest.mark.parametrize("impl", ["threefry2x32", "rbg"])
@@ -273,6 +263,130 @@ def test_keys_of_another_generator_are_refused(tmp_path):
     path = save(tmp_path, 0, jax.random.key(0, impl="rbg"))
     with pytest.raises(RunError, match=r"leaf \(root\) .* is a rbg key of"):
         restore(path, jax.random.key(0))
+
+
+# --- the leaves of a state
+
+LEAVES = {"w": jnp.arange(6.0).reshape(2, 3), "key": jax.random.key(3), "n": jnp.int32(4), "x": 1.5}
+
+
+def test_leaves_have_names_kinds_and_their_own_memory():
+    leaves = host_copy(LEAVES)
+    assert [leaf.path for leaf in leaves] == ["key", "n", "w", "x"]
+    assert leaves[0].key == str(jax.random.key_impl(LEAVES["key"]))
+    assert [leaf.key for leaf in leaves[1:]] == [None] * 3
+    assert all(leaf.array.flags.owndata for leaf in leaves)
+    np.testing.assert_array_equal(leaves[2].array, LEAVES["w"])
+
+
+def test_a_copy_outlives_the_donation_of_what_was_copied():
+    # A view of a buffer on a CPU would change with it.
+    double = jax.jit(lambda x: x * 2, donate_argnums=0)
+    state = jnp.arange(1000.0)
+    (leaf,) = host_copy(state)
+    for _ in range(3):
+        state = double(state)
+    np.testing.assert_array_equal(leaf.array, np.arange(1000.0))
+
+
+def test_shapes_are_known_without_values():
+    for leaf, copied in zip(jax.tree.leaves(LEAVES), host_copy(LEAVES), strict=True):
+        assert like_of(leaf) == (copied.key, copied.array.dtype.name, copied.array.shape)
+
+
+def test_a_leaf_comes_back_on_the_device():
+    for leaf, copied in zip(jax.tree.leaves(LEAVES), host_copy(LEAVES), strict=True):
+        back = to_device(copied.array, leaf)
+        assert back.dtype == jnp.asarray(leaf).dtype
+        assert bool((back == leaf).all())
+
+
+def test_the_digest_is_sha_256_over_heads_and_bits():
+    total = hashlib.sha256()
+    for leaf in host_copy(LEAVES):
+        total.update(repr((leaf.path, leaf.key, leaf.array.dtype.name, leaf.array.shape)).encode())
+        total.update(leaf.array.tobytes())
+    assert digest(LEAVES) == total.hexdigest()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"w": LEAVES["w"].reshape(3, 2)},
+        {"w": LEAVES["w"].at[0, 0].set(-0.0)},
+        {"n": jnp.uint32(4)},
+        {"key": jax.random.key_data(LEAVES["key"])},
+        {"extra": jnp.zeros(0)},
+    ],
+)
+def test_states_that_differ_in_anything_have_other_digests(change):
+    assert digest({**LEAVES, **change}) != digest(LEAVES)
+
+
+# --- in a thread
+
+
+@pytest.fixture
+def gate(monkeypatch):
+    """Holds the thread up until it is opened; the steps that were written follow."""
+    event, written = threading.Event(), []
+
+    def write(folder, step, leaves, keep, metrics):
+        assert event.wait(30)
+        written.append((step, float(leaves[0].array)))
+
+    monkeypatch.setattr(checkpoint, "write", write)
+    return event, written
+
+
+def test_a_state_is_written_as_it_was_when_it_was_saved(tmp_path):
+    with CheckpointWriter(tmp_path, keep=2) as writer:
+        for step in range(4):
+            writer.save(step, {"x": jnp.full(3, step)})
+        assert writer.longest_stall_s > 0
+    assert steps(tmp_path) == [2, 3]
+    state = restore(latest(tmp_path), {"x": jnp.zeros(3, jnp.int32)})
+    np.testing.assert_array_equal(state["x"], 3)
+
+
+def test_saving_does_not_wait_for_the_disk_and_leaving_does(gate, tmp_path):
+    event, written = gate
+    with CheckpointWriter(tmp_path, keep=2) as writer:
+        assert not writer.busy
+        writer.save(1, jnp.float32(0.5))
+        assert writer.busy
+        assert written == []
+        event.set()
+        writer.wait()
+        assert not writer.busy
+        writer.save(2, jnp.float32(1.5))
+    assert written == [(1, 0.5), (2, 1.5)]
+
+
+def test_what_it_counts_on_is_brought_to_the_disk_first(gate, tmp_path):
+    event, written = gate
+    event.set()
+    with CheckpointWriter(tmp_path, keep=2, before=lambda: written.append("rows")) as writer:
+        writer.save(1, jnp.float32(0.5))
+    assert written == ["rows", (1, 0.5)]
+
+
+def test_an_error_of_the_thread_comes_up_at_the_next_call(tmp_path):
+    (tmp_path / "file").touch()
+
+    def failed():
+        writer = CheckpointWriter(tmp_path / "file", keep=1)
+        writer.save(1, jnp.zeros(1))
+        return writer
+
+    with pytest.raises(RunError, match="cannot be written to"):
+        failed().save(2, jnp.zeros(1))
+    with pytest.raises(RunError, match="cannot be written to"):
+        failed().wait()
+    with pytest.raises(RunError, match="cannot be written to"), failed():
+        pass
+    with pytest.raises(ZeroDivisionError), failed():  # what went wrong first is what counts
+        raise ZeroDivisionError
 
 
 # --- full disks
