@@ -14,16 +14,8 @@ from gril_jax.errors import ConfigError
 from gril_jax.runs import phases, run_dir
 from gril_jax.runs.phases import changed_fields
 
-from .. import help_page, own_tasks
-from ..arguments import Work, echo, hard_negatives, run_config_of
-from ..configured import (
-    ConfigName,
-    RunOptions,
-    new_run,
-    read_run,
-    require_surroundings,
-    start,
-)
+from ..arguments import Work, echo, hard_negatives, require_task_of, run_config_of
+from ..configured import ConfigName, new_run, read, require_surroundings, start
 from ..heavy_imports import heavy_imports
 from . import Verb, experiment, simple
 
@@ -31,7 +23,9 @@ _TRAIN = "Learn a reward, then a policy from it."
 
 
 @dataclass(frozen=True)
-class _Quickstart(RunOptions):
+class _Own:
+    resume: str | None = None
+    """Folder of a run that was cut off, to go on with bit for bit."""
     hard_negatives: str | None = None
     """Runs whose rewards overestimated states to learn from: one, or two with a comma."""
     dry_run: bool = False
@@ -39,8 +33,18 @@ class _Quickstart(RunOptions):
 
 
 @dataclass(frozen=True)
-class _Train(_Quickstart):
+class _Quickstart(_Own, Sections):
+    pass
+
+
+@dataclass(frozen=True)
+class _OwnConfigured(_Own):
     config: ConfigName = None
+
+
+@dataclass(frozen=True)
+class _Train(_OwnConfigured, Sections):
+    pass
 
 
 def _run(given: _Quickstart, name: str, prog: str, *, films: bool = False) -> Work:
@@ -63,7 +67,7 @@ def _resumed(given: _Quickstart, name: str) -> RunConfig:
     folder = Path(given.resume)
     config = run_dir.require_resumable(folder, name)
     task = given.env.name if given.env.name != config.env.name else None
-    own_tasks.of_run(config, task, folder)
+    require_task_of(config, task, folder)
     env = dataclasses.replace(given.env, name=config.env.name)
     run = dataclasses.replace(given.run, out=given.run.out or config.run.out)
     if changed := changed_fields(
@@ -94,22 +98,22 @@ def _begun(given: _Quickstart, name: str, new: Sections | None) -> Sections | No
 
 
 def _quickstart(args: list[str]) -> Work:
-    page = help_page.Page("gril quickstart", _TRAIN, help_page.TRAIN)
     begin = lambda given: _begun(given, "train", sections("quickstart"))  # noqa: E731
-    return _run(read_run(_Quickstart(), args, page, begin), "train", page.prog)
+    given = read(_Quickstart(), args, "gril quickstart", _TRAIN, begin)
+    return _run(given, "train", "gril quickstart")
 
 
 def _train(args: list[str]) -> Work:
-    page = help_page.Page("gril train", _TRAIN, help_page.TRAIN)
     begin = lambda given: _begun(given, "train", start(given))  # noqa: E731
-    return _run(read_run(_Train(), args, page, begin), "train", page.prog)
+    return _run(read(_Train(), args, "gril train", _TRAIN, begin), "train", "gril train")
 
 
 def _pretrain(args: list[str]) -> Work:
+    prog = "gril pretrain"
     about = "Learn a reward; without CONFIG, from films of your own that --demos names."
-    page = help_page.Page("gril pretrain", about, help_page.PRETRAIN)
     begin = lambda given: _begun(given, "pretrain", start(given, films_alone=True))  # noqa: E731
-    return _run(read_run(_Train(), args, page, begin), "pretrain", page.prog, films=True)
+    given = read(_Train(), args, prog, about, begin, policies=False)
+    return _run(given, "pretrain", prog, films=True)
 
 
 @dataclass(frozen=True)
@@ -158,28 +162,30 @@ def _eval(given: _Eval) -> Work:
     return experiment("evaluate", folder, config=config, devices=True, **options)
 
 
-VERBS = (
-    Verb(
-        "quickstart", "a small run from demonstrations to a policy, on a laptop", _quickstart,
-        schema=_Quickstart,
-    ),
-    Verb(
-        "train [CONFIG]",
-        "the same for any configuration",
-        _train,
-        {
-            "train|pretrain|sweep --resume RUN": "go on with what was cut off, bit for bit",
-            "train|pretrain --hard-negatives RUN[,RUN]":
-                "learn from states that earlier rewards overestimated",
-        },
-        schema=_Train,
-    ),
-    Verb("pretrain [CONFIG]", "the learned reward alone", _pretrain, schema=_Train),
-    simple(
-        "eval RUN", "success of a run's policy over distinct starts, and its return", _Eval, _eval,
-        about="Play a run's policy.",
-    ),
-    simple(
-        "report RUN", "figures and tables of a run", _Report, _report, about="Draw a run's figures."
-    ),
-)  # fmt: skip
+VERBS = {
+    "Learn a reward, and a policy from it": (
+        Verb(
+            "quickstart", "a small run from demonstrations to a policy, on a laptop", _quickstart,
+            schema=_Quickstart,
+        ),
+        Verb(
+            "train [CONFIG]", "the same for any configuration", _train,
+            {
+                "train|pretrain|sweep --resume RUN": "go on with what was cut off, bit for bit",
+                "train|pretrain --hard-negatives RUN[,RUN]":
+                    "learn from states that earlier rewards overestimated",
+            },
+            schema=_Train,
+        ),
+        Verb("pretrain [CONFIG]", "the learned reward alone", _pretrain, schema=_Train),
+        simple(
+            "eval RUN", "success of a run's policy over distinct starts, and its return",
+            _Eval, _eval,
+            about="Play a run's policy.",
+        ),
+        simple(
+            "report RUN", "figures and tables of a run", _Report, _report,
+            about="Draw a run's figures.",
+        ),
+    )
+}  # fmt: skip

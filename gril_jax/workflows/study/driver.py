@@ -8,9 +8,9 @@ is cut off leaves what it has.
 
 import contextlib
 import dataclasses
-import functools
 import io
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -18,25 +18,25 @@ import jax
 from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
-from gril_jax.errors import ConfigError
+from gril_jax.demos.importing import import_videos
+from gril_jax.demos.magical_pickles import HALF_EXTENT
+from gril_jax.errors import ConfigError, DemoError, GrilError
 from gril_jax.runs import covered, hosts, run_dir
+from gril_jax.runs.interrupt import Interrupted
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import demonstrations, setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
 
-from . import measured as study_measures
+from . import audit, measures, saved, separation, summary, variants
 from . import programs as study_programs
 from . import rewards as study_rewards
-from . import saved, summary
-from .failures import PHASE, Failures
-from .measured import audit, measure, variants
+from .measures import Gather
 from .programs import learn_policies
+from .results import FAILED
 from .rewards import TrainedReward, reward_key
-from .rows import Row, learns
-from .saved import Plan
+from .saved import Plan, Row, learns
 
 Echo = Callable[[str], None]
-Gather = Callable[[RunConfig], Demonstrations]
 
 
 def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
@@ -66,8 +66,8 @@ def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
 
 def finish(run: run_dir.RunDir, failed: dict[int, str], counts: dict[str, int], echo: Echo) -> int:
     """Ends a run: without results.json where rows failed, so that --resume tries these again."""
-    if failed or run.finished_phase(PHASE):
-        run.finish_phase(PHASE, {str(cell): said for cell, said in failed.items()})
+    if failed or run.finished_phase(FAILED):
+        run.finish_phase(FAILED, {str(cell): said for cell, said in failed.items()})
     found = summary.write(run.path, last=run.path == saved.root(run.path))
     if not failed:
         run.finish(counts)
@@ -128,22 +128,26 @@ def _opened(
             yield run, progress, echo
 
 
-def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> Failures:
+def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> "_Failures":
     """Rewards, measures and policies, in the order in which programs are compiled."""
     finished = hosts.largest([run.finished_phase(one.name) is not None for one in programs])
     left = [one for one, done in zip(programs, finished, strict=True) if not done]
     free = [one for one in left if not any(learns(row.config) for row in one.rows)]
     others = [one for one in left if one not in free]
     learned: dict[Hashable, TrainedReward] = {}
-    failed = Failures()
+    failed = _Failures()
     gather = _gatherer(plan.config, run, progress)
 
     def written() -> None:
         if hosts.is_first():
             summary.write(run.path, last=False)
 
-    def train(program, compiled) -> None:
+    def learn(one) -> None:
+        learned.update(study_rewards.learn(one, run, progress, echo))
+
+    def train(program) -> None:
         shown = lambda config: gather(config).batch("train")  # noqa: E731
+        compiled = ready.pop(program.name).result()  # which is kept while it trains
         done, saved_files = learn_policies(program, compiled, learned, shown, run, progress, echo)
         if program.name in played:
             variants.finish(played[program.name].result(), program, plan, run)
@@ -157,16 +161,16 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> Failures:
         wanted = study_rewards.get_ready(rows, gather, pool)
         ready |= study_programs.get_ready(others, jax.devices(), pool)
         played = variants.get_ready(left, plan.study, pool)
-        needs = functools.partial(study_rewards.needed, wanted)
-        measures = study_measures.of_study(plan, gather, run.path)
-        tasks = (
-            study_rewards.tasks(wanted, learned, run, progress, echo)
-            + measure.tasks(measures, rows, learned, needs, run, pool, progress, written)
-            + study_programs.tasks(left, ready, needs, train)
-        )
-        of = {f"policy-{i}": program.rows for i, program in enumerate(programs)}
-        for number, one in enumerate(wanted):
-            of[f"reward-{number}"] = [row for row in rows if reward_key(row.config) in one.keys]
+        needs = partial(study_rewards.needed, wanted)
+        none, asked = frozenset(), _measures(plan, gather, run.path)
+        tasks = [
+            *(ahead.Task(x.name, x.programs.reward, none, partial(learn, x)) for x in wanted),
+            *measures.tasks(asked, rows, learned, needs, run, pool, progress, written),
+            *(ahead.Task(x.name, ready[x.name], needs(x.rows), partial(train, x)) for x in left),
+        ]
+        of = {program.name: program.rows for program in programs}
+        for one in wanted:
+            of[one.name] = [row for row in rows if reward_key(row.config) in one.keys]
         for task in tasks:
             cell = task.name.rpartition("-")[2]
             of.setdefault(task.name, [row for row in rows if str(row.cell) == cell])
@@ -176,7 +180,50 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> Failures:
     return failed
 
 
-def _with_demonstrations(rows: list[Row], gather: Gather, failed: Failures) -> list[Row]:
+def _measures(plan: Plan, gather: Gather, run: Path) -> list[measures.Measure]:
+    """The measures of a study's rewards, for the run in a folder."""
+    make: dict[str, Callable[..., measures.Measure]] = {
+        "audit": audit.Audit,
+        "profiles": partial(measures.Profiles, gather),
+        "separation": partial(separation.Separation, gather),
+        "files": partial(measures.Files, plan, run),
+    }
+    asked = [make[kind](**options) for kind, options in plan.study.measure.items() if kind in make]
+    return [measures.Tau(), *asked]
+
+
+# --- demonstrations
+
+_FOLDERS = {"match_regions_magical": "match-regions"}  # of films, where not by the task's name
+_KINDS = "*.pkl.gz", "*.mp4"
+
+
+def make_sets(configs: Iterable[RunConfig], films: str | None, echo: Echo) -> None:
+    """Makes the demonstration sets that are missing, from a folder with a folder of films for each
+    task; a DemoError, before any is made, if films are missing."""
+    sets = {c.demos.path: c.env.name for c in configs if c.demos.path is not None}
+    missing = {
+        Path(out): task for out, task in sets.items() if not (Path(out) / "demos.json").is_file()
+    }
+    found = {out: _films_of(films, task, out) for out, task in missing.items()}
+    for out, task in missing.items():
+        echo(f"finding the objects in the films of {found[out]}")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        pickles = next(found[out].glob(_KINDS[0]), None) is not None
+        how = {} if pickles else {"boxes": "colour", "half_extent": HALF_EXTENT}
+        import_videos(found[out], out, task=task, **how)
+
+
+def _films_of(films: str | None, task: str, out: Path) -> Path:
+    names = dict.fromkeys([_FOLDERS.get(task, task.replace("_", "-")), task])
+    for folder in (Path(films) / name for name in (names if films else ())):
+        if any(next(folder.glob(kind), None) for kind in _KINDS):
+            return folder
+    where = f"{films} has no folder {next(iter(names))} of them" if films else "--films is missing"
+    raise DemoError(f"{out} is no demonstration set, and to make it of films {where}")
+
+
+def _with_demonstrations(rows: list[Row], gather: Gather, failed: "_Failures") -> list[Row]:
     """The rows whose demonstrations are there, or can be made; the others have failed."""
     for row in rows:
         if learns(row.config) and row.cell not in failed.cells:
@@ -213,3 +260,39 @@ def _gatherer(base: RunConfig, run: run_dir.RunDir, progress: Progress) -> Gathe
         return made[key]
 
     return gather
+
+
+# --- rows that fail
+
+
+class _Failures:
+    """The rows that have failed, and the tasks that cannot be done for it."""
+
+    def __init__(self) -> None:
+        self.cells: dict[int, str] = {}  # place of a row to a sentence without its full stop
+        self._tasks: set[str] = set()
+
+    def guarded(self, task: ahead.Task, rows: Sequence[Row]) -> ahead.Task:
+        """The task, whose errors are noted for its rows; it is left out if what it needs failed."""
+
+        def do() -> None:
+            if task.needs & self._tasks:
+                self._tasks.add(task.name)
+                return
+            try:
+                task.do()
+            except Interrupted:
+                raise
+            except Exception as error:
+                self._tasks.add(task.name)
+                self.note(rows, error)
+
+        return task._replace(do=do)
+
+    def note(self, rows: Iterable[Row], error: Exception) -> None:
+        """Notes what went wrong with some rows; the first error of a row counts."""
+        first = next(iter(str(error).splitlines()), "").strip().rstrip(".")
+        if not isinstance(error, GrilError):
+            first = f"{type(error).__name__}: {first}"[:300]
+        for row in rows:
+            self.cells.setdefault(row.cell, first)

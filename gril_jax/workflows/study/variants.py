@@ -27,11 +27,10 @@ from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.run_dir import RunDir
 from gril_jax.workflows.build import filming, policy_setup, setup
 
-from .. import saved
-from ..programs import Program
-from ..recipe import Study
-from ..rows import changed
-from ..saved import Plan
+from . import saved
+from .programs import Program
+from .recipe import Study, changed
+from .saved import Plan
 
 DEMO = "demo"
 _STARTS = 64  # of each variant
