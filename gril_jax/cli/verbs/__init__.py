@@ -47,13 +47,12 @@ def simple(
     summary: str,
     schema: type[Options],
     work: Callable[[Options], Work],
-    about: str | None = None,
 ) -> Verb:
     """A verb whose options are the fields of a dataclass, from which `work` makes what is left to
-    do; `about` begins its help, the summary without it."""
+    do."""
 
     def plan(args: list[str]) -> Work:
-        text = about or f"{summary[0].upper()}{summary[1:]}."
+        text = f"{summary[0].upper()}{summary[1:]}."
         return work(parse(schema, args, prog=f"gril {verb.name}", description=text))
 
     verb = Verb(usage, summary, plan, schema=schema)

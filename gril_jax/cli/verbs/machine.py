@@ -208,15 +208,13 @@ def _benchmark(name: str, summary: str, options: type = _Nothing) -> Verb:
 
         return work
 
-    about = f"{summary[0].upper()}{summary[1:]}, as JSON."
-    return simple(f"bench {name}", summary, options, plan, about=about)
+    return simple(f"bench {name}", summary, options, plan)
 
 
 VERBS = {
     "This machine": (
         simple(
             "doctor", "what is installed and what works on this machine", _Doctor, _doctor,
-            about="Check what is installed and what works on this machine.",
         ),
         _benchmark("train", "training with and without the learned reward", _Train),
         _benchmark("env", "how many control steps a second the task makes here", _Env),

@@ -120,18 +120,15 @@ VERBS = {
         simple(
             "audit RUN|REWARD", "how a reward could be hacked, before a policy finds it",
             _Audit, _audit,
-            about="Find how a learned reward could be hacked, before a policy does.",
         ),
         simple(
             "subtasks RUN",
             "stages found in a run's learned reward, and demonstrations cut at them",
             StageOptions, _subtasks,
-            about="Find a task's stages in a learned reward, and cut its demonstrations at them.",
         ),
         simple(
             "export RUN --out FILE",
             "a run's reward, or with --what policy its policy, as one file", _Export, _export,
-            about="Write a run's learned reward, or its policy, as one file.",
         ),
     )
 }  # fmt: skip

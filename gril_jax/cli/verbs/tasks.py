@@ -173,11 +173,9 @@ VERBS = {
         simple(
             "new-task NAME", "a task of your own that runs, to be changed, and its test",
             _New, _new,
-            about="Write a task that runs, to be changed, and a test of it.",
         ),
         simple(
             "check-task FILE:make", "what a task of your own lacks, in sentences", _Check, _check,
-            about="Say in sentences what a task of your own lacks.",
         ),
     ),
 }  # fmt: skip

@@ -24,6 +24,7 @@ _TRAIN = "Learn a reward, then a policy from it."
 
 @dataclass(frozen=True)
 class _Own:
+    config: ConfigName = None
     resume: str | None = None
     """Folder of a run that was cut off, to go on with bit for bit."""
     hard_negatives: str | None = None
@@ -33,21 +34,11 @@ class _Own:
 
 
 @dataclass(frozen=True)
-class _Quickstart(_Own, Sections):
+class _Train(_Own, Sections):
     pass
 
 
-@dataclass(frozen=True)
-class _OwnConfigured(_Own):
-    config: ConfigName = None
-
-
-@dataclass(frozen=True)
-class _Train(_OwnConfigured, Sections):
-    pass
-
-
-def _run(given: _Quickstart, name: str, prog: str, *, films: bool = False) -> Work:
+def _run(given: _Train, name: str, prog: str, *, films: bool = False) -> Work:
     """A new run of an experiment, or with `resume` one that was cut off."""
     extra: dict[str, Any] = {}
     if given.resume is not None:
@@ -61,7 +52,7 @@ def _run(given: _Quickstart, name: str, prog: str, *, films: bool = False) -> Wo
     return experiment(name, config, config=config, devices=True, **extra)
 
 
-def _resumed(given: _Quickstart, name: str) -> RunConfig:
+def _resumed(given: _Train, name: str) -> RunConfig:
     """The configuration of a run to resume; a ConfigError with the fields in which the options
     beside it say something else."""
     folder = Path(given.resume)
@@ -81,7 +72,7 @@ def _resumed(given: _Quickstart, name: str) -> RunConfig:
     return config
 
 
-def _begun(given: _Quickstart, name: str, new: Sections | None) -> Sections | None:
+def _begun(given: _Train, name: str, new: Sections | None) -> Sections | None:
     """The sections that options are read above: those of the run to resume, or of a new one; a
     ConfigError for options that exclude each other."""
     if given.dry_run and (given.resume is not None or given.hard_negatives is not None):
@@ -92,14 +83,17 @@ def _begun(given: _Quickstart, name: str, new: Sections | None) -> Sections | No
         )
     if given.resume is None:
         return new
-    config = getattr(given, "config", None)
     run_dir.require_resumable(Path(given.resume), name)
-    return sections(config or str(Path(given.resume) / "config.yaml"))
+    return sections(given.config or str(Path(given.resume) / "config.yaml"))
 
 
 def _quickstart(args: list[str]) -> Work:
-    begin = lambda given: _begun(given, "train", sections("quickstart"))  # noqa: E731
-    given = read(_Quickstart(), args, "gril quickstart", _TRAIN, begin)
+    def begin(given: _Train) -> Sections | None:
+        if given.config is not None:
+            raise ConfigError(f"there is no use for {given.config!r}: see gril quickstart --help")
+        return _begun(given, "train", sections("quickstart"))
+
+    given = read(_Train(), args, "gril quickstart", _TRAIN, begin)
     return _run(given, "train", "gril quickstart")
 
 
@@ -166,7 +160,7 @@ VERBS = {
     "Learn a reward, and a policy from it": (
         Verb(
             "quickstart", "a small run from demonstrations to a policy, on a laptop", _quickstart,
-            schema=_Quickstart,
+            schema=_Train,
         ),
         Verb(
             "train [CONFIG]", "the same for any configuration", _train,
@@ -181,11 +175,9 @@ VERBS = {
         simple(
             "eval RUN", "success of a run's policy over distinct starts, and its return",
             _Eval, _eval,
-            about="Play a run's policy.",
         ),
         simple(
             "report RUN", "figures and tables of a run", _Report, _report,
-            about="Draw a run's figures.",
         ),
     )
 }  # fmt: skip

@@ -12,6 +12,7 @@ import io
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 
@@ -22,7 +23,6 @@ from gril_jax.demos.importing import import_videos
 from gril_jax.demos.magical_pickles import HALF_EXTENT
 from gril_jax.errors import ConfigError, DemoError, GrilError
 from gril_jax.runs import covered, hosts, run_dir
-from gril_jax.runs.interrupt import Interrupted
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import demonstrations, setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
@@ -61,7 +61,7 @@ def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
         failed = _train(plan, rows, programs, run, progress, echo)
         if not hosts.is_first():
             return 0
-        return finish(run, failed.cells, counts, echo)
+        return finish(run, failed, counts, echo)
 
 
 def finish(run: run_dir.RunDir, failed: dict[int, str], counts: dict[str, int], echo: Echo) -> int:
@@ -128,14 +128,14 @@ def _opened(
             yield run, progress, echo
 
 
-def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> "_Failures":
+def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, str]:
     """Rewards, measures and policies, in the order in which programs are compiled."""
     finished = hosts.largest([run.finished_phase(one.name) is not None for one in programs])
     left = [one for one, done in zip(programs, finished, strict=True) if not done]
     free = [one for one in left if not any(learns(row.config) for row in one.rows)]
     others = [one for one in left if one not in free]
     learned: dict[Hashable, TrainedReward] = {}
-    failed = _Failures()
+    failed: dict[int, str] = {}
     gather = _gatherer(plan.config, run, progress)
 
     def written() -> None:
@@ -162,21 +162,14 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> "_Failures"
         ready |= study_programs.get_ready(others, jax.devices(), pool)
         played = variants.get_ready(left, plan.study, pool)
         needs = partial(study_rewards.needed, wanted)
-        none, asked = frozenset(), _measures(plan, gather, run.path)
+        asked = _measures(plan, gather, run.path)
         tasks = [
-            *(ahead.Task(x.name, x.programs.reward, none, partial(learn, x)) for x in wanted),
+            *(_task(x, x.programs.reward, frozenset(), learn, x.rows) for x in wanted),
             *measures.tasks(asked, rows, learned, needs, run, pool, progress, written),
-            *(ahead.Task(x.name, ready[x.name], needs(x.rows), partial(train, x)) for x in left),
+            *(_task(x, ready[x.name], needs(x.rows), train, x.rows) for x in left),
         ]
-        of = {program.name: program.rows for program in programs}
-        for one in wanted:
-            of[one.name] = [row for row in rows if reward_key(row.config) in one.keys]
-        for task in tasks:
-            cell = task.name.rpartition("-")[2]
-            of.setdefault(task.name, [row for row in rows if str(row.cell) == cell])
-        if jax.process_count() == 1:  # several must fail together
-            tasks = [failed.guarded(task, of[task.name]) for task in tasks]
-        ahead.carry_out(tasks)
+        note = lambda task, error: _note(failed, task.about, error)  # noqa: E731
+        ahead.carry_out(tasks, note if jax.process_count() == 1 else None)  # several fail together
     return failed
 
 
@@ -223,17 +216,31 @@ def _films_of(films: str | None, task: str, out: Path) -> Path:
     raise DemoError(f"{out} is no demonstration set, and to make it of films {where}")
 
 
-def _with_demonstrations(rows: list[Row], gather: Gather, failed: "_Failures") -> list[Row]:
+def _task(of: Any, wanted: Any, needs: frozenset[str], do: Callable, rows: Sequence[Row]):
+    return ahead.Task(of.name, wanted, needs, partial(do, of), rows)
+
+
+def _note(failed: dict[int, str], rows: Iterable[Row], error: Exception) -> None:
+    """Notes what went wrong with some rows, in a sentence without its full stop; the first error of
+    a row counts."""
+    first = next(iter(str(error).splitlines()), "").strip().rstrip(".")
+    if not isinstance(error, GrilError):
+        first = f"{type(error).__name__}: {first}"[:300]
+    for row in rows:
+        failed.setdefault(row.cell, first)
+
+
+def _with_demonstrations(rows: list[Row], gather: Gather, failed: dict[int, str]) -> list[Row]:
     """The rows whose demonstrations are there, or can be made; the others have failed."""
     for row in rows:
-        if learns(row.config) and row.cell not in failed.cells:
+        if learns(row.config) and row.cell not in failed:
             try:
                 gather(row.config)
             except Exception as error:
                 if jax.process_count() > 1:
                     raise
-                failed.note([row], error)
-    return [row for row in rows if row.cell not in failed.cells]
+                _note(failed, [row], error)
+    return [row for row in rows if row.cell not in failed]
 
 
 def _of_set(config: RunConfig) -> Hashable:
@@ -260,39 +267,3 @@ def _gatherer(base: RunConfig, run: run_dir.RunDir, progress: Progress) -> Gathe
         return made[key]
 
     return gather
-
-
-# --- rows that fail
-
-
-class _Failures:
-    """The rows that have failed, and the tasks that cannot be done for it."""
-
-    def __init__(self) -> None:
-        self.cells: dict[int, str] = {}  # place of a row to a sentence without its full stop
-        self._tasks: set[str] = set()
-
-    def guarded(self, task: ahead.Task, rows: Sequence[Row]) -> ahead.Task:
-        """The task, whose errors are noted for its rows; it is left out if what it needs failed."""
-
-        def do() -> None:
-            if task.needs & self._tasks:
-                self._tasks.add(task.name)
-                return
-            try:
-                task.do()
-            except Interrupted:
-                raise
-            except Exception as error:
-                self._tasks.add(task.name)
-                self.note(rows, error)
-
-        return task._replace(do=do)
-
-    def note(self, rows: Iterable[Row], error: Exception) -> None:
-        """Notes what went wrong with some rows; the first error of a row counts."""
-        first = next(iter(str(error).splitlines()), "").strip().rstrip(".")
-        if not isinstance(error, GrilError):
-            first = f"{type(error).__name__}: {first}"[:300]
-        for row in rows:
-            self.cells.setdefault(row.cell, first)

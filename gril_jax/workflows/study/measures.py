@@ -113,7 +113,7 @@ def tasks(
             key = (one.name, one.same(config), len(of_row))
             ready = begun[key] = begun.get(key) or pool.submit(one.compile, config, len(of_row))
         work = functools.partial(do, name, one, of_row, ready)
-        found.append(ahead.Task(name, ready, needs(of_row), work))
+        found.append(ahead.Task(name, ready, needs(of_row), work, of_row))
     return found
 
 

@@ -47,6 +47,7 @@ class Wanted(NamedTuple):
     name: str  # of their phase, and of the task that learns them
     keys: list[Hashable]
     config: RunConfig  # of one of them
+    rows: list[Row]  # that have them
     demos: demonstrations.Demonstrations
     programs: encoders.Programs
 
@@ -68,7 +69,8 @@ def get_ready(
         configs = [needed[key] for key in members]
         demos = gather(configs[0])
         programs = encoders.compiled_for(configs, learners.learner(configs[0], demos), pool)
-        found.append(Wanted(f"reward-{number}", members, configs[0], demos, programs))
+        of = [row for row in rows if reward_key(row.config) in members]
+        found.append(Wanted(f"reward-{number}", members, configs[0], of, demos, programs))
     return found
 
 
