@@ -7,7 +7,7 @@ Shapes use E for the evaluations of a policy while it is trained.
 
 import csv as csv_format
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -221,7 +221,6 @@ def _of_variants(lines: Sequence[Line], names: Sequence[str]) -> list[Section]:
             ("success", "success in percent, deterministic actions", percent),
             ("sampled", "success in percent, sampled actions", percent),
             ("score", "score at the end, deterministic actions", mean_range),
-            ("clumped", "share of episodes that end with all blocks in a clump", mean_range),
         )
     ]
 

@@ -84,24 +84,6 @@ def test_a_row_gives_the_learner_the_help_of_its_level(name):
         assert given(config).level == row.rpartition(" at level ")[2], row
 
 
-@pytest.mark.parametrize("name", ["table1", "table2", "soundness"])
-def test_every_learned_row_sets_what_any_of_them_changes(name):
-    rows = [x for x in recipe.load(name).rows.values() if x.get("run.reward") != "environmental"]
-    extra = {"encoder.precision"}
-    assert len({frozenset(x) - extra for x in rows}) == 1
-
-
-def test_the_suite_has_the_variants_of_each_task_and_one_reward_for_all():
-    _, rows = _configs("suite")
-    for task in {config.env.name for config in rows.values()}:
-        known = {c.env.variant for row, c in rows.items() if row.startswith(f"{task} from films")}
-        assert known == {*registry.build(task, {}).variants}
-    steps = {row: config.ppo.num_timesteps for row, config in rows.items()}
-    assert steps["make_line from films in all"] == 2 * steps["make_line from films"]
-    assert steps["find_dupe from films"] == 2 * steps["fix_colour from films"]
-    assert steps["fix_colour from films in all"] == steps["find_dupe from films"]
-
-
 def _file(tmp_path, text):
     file = tmp_path / "mine.yaml"
     file.write_text(text)
