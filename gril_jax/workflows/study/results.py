@@ -93,7 +93,8 @@ class Found(NamedTuple):
         """The lines as CSV: the numbers of policies, then what was measured; what is not known or
         not finite is empty."""
         whole = sorted(self.lines, key=lambda line: "env_steps" not in line)
-        columns = [*dict.fromkeys(["row", "seed", *(name for line in whole for name in line)])]
+        names = dict.fromkeys(["row", "seed", *(name for line in whole for name in line)])
+        columns = sorted(names, key=lambda name: name.startswith("published "))
         file = io.StringIO()
         writer = csv_format.writer(file, lineterminator="\n")
         writer.writerow(columns)
