@@ -121,9 +121,13 @@ def _print_help(given: Any, prog: str, about: str, topic: str, hidden: Sequence[
         names[option.path] = min(word, names.get(option.path, word), key=len)
     for section, values in _sections(given).items():
         if section not in hidden:
-            listed = (f"{names[section, x]} {_written(value)}" for x, value in vars(values).items())
+            listed = (  # no line is broken between a name and its value
+                f"{names[section, x]} {_written(value)}".replace(" ", "\0")
+                for x, value in vars(values).items()
+            )
             how = {"initial_indent": "  ", "subsequent_indent": "  ", "break_on_hyphens": False}
-            echo(f"\n{section}:\n{textwrap.fill(', '.join(listed), 100, **how)}")
+            lines = textwrap.fill(", ".join(listed), 100, **how).replace("\0", " ")
+            echo(f"\n{section}:\n{lines}")
     raise SystemExit(0)
 
 

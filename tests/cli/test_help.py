@@ -67,9 +67,8 @@ def test_the_tab_key_finishes_words(words, found, capsys):
     script = _said(capsys, "--tyro-print-completion", "bash")
     last, count = words.split()[-1], len(words.split()) - 1
     code = f"{script}\nCOMP_WORDS=({words}); COMP_CWORD={count}; _tyro_gril gril {last} x\n"
-    done = subprocess.run(
-        ["bash", "-c", code + 'printf "%s\\n" "${COMPREPLY[@]}"'], capture_output=True, text=True
-    )
+    code += 'printf "%s\\n" "${COMPREPLY[@]}"'
+    done = subprocess.run(["bash"], input=code, capture_output=True, text=True)
     assert done.stdout.split() == found
 
 
