@@ -130,7 +130,7 @@ def _understood(line, surroundings):
 def test_every_verb_that_is_named_exists(path):
     if path.name == "CHANGELOG.md":  # names what there was, too
         return
-    words = {verb for name in verbs.names() for verb in (name, name.split()[0])}
+    words = {verb for one in verbs.every() for verb in (one.name, one.name.split()[0])}
     for code in re.findall(r"(?<!`)`gril ([^`]*)`", path.read_text()):
         verb = code.split()[0] if code else ""
         if not verb.startswith("-") and not verb.isupper():
@@ -140,7 +140,7 @@ def test_every_verb_that_is_named_exists(path):
 def _known_options():
     """Options of the configuration and of verbs, and those that the command line's sources name."""
     known = set(options(RunConfig)) | {"--help"}
-    for verb in (verb for title in verbs.TABLE for verb in verbs.group(title)):
+    for verb in verbs.every():
         known |= set(options(verb.schema) if verb.schema else ())
     for path in (REPOSITORY / "gril_jax" / "cli").rglob("*.py"):
         known |= set(re.findall(r"--[a-z][a-z-]*", path.read_text()))

@@ -14,7 +14,9 @@ MOST_WORDS = 35
 MOST_NUMBERS = 2
 MOST_RESULTS = 14
 # The most lines of a page, by its path.
-MOST_LINES = {"README.md": 100} | {f"{p.relative_to(REPOSITORY)}": 60 for p in RESULTS.rglob("*.md")}
+MOST_LINES = {"README.md": 100} | {
+    f"{p.relative_to(REPOSITORY)}": 60 for p in RESULTS.rglob("*.md")
+}
 # Words of ours, and the field's.
 WORDS = {
     r"films?|filmed|filming": "video, record",

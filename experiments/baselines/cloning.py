@@ -23,7 +23,7 @@ from gril_jax.experiments.baselines import recorded
 from jaxtyping import Array, Float, Int
 
 from gril_jax import envs
-from gril_jax.workflows.study.measured import variants
+from gril_jax.workflows.study import variants
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,8 @@ from gril_jax.config.files import load
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.rl import ppo
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup
-from gril_jax.workflows.study import recipe
-from gril_jax.workflows.study.measured import variants
-from gril_jax.workflows.study.rows import changed
+from gril_jax.workflows.study import recipe, variants
+from gril_jax.workflows.study.recipe import changed
 
 from . import recorded
 

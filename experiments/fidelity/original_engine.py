@@ -27,8 +27,7 @@ from gril_jax.rl import training
 from gril_jax.rl.evaluate import evaluate
 from gril_jax.rl.policy import Policy
 from gril_jax.runs import run_dir
-from gril_jax.runs.checkpoints import checkpoint
-from gril_jax.runs.checkpoints import manifest
+from gril_jax.runs.checkpoints import checkpoint, manifest
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.starts import draw, evaluated_from
 

@@ -20,7 +20,6 @@ from gril_jax.errors import ConfigError
 from .command_line import nearest, parse
 
 
-
 def names() -> tuple[str, ...]:
     """The configurations shipped with the package; a `_` begins what is only a base of others."""
     files = resources.files("gril_jax.configs").iterdir()
@@ -150,9 +149,8 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _tree(file: Traversable) -> dict[str, Any]:
-    """The sections of a file, and the name of its `base` if it has one; of the right structure, but
-    with values of any type."""
+def mapping(file: Traversable) -> dict[str, Any]:
+    """The keys of a file with what stands below them, of any structure; {} for an empty file."""
     try:
         tree = _Loader(file.read_text(encoding="utf-8")).get_single_data()
     except OSError as error:
@@ -163,10 +161,15 @@ def _tree(file: Traversable) -> dict[str, Any]:
         mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
         where = f"line {mark.line + 1}: " if mark else ""
         raise ConfigError(f"{where}the file is not YAML ({problem or 'not text'})") from None
-    if tree is None:
-        return {}
-    if not isinstance(tree, dict):
+    if not isinstance(tree, dict | None):
         raise ConfigError("the file must hold sections such as 'env:' with fields below them")
+    return tree or {}
+
+
+def _tree(file: Traversable) -> dict[str, Any]:
+    """The sections of a file, and the name of its `base` if it has one; of the right structure, but
+    with values of any type."""
+    tree = mapping(file)
     if not isinstance(tree.get("base", ""), str):
         raise ConfigError("base must be the name of one configuration, or the path of its file")
     for section, fields in tree.items():

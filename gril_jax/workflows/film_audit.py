@@ -27,8 +27,8 @@ from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.data import read_finished
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.runs import run_dir
-from gril_jax.runs.reading import require_same_demos
 from gril_jax.runs.json_lines import plain
+from gril_jax.runs.reading import require_same_demos
 from gril_jax.safe_files import write_whole
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import demonstrations, policy_setup, setup, vocabulary

@@ -10,12 +10,11 @@ from support.run_folders import RESULTS, save_run
 from gril_jax.config import RunConfig
 from gril_jax.report import rates
 from gril_jax.report.curves import spread
-from gril_jax.report.style import png
 from gril_jax.report.run_report import write_report
+from gril_jax.report.style import png
 from gril_jax.workflows.study import recipe, summary
-from gril_jax.workflows.study.counted import Counted
-from gril_jax.workflows.study.curves import Curve
-from gril_jax.workflows.study.results import Found
+from gril_jax.workflows.study.programs import Counted
+from gril_jax.workflows.study.results import Curve, Found
 from gril_jax.workflows.study.saved import Plan
 
 COUNTED = {"demo": Counted(4, 1), "jitter": Counted(4, 4), "layout": Counted(4, 4)}

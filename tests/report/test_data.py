@@ -11,8 +11,8 @@ from gril_jax.errors import RunError
 from gril_jax.report.data import (
     number,
     read_finished,
-    read_profiles,
     read_outcome,
+    read_profiles,
     read_rows,
     read_versions,
 )

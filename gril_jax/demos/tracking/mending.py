@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
-from . import covered
 from .carried import carry, places
 
 _AROUND = 0.3  # seconds that a sighting is compared with, and that boxes are smoothed over
@@ -58,7 +57,7 @@ def mended(
     jitter = jitter_of(edges) if jitter is None else jitter
     window = _odd(_AROUND * fps, least=5)
     bridged = round(_BRIDGED * fps)
-    edges = covered.whole(edges, closed(edges, bridged), hands, jitter)
+    edges = reading.whole(edges, closed(edges, bridged), hands, jitter)
     off = stray(edges, window, jitter)
     off |= away(np.where(off[..., None], np.nan, edges), window, jitter)
     off |= lone(np.where(off[..., None], np.nan, edges), window)

@@ -34,9 +34,9 @@ from gril_jax.export.lerobot import annotate
 from gril_jax.report.curves import reward_profile
 from gril_jax.report.style import COLOURS, GREY, png, styled
 from gril_jax.runs import run_dir
-from gril_jax.runs.reading import require_same_demos
 from gril_jax.runs.json_lines import plain
 from gril_jax.runs.progress import Progress
+from gril_jax.runs.reading import require_same_demos
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 from gril_jax.workflows.build import demonstrations, learners, policy_setup, setup, vocabulary

@@ -17,7 +17,7 @@ from gril_jax.config.grid import with_seed
 from gril_jax.errors import ConfigError
 from gril_jax.workflows.build import setup
 from gril_jax.workflows.study import programs as sweep_programs
-from gril_jax.workflows.study.rows import Row
+from gril_jax.workflows.study.saved import Row
 
 LANES = 4
 INSTALLED = importlib.util.find_spec("warp") is not None

@@ -3,7 +3,7 @@
 In a variant other things are drawn at the start: places, colours, shapes, forces, how many blocks
 there are; observations are padded, so that a policy can play all of them.
 
-Shapes use K for policies, E for episodes, T for control steps and B for blocks.
+Shapes use K for policies, E for episodes and T for control steps.
 """
 
 import dataclasses
@@ -20,23 +20,19 @@ from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
 from gril_jax.demos.vision.video import write_video
 from gril_jax.envs import Env, registry
-from gril_jax.graphs.scene import safe_norm
 from gril_jax.rl import evaluate, training
 from gril_jax.rl.policy import Policy
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.run_dir import RunDir
 from gril_jax.workflows.build import filming, policy_setup, setup
 
-from .. import saved
-from ..programs import Program
-from ..recipe import Study
-from ..rows import changed
-from ..saved import Plan
+from . import saved
+from .programs import Program
+from .recipe import Study, changed
+from .saved import Plan
 
 DEMO = "demo"
 _STARTS = 64  # of each variant
-_LINE = "make_line"  # its score counts a clump as a line
-_CLUMP = 0.5  # arena units: the longest distance of four blocks that are a clump and no line
 
 
 class Played(NamedTuple):
@@ -44,7 +40,6 @@ class Played(NamedTuple):
 
     score: Float[Array, "K E"]
     success: Float[Array, "K E"]
-    clumped: Float[Array, "K E"]  # 1 where all blocks lie within `_CLUMP` of each other
     data: Any  # of the simulator in the first episode, leaves (K, T, ...)
 
 
@@ -68,14 +63,9 @@ def ground(
 ) -> Ground:
     """Compiles the evaluation of a row's policies, from so many starts of each variant; `wrap`
     makes of a task what the policies were trained in."""
-    plain = changed(
-        config,
-        {
-            "run.reward": "environmental",
-            "ppo.video_state_resets": 0.0,
-            "ppo.visited_state_resets": 0.0,
-        },
-    )
+    own = {"run.reward": "environmental"}
+    resets = dict.fromkeys(("ppo.video_state_resets", "ppo.visited_state_resets"), 0.0)
+    plain = changed(config, own | resets)
     names = known(config.env.name)
     envs = {name: wrap(setup.make_env(config.env, training=False, variant=name)) for name in names}
     # Shapes, counts and forces are then data of each episode, and one program plays all of them.
@@ -110,7 +100,7 @@ def figures(on: Ground, policies: Any) -> tuple[dict[str, list[float]], Played]:
     found: dict[str, list[float]] = {}
     for i, name in enumerate(on.names):
         part = slice(i * on.each, (i + 1) * on.each)
-        for field in ("success", "score", "clumped"):
+        for field in ("success", "score"):
             values = np.asarray(getattr(means, field))[:, part].mean(axis=1)
             found[f"{field}_{name}"] = values.tolist()
         values = np.asarray(sampled.success)[:, part].mean(axis=1)
@@ -135,17 +125,7 @@ def _played(
 
     steps = jax.random.split(key, of.env.episode_length)
     last, data = jax.lax.scan(move, begun, steps)
-    metrics = last.state.metrics
-    clumped = jax.vmap(_clumped)(last.state.objects)
-    return Played(metrics["score"], metrics["success"], clumped, data)
-
-
-def _clumped(objects) -> Float[Array, ""]:
-    """1 if all that is neither robot nor region lies within `_CLUMP`; regions are the largest."""
-    center, blocks = objects.center, (objects.size.max(axis=1) < 0.4) & ~objects.is_robot
-    apart = safe_norm(center[:, None] - center)
-    both = blocks[:, None] & blocks
-    return (jnp.max(jnp.where(both, apart, 0.0)) < _CLUMP).astype(jnp.float32)
+    return Played(last.state.metrics["score"], last.state.metrics["success"], data)
 
 
 def _like(config: RunConfig, policies: int) -> Policy:
@@ -176,8 +156,6 @@ def finish(on: Ground, program: Program, plan: Plan, run: RunDir) -> None:
     latest = checkpoint.latest(run.path / "policies" / program.name)
     policies = checkpoint.restore(latest, _like(rows[0].config, len(rows)))
     found, played = figures(on, policies)
-    if rows[0].config.env.name != _LINE:
-        found = {name: x for name, x in found.items() if not name.startswith("clumped")}
     files = saved.row_files(run.path, [*plan.rows])
     best: dict[int, int] = {}
     for i, row in enumerate(rows):

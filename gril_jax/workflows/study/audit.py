@@ -21,9 +21,10 @@ from gril_jax.encoders.encoder import GraphConfig
 from gril_jax.errors import ConfigError
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.workflows.build import setup
+from gril_jax.workflows.learning.encoders import stack
 
-from ..rewards import task_key
-from .measure import Measure, num_classes, stacked
+from .measures import Measure, num_classes
+from .rewards import task_key
 
 OWN = "own"  # in place of a variant: that in which policies are trained
 
@@ -46,40 +47,49 @@ class Ground(NamedTuple):
     states: Mapping[str, States]  # by variant
 
 
-def measure(
-    *, variants: Sequence[str] = (OWN,), starts: int = 4, ascents: int | None = None
-) -> Measure:
+class Audit(Measure):
     """The audit from so many starts of each variant of a row's task, which share the ascents; those
     of None are the configuration's `run.audit`; without them, or without stages, there is none."""
-    made: dict[Hashable, Ground] = {}
 
-    def on(config: RunConfig) -> Ground:
-        # All rewards of a task are judged by the same states.
-        key = task_key(config), config.env.variant if OWN in variants else None
-        if key not in made:
-            made[key] = ground(audited_tasks(config.env, variants), starts=starts)
-        return made[key]
+    name, compiled = "audit", True
 
-    def encoder(config: RunConfig) -> GraphConfig:
-        return setup.encoder_config(config, num_classes(config.env))
+    def __init__(
+        self, *, variants: Sequence[str] = (OWN,), starts: int = 4, ascents: int | None = None
+    ) -> None:
+        self.variants, self.starts, self.ascents = variants, starts, ascents
+        self._made: dict[Hashable, Ground] = {}
 
-    def same(config: RunConfig):
-        return task_key(config), encoder(config), ascents or config.run.audit
+    def asked(self, config):
+        """True where it is asked for, and the task has stages."""
+        own = setup.make_env(config.env, training=False)
+        staged = getattr(own, "stages", None) is not None
+        return bool(self.ascents or (config.run.audit and staged))
 
-    def lower(config: RunConfig, params: RewardParams):
-        where = on(config)
-        run = audit_program(encoder(config), where.task, ascents=ascents or config.run.audit)
+    def same(self, config):
+        """The task, the encoder's form and the number of ascents."""
+        encoder = setup.encoder_config(config, num_classes(config.env))
+        return task_key(config), encoder, self.ascents or config.run.audit
+
+    def lower(self, config, params):
+        """One program, for all variants."""
+        _, encoder, ascents = self.same(config)
+        where = self._ground(config)
+        run = audit_program(encoder, where.task, ascents=ascents)
         return [run.lower(params, next(iter(where.states.values())))]
 
-    def figures(programs, config, found):
-        values = audit_figures(*programs, stacked(found), on(config))
+    def measure(self, programs, config, found):
+        """The figures of each reward."""
+        params = stack([one.params for one in found])
+        values = audit_figures(*programs, params, self._ground(config))
         return {name: x.tolist() for name, x in values.items()}
 
-    def asked(config: RunConfig) -> bool:
-        own = setup.make_env(config.env, training=False)
-        return bool(ascents or (config.run.audit and getattr(own, "stages", None) is not None))
-
-    return Measure("audit", figures, same, lower, asked)
+    def _ground(self, config: RunConfig) -> Ground:
+        """The same states for all rewards of a task."""
+        key = task_key(config), config.env.variant if OWN in self.variants else None
+        if key not in self._made:
+            tasks = audited_tasks(config.env, self.variants)
+            self._made[key] = ground(tasks, starts=self.starts)
+        return self._made[key]
 
 
 def audited_tasks(config: EnvConfig, variants: Sequence[str]) -> dict[str, envs.Env]:

@@ -1,4 +1,4 @@
-"""Success while policies are trained: what is drawn for each row, with as many as a table has."""
+"""Success while policies are trained: what is drawn for each row."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 
 from gril_jax.errors import ShapeError
 from gril_jax.report.style import COLOURS, png
-from gril_jax.workflows.study.curves import Curve, draw_spread, learning_curves
+from gril_jax.workflows.study.results import Curve
+from gril_jax.workflows.study.summary import draw_spread, learning_curves
 
 
 def _curves(rows, seeds=5, evaluations=4):
@@ -21,9 +22,10 @@ def _curves(rows, seeds=5, evaluations=4):
 
 def test_a_line_is_the_interquartile_mean_within_the_quartiles_and_a_row_without_policies_lacks():
     found = _curves(2)
-    (axes,) = learning_curves(["a", "b", "not yet"], found).axes
-    assert [line.get_label() for line in axes.lines] == ["a", "b"]
-    for cell, (line, band) in enumerate(zip(axes.lines, axes.collections, strict=True)):
+    panels = learning_curves(["a", "b", "not yet"], found).axes
+    assert [panel.lines[0].get_label() for panel in panels] == ["a", "b"]
+    for cell, panel in enumerate(panels):
+        line, (band,) = panel.lines[0], panel.collections
         curves = [[0, *c.scores["success_sampled"]] for c in found if c.cell == cell]
         middle = np.sort(curves, axis=0)[1:4].mean(axis=0)  # of five, one off at each end
         np.testing.assert_allclose(line.get_ydata(), middle, rtol=1e-6)

@@ -5,7 +5,7 @@ import pytest
 
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.errors import DemoError
-from gril_jax.workflows.study.measured import separation
+from gril_jax.workflows.study import separation
 
 
 def _entry(name, outcome, frames, stages=None):

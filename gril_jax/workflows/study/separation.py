@@ -5,7 +5,7 @@ none. Shapes use B for recordings and T for frames.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -13,14 +13,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gril_jax import reward
-from gril_jax.config import RunConfig
 from gril_jax.demos.demo import Demo
 from gril_jax.errors import DemoError
 from gril_jax.metrics.separation import CONVENTIONS, cumulative, ratio, stage_order, success_auc
 from gril_jax.workflows.build import learners, setup
-from gril_jax.workflows.build.demonstrations import Demonstrations
 
-from .measure import Measure
+from .measures import Gather, Measure
 
 # The separation ratio first in the convention that is compared with the paper's.
 NUMBERS = (
@@ -30,28 +28,35 @@ NUMBERS = (
 _LEAST = 2  # recordings of either outcome
 
 
-def measure(gather: Callable[[RunConfig], Demonstrations]) -> Measure:
-    """The figures of each seed; refuses demonstrations that are too few for them."""
+class Separation(Measure):
+    """The figures of each reward; refuses demonstrations that are too few for them."""
 
-    def asked(config: RunConfig) -> bool:
-        demos = gather(config)
+    name = "separation"
+
+    def __init__(self, gather: Gather) -> None:
+        self.gather = gather
+
+    def asked(self, config):
+        """True, unless it raises DemoError."""
+        demos = self.gather(config)
         require_both(demos.demo_set.where, demos.names)
         return True
 
-    def measured(programs, config, found):
-        demos = gather(config)
-        chosen = _recordings(demos)
+    def measure(self, programs, config, found):
+        """`figures` of each reward, along held-out successes, then failures."""
+        demos = self.gather(config)
+        chosen = [demos.demo_set[x] for k in ("validation", "failure") for x in demos.names[k]]
         length = np.array([len(demo) for demo in chosen], np.int32)
         learner, hyper = learners.learner(config, demos), setup.pretrain_hyper(config)
         films = learner.films([demo.name for demo in chosen])
 
         def one(params):
             latents = learner.latents(params.encoder, films, hyper)
-            return np.asarray(reward.latent_reward(params, jnp.asarray(latents)))
+            values = reward.latent_reward(params, jnp.asarray(latents))
+            return figures(np.asarray(values), length, chosen)
 
-        return {"seeds": [figures(one(each.params), length, chosen) for each in found]}
-
-    return Measure("separation", measured, asked=asked)
+        each = [one(x.params) for x in found]
+        return {name: [x[name] for x in each] for name in each[0]}
 
 
 def require_both(folder: str, names: Mapping[str, Sequence[str]]) -> None:
@@ -63,12 +68,6 @@ def require_both(folder: str, names: Mapping[str, Sequence[str]]) -> None:
                 f"{folder} has {count} {what}, but rho needs at least {_LEAST}: "
                 f"make more with demos.num_{'failures' if split == 'failure' else 'validation'}"
             )
-
-
-def _recordings(demos: Demonstrations) -> list[Demo]:
-    """Held-out successes, then failures."""
-    names = [*demos.names["validation"], *demos.names["failure"]]
-    return [demos.demo_set[name] for name in names]
 
 
 def kind_of(entry: Demo) -> str:

@@ -11,7 +11,7 @@ from gril_jax.config import EnvConfig
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.workflows.study.measured import audit
+from gril_jax.workflows.study import audit
 
 VARIANTS = ("demo", "layout")
 ENV = EnvConfig(targets=("green square",), distractors=("yellow circle",))

@@ -16,9 +16,10 @@ from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
-from gril_jax.workflows.study.measured import evaluation, measure, profiles
+from gril_jax.workflows.study import measures
+from gril_jax.workflows.study.recipe import changed
 from gril_jax.workflows.study.rewards import TrainedReward, reward_key
-from gril_jax.workflows.study.rows import Row, changed
+from gril_jax.workflows.study.saved import Row
 
 SMALL = {"encoder.width": 4, "encoder.rounds": 0, "encoder.latent": 3}
 
@@ -29,8 +30,7 @@ CONFIG = changed(RunConfig(), SMALL)
 @pytest.fixture(autouse=True)
 def classes(monkeypatch):
     """The demonstrations here have four classes."""
-    for module in (measure, profiles, evaluation):
-        monkeypatch.setattr(module, "num_classes", lambda config: 4)
+    monkeypatch.setattr(measures, "num_classes", lambda config: 4)
 
 
 @pytest.fixture(scope="module")
@@ -65,34 +65,26 @@ def _made(batch):
     return Made(None, {"failure": ["a", "b", "c"]}, 0)
 
 
-def test_figures_on_demonstrations_kept_aside_are_those_of_each_encoder(batch, learned):
-    one = evaluation.measure(lambda config: _made(batch))
+def test_profiles_are_those_of_each_encoder(batch, learned):
+    one = measures.Profiles(lambda config: _made(batch))
     found = one.measure(one.compile(CONFIG, 2), CONFIG, learned)
     static, hyper = setup.pretrain_config(CONFIG, 4), setup.pretrain_hyper(CONFIG)
-    for i, each in enumerate(learned):
-        alone = pretrain.evaluate(each.params.encoder, batch, batch, hyper, static)
-        for name in evaluation.NUMBERS:
-            np.testing.assert_allclose(found[name][i], alone[name], rtol=1e-3)
-
-
-def test_cycle_consistency_is_that_of_each_encoder_and_profiles_are_those_of_the_first(
-    batch, learned
-):
-    static, hyper = setup.pretrain_config(CONFIG, 4), setup.pretrain_hyper(CONFIG)
-    found = profiles.figures([profiles.program(static)], learned, hyper, [batch])
-
     latents = [pretrain.embed(one.params.encoder, batch, hyper, static) for one in learned]
     cycle = [float(two_way_cycle_consistency(x, batch.length)) for x in latents]
     np.testing.assert_allclose(found["cycle"], cycle, atol=1e-6)
+    for i, each in enumerate(learned):
+        alone = pretrain.figures(each.params, latents[i], batch.length)
+        for name in ("reward_time_tau", "reward_last"):
+            np.testing.assert_allclose(found[name][i], alone[name], rtol=1e-3)
     rewards = -0.5 * np.linalg.norm(latents[0] - learned[0].params.goal, axis=-1)
-    for i, values in enumerate(found["success"]):
-        np.testing.assert_allclose(values, rewards[i, : batch.length[i]], atol=2e-3)
-    assert [len(values) for values in found["success"]] == [14, 9, 12]
-    assert found["failure"] == []
+    for kind in ("success", "failure"):
+        assert [len(values) for values in found[kind]] == [14, 9, 12]
+        for i, values in enumerate(found[kind]):
+            np.testing.assert_allclose(values, rewards[i, : batch.length[i]], atol=2e-3)
 
 
 def test_a_table_measures_each_row_once_and_rows_alike_share_a_program(tmp_path, batch, learned):
-    one = profiles.measure(lambda config: _made(batch))
+    one = measures.Profiles(lambda config: _made(batch))
     configs = [changed(CONFIG, change) for change in ({}, {"pool.alpha": 2.0})]
     rows = [
         Row(cell, seed, with_seed(one, seed)) for cell, one in enumerate(configs) for seed in (0, 1)
@@ -103,20 +95,17 @@ def test_a_table_measures_each_row_once_and_rows_alike_share_a_program(tmp_path,
         with ahead.compiling() as pool:
             needs = lambda rows: frozenset({f"reward-{rows[0].cell}"})  # noqa: E731
             given = ([one], rows, rewards, needs, run, pool, progress, lambda: written.append(1))
-            found = measure.tasks(*given)
+            found = measures.tasks(*given)
             assert [task.name for task in found] == ["profiles-0", "profiles-1"]
             assert [task.needs for task in found] == [{"reward-0"}, {"reward-1"}]
             assert found[0].wanted is found[1].wanted
             for task in found:
                 task.do()
-            assert measure.tasks(*given) == []
+            assert measures.tasks(*given) == []
         assert len(written) == 2
         for cell, config in enumerate(configs):
-            hyper = setup.pretrain_hyper(config)
-            static = setup.pretrain_config(CONFIG, 4)
-            plain = profiles.figures([profiles.program(static)] * 2, learned, hyper, [batch] * 2)
+            plain = one.measure(one.compile(config, 2), config, learned)
             assert run.finished_phase(f"profiles-{cell}") == plain
-            assert len(plain["failure"]) == 3
 
 
 def test_rows_without_a_learned_reward_or_of_pictures_are_not_measured(tmp_path):
@@ -124,7 +113,7 @@ def test_rows_without_a_learned_reward_or_of_pictures_are_not_measured(tmp_path)
         changed(CONFIG, {"run.reward": "environmental"}),
         changed(CONFIG, {"encoder.kind": "pixels"}),
     ]
-    compiled = measure.Measure("a", lambda *_: {}, lambda config: 0, lambda config, count: 0)
+    compiled = measures.Profiles(lambda config: None)
     with (
         ahead.compiling() as pool,
         Progress() as progress,
@@ -133,5 +122,5 @@ def test_rows_without_a_learned_reward_or_of_pictures_are_not_measured(tmp_path)
         rows = [Row(cell, 0, one) for cell, one in enumerate(configs)]
         none = lambda *_: frozenset()  # noqa: E731
         given = (rows, {}, none, run, pool, progress, none)
-        assert measure.tasks([compiled], *given) == []
-        assert [task.name for task in measure.tasks([measure.TAU], *given)] == ["tau-1"]
+        assert measures.tasks([compiled], *given) == []
+        assert [task.name for task in measures.tasks([measures.Tau()], *given)] == ["tau-1"]
