@@ -14,11 +14,10 @@ from gril_jax.config import EnvConfig
 from gril_jax.errors import DemoError
 from gril_jax.threads import parallel_map
 
-from .demo import Demo
+from .demo import Demo, trim_static_tail
 from .demo_set import DemoSet
 from .magical_pickles import FPS, HALF_EXTENT, list_magical, read_magical
 from .schema import ROBOTS
-from .tail import trim_static_tail
 from .vision.detect import PALETTE_CLASSES, ColourDetector, Detector
 from .vision.fills import FillDetector
 from .vision.palette import SUITE

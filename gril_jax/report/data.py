@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gril_jax.config.tables import ALGORITHMS
-from gril_jax.demos.plain_npz import NotPlainError, read_plain
+from gril_jax.demos.files import NotPlainError, read_plain
 from gril_jax.errors import RunError
 from gril_jax.runs.covered import require_unchanged
 from gril_jax.runs.phases import read_phases

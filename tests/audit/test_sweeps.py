@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from support.audit_tasks import SIZE, START, one_shoe, packing, start
 
-from gril_jax.audit.sweeps import alone, grid, pushed
+from gril_jax.audit.scene_reward import alone, grid, pushed
 
 
 def test_rows_go_up_and_columns_to_the_right():

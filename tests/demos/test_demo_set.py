@@ -7,11 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from gril_jax.demos.demo import Demo, Tracks
+from gril_jax.demos.demo import Demo, Tracks, trim_static_tail
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
-from gril_jax.demos.tail import trim_static_tail
+from gril_jax.demos.files import write_demo_set
 from gril_jax.demos.vision.video import read_video
-from gril_jax.demos.writer import write_demo_set
 from gril_jax.errors import DemoError
 
 CLASSES = ("goal", "robot", "cup")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.graph_frames import NUM_CLASSES, random_frame
 
-from gril_jax.encoders.box_features import box_features, class_distances
+from gril_jax.encoders.box_mlp import box_features, class_distances
 from gril_jax.encoders.encoder import InteractionConfig
 from gril_jax.graphs.scene import scene_graph
 

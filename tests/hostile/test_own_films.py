@@ -167,7 +167,7 @@ KINDS = {
     "a detector that is a number": (None, ("--boxes", "math:pi"), "but must be a function"),
     "a detector that fails": (None, ("--boxes", "math:sqrt"), "failed on a.mp4, frames 0 to 4"),
     "a detector of another length": (None, ("--boxes", "builtins:repr"), "gave boxes of"),
-    "first boxes that are missing": (None, ("--boxes", "t.json"), "t.json: the boxes file cannot"),
+    "boxes of a file": (None, ("--boxes", "t.json"), "boxes is 't.json', but must be auto"),
 }  # fmt: skip
 
 
@@ -177,35 +177,6 @@ def test_wrong_films_and_options_are_refused(kitchen, capsys, kind):
     if make is not None:
         make(kitchen)
     assert refused(kitchen, [*IMPORT, *options], words, capsys) == 2
-
-
-FIRST = {
-    "no JSON": ("{", "t.json, line 1: not JSON"),
-    "a list": ("[]", "must have the boxes of each film by its name"),
-    "another film": ('{"b": []}', "the field 'a' is missing"),
-    "no box": ('{"a": []}', "no box is drawn on its first frame"),
-    "a number": ('{"a": [7]}', "box 0: must be an object"),
-    "three edges": ('{"a": [{"class": "cup", "box": [1, 1, 9]}]}', "box must be x_min, y_min"),
-    "NaN": ('{"a": [{"class": "cup", "box": [1, 1, NaN, 9]}]}', "x_max must be a number"),
-    "a later frame than there is": (
-        '{"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": 99}]}',
-        "t.json, film 'a', box 0: frame 99 is beyond a",
-    ),
-    "a frame before the first": (
-        '{"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": -1}]}', "must be a whole number"
-    ),
-    "beyond the picture": (
-        '{"a": [{"class": "cup", "box": [1, 1, 999, 9]}]}', "must lie within the picture"
-    ),
-    "no class": ('{"a": [{"box": [1, 1, 9, 9]}]}', "the field 'class' is missing"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", FIRST)
-def test_wrong_first_boxes_are_refused(kitchen, capsys, kind):
-    text, words = FIRST[kind]
-    (kitchen / "t.json").write_text(text)
-    assert refused(kitchen, [*IMPORT, "--boxes", "t.json"], words, capsys) == 2
 
 
 def test_names_that_are_paths_stay_names(kitchen):

@@ -10,7 +10,7 @@ import pytest
 import scipy.stats
 
 from gril_jax.errors import ConfigError, ShapeError
-from gril_jax.metrics.interquartile import interquartile_interval, interquartile_mean
+from gril_jax.metrics.order import interquartile_interval, interquartile_mean
 
 interval = jax.jit(interquartile_interval, static_argnames="num_resamples")
 

@@ -4,10 +4,11 @@
         return [[("cup", 317, 295, 371, 349, 0.93), ...], ...]   # of each frame
 
 A box is a class, x_min, y_min, x_max, y_max in pixels, and if it likes a confidence. Identities
-come from `gril_jax.demos.tracking.sort`.
+come from `gril_jax.demos.tracking.identities`.
 """
 
 import importlib
+import itertools
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from gril_jax.demos.formats.record import Box, Film, box, checked
 from gril_jax.demos.vision.timed import frames_of
 from gril_jax.errors import DemoError
 
-from .sort import tracked
+from .identities import tracked
 
 Detect = Callable[[np.ndarray], Iterable[Sequence[tuple]]]
 """(frames) -> for each frame its boxes: class, x_min, y_min, x_max, y_max, and at most a
@@ -72,13 +73,8 @@ def _found(name: str) -> Detect:
 
 
 def _batches(film: Film) -> Iterator[np.ndarray]:
-    batch = []
-    for picture in frames_of(film):
-        batch.append(picture)
-        if len(batch) == _TOGETHER:
-            yield np.stack(batch)
-            batch = []
-    if batch:
+    frames = frames_of(film)
+    while batch := [*itertools.islice(frames, _TOGETHER)]:
         yield np.stack(batch)
 
 

@@ -1,5 +1,7 @@
 """The vocabulary of a run's boxes: classes, robots, objects and units, of its task or its films."""
 
+import dataclasses
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,3 +89,31 @@ def _of_films(config: RunConfig, folder: Path) -> Vocabulary | None:
     if not (source / schema.HEADER).is_file():
         return None
     return of_set(load_demo_set(source), config.env.name)
+
+
+PRESET = "own_videos"  # of sets without a task
+_TOGETHER = 4  # videos of a batch, at most
+_WINDOW = 4.0  # seconds that a displacement is measured over
+
+
+def fitted_to_set(config: RunConfig, demos: DemoSet) -> RunConfig:
+    """The configuration with what depends on the set.
+
+    Boxes that jitter need a rule that does not take jitter for motion. Without a task, units and
+    frame rate are the set's own, too.
+    """
+    pool = config.pool
+    if demos.noise is not None and pool.noise is None:
+        pool = dataclasses.replace(pool, noise=demos.noise)
+    config = dataclasses.replace(config, pool=pool)
+    if config.env.name != NO_TASK:
+        return config
+    good = sum(demo.outcome != "failure" for demo in demos)
+    together = max(2, min(_TOGETHER, good - math.ceil(good / 4)))
+    window = max(1, round(_WINDOW * demos.fps))
+    return dataclasses.replace(
+        config,
+        encoder=dataclasses.replace(config.encoder, length_unit=demos.half_extent),
+        pool=dataclasses.replace(config.pool, window=window),
+        pretrain=dataclasses.replace(config.pretrain, num_videos=together),
+    )

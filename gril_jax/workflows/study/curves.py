@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
 from gril_jax.errors import ShapeError
-from gril_jax.metrics.interquartile import interquartile_mean
+from gril_jax.metrics.order import interquartile_mean
 from gril_jax.report.figures.style import COLOURS, GREY, WIDTH, shortened, styled
 
 from .counted import Counted, read

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gril_jax.metrics.interquartile import interquartile_interval, interquartile_mean
+from gril_jax.metrics.order import interquartile_interval, interquartile_mean
 
 Line = Mapping[str, Any]
 

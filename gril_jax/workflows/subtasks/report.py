@@ -41,8 +41,7 @@ from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 from gril_jax.workflows.build import demonstrations, learners, policy_setup, setup, vocabulary
 
-from . import cuts
-from .ends import doubt, scores, segments, write_sets
+from .ends import as_csv, doubt, scores, segments, write_films, write_sets
 
 _FIGURES = 3  # held-out demonstrations that are drawn
 
@@ -80,7 +79,7 @@ def main(
         with run_dir.writing(out):
             out.mkdir(parents=True)
             write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
-            write_whole(out / "segments.csv", cuts.as_csv(about["demonstrations"], demos.demo_set))
+            write_whole(out / "segments.csv", as_csv(about["demonstrations"], demos.demo_set))
         drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
         phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
         for count, i in enumerate(drawn, 1):
@@ -91,7 +90,7 @@ def main(
                 (out / f"{demo.name.replace('/', '_')}.png").write_bytes(picture)
             phase.update(count)
         if options.films:
-            cuts.write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
+            write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
         if dataset is not None:
             seconds = {n: [e / demos.demo_set.fps for e in one["ends"]]
                        for n, one in about["demonstrations"].items()}  # fmt: skip

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gril_jax.demos.tracking.covered import whole
+from gril_jax.demos.tracking.hands import whole
 from gril_jax.demos.tracking.mending import mended
 
 FRAMES = 90

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from gril_jax.demos.formats.record import Box
-from gril_jax.demos.tracking.identities import in_order, linked, objects_at_once
+from gril_jax.demos.tracking.identities import in_order, linked, objects_at_once, overlap, tracked
 from gril_jax.demos.tracking.mending import away, jitter_of, lone, mended
-from gril_jax.demos.tracking.sort import overlap, tracked
 
 FRAMES = 60
 

@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.base import Outline
 from support import scenes
 
 from gril_jax import envs
-from gril_jax.demos.vision import render
+from gril_jax.envs.base import Outline
+from gril_jax.workflows.build import filming
 
 SCALE = 384 / (2 * 1.122)  # pixels a world unit
 WHITE, OUTSIDE, PALE = (255, 255, 255), (231, 231, 234), (224, 231, 191)
@@ -30,7 +30,7 @@ def frame(env, data):
 
 
 def _paint(env, data, **options):
-    return render.paint(
+    return filming.paint(
         env.outlines(data), half_extent=env.half_extent, background=env.background, **options
     )
 
@@ -68,7 +68,7 @@ def test_frame_is_a_square_of_rgb_bytes(frame):
 def test_region_is_where_the_reference_has_it(env):
     """Its pale fill alone: the dashes on its border stand out by half their width."""
     region = env.outlines(jax.jit(env.reset)(jax.random.key(0)).data)[1]._replace(rim=None)
-    image = render.paint([region], half_extent=env.half_extent, background=WHITE)
+    image = filming.paint([region], half_extent=env.half_extent, background=WHITE)
     left, top, width, height = _box(_mask(image, [PALE], 1))
     assert (left, top) == pytest.approx((209, 72), abs=1.0)
     assert (width, height) == pytest.approx((102.7, 119.8), abs=1.2)
@@ -172,24 +172,24 @@ def test_other_resolutions_show_the_same_scene(env, data, frame, pixels):
 def test_painting_is_deterministic_and_keeps_its_input(env, data, frame):
     outlines = env.outlines(data)
     before = [o.vertices.copy() for o in outlines]
-    again = render.paint(outlines, half_extent=env.half_extent, background=env.background)
+    again = filming.paint(outlines, half_extent=env.half_extent, background=env.background)
     np.testing.assert_array_equal(again, frame)
     for outline, vertices in zip(outlines, before, strict=True):
         np.testing.assert_array_equal(outline.vertices, vertices)
 
 
 def test_nothing_to_paint_is_background():
-    image = render.paint([], half_extent=1.0, background=(1, 2, 3), pixels=8)
+    image = filming.paint([], half_extent=1.0, background=(1, 2, 3), pixels=8)
     assert (image == (1, 2, 3)).all()
 
 
 def test_half_of_the_world_is_half_of_the_pixels_with_y_up():
     upper = Outline(np.array([[-1.0, 0.0], [1.0, 0.0], [1.0, 1.0], [-1.0, 1.0]]), (9, 9, 9), None)
-    image = render.paint([upper], half_extent=1.0, background=(0, 0, 0), pixels=64)
+    image = filming.paint([upper], half_extent=1.0, background=(0, 0, 0), pixels=64)
     assert (image[:30] == 9).all()  # the border itself is smooth
     assert (image[35:] == 0).all()
 
 
 def test_outlines_beyond_the_picture_are_cut_off():
     far = Outline(np.array([[5.0, 5.0], [6.0, 5.0], [6.0, 6.0]]), (9, 9, 9), (8, 8, 8), 4, 10)
-    assert not render.paint([far], half_extent=1.0, background=(0, 0, 0), pixels=32).any()
+    assert not filming.paint([far], half_extent=1.0, background=(0, 0, 0), pixels=32).any()

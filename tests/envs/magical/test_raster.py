@@ -8,9 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.magical import raster
-from gril_jax.envs.magical import scene as look
-from gril_jax.envs.planar import robots
 from support import scenes
 from support.raster_pictures import (
     DEMO,
@@ -28,7 +25,10 @@ from support.raster_pictures import (
     random_arguments,
 )
 
-from gril_jax.demos.vision import render as host
+from gril_jax.envs.magical import raster
+from gril_jax.envs.magical import scene as look
+from gril_jax.envs.planar import robots
+from gril_jax.workflows.build import filming as host
 
 
 @functools.cache

@@ -13,7 +13,7 @@ from gril_jax.config import PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.staircase import Staircase
-from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
+from gril_jax.workflows.build import policy_rewards, policy_setup, setup
 
 FRAMES = 140
 ENDS = (35, 75, 115)
@@ -87,11 +87,12 @@ def test_stages_end_where_demonstrations_agree_that_the_reward_stands_still(monk
     assert int(stairs.count) == 3
     np.testing.assert_allclose(stairs.least[:3], [-0.75, -5 / 12, -1 / 12], atol=0.03)
     params = learned, stairs
-    assert stages.stages(params) is stairs
+    assert policy_rewards.stages_of(params) is stairs
     shares = jnp.array([[[0.0], [1 / 3]], [[1.0], [1.0]]])
-    assert stages.finished(params, shares) == [1.0, 0.5, 0.5]
-    assert stages.in_words(params, shares[0]) == ["stage 1 of 3", "stage 1 of 3", "stage 2 of 3"]
-    assert stages.in_words(params, shares[1])[-1] == "all stages done"
+    assert policy_rewards.stages_finished(params, shares) == [1.0, 0.5, 0.5]
+    words = policy_rewards.stages_in_words(params, shares[0])
+    assert words == ["stage 1 of 3", "stage 1 of 3", "stage 2 of 3"]
+    assert policy_rewards.stages_in_words(params, shares[1])[-1] == "all stages done"
 
 
 @pytest.mark.parametrize(
@@ -106,12 +107,12 @@ def test_stages_end_where_demonstrations_agree_that_the_reward_stands_still(monk
 def test_stages_that_do_not_fit_the_sub_policies_are_said(count, sub_policies, said):
     run, ppo = RunSettings(reward="stages"), PPOConfig(sub_policies=sub_policies)
     stairs = Staircase(jnp.zeros(8), jnp.zeros(8), jnp.int32(count))
-    found = stages.note(RunConfig(run=run, ppo=ppo), (None, stairs))
+    found = policy_rewards.stages_note(RunConfig(run=run, ppo=ppo), (None, stairs))
     assert found is said is None or said in found
 
 
 def test_rewards_without_stages_have_no_word_of_them():
     for params in ((), RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))):
-        assert stages.stages(params) is None
-        assert stages.finished(params, jnp.zeros((2, 3, 0))) == []
-        assert stages.in_words(params, jnp.zeros((3, 0))) == []
+        assert policy_rewards.stages_of(params) is None
+        assert policy_rewards.stages_finished(params, jnp.zeros((2, 3, 0))) == []
+        assert policy_rewards.stages_in_words(params, jnp.zeros((3, 0))) == []

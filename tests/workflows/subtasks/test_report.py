@@ -11,11 +11,10 @@ from gril_jax.cli import main
 from gril_jax.config.stages import StageOptions
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.demos.demo_set import load_demo_set
+from gril_jax.demos.files import write_demo_set
 from gril_jax.demos.vision.video import read_video
-from gril_jax.demos.writer import write_demo_set
 from gril_jax.errors import RunError
 from gril_jax.runs.progress import Progress
-from gril_jax.workflows.subtasks import cuts
 from gril_jax.workflows.subtasks import ends as stage_ends
 from gril_jax.workflows.subtasks import report as subtask_report
 
@@ -180,11 +179,11 @@ def test_segments_are_a_table_and_films_of_their_own(tmp_path):
         "d0": {"segments": [(0, 10), (10, 29)], "found": [True, False], "split": "train"},
         "d1": {"segments": [(0, 12), (12, 39)], "found": [True, True], "split": "validation"},
     }
-    rows = cuts.as_csv(found, demos).splitlines()
-    assert rows[0] == ",".join(cuts.COLUMNS)
+    rows = stage_ends.as_csv(found, demos).splitlines()
+    assert rows[0] == ",".join(stage_ends.COLUMNS)
     assert rows[2:4] == ["d0,2,10,29,1.0,2.9,0,train", "d1,1,0,12,0.0,1.2,1,validation"]
     with Progress(stream=io.StringIO()) as progress:
-        cuts.write_films(tmp_path / "films", found, demos, progress)
+        stage_ends.write_films(tmp_path / "films", found, demos, progress)
     films = sorted((tmp_path / "films").iterdir())
     assert [film.name for film in films] == ["d0-1.mp4", "d0-2.mp4", "d1-1.mp4", "d1-2.mp4"]
     assert [len(read_video(film)) for film in films] == [11, 20, 13, 28]

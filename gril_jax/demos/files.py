@@ -1,22 +1,26 @@
-"""Writes a demo set: complete or not at all."""
+"""The folder of a demo set, written complete or not at all, read by digests and schema; and npz
+files that may have been written to do harm."""
 
 import errno
+import functools
 import json
 import os
 import pathlib
 import re
 import shutil
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from gril_jax.demos.vision.video import write_video
 from gril_jax.errors import DemoError
 
-from .demo import Demo
+from .demo import Demo, Frames, Tracks
 from .schema import (
+    DTYPES,
     HEADER,
     OUTCOMES,
     SCHEMA_VERSION,
@@ -25,6 +29,7 @@ from .schema import (
     digest,
     robots_among,
 )
+from .vision.video import read_video, write_video
 
 NOTES = "import.txt"
 _OURS = re.compile(r"demos\.json|\d{3,}\.(mp4|npz)|import\.(txt|png)")  # names of a set's files
@@ -148,3 +153,79 @@ def _write(
         "video_sha256": digest(part / video),
         "tracks_sha256": digest(part / tracks),
     } | ({"stages": dict(demo.stages)} if demo.stages else {})
+
+
+def read_header(folder: pathlib.Path) -> dict[str, Any]:
+    """The checked header of a set; a DemoError for what is missing or breaks the schema."""
+    try:
+        header = json.loads((folder / HEADER).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DemoError(f"{folder / HEADER}: no demo set here ({error.strerror}).") from error
+    except (ValueError, RecursionError) as error:
+        raise DemoError(f"{folder / HEADER}: not a JSON file ({error}).") from error
+    return check_header(header, folder)
+
+
+def read_demo(folder: pathlib.Path, entry: dict[str, Any], classes: list[str]) -> Demo:
+    """One demonstration by its entry in the header; its video is read when it is asked for."""
+    for file in ("video", "tracks"):
+        path = folder / entry[file]
+        if not path.is_file():
+            raise DemoError(f"{path}: the file of {entry['name']!r} is missing.")
+        if digest(path) != entry[f"{file}_sha256"]:
+            raise DemoError(
+                f"{path}: the contents differ from the digest in {HEADER}; "
+                "the file was changed or damaged after it was saved."
+            )
+    path = folder / entry["tracks"]
+    try:
+        arrays = read_plain(path, Tracks._fields)
+    except NotPlainError as error:
+        raise DemoError(f"{path}: {error}.") from error
+    if missing := set(DTYPES) - set(arrays):
+        raise DemoError(f"{path}: the array {sorted(missing)[0]!r} is missing.")
+    tracks = Tracks(**arrays)
+    check_tracks(tracks, entry["frames"], len(entry["objects"]), classes, str(path))
+    if [classes[label] for label in tracks.label] != entry["objects"]:
+        raise DemoError(f"{path}: label does not agree with the objects that {HEADER} lists.")
+    video = functools.partial(_video, folder / entry["video"], entry["frames"])
+    about = {name: entry.get(name) for name in ("trimmed", "outcome", "stages")}
+    return Demo(entry["name"], video, tracks, **about)
+
+
+def _video(path: pathlib.Path, count: int) -> Frames:
+    """The frames of a saved video, which must be as many as its boxes are of."""
+    frames = read_video(path)
+    if len(frames) != count:
+        raise DemoError(f"{path}: holds {len(frames)} frames, but its boxes are those of {count}.")
+    return frames
+
+
+_MAX_BYTES = 1 << 30  # of the arrays, unpacked: a demonstration's have a few megabytes
+# What NumPy and zipfile raise over bytes that are no npz file.
+_NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, AttributeError, LookupError, SyntaxError,
+              NotImplementedError, RuntimeError, MemoryError, OverflowError, zipfile.BadZipFile,
+              zlib.error)  # fmt: skip
+
+
+class NotPlainError(Exception):
+    """The file holds no plain arrays; the text says what is wrong, without the file's name."""
+
+
+def read_plain(path: str | os.PathLike, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Those of the named arrays that the file has; nothing is unpickled. A NotPlainError if the
+    file is damaged, holds objects, is no regular file, or unpacks to more than 1 GiB."""
+    if not os.path.isfile(path):  # reading from a pipe would wait for ever
+        raise NotPlainError("not an npz file of plain arrays")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > _MAX_BYTES:
+            raise NotPlainError("unpacks to more than 1 GiB")
+        with np.load(path, allow_pickle=False) as file:
+            found = {name: file[name] for name in names if name in file.files}
+    except _NO_ARRAYS as error:
+        raise NotPlainError("not an npz file of plain arrays") from error
+    if not all(isinstance(array, np.ndarray) for array in found.values()):  # one without header
+        raise NotPlainError("not an npz file of plain arrays")
+    return found
