@@ -2,8 +2,8 @@
 
 Features are a box's corners, and distances to the other objects. The ablation has no relations: a
 layer for the robot and one for the objects, whose mean is taken; then a layer on both, which ends
-in a ReLU. Shapes use N for objects, C for classes, F for features and D for the latent; lengths are in
-world units. Every function takes one frame; batch with `jax.vmap`.
+in a ReLU. Shapes use N for objects, C for classes, F for features and D for the latent; lengths are
+in world units. Every function takes one frame; batch with `jax.vmap`.
 """
 
 import dataclasses

@@ -3,8 +3,7 @@
     def detect(frames):                       # (T, H, W, 3) uint8, RGB
         return [[("cup", 317, 295, 371, 349, 0.93), ...], ...]   # of each frame
 
-A box is a class, x_min, y_min, x_max, y_max in pixels, and if it likes a confidence. Identities
-come from `gril_jax.demos.tracking.identities`.
+A box is a class, x_min, y_min, x_max, y_max in pixels, and if it likes a confidence.
 """
 
 import importlib
@@ -19,8 +18,6 @@ from gril_jax.demos.formats.record import Box, Film, box, checked
 from gril_jax.demos.vision.timed import frames_of
 from gril_jax.errors import DemoError
 
-from .identities import tracked
-
 Detect = Callable[[np.ndarray], Iterable[Sequence[tuple]]]
 """(frames) -> for each frame its boxes: class, x_min, y_min, x_max, y_max, and at most a
 confidence, in pixels."""
@@ -29,7 +26,7 @@ _TOGETHER = 32  # frames that a detector is given at once
 
 
 def detecting(given: str | Detect) -> Callable[[Film], list[Box]]:
-    """(film) -> boxes with identities, by a function or that of this name."""
+    """(film) -> its boxes, by a function or that of this name."""
     detect = _found(given) if isinstance(given, str) else given
     name = given if isinstance(given, str) else getattr(given, "__name__", "detector")
 
@@ -52,7 +49,7 @@ def detecting(given: str | Detect) -> Callable[[Film], list[Box]]:
                 where = f"{name}, {film.path.name}, frame {frame}"
                 made += [_box(film, frame, one, where) for one in row]
             first += len(frames)
-        return checked(tracked(made, film.fps), Path(name), film)
+        return checked(made, Path(name), film)
 
     return boxes
 

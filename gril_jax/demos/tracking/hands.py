@@ -20,7 +20,7 @@ _EVEN = 1e-6  # pixels; where the hand goes beyond no edge, both are as far from
 _FREE = 9  # sightings without a hand, before and after, whose sides are the usual ones
 
 
-def whole(
+def uncut(
     edges: Float[np.ndarray, "T N 4"],
     followed: Float[np.ndarray, "T N 4"],
     hands: Sequence[int],

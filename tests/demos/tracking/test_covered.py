@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gril_jax.demos.tracking.hands import whole
+from gril_jax.demos.tracking.hands import uncut
 from gril_jax.demos.tracking.mending import mended
 
 FRAMES = 90
@@ -28,7 +28,7 @@ def passed(begin=0.0, end=400.0, wide=80.0):
 def test_what_a_hand_cuts_is_as_large_as_it_was_and_stays_where_it_lies():
     edges = passed()
     cut = edges[:, 0, 2] - edges[:, 0, 0] < 59
-    found = whole(edges, edges, [1])
+    found = uncut(edges, edges, [1])
     known = ~np.isnan(found[:, 0, 0])
     assert (cut & known).sum() >= 8
     assert np.abs(found[known, 0] - BOX).max() < 60 * 0.15
@@ -45,17 +45,17 @@ def test_what_is_small_because_it_is_far_away_is_not_cut():
     edges[:, 0] = np.concatenate([middle - half[:, None], middle + half[:, None]], axis=1)
     edges[:20, 1] += [0, 400, 0, 400]
     edges[70:, 1] += [0, 400, 0, 400]
-    found = whole(edges, edges, [1])[:, 0]
+    found = uncut(edges, edges, [1])[:, 0]
     np.testing.assert_allclose((found[:, :2] + found[:, 2:]) / 2, np.tile(middle, (FRAMES, 1)))
 
 
 @pytest.mark.parametrize("hands", [[], [1]])
 def test_without_a_hand_or_without_a_free_sighting_boxes_stay(hands):
     edges = passed(begin=150.0, end=240.0) if hands else passed()
-    np.testing.assert_array_equal(whole(edges, edges, hands), edges)
+    np.testing.assert_array_equal(uncut(edges, edges, hands), edges)
     gone = edges.copy()
     gone[:, 0] = np.nan
-    np.testing.assert_array_equal(whole(gone, gone, hands), gone)
+    np.testing.assert_array_equal(uncut(gone, gone, hands), gone)
 
 
 @pytest.mark.parametrize("seed", range(3))
