@@ -9,7 +9,7 @@ import scipy.signal
 
 from gril_jax import subtasks
 from gril_jax.errors import ConfigError
-from gril_jax.subtasks.boundaries import running_median, segments
+from gril_jax.subtasks.agreement import running_median
 
 transitions = jax.jit(subtasks.transitions, static_argnames=("smoothing", "patience"))
 
@@ -90,12 +90,6 @@ def test_vmap_of_jit_equals_a_loop_of_plain_calls():
     batched = jax.vmap(transitions)(traces)
     for trace, mask in zip(traces, batched, strict=True):
         np.testing.assert_array_equal(mask, subtasks.transitions(jnp.asarray(trace)))
-
-
-def test_segments_count_the_boundaries_passed():
-    boundary = jnp.zeros(8, bool).at[jnp.array([2, 5])].set(True)
-    assert segments(boundary).tolist() == [0, 0, 0, 1, 1, 1, 2, 2]
-    assert segments(jnp.zeros(3, bool)).tolist() == [0, 0, 0]
 
 
 def test_padding_with_the_last_value_makes_no_boundary():
