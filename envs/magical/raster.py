@@ -17,10 +17,9 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, UInt8
-
 from gril_jax.envs.checks import check_known
 from gril_jax.envs.planar import robots, shapes
+from jaxtyping import Array, Float, Int, UInt8
 
 from . import scene
 

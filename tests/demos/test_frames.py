@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+from gril_jax.envs import make
 from support.run_folders import moving_scene, save_demos
 from support.scenes import HALF_EXTENT
 
@@ -15,7 +16,6 @@ from gril_jax.demos.demo_set import demo_batch, frame_batch, load_demo_set, shri
 from gril_jax.demos.files import write_demo_set
 from gril_jax.demos.vision.detect import PALETTE_CLASSES
 from gril_jax.demos.vision.video import read_video, write_video
-from gril_jax.envs import make
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.rl import rewards
 from gril_jax.types import VideoBatch

@@ -8,6 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.envs.magical import raster
+from gril_jax.envs.magical import scene as look
+from gril_jax.envs.planar import robots
 from support import scenes
 from support.raster_pictures import (
     DEMO,
@@ -25,9 +28,6 @@ from support.raster_pictures import (
     random_arguments,
 )
 
-from gril_jax.envs.magical import raster
-from gril_jax.envs.magical import scene as look
-from gril_jax.envs.planar import robots
 from gril_jax.workflows.build import filming as host
 
 

@@ -3,13 +3,13 @@
 import jax
 import numpy as np
 import pytest
+from gril_jax.experiments.baselines import recorded
 
 from gril_jax import envs
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.demos.files import write_demo_set
 from gril_jax.errors import DemoError
-from gril_jax.experiments.baselines import recorded
 
 ACTIONS = np.array([6, 6, 1, 1, 1, 0], np.int32)
 
