@@ -16,6 +16,8 @@ from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.envs import Env, registry
 from gril_jax.runs.progress import Progress
 
+_PRESET = "own_task"  # of a user's task
+
 
 def import_videos(
     folder: str | os.PathLike,
@@ -63,7 +65,6 @@ def load_demos(folder: str | os.PathLike) -> DemoSet:
     return load_demo_set(folder)
 
 
-_PRESET = "own_task"  # of a user's task
 _MADE: weakref.WeakKeyDictionary[Any, tuple[str, dict[str, Any]]] = weakref.WeakKeyDictionary()
 
 

@@ -9,6 +9,9 @@ from jaxtyping import Bool, Float32, Int32, UInt8
 
 Frames = UInt8[np.ndarray, "T H W 3"]
 
+_MARGIN = 5  # frames kept after the first in which all blocks have arrived
+_MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
+
 
 class Tracks(NamedTuple):
     """The objects of one video, frame by frame."""
@@ -66,10 +69,6 @@ class Demo:
         )
 
     __hash__ = None  # it holds arrays
-
-
-_MARGIN = 5  # frames kept after the first in which all blocks have arrived
-_MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
 
 
 def trim_static_tail(

@@ -33,6 +33,11 @@ from .vision.video import read_video, write_video
 
 NOTES = "import.txt"
 _OURS = re.compile(r"demos\.json|\d{3,}\.(mp4|npz)|import\.(txt|png)")  # names of a set's files
+_MAX_BYTES = 1 << 30  # of the arrays, unpacked: a demonstration's have a few megabytes
+# What NumPy and zipfile raise over bytes that are no npz file.
+_NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, AttributeError, LookupError, SyntaxError,
+              NotImplementedError, RuntimeError, MemoryError, OverflowError, zipfile.BadZipFile,
+              zlib.error)  # fmt: skip
 
 
 def write_demo_set(
@@ -199,13 +204,6 @@ def _video(path: pathlib.Path, count: int) -> Frames:
     if len(frames) != count:
         raise DemoError(f"{path}: holds {len(frames)} frames, but its boxes are those of {count}.")
     return frames
-
-
-_MAX_BYTES = 1 << 30  # of the arrays, unpacked: a demonstration's have a few megabytes
-# What NumPy and zipfile raise over bytes that are no npz file.
-_NO_ARRAYS = (OSError, ValueError, EOFError, TypeError, AttributeError, LookupError, SyntaxError,
-              NotImplementedError, RuntimeError, MemoryError, OverflowError, zipfile.BadZipFile,
-              zlib.error)  # fmt: skip
 
 
 class NotPlainError(Exception):

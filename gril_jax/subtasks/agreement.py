@@ -24,6 +24,10 @@ from gril_jax.errors import ConfigError
 
 from .matching import SharedBoundaries, boundary_frames, shared_boundaries
 
+MOST = 12  # boundaries of one demonstration, at most
+# Patiences that are tried, in shares of the middle length of the videos.
+_SHARES = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
+
 
 def transitions(
     reward: Float[Array, "T"],
@@ -95,11 +99,6 @@ def running_median(x: Float[Array, "T"], width: int) -> Float[Array, "T"]:
     padded = jnp.pad(x, (before, width - 1 - before), mode="edge")
     windows = jnp.stack([padded[i : i + x.shape[0]] for i in range(width)])
     return jnp.median(windows, axis=0)
-
-
-MOST = 12  # boundaries of one demonstration, at most
-# Patiences that are tried, in shares of the middle length of the videos.
-_SHARES = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
 
 
 def agreed_boundaries(

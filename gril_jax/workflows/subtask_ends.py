@@ -26,6 +26,7 @@ _LEAST = 2  # frames of a demonstration
 # `match_regions`, which has the task's two stages, 15 of 16 do, and with that of
 # `match_regions_fast`, which has a third, 11 of 16.
 _AS_MANY = 0.8
+COLUMNS = ("film", "subtask", "first_frame", "last_frame", "begin_s", "end_s", "found", "split")
 
 
 def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) -> str | None:
@@ -144,9 +145,6 @@ def segments(ends: Int[np.ndarray, "K"], num_frames: int) -> list[tuple[int, int
     """
     firsts = [0, *ends[:-1].tolist()]
     return list(zip(firsts, [*firsts[1:], num_frames - 1], strict=True))
-
-
-COLUMNS = ("film", "subtask", "first_frame", "last_frame", "begin_s", "end_s", "found", "split")
 
 
 def as_csv(demos: Mapping[str, Mapping[str, Any]], demo_set: DemoSet) -> str:

@@ -16,6 +16,9 @@ _ALSO = {
     "frame_index": "frame", "frame_number": "frame", "class_name": "class", "tracker_id": "track",
     "track_id": "track",
 }  # fmt: skip
+_LEAST = 6  # columns, without confidence and class
+_NUMBER = re.compile(r"-?\d+(\.0*)?")
+FILES = ("names.txt", "classes.txt", "labels.txt", "obj.names")
 
 
 def is_csv(text: str) -> bool:
@@ -66,10 +69,6 @@ def _csv_box(path: Path, film: Film, header: list[str], row: list[str], line: in
     edges = [cells[column] for column in COLUMNS[2:]]
     sure = cells.get("confidence") or 1.0
     return box(film, frame, cells["class"], edges, where, confidence=sure, track=cells.get("track"))
-
-
-_LEAST = 6  # columns, without confidence and class
-_NUMBER = re.compile(r"-?\d+(\.0*)?")
 
 
 def is_mot(text: str) -> bool:
@@ -176,9 +175,6 @@ def _yolo_box(film, frame, where, cells, names, file, tracks) -> Box:
     track = cells[6] if len(cells) == 7 else cells[5] if len(cells) == 6 and tracks else None
     sure = cells[5] if len(cells) == 7 or (len(cells) == 6 and not tracks) else 1.0
     return box(film, frame, name, edges, where, confidence=sure, track=track)
-
-
-FILES = ("names.txt", "classes.txt", "labels.txt", "obj.names")
 
 
 def names_beside(path: Path, film: Path) -> tuple[Path | None, list[str]]:

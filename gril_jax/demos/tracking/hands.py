@@ -18,6 +18,12 @@ _DEVIATIONS = 4.0  # of the jitter, which the same takes of a small box
 _NEAR = 0.1  # sides that a box may be off the hand's and yet be cut by it
 _EVEN = 1e-6  # pixels; where the hand goes beyond no edge, both are as far from the middle
 _FREE = 9  # sightings without a hand, before and after, whose sides are the usual ones
+_LONGEST = 10.0  # seconds that an object may be hidden for
+_MOVED = 0.1  # diagonals of its box: what is found nearer has not been carried
+_OFF = 0.35  # diagonals that hand and object may differ by in how far they went
+_OFF_HAND = 0.1  # the same in diagonals of the hand's box, which is not told better
+_SOONER = 0.05  # diagonals that a carry shorter by a second outweighs: hands rest before and after
+_RESTING = 0.1  # the same of a hand slower by a diagonal a second where it takes and lets go
 
 
 def uncut(
@@ -79,14 +85,6 @@ def _beside(
     """True where the hand touches a seen box, or would if their edges were told better."""
     off = _NEAR * np.nanmedian(boxes[:, 2:] - boxes[:, :2], axis=0) + _DEVIATIONS * jitter
     return ((hand[:, :2] - off < boxes[:, 2:]) & (hand[:, 2:] + off > boxes[:, :2])).all(axis=-1)
-
-
-_LONGEST = 10.0  # seconds that an object may be hidden for
-_MOVED = 0.1  # diagonals of its box: what is found nearer has not been carried
-_OFF = 0.35  # diagonals that hand and object may differ by in how far they went
-_OFF_HAND = 0.1  # the same in diagonals of the hand's box, which is not told better
-_SOONER = 0.05  # diagonals that a carry shorter by a second outweighs: hands rest before and after
-_RESTING = 0.1  # the same of a hand slower by a diagonal a second where it takes and lets go
 
 
 class Carry(NamedTuple):

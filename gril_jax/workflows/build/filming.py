@@ -17,6 +17,7 @@ from gril_jax.envs.tabletop.environment import Tabletop
 from gril_jax.envs.tabletop.render import Renderer
 
 _PIXELS = 384
+_SHIFT = 6  # cv2 takes fixed-point coordinates: this many bits behind the point
 
 
 def episode(env: Env, states: State) -> UInt8[np.ndarray, "T P P 3"]:
@@ -59,9 +60,6 @@ def outlines(env: Env, data) -> UInt8[np.ndarray, "T P P 3"]:
 def _moments(episode) -> list:
     length = jax.tree.leaves(episode)[0].shape[0]
     return [jax.tree.map(lambda x, t=t: x[t], episode) for t in range(length)]
-
-
-_SHIFT = 6  # cv2 takes fixed-point coordinates: this many bits behind the point
 
 
 def _to_pixels(vertices: np.ndarray, half_extent: float, pixels: int) -> np.ndarray:

@@ -30,6 +30,9 @@ from gril_jax.threads import parallel_map
 
 from . import filming, setup
 
+_AFTER = 5  # frames that a film goes on once the task is done
+_ROUNDS = 4  # times as many episodes are played as are wanted, before giving up
+
 
 def main(
     config: MakeDemosConfig,
@@ -130,10 +133,6 @@ def _save_films(
         robots=shown.robots, **header,
     )  # fmt: skip
     return load_demo_set(out)
-
-
-_AFTER = 5  # frames that a film goes on once the task is done
-_ROUNDS = 4  # times as many episodes are played as are wanted, before giving up
 
 
 def played_by_own_expert(

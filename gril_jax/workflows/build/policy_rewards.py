@@ -25,6 +25,11 @@ from gril_jax.types import DemoBatch
 
 from . import setup
 
+_MOST = 8  # stages
+_FAR = 2.0  # world units
+_NUM_FRAMES = 2048  # that training may begin at
+_WEIGHTS = (10.0, 1.0)  # of the learned reward as a potential, and of the task's own
+
 
 class RewardForm(NamedTuple):
     """One entry of the table `REWARDS`."""
@@ -34,11 +39,6 @@ class RewardForm(NamedTuple):
     parameters: Callable[[RunConfig, RewardParams, DemoBatch | None, int], Any]
     """Its parameters, from a learned reward, the demonstrations that it was learned from (None for
     shapes alone), and the number of classes."""
-
-
-_MOST = 8  # stages
-_FAR = 2.0  # world units
-_NUM_FRAMES = 2048  # that training may begin at
 
 
 def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
@@ -146,9 +146,6 @@ def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P 
         )
     inner = slice(border, border + pixels)
     return lambda data: env.render(data, size=pixels + 2 * border, antialias=True)[inner, inner]
-
-
-_WEIGHTS = (10.0, 1.0)  # of the learned reward as a potential, and of the task's own
 
 
 def _of_shaped(config, learned, demos, num_classes):

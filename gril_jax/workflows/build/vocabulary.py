@@ -18,6 +18,10 @@ from gril_jax.runs.phases import read_phases
 
 from . import setup
 
+PRESET = "own_videos"  # of sets without a task
+_TOGETHER = 4  # videos of a batch, at most
+_WINDOW = 4.0  # seconds that a displacement is measured over
+
 
 class Vocabulary(NamedTuple):
     """The meaning of a label, a length and a frame."""
@@ -89,11 +93,6 @@ def _of_films(config: RunConfig, folder: Path) -> Vocabulary | None:
     if not (source / schema.HEADER).is_file():
         return None
     return of_set(load_demo_set(source), config.env.name)
-
-
-PRESET = "own_videos"  # of sets without a task
-_TOGETHER = 4  # videos of a batch, at most
-_WINDOW = 4.0  # seconds that a displacement is measured over
 
 
 def fitted_to_set(config: RunConfig, demos: DemoSet) -> RunConfig:
