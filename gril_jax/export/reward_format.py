@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import PyTree
 
 from gril_jax.encoders import encoder
-from gril_jax.encoders import encoder as encoder_choices
 from gril_jax.encoders.encoder import AnyConfig
 from gril_jax.encoders.ensemble import latent_size, num_members
 from gril_jax.errors import ConfigError, GrilError, ShapeError
@@ -80,7 +79,7 @@ def describe(
     about = {
         "format": FORMAT,
         "version": VERSION,
-        "encoder": encoder_choices.to_json(learned.config),
+        "encoder": encoder.to_json(learned.config),
         "activity": learned.activity._asdict(),
         "classes": [*learned.classes],
         "robots": [*learned.robots],
@@ -109,7 +108,7 @@ def understand(about: Mapping[str, Any], where: str) -> LearnedReward:
     """The reward that a description defines, with shapes in place of arrays; a RewardFileError for
     a field that is missing, a ConfigError for a choice that this version does not have."""
     try:
-        config = encoder_choices.from_json(about["encoder"])
+        config = encoder.from_json(about["encoder"])
         learned = LearnedReward(
             blank(config),
             config,

@@ -17,7 +17,6 @@ from support.planted_faults import faults
 from support.saved_rewards import CLASSES, CONFIGS, OBJECTS, made, moment, scene
 
 from gril_jax.encoders import encoder
-from gril_jax.encoders import encoder as encoder_choices
 from gril_jax.errors import ConfigError, GrilError, ShapeError
 from gril_jax.export.reward_file import RewardFileError, load_reward, save_reward
 from gril_jax.export.sealed_file import packed
@@ -280,7 +279,7 @@ def test_loading_a_reward_loads_no_simulator_and_no_command_line():
 
 
 def test_kinds_of_encoders_are_all_known():
-    assert {*encoder_choices.KINDS.values()} == {*encoder._KINDS}
+    assert {*encoder.KINDS.values()} == {*encoder._KINDS}
     for config in CONFIGS.values():
-        text = json.dumps(encoder_choices.to_json(config))
-        assert encoder_choices.from_json(json.loads(text)) == config
+        text = json.dumps(encoder.to_json(config))
+        assert encoder.from_json(json.loads(text)) == config

@@ -51,7 +51,7 @@ def gather_once(
     begun = run.finished_phase("demos")
     if begun is None:
         words = vocabulary.of_set(demos.demo_set, config.env.name)
-        noted = {"sha256": digest, **vocabulary.as_results(words)}
+        noted = {"sha256": digest, **words._asdict()}
         run.finish_phase("demos", noted, [] if config.demos.path else [header])
     elif begun["sha256"] != digest:
         raise RunError(

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -76,11 +76,6 @@ def of_set(demo_set: DemoSet, task: str) -> Vocabulary:
     return Vocabulary(
         demo_set.classes, demo_set.robots, objects, demo_set.half_extent, unit, demo_set.fps
     )
-
-
-def as_results(words: Vocabulary) -> dict[str, Any]:
-    """The vocabulary as results of a phase."""
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in words._asdict().items()}
 
 
 def _of_films(config: RunConfig, folder: Path) -> Vocabulary | None:
