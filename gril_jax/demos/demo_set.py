@@ -28,9 +28,7 @@ from gril_jax.types import DemoBatch, VideoBatch
 
 from .demo import Demo, trim_static_tail
 from .files import read_demo, read_header, write_demo_set
-from .schema import robots_among
-
-_ABOUT = "task classes half_extent fps source robots unit noise smoothing".split()
+from .schema import ABOUT, robots_among
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,7 +103,7 @@ class DemoSet:
     @property
     def about(self) -> dict[str, Any]:
         """All fields that a saved set has beside its demonstrations."""
-        return {name: getattr(self, name) for name in _ABOUT}
+        return {name: getattr(self, name) for name in ABOUT}
 
     def objects(self, demo: Demo) -> list[str]:
         """Class names of a demonstration's objects, in the order of its tracks."""
@@ -163,7 +161,7 @@ def load_demo_set(folder: str | os.PathLike) -> DemoSet:
     """Reads a demo set; a DemoError for what is missing, was changed, or breaks the schema."""
     folder = pathlib.Path(folder)
     header = read_header(folder)
-    about = {name: header[name] for name in _ABOUT}
+    about = {name: header[name] for name in ABOUT}
     about |= {name: float(header[name]) for name in ("half_extent", "fps")}
     about |= {name: tuple(header[name]) for name in ("classes", "robots")}
     demos = tuple(read_demo(folder, entry, header["classes"]) for entry in header["demos"])

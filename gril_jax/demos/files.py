@@ -20,6 +20,7 @@ from gril_jax.errors import DemoError
 
 from .demo import Demo, Frames, Tracks
 from .schema import (
+    ABOUT,
     DTYPES,
     HEADER,
     OUTCOMES,
@@ -32,6 +33,7 @@ from .schema import (
 from .vision.video import read_video, write_video
 
 NOTES = "import.txt"
+_USUAL = {"robots": None, "unit": None, "noise": None, "smoothing": 1}
 _OURS = re.compile(r"demos\.json|\d{3,}\.(mp4|npz)|import\.(txt|png)")  # names of a set's files
 _MAX_BYTES = 1 << 30  # of the arrays, unpacked: a demonstration's have a few megabytes
 # What NumPy and zipfile raise over bytes that are no npz file.
@@ -44,28 +46,27 @@ def write_demo_set(
     folder: str | os.PathLike,
     demos: Iterable[Demo],
     *,
-    task: str,
-    classes: Sequence[str],
-    half_extent: float,
-    fps: float,
-    source: str,
-    robots: Sequence[str] | None = None,
-    unit: str | None = None,
-    noise: float | None = None,
-    smoothing: int = 1,
     notes: str = "",
     preset: str = "medium",
+    **about: Any,
 ) -> None:
     """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
-    Demonstrations are consumed one at a time, so that a generator need hold only one video; the
-    other arguments are as in `DemoSet`, and `preset` is as in `write_video`.
+    Demonstrations are consumed one at a time, so that a generator need hold only one video; `about`
+    are the other fields of a `DemoSet`, of which robots, unit, noise and smoothing may be left out,
+    and `preset` is as in `write_video`.
 
     Raises:
       DemoError: the folder holds something else, also beside an older set, a demonstration is
         malformed, there is none, or the disk is full.
     """
     folder, part = pathlib.Path(folder), None
+    about = _USUAL | about
+    if odd := {*about} - {*ABOUT}:
+        raise TypeError(f"a demo set has no field {min(odd)!r}")
+    classes, robots = list(about["classes"]), about["robots"]
+    robots = robots_among(classes) if robots is None else robots
+    about |= {"classes": classes, "robots": list(robots)}
     if folder.exists() and not folder.is_dir():
         raise DemoError(f"{folder}: this is a file; a demo set needs a folder.")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / HEADER).is_file():
@@ -85,23 +86,12 @@ def write_demo_set(
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
-        given = (classes, fps, preset)
+        given = (classes, about["fps"], preset)
         entries = [_write(part, str(where), i, demo, *given) for i, demo in enumerate(demos)]
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
-        header = {
-            "schema_version": SCHEMA_VERSION,
-            "task": task,
-            "classes": list(classes),
-            "half_extent": half_extent,
-            "fps": fps,
-            "source": source,
-            "robots": [*(robots_among(classes) if robots is None else robots)],
-            "unit": unit,
-            "noise": noise,
-            "smoothing": smoothing,
-            "demos": entries,
-        }
+        header = {"schema_version": SCHEMA_VERSION} | {name: about[name] for name in ABOUT}
+        header["demos"] = entries
         if notes:
             (part / NOTES).write_text(notes, encoding="utf-8")
         (part / HEADER).write_text(json.dumps(header, indent=2) + "\n")
