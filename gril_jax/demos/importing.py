@@ -17,10 +17,10 @@ from gril_jax.threads import parallel_map
 
 from . import boxed, detected
 from .demo_set import DemoSet, load_demo_set, save_demo_set
+from .detected import Detect, detecting
 from .formats import boxes_of, lerobot
 from .formats.record import Box, Film
 from .schema import NO_TASK
-from .tracking.detector import Detect, detecting
 from .vision.detect import Detector
 from .vision.timed import look
 
