@@ -215,7 +215,8 @@ def agreed_stages(
     equally good patiences the shortest.
 
     Args:
-      reward, length, prominence, smoothing, support: as in `agreed_boundaries`.
+      reward, length, prominence, smoothing, support: as in `agreed_boundaries`, whose errors are the
+        same.
     """
     shares = jnp.array(_SHARES)
     patiences = jnp.maximum(1, jnp.round(shares * jnp.median(length))).astype(jnp.int32)
