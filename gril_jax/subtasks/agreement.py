@@ -215,8 +215,7 @@ def agreed_stages(
     equally good patiences the shortest.
 
     Args:
-      reward, length, prominence, smoothing, support: as in `agreed_boundaries`, whose errors are the
-        same.
+      reward, length, prominence, smoothing, support: as in `agreed_boundaries`; errors are the same.
     """
     shares = jnp.array(_SHARES)
     patiences = jnp.maximum(1, jnp.round(shares * jnp.median(length))).astype(jnp.int32)
