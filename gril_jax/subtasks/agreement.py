@@ -215,7 +215,9 @@ def agreed_stages(
     equally good patiences the shortest.
 
     Args:
-      reward, length, prominence, smoothing, support: as in `agreed_boundaries`; errors are the same.
+      reward, length, prominence, smoothing, support: as in `agreed_boundaries`.
+
+    Its errors are the same.
     """
     shares = jnp.array(_SHARES)
     patiences = jnp.maximum(1, jnp.round(shares * jnp.median(length))).astype(jnp.int32)
@@ -234,7 +236,8 @@ def agreed_stages(
 
 
 def each_alone(reward: Float[Array, "B T"], length: Int[Array, "B"], **rule) -> Int[Array, "B M"]:
-    """Frames that `transitions` marks in each trace, padded with -1; the options are its own."""
+    """Frames that `transitions` marks in each trace, padded with -1; the options are its own, and
+    errors are those of `transitions`."""
     within = jnp.arange(reward.shape[1]) < length[:, None]
     marked = jax.vmap(lambda x: transitions(x, **rule))(_held(reward, length)) & within
     return jax.vmap(lambda x: boundary_frames(x, MOST))(marked)
