@@ -19,7 +19,7 @@ from support.saved_rewards import CLASSES, CONFIGS, OBJECTS, made, moment, scene
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError, GrilError, ShapeError
 from gril_jax.export.reward_file import RewardFileError, load_reward, save_reward
-from gril_jax.export.sealed_file import packed
+from gril_jax.export.reward_format import packed
 from gril_jax.reward.latent_goal import latent_goal_reward
 from gril_jax.types import DemoBatch
 
