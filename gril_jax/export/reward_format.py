@@ -1,4 +1,4 @@
-"""The format of a reward file: its arrays, its description, and the checks of both; and the bytes of
+"""The format of a reward file: arrays, description and the checks of both; and the bytes of
 any exported file.
 
 `gril_jax.export.reward_file` says what the fields of the description mean. A file is an npz file,

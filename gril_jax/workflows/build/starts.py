@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, PRNGKeyArray
 
 from gril_jax.config import EnvConfig
 from gril_jax.envs import registry
-from gril_jax.rl.episodes import EpisodeState, Episodes
+from gril_jax.rl.episodes import Episodes, EpisodeState
 from gril_jax.rl.evaluate import begin
 
 from . import setup
