@@ -148,11 +148,9 @@ def _reader(boxes: str | Detect) -> Callable[[Film], list[Box]] | None:
     """What gives the boxes of a video; None for those that come with it."""
     if boxes == "auto":
         return None
-    if callable(boxes) or ":" in boxes:
+    if callable(boxes) or ":" in str(boxes):
         return detecting(boxes)
-    raise DemoError(
-        f"boxes is {boxes!r}, but must be auto, colour, or a detector module:function."
-    )
+    raise DemoError(f"boxes is {boxes!r}, but must be auto, colour, or a detector module:function.")
 
 
 def videos_in(folder: pathlib.Path, out: str | os.PathLike | None) -> list[pathlib.Path]:
