@@ -93,7 +93,7 @@ def render(
       antialias: mix colours at edges by the share of the pixel that is covered, judged by the
         distance of its centre. Lines then keep their true width, be it a fraction of a pixel.
         Without it, every pixel has one colour of the palette, and lines are whole pixels wide: as
-        in `gril_jax.demos.vision.render`, those of blocks and robot vanish in pictures of 192
+        in `gril_jax.workflows.build.filming`, those of blocks and robot vanish in pictures of 192
         pixels or less.
       look: how floor and regions are painted.
       robot_first: paint the robot below the blocks, not above them.

@@ -21,11 +21,11 @@ from gril_jax.runs.memory import MemoryRun
 from gril_jax.runs.progress import Progress
 from gril_jax.subtasks import agreement
 from gril_jax.workflows import audit as audits
-from gril_jax.workflows import export_reward, film_audit, reuse
+from gril_jax.workflows import export_reward, film_audit
 from gril_jax.workflows.build import demonstrations, learners, setup, vocabulary
 from gril_jax.workflows.learning import encoders
 
-from . import settings, tasks
+from . import inputs, settings
 
 
 def learn_reward(
@@ -143,7 +143,7 @@ def audit_reward(
         chosen = (
             audits.env_of(reward, task)
             if isinstance(task, str)
-            else tasks.env_config(task, EnvConfig())
+            else inputs.env_config(task, EnvConfig())
         )
         findings = audits.search(
             reward, chosen, "the reward", ascents=ascents, starts=starts, seed=seed
@@ -238,4 +238,4 @@ def _of_demos(
             f"the demonstrations show {', '.join(chosen.demo_set.classes)}, but the reward was "
             f"learned for {', '.join(reward.classes)}"
         )
-    return reuse.with_choices(config, reward, "the reward"), chosen
+    return export_reward.with_choices(config, reward, "the reward"), chosen

@@ -81,7 +81,7 @@ class Reward(NamedTuple):
     """A form of the reward, which a policy can maximise."""
 
     form: str
-    """A `gril_jax.workflows.build.reward_form.RewardForm`."""
+    """A `gril_jax.workflows.build.policy_rewards.RewardForm`."""
     learns: bool = True
     """Takes a learned reward."""
     pictures: bool = False

@@ -22,7 +22,7 @@ from gril_jax.config.tables import ALGORITHMS
 from gril_jax.config.task import NO_TASK
 from gril_jax.demos.demo import Demo
 from gril_jax.demos.demo_set import DemoSet, load_demo_set, select_objects
-from gril_jax.demos.plain_npz import NotPlainError, read_plain
+from gril_jax.demos.files import NotPlainError, read_plain
 from gril_jax.demos.schema import HEADER
 from gril_jax.errors import RunError
 from gril_jax.graphs import activity

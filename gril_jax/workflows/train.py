@@ -24,15 +24,8 @@ from gril_jax.report.headline import audit_kept, audit_sentence, in_words
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.rl import training
 from gril_jax.runs.checkpoints import state_leaves
-from gril_jax.workflows import audit, evaluate, pretrain, reuse
-from gril_jax.workflows.build import (
-    demonstrations,
-    own_task,
-    policy_rewards,
-    policy_setup,
-    setup,
-    stages,
-)
+from gril_jax.workflows import audit, evaluate, export_reward, pretrain
+from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.given import given
 from gril_jax.workflows.learning import policies
 
@@ -52,12 +45,10 @@ def main(
     needs = needs_of(config)
     if hard_negatives and not needs.encoder:
         raise ConfigError("--hard-negatives is given, but the run learns no reward from them")
-    if needs.demos:
-        own_task.require_demonstrations(config, env)
     if config.run.audit and needs.reward:
         audit.require_possible(config, env)
-    if resume is None and needs.demos:
-        demonstrations.require_usable(config, env)
+    if needs.demos:
+        demonstrations.require_usable(config, env, begun=resume is not None)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)  # or it cannot be shared out
     with opened(config, "train", resume, hard_negatives, echo) as run, ahead.compiling() as pool:
@@ -127,8 +118,8 @@ def _reused(config: RunConfig, env: envs.Env) -> tuple[RunConfig, LearnedReward 
     source = config.run.reward_source
     if source is None:
         return config, None
-    learned = reuse.load(Path(source))
-    return reuse.configured(config, learned, env, source), learned
+    learned = export_reward.load_learned(Path(source))
+    return export_reward.configured(config, learned, env, source), learned
 
 
 def _kept(run: OpenRun, reused: LearnedReward | None) -> dict[str, Any]:
@@ -155,7 +146,7 @@ def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrat
         params = policy_rewards.parameters(config, learned, shown, num_classes)
         saved = run.dir.save_part("policy_reward", config.pretrain.steps, params)
         run.dir.finish_phase("policy_reward", {}, saved)
-        if said := stages.note(config, params):
+        if said := policy_rewards.stages_note(config, params):
             run.echo(said)
     return run.dir.load_part("policy_reward", policy_rewards.blank(config, env))
 

@@ -38,7 +38,7 @@ def loss(frames):
 """,
     "dummy_form": """
 import jax.numpy as jnp
-from gril_jax.workflows.build.reward_form import RewardForm
+from gril_jax.workflows.build.policy_rewards import RewardForm
 
 def _five(params, state, active):
     return 5.0 + 0.0 * params

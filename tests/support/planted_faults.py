@@ -8,7 +8,7 @@ import zipfile
 
 import numpy as np
 
-from gril_jax.export.sealed_file import packed, sealed
+from gril_jax.export.reward_format import packed, sealed
 
 
 class Trap:

@@ -59,7 +59,7 @@ def _subtasks(given: StageOptions) -> Work:
     run_config_of(folder, "reward", task=given.task)
     out = Path(given.out) if given.out else folder / "subtasks"
     run_dir.require_new(out)
-    return experiment("subtasks.report", folder, out, given, devices=True)
+    return experiment("subtask_report", folder, out, given, devices=True)
 
 
 @dataclass(frozen=True)

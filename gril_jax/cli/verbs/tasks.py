@@ -69,8 +69,8 @@ class _Import:
     """Folder of the demonstration set."""
     boxes: str = "auto"
     """auto reads the boxes beside each video, in any of the formats that are known; colour finds
-    the objects of MAGICAL's palette; FILE.json has boxes drawn on one frame of each video, to be
-    followed; module:function is a detector of yours, from frames to boxes."""
+    the objects of MAGICAL's palette; module:function is a detector of yours, from frames to
+    boxes."""
     half_extent: float | None = field(default=None, metadata=optional(above(0)))
     """Half the width of the world that a frame shows, in a unit of yours; None measures in widths
     of the picture."""

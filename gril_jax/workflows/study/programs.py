@@ -15,7 +15,7 @@ from gril_jax.runs import hosts
 from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
-from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
+from gril_jax.workflows.build import policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.starts import distinct, evaluated_from
 from gril_jax.workflows.learning import policies
 from gril_jax.workflows.learning.encoders import stack
@@ -177,7 +177,7 @@ def learn_policies(
     configs = [row.config for row in rows]
     learned = [rewards[reward_key(one)] if learns(one) else None for one in configs]
     each = [_parameters(one, found, demos) for one, found in zip(configs, learned, strict=True)]
-    for said in dict.fromkeys(map(stages.note, configs, each)):
+    for said in dict.fromkeys(map(policy_rewards.stages_note, configs, each)):
         if said:
             echo(said)
     # Each process has learned rewards; rounding may have driven them apart.

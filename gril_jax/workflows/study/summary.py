@@ -16,7 +16,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from gril_jax.errors import RunError, ShapeError
-from gril_jax.metrics.interquartile import interquartile_mean
+from gril_jax.metrics.order import interquartile_mean
 from gril_jax.report import html
 from gril_jax.report.curves import spread, success_failure
 from gril_jax.report.headline import Tile

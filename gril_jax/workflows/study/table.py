@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gril_jax.metrics.interquartile import interquartile_interval, interquartile_mean
+from gril_jax.metrics.order import interquartile_interval, interquartile_mean
 from gril_jax.report.rates import SURE, UNKNOWN
 
 from .results import LEVELS, PASSES, Found, Line

@@ -8,7 +8,7 @@ from gril_jax.experiments.baselines import recorded
 from gril_jax import envs
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.demos.demo_set import load_demo_set
-from gril_jax.demos.writer import write_demo_set
+from gril_jax.demos.files import write_demo_set
 from gril_jax.errors import DemoError
 
 ACTIONS = np.array([6, 6, 1, 1, 1, 0], np.int32)

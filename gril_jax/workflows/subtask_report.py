@@ -1,8 +1,8 @@
 """Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
 
     gril subtasks RUN                   about a minute
-    gril subtasks RUN --films      and each segment as a film of its own
-    gril subtasks RUN --sets       and a set for each subtask, for `gril pretrain --demos`
+    gril subtasks RUN --films           and each segment as a film of its own
+    gril subtasks RUN --sets            and a set for each subtask, for `gril pretrain --demos`
 
 `segments.csv` has a line a segment: its film, frames and seconds.
 
@@ -39,12 +39,12 @@ from gril_jax.runs.progress import Progress
 from gril_jax.runs.reading import require_same_demos
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
-from gril_jax.workflows.build import demonstrations, learners, policy_setup, setup, vocabulary
 
-from . import cuts
-from .ends import doubt, scores, segments, write_sets
+from .build import demonstrations, learners, policy_setup, setup, vocabulary
+from .subtask_ends import as_csv, doubt, scores, segments, write_films, write_sets
 
 _FIGURES = 3  # held-out demonstrations that are drawn
+_KNOBS = ("prominence", "patience", "support")  # options that find more stages where they are lower
 
 
 class Traces(NamedTuple):
@@ -71,7 +71,7 @@ def main(
         traces = traces_of(config, folder, demos)
         found, alone, rule = discover(traces, options)
         agreed = np.asarray(found.frames)[:, : int(np.sum(found.kept))]
-        _require_stages(folder, traces, rule, agreed.shape[1])
+        _require_stages(folder, rule, agreed.shape[1])
         tolerance = round(demos.demo_set.fps)  # one second, in frames
         measured = _scores(traces, {"agreed": agreed, "each alone": alone}, tolerance)
         doubtful = doubt(alone, traces.held_out, agreed.shape[1])
@@ -80,7 +80,7 @@ def main(
         with run_dir.writing(out):
             out.mkdir(parents=True)
             write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
-            write_whole(out / "segments.csv", cuts.as_csv(about["demonstrations"], demos.demo_set))
+            write_whole(out / "segments.csv", as_csv(about["demonstrations"], demos.demo_set))
         drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
         phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
         for count, i in enumerate(drawn, 1):
@@ -91,7 +91,7 @@ def main(
                 (out / f"{demo.name.replace('/', '_')}.png").write_bytes(picture)
             phase.update(count)
         if options.films:
-            cuts.write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
+            write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
         if dataset is not None:
             seconds = {n: [e / demos.demo_set.fps for e in one["ends"]]
                        for n, one in about["demonstrations"].items()}  # fmt: skip
@@ -155,31 +155,14 @@ def _dataset(folder: Path) -> lerobot.Dataset:
     return lerobot.opened(folder)
 
 
-def _require_stages(folder: Path, traces: Traces, rule: Mapping[str, Any], count: int) -> None:
-    """Two boundaries or more; else says what the rewards look like and which option helps."""
-    if count >= 2:
-        return
-    climbs, pauses = zip(*map(_shape, traces.reward, traces.length.tolist()), strict=True)
-    climb, pause = float(np.median(climbs)), int(np.median(pauses))
-    knob = f"a --patience below {pause} frames (it was {rule['patience']})"
-    if climb < 2 * rule["prominence"]:
-        knob = f"a --prominence below half of that (it was {rule['prominence']:g})"
-    elif pause > rule["patience"]:
-        knob = f"a --support below {rule['support']:g}, since few agree on where it pauses"
-    raise RunError(
-        f"{folder}: {count} of the stages' ends is agreed on by the demonstrations, but at least 2 "
-        f"are needed: their reward climbs by {climb:.2f} with {pause} frames at most between two "
-        f"advances (medians), so try {knob}"
-    )
-
-
-def _shape(reward: Float[np.ndarray, "T"], length: int) -> tuple[float, int]:
-    """Total climb of a trace, and its longest stretch of frames without progress."""
-    trace = np.maximum.accumulate(reward[:length])
-    climb = float(trace[-1] - trace[0])
-    advances = np.flatnonzero(np.diff(np.floor((trace - trace[0]) / max(climb / 40, 1e-9))) > 0)
-    stops = np.concatenate([[0], advances + 1, [length - 1]])
-    return climb, int(np.diff(stops).max())
+def _require_stages(folder: Path, rule: Mapping[str, Any], count: int) -> None:
+    """Raises RunError if there are fewer than two boundaries, with the options that find more."""
+    if count < 2:
+        options = ", ".join(f"--{name} (it was {rule[name]:g})" for name in _KNOBS)
+        raise RunError(
+            f"{folder}: {count} of the stages' ends is agreed on by the demonstrations, but at "
+            f"least 2 are needed: try a lower {options}"
+        )
 
 
 def _scores(

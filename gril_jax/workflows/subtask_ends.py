@@ -1,5 +1,8 @@
-"""Found ends of stages: doubted, scored against the true ones, and demonstrations cut at them."""
+"""Found ends of stages: doubted, scored against the true ones, and demonstrations cut at them,
+as a table, as films and as sets. Frames and seconds are those of the set's films."""
 
+import csv
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +15,9 @@ from jaxtyping import Int
 
 from gril_jax.demos.demo import Demo
 from gril_jax.demos.demo_set import DemoSet
-from gril_jax.demos.writer import write_demo_set
+from gril_jax.demos.files import write_demo_set
+from gril_jax.demos.vision.video import write_video
+from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.subtasks.matching import match_within
 
@@ -21,6 +26,7 @@ _LEAST = 2  # frames of a demonstration
 # `match_regions`, which has the task's two stages, 15 of 16 do, and with that of
 # `match_regions_fast`, which has a third, 11 of 16.
 _AS_MANY = 0.8
+COLUMNS = ("film", "subtask", "first_frame", "last_frame", "begin_s", "end_s", "found", "split")
 
 
 def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) -> str | None:
@@ -139,3 +145,40 @@ def segments(ends: Int[np.ndarray, "K"], num_frames: int) -> list[tuple[int, int
     """
     firsts = [0, *ends[:-1].tolist()]
     return list(zip(firsts, [*firsts[1:], num_frames - 1], strict=True))
+
+
+def as_csv(demos: Mapping[str, Mapping[str, Any]], demo_set: DemoSet) -> str:
+    """A line a segment; `demos` is what subtasks.json has under that name.
+
+    `found` is 1 if the film itself shows the segment's end, 0 if it was put where the others have
+    it.
+    """
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for name, one in demos.items():
+        pairs = zip(one["segments"], one["found"], strict=True)
+        for number, ((first, last), found) in enumerate(pairs, 1):
+            seconds = [round(frame / demo_set.fps, 3) for frame in (first, last)]
+            table.writerow([_plain(name), number, first, last, *seconds, int(found), one["split"]])
+    return text.getvalue()
+
+
+def write_films(
+    folder: Path, demos: Mapping[str, Mapping[str, Any]], demo_set: DemoSet, progress: Progress
+) -> None:
+    """Each segment as `NAME-1.mp4`, `NAME-2.mp4`, ... in a new folder."""
+    phase = progress.phase("cutting", total=len(demos), unit="films", compiles=False)
+    with run_dir.writing(folder):
+        folder.mkdir()
+    for done, (name, one) in enumerate(demos.items(), 1):
+        frames = demo_set[name].frames
+        for number, (first, last) in enumerate(one["segments"], 1):
+            file = folder / f"{name.replace('/', '_')}-{number}.mp4"
+            write_video(file, frames[first : last + 1], demo_set.fps)
+        phase.update(done)
+
+
+def _plain(name: str) -> str:
+    """A name that no spreadsheet takes for a formula."""
+    return f"'{name}" if name[:1] in "=+-@" else name
