@@ -1,6 +1,7 @@
 """Set before any test imports JAX: the suite is for the CPU, whatever else a machine has."""
 
 import collections
+import gc
 import importlib.metadata
 import os
 import pathlib
@@ -60,6 +61,12 @@ def pytest_collection_modifyitems(items):
     """By file; the order within one is kept."""
     rank = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(_name(item.path), len(rank)))
+
+
+def pytest_collection_finish():
+    """What has been imported is no garbage: the collector need not look at it again."""
+    gc.collect()
+    gc.freeze()
 
 
 def _name(path):
