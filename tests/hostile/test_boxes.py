@@ -3,8 +3,7 @@
 import os
 
 import pytest
-from support.hostile_films import BOXES, COLUMNS, film
-from support.hostile_home import IMPORT, command, films, refused
+from support.hostile import BOXES, COLUMNS, IMPORT, command, film, films, refused
 
 ROW = "0,goal,0,0,8,8"
 CSV = {

@@ -7,8 +7,7 @@ one, and nothing is half-written.
 import json
 
 import pytest
-from support.hostile_films import film
-from support.hostile_home import films, refused
+from support.hostile import film, films, refused
 from support.wrong_boxes import NAMES, WRONG, H, W
 
 from gril_jax.cli.main import main

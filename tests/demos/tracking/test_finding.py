@@ -7,7 +7,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from support.hostile_films import turned
+from support.hostile import turned
 
 from gril_jax.demos.tracking.detector import detecting
 from gril_jax.demos.tracking.drawn import follower
