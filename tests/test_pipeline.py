@@ -40,7 +40,7 @@ SMALL = (
 
 @contextlib.contextmanager
 def no_network():
-    """Every attempt to reach another host fails, and is in the list that this yields; sockets within
+    """Every attempt to reach another host fails, and is in the list that this yields; sockets of
     the machine's own files still work."""
     attempts = []
 

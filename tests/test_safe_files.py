@@ -1,4 +1,4 @@
-"""Files appear whole or not at all, and a folder has one writer (`test_run_dir` has two processes)."""
+"""Files appear whole or not at all; a folder has one writer (`test_run_dir` has two processes)."""
 
 import os
 
