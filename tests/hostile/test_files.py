@@ -1,4 +1,5 @@
-"""Files that would run code, fill the memory or never end: configurations, pickles and rewards."""
+"""Configurations, MAGICAL's pickles and reward files that would run code, fill the memory or never
+end."""
 
 import gzip
 import os
@@ -6,9 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from support.hostile_films import archive, npy
-from support.hostile_home import DEEP, HUGE, films, refused
-from support.pickled_code import Writes
+from support.hostile import DEEP, HUGE, Writes, archive, films, npy, refused
 
 BOMB = "\n".join(
     [
@@ -21,6 +20,8 @@ LISTS = "\n".join(
 )
 YAML = {
     "a call": ("env: !!python/object/apply:os.system ['touch ran']", "not YAML"),
+    "a new object": ("env: !!python/object/new:os.system ['touch ran']", "not YAML"),
+    "a module": ("env: !!python/module:antigravity", "not YAML"),
     "a name": ("env: {name: !!python/name:os.system }", "not YAML"),
     "merged maps": (BOMB, "'<<'"),
     "lists of lists": (LISTS, "no section 'a0'"),
@@ -28,9 +29,12 @@ YAML = {
     "itself": ("&a [*a]", "sections"),
     "itself as a section": ("env: &a {name: *a}", "single value"),
     "an empty number": ("run: {seed: !!int ''}", "not YAML"),
+    "no truth": ("run: {seed: !!bool maybe}", "not YAML"),
+    "no date": ("run: {seed: !!timestamp never}", "not YAML"),
     "a number of many digits": (f"run: {{seed: 0x{'f' * 9000}}}", "run.seed"),
     "deep": (DEEP, "not YAML"),
     "an option in a list": ("env: {targets: ['--help']}", "env.targets"),
+    "another option in a list": ("env: {targets: ['--run.out=/tmp/x']}", "env.targets"),
     "two documents": ("run: {seed: 1}\n---\nrun: {seed: 2}", "not YAML"),
     "NUL": ("run: {seed: \0}", "not YAML"),
     "a key that is a list": ("? [a, b]\n: 1", "not YAML"),
@@ -50,10 +54,15 @@ def packed(data):
 
 PICKLES = {
     "code": (packed(pickle.dumps(Writes("ran"))), "could run foreign code"),
+    "code below data": (packed(pickle.dumps({"a": [1, Writes("ran")]})), "could run foreign code"),
+    "builtins": (packed(b"cbuiltins\neval\n(S'1'\ntR."), "builtins.eval"),
+    "nothing": (packed(b""), "not a whole pickle"),
     "a long number": (packed(b"I" + b"9" * 10_000 + b"\n."), "not a whole pickle"),
     "a huge place": (packed(b"r\xff\xff\xff\x7f."), "not a whole pickle"),
+    "no archive": (lambda file: file.write_text("hello"), "not a whole gzip file"),
     "a pipe": (os.mkfifo, "cannot be read"),
     "a device": (lambda file: file.symlink_to("/dev/zero"), "cannot be read"),
+    "a folder": (lambda file: file.mkdir(), "cannot be read"),
 }
 
 
@@ -64,27 +73,23 @@ def test_foreign_pickles_are_refused(home, capsys, kind):
     refused(home, ["demos", "import-videos", "films", "--out", "new"], words, capsys)
 
 
-def reward_bytes(name):
-    return lambda home: (home / "reward.npz").write_bytes(name)
-
-
 REWARDS = {
-    "a bare pickle": reward_bytes(pickle.dumps(Writes("ran"))),
-    "pickled code": lambda home: np.savez(
-        home / "reward.npz", goal=np.array([Writes("ran")]), description=np.array("{}")
+    "a bare pickle": lambda file: file.write_bytes(pickle.dumps(Writes("ran"))),
+    "pickled code": lambda file: np.savez(
+        file, goal=np.array([Writes("ran")]), description=np.array("{}")
     ),
-    "a huge shape": lambda home: archive(
-        home / "reward.npz", goal=npy(HUGE), description=npy((), "<U2", "{}".encode("utf-32-le"))
+    "a huge shape": lambda file: archive(
+        file, goal=npy(HUGE), description=npy((), "<U2", "{}".encode("utf-32-le"))
     ),
-    "huge letters": lambda home: archive(home / "reward.npz", description=npy((), "<U500000000")),
-    "a link to itself": lambda home: (home / "reward.npz").symlink_to("reward.npz"),
-    "a link to a device": lambda home: (home / "reward.npz").symlink_to("/dev/zero"),
-    "a pipe": lambda home: os.mkfifo(home / "reward.npz"),
-    "another letter": lambda home: (home / "reward.npz").symlink_to("letter.txt"),
+    "huge letters": lambda file: archive(file, description=npy((), "<U500000000")),
+    "a link to itself": lambda file: file.symlink_to("reward.npz"),
+    "a link to a device": lambda file: file.symlink_to("/dev/zero"),
+    "a pipe": lambda file: os.mkfifo(file),
+    "another letter": lambda file: file.symlink_to("letter.txt"),
 }
 
 
 @pytest.mark.parametrize("kind", REWARDS)
 def test_a_hostile_reward_is_refused(home, capsys, kind):
-    REWARDS[kind](home)
+    REWARDS[kind](home / "reward.npz")
     refused(home, ["audit", "reward.npz", "--out", "new"], "reward.npz", capsys)

@@ -8,8 +8,7 @@ import json
 import os
 
 import pytest
-from support.hostile_films import BOXES, COLUMNS, film
-from support.hostile_home import IMPORT, command, films, refused
+from support.hostile import BOXES, COLUMNS, IMPORT, command, film, films, refused
 from support.wrong_boxes import NAMES, WRONG, H, W
 
 from gril_jax.cli.main import main

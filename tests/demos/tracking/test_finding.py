@@ -5,7 +5,7 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
-from support.hostile_films import turned
+from support.hostile import turned
 
 from gril_jax.demos.detected import detecting
 from gril_jax.demos.vision.timed import frames_of, look, nearest, part, pictures, steps
