@@ -22,9 +22,9 @@ from gril_jax.envs.panda import model as panda_model
 from gril_jax.envs.panda.frames import Frame
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import REWARDS, boxes, from_boxes, hands, physics
-from . import observation as observations
+from . import REWARDS, boxes, from_boxes, physics, resting
 from . import reward as rewards
+from . import task as observations
 from .boxes import Boxes
 from .physics import Motion, build
 from .reward import Record
@@ -168,7 +168,7 @@ class Tabletop:
             center, size, self.task.layout, self.camera, own, self._things_of
         )
         home = jnp.asarray(self._home)
-        start, arm, there = hands.at(home, start, grip, self.task.layout, self._things_of)
+        start, arm, there = resting.hand_at(home, start, grip, self.task.layout, self._things_of)
         data = self._at_rest(arm, start, grip.opening)
         press = jnp.where(grip.held >= 0, kinematics.GRIP_RANGE[0], grip.opening)
         data = data._replace(target=data.target.at[7].set(press))

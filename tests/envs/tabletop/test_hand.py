@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs.panda import kinematics
-from gril_jax.envs.tabletop.hand import CLOSED, Hand
+from gril_jax.envs.tabletop.moves import CLOSED, Hand
 
 from gril_jax import envs
 

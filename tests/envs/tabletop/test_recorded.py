@@ -7,8 +7,7 @@ import pytest
 from gril_jax.envs import registry
 from gril_jax.envs.tabletop.environment import Tabletop
 from gril_jax.envs.tabletop.recorded import moments
-from gril_jax.envs.tabletop.shoes_in_box import expert
-from gril_jax.envs.tabletop.shoes_in_box.task import TASK, shoes_in_box
+from gril_jax.envs.tabletop.tasks.shoes_in_box import ENTRY, SCRIPT, TASK
 
 from gril_jax.config import EnvConfig
 from gril_jax.workflows.build import setup
@@ -16,12 +15,12 @@ from gril_jax.workflows.build import setup
 
 @pytest.fixture(scope="module")
 def plain():
-    return shoes_in_box()
+    return ENTRY.make()
 
 
 @pytest.fixture(scope="module")
 def found(plain):
-    return moments(plain, expert.perform, episodes=3)
+    return moments(plain, SCRIPT.perform, episodes=3)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +80,7 @@ def test_the_rest_of_the_episodes_begin_as_the_task_does(plain, found):
 
 def test_the_expert_s_aims_are_those_at_its_moments(plain):
     start = jax.jit(plain.reset)(jax.random.key(3))
-    hand = expert.perform(plain, start, np.random.default_rng(0), "lid only")
+    hand = SCRIPT.perform(plain, start, np.random.default_rng(0), "lid only")
     assert len(hand.targets) == len(hand.positions)
     np.testing.assert_array_equal(hand.targets[0], start.data.target)
     # Servos lag behind their aims, but not by much.

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop import sight
+from gril_jax.envs.tabletop import placing
 
 WAY = np.array([(0.0, 0.0), (0.4, 0.3), (0.9, 0.3)])
 ASIDE = (0.05, 0.1)
@@ -23,7 +23,7 @@ def _nearest(place):
 @pytest.mark.parametrize("seed", range(8))
 def test_what_has_left_its_rail_is_put_back_beside_its_nearest_point(seed):
     place = np.random.default_rng(seed).uniform(-0.5, 1.2, 2)
-    possible = jax.jit(sight.on_rail(1, 0, WAY, ASIDE))
+    possible = jax.jit(placing.on_rail(1, 0, WAY, ASIDE))
     center = CENTER.at[1].set(CENTER[0] + place * SIZE[0])
     found = (possible(center, SIZE)[1] - CENTER[0]) / SIZE[0]
     near = _nearest(place)
@@ -35,5 +35,5 @@ def test_what_has_left_its_rail_is_put_back_beside_its_nearest_point(seed):
 
 def test_what_is_on_it_stays_there():
     center = CENTER.at[1].set(CENTER[0] + jnp.array([0.21, 0.15]) * SIZE[0])
-    possible = sight.on_rail(1, 0, WAY, ASIDE)
+    possible = placing.on_rail(1, 0, WAY, ASIDE)
     np.testing.assert_allclose(possible(center, SIZE), center, atol=1e-6)

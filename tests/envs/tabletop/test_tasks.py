@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 import pytest
 from gril_jax.envs.tabletop.boxes import project
-from gril_jax.envs.tabletop.hand import Hand
+from gril_jax.envs.tabletop.moves import Hand
 from gril_jax.envs.tabletop.physics import mjx
-from gril_jax.envs.tabletop.script import EARLY
+from gril_jax.envs.tabletop.recorded import EARLY
 
 from gril_jax import envs
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop.hand import Hand
+from gril_jax.envs.tabletop.moves import Hand
 from support import tabletop_scenes as scenes
 
 from gril_jax import envs

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gril_jax.envs.tabletop.shoes_in_box.expert import shows
+from gril_jax.envs.tabletop.tasks.shoes_in_box import shows
 
 BOX = np.array([0.5, -0.15])
 TABLE, FAR, INSIDE, ALOFT, ON_LID = (

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 from gril_jax.envs.tabletop.physics import Physics, build, mjx
-from gril_jax.envs.tabletop.shoes_in_box import model as scene
+from gril_jax.envs.tabletop.tasks import shoe_box as scene
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import pytest
 from gril_jax.envs import make
 from gril_jax.envs.panda.frames import Frame, out_of, rotation
 from gril_jax.envs.tabletop import boxes as cameras
-from gril_jax.envs.tabletop.shoes_in_box import model
-from gril_jax.envs.tabletop.shoes_in_box.stages import BOX, LID, LID_CURVE, ROBOTS, SHOES
+from gril_jax.envs.tabletop.tasks import shoe_box
+from gril_jax.envs.tabletop.tasks.shoes_in_box import BOX, LID, LID_CURVE, ROBOTS, SHOES
 
 COUNT = 64
-INSIDE = np.array(model.FLOOR_HALF) - 0.04
+INSIDE = np.array(shoe_box.FLOOR_HALF) - 0.04
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def seen(env):
         base = Frame(data.fixtures[0, :3], rotation(data.fixtures[0, 3:]))
         qpos = data.motion.qpos.at[9].set(angle)
         for i in range(2):
-            at = jnp.append(place[i] * INSIDE, model.SHOE_HALF[2])
+            at = jnp.append(place[i] * INSIDE, shoe_box.SHOE_HALF[2])
             there = qpos.at[10 + 7 * i : 13 + 7 * i].set(out_of(base, at))
             qpos = jnp.where(inside, there, qpos)
         moved = data._replace(motion=data.motion._replace(qpos=qpos))

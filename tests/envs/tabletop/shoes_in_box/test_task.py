@@ -12,10 +12,9 @@ import mujoco
 import numpy as np
 import pytest
 from gril_jax.envs import tabletop
-from gril_jax.envs.tabletop.hand import Hand
-from gril_jax.envs.tabletop.shoes_in_box import model as scene
-from gril_jax.envs.tabletop.shoes_in_box import moves
+from gril_jax.envs.tabletop.moves import Hand
 from gril_jax.envs.tabletop.start import Start
+from gril_jax.envs.tabletop.tasks import shoe_box as scene
 from support import tabletop_scenes as scenes
 
 from gril_jax import envs
@@ -140,7 +139,7 @@ def test_boxes_are_where_mujoco_has_the_bodies(starts):
 
 def test_a_held_shoe_hardly_creeps(starts):
     hand = Hand(_env(), _lane(starts, 2))
-    moves.take(hand, moves.draw_style(np.random.default_rng(0)), 0)
+    scene.take(hand, scene.draw_style(np.random.default_rng(0)), 0)
     hand.rest(20)
     height = float(hand.qpos[12])
     hand.rest(40)

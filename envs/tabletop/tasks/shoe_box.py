@@ -1,19 +1,71 @@
-"""Manoeuvres of a hand at the shoe box: open and close its lid, take a shoe, put it down.
+"""The scene of the two shoe tasks, and a hand's manoeuvres at it.
 
-Places are in the box's frame unless said otherwise: its origin on the table below its middle, the
-hinge along its -y wall, the shoes beyond its +y wall. Lengths are metres, speeds m/s,
-pauses control steps.
+A box, a mocap body, has a hinged lid with a lip, and there are two shoes, each one box for
+contacts: capsules roll out of a grasp. Places are in the box's frame unless said otherwise: its
+origin on the table below its middle, the hinge along its -y wall, the shoes beyond its +y wall.
+Lengths are metres, speeds m/s, pauses control steps.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from gril_jax.envs.panda.model import PADS, PALM, TIPS, words
 from gril_jax.envs.tabletop import moves
-from gril_jax.envs.tabletop.hand import Hand
-from gril_jax.envs.tabletop.moves import Pace
+from gril_jax.envs.tabletop.moves import Hand, Pace
+from gril_jax.envs.tabletop.physics import TABLE, Additions, box
 from jaxtyping import Float
 
-_HINGE, _FIRST_SHOE = 9, 10  # positions of the joints after the arm's
+RIM = 0.15  # height of the walls
+BOX_HALF = (0.18, 0.13, RIM / 2)  # outside
+FLOOR_HALF = (0.17, 0.12)  # inside
+HINGE = (0.0, -0.125, 0.156)
+LID_RANGE = (0.0, 2.618)
+LIP = (0.0, 0.28, 0.0)  # middle of the lip from the hinge; 12 mm beyond the lid's edge
+LID_CENTER, LID_HALF = (0.0, 0.143, 0.0), (0.175, 0.143, 0.006)  # with its lip, from the hinge
+SHOE_HALF = (0.08, 0.0325, 0.025)
+
+_WALL = 0.005  # half its thickness
+_SHOES, _LID = ("shoe_a", "shoe_b"), "lid"
+_WALLS = {
+    "wall_front": ((0.175, 0.0, RIM / 2), (_WALL, 0.12, RIM / 2)),
+    "wall_back": ((-0.175, 0.0, RIM / 2), (_WALL, 0.12, RIM / 2)),
+    "wall_left": ((0.0, 0.125, RIM / 2), (0.18, _WALL, RIM / 2)),
+    "wall_right": ((0.0, -0.125, RIM / 2), (0.18, _WALL, RIM / 2)),
+}
+
+
+def _lid() -> str:
+    x, y, _ = LIP
+    return (
+        f'<body name="{_LID}" pos="{words(HINGE)}">'
+        f'<joint name="hinge" axis="1 0 0" range="{words(LID_RANGE)}" damping="0.05"'
+        ' frictionloss="0.05" armature="0.002"/>'
+        f"{box(_LID, (0.0, 0.134, 0.0), (0.175, 0.134, 0.005), 0.38)}"
+        f'<geom name="lip" type="capsule" size="0.006" mass="0.02"'
+        f' fromto="{x - 0.08} {y} 0 {x + 0.08} {y} 0"/></body>'
+    )
+
+
+def _pairs() -> tuple[tuple[str, str], ...]:
+    pairs = [(shoe, other) for shoe in _SHOES for other in (TABLE, *PADS, *_WALLS, _LID)]
+    pairs.append(_SHOES)
+    pairs += [(tip, other) for tip in TIPS for other in (TABLE, *_WALLS, _LID, "lip")]
+    return (*pairs, (PALM, TABLE), (PALM, _LID))
+
+
+def scene() -> Additions:
+    """The scene; joints after the arm's are the hinge (rad), then a free joint for each shoe."""
+    walls = "".join(box(name, *shape) for name, shape in _WALLS.items())
+    shoes = "".join(
+        f'<body name="{name}" pos="0 0 {SHOE_HALF[2]}"><freejoint name="{name}"/>'
+        f"{box(name, (0, 0, 0), SHOE_HALF, 0.25)}</body>"
+        for name in _SHOES
+    )
+    case = f'<body name="box" mocap="true">{walls}{_lid()}</body>'
+    return Additions(f"{case}{shoes}", _pairs())
+
+
+_FIRST_SHOE = 10  # the first position of its joint
 # Closed fingers below the lip, up with it, over the top, and down behind it (y, z).
 _LIFT = ((0.21, 0.2), (0.195, 0.1), (0.155, 0.1), (0.15, 0.22), (0.11, 0.3), (0.05, 0.37),
          (-0.02, 0.41), (-0.12, 0.43), (-0.2, 0.42))  # fmt: skip
