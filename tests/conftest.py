@@ -22,7 +22,7 @@ if importlib.metadata.version("jaxlib").startswith("0.10."):
 os.environ.setdefault("XLA_FLAGS", " ".join(FLAGS))
 
 # Files that take longest come first, or one worker would play its last alone.
-LONGEST = """pipeline envs/magical/match_regions/expert/scripted docs report/run_report
+LONGEST = """pipeline envs/magical/match_regions/expert docs report/run_report
 envs/tabletop/shoes_in_box/task envs/planar/physics envs/magical/raster pretraining/pretrain
 compilation/sharding pretraining/pixel_pretrain pretraining/contrast encoders/encoder rl/ppo
 envs/magical/match_regions/task experiments/adding demos/vision/detect envs/planar/mjx_engine

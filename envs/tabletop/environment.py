@@ -19,7 +19,7 @@ from gril_jax.envs.base import Objects, Outline, State
 from gril_jax.envs.checks import check_counts, check_known, check_shares
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda import model as panda_model
-from gril_jax.envs.panda.frames import Frame
+from gril_jax.envs.panda.kinematics import Frame
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import REWARDS, boxes, from_boxes, physics, resting

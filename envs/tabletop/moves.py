@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from gril_jax.envs.base import State
 from gril_jax.envs.panda import kinematics
-from gril_jax.envs.panda.frames import Frame
+from gril_jax.envs.panda.kinematics import Frame
 from jaxtyping import Float
 
 from .environment import Tabletop

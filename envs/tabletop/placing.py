@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from gril_jax.envs.panda.frames import Frame, into, out_of, rotation
+from gril_jax.envs.panda.kinematics import Frame, into, out_of, rotation
 from gril_jax.envs.stages import Stage, Stages, free_place
 from jaxtyping import Array, Bool, Float
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.panda import kinematics
-from gril_jax.envs.panda.frames import Frame, about_z
+from gril_jax.envs.panda.kinematics import Frame, about_z
 from jaxtyping import Array, Bool, Float, Int
 
 from . import boxes

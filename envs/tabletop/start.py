@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda.frames import quaternion_about_z
+from gril_jax.envs.panda.kinematics import quaternion_about_z
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 GROUP_SHIFT, GROUP_YAW = 0.04, 0.3927  # metres, rad (22.5 degrees): at most, either way

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from gril_jax.envs.panda.frames import Frame
+from gril_jax.envs.panda.kinematics import Frame
 from gril_jax.envs.panda.model import DOFS
 from gril_jax.envs.stages import Stages
 from jaxtyping import Array, Bool, Float, PRNGKeyArray

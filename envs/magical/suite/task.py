@@ -33,7 +33,7 @@ from gril_jax.envs.planar.shapes import NOTHING
 from gril_jax.envs.stages import Stage, Stages, free_place
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from . import from_boxes, pictures, places, state
+from . import places, state
 from .plan import CLASSES, VARIANTS, Kinds, Plan, Scene, outside
 from .state import SuiteData
 
@@ -204,11 +204,11 @@ class SuiteTask:
         if self.variant in self.anywhere:
             standing = kinds.shape[listed.blocks] != NOTHING
             present = jnp.append(jnp.ones(1 + len(listed.regions), bool), standing)
-            boxes = from_boxes.moved(key_move, boxes, present, arena=self.arena)
-        kinds = from_boxes.renamed(
+            boxes = places.moved(key_move, boxes, present, arena=self.arena)
+        kinds = places.renamed(
             key_kinds, kinds, colours=self.varies("color"), shapes=self.varies("shape")
         )
-        found = from_boxes.placed(key_place, boxes, kinds, listed, self.robot, arena=self.arena)
+        found = places.placed(key_place, boxes, kinds, listed, self.robot, arena=self.arena)
         strengths = layouts.strengths(key_forces, self._preset, vary=self.varies("dynamics"))
         return self._begun(kinds, found, strengths)
 
@@ -243,13 +243,13 @@ class SuiteTask:
     def outlines(self, data: SuiteData) -> list[Outline]:
         """The outlines of one moment, to be painted (host side)."""
         look = dict(arena=self.arena, look=self.look, robot_first=self.robot_first)
-        return pictures.outlines(data, self.robot, **look)
+        return state.outlines(data, self.robot, **look)
 
     def render(self, data: SuiteData, *, size: int = 384, antialias: bool = False) -> Array:
         """The scene as an image (size, size, 3) of uint8, inside jit; see `raster`."""
         look = dict(arena=self.arena, look=self.look, robot_first=self.robot_first)
         shown = dict(half_extent=self.half_extent, size=size, antialias=antialias)
-        return pictures.render(data, self.robot, **look, **shown)
+        return state.render(data, self.robot, **look, **shown)
 
     def _staged(
         self, stages: Sequence[Stage], movable: tuple[int, ...], faults: Sequence[Stage] = ()

@@ -10,7 +10,7 @@ Places are in the chest's frame: its origin on the table below its middle, the d
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda.frames import Frame, into, out_of
+from gril_jax.envs.panda.kinematics import Frame, into, out_of
 from gril_jax.envs.panda.model import PADS, PALM, TIPS
 from gril_jax.envs.stages import Stages
 from gril_jax.envs.tabletop import moves, physics, placing

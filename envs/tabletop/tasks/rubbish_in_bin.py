@@ -9,7 +9,7 @@ and slower than 0.05 m/s, with no tomato in the bin, at 5 moments in a row.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda.frames import Frame
+from gril_jax.envs.panda.kinematics import Frame
 from gril_jax.envs.panda.model import PADS, TIPS
 from gril_jax.envs.stages import Stages
 from gril_jax.envs.tabletop import HOME, moves, physics, placing

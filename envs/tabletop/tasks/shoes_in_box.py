@@ -11,7 +11,7 @@ box: reaching, holding it off the ground, its way to above the box's floor, lett
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda.frames import Frame, compose, out_of
+from gril_jax.envs.panda.kinematics import Frame, compose, out_of
 from gril_jax.envs.panda.model import DOFS
 from gril_jax.envs.stages import Stage, Stages
 from gril_jax.envs.tabletop import HOME, placing

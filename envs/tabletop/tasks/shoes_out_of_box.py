@@ -10,7 +10,7 @@ row; the lid may be at any angle then.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda.frames import Frame, about_z, out_of
+from gril_jax.envs.panda.kinematics import Frame, about_z, out_of
 from gril_jax.envs.panda.model import DOFS
 from gril_jax.envs.stages import Stages
 from gril_jax.envs.tabletop import HOME, placing

@@ -9,7 +9,7 @@ so at 5 moments in a row. Progress: reaching for the crook, holding it, the heig
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda.frames import Frame, into, out_of, rotation
+from gril_jax.envs.panda.kinematics import Frame, into, out_of, rotation
 from gril_jax.envs.panda.model import PADS, TIPS
 from gril_jax.envs.stages import Stages
 from gril_jax.envs.tabletop import HOME, moves, physics, placing

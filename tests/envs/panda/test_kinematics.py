@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda import model as panda_model
-from gril_jax.envs.panda.frames import Frame
+from gril_jax.envs.panda.kinematics import Frame
 from gril_jax.envs.tabletop.boxes import box
 from gril_jax.envs.tabletop.physics import Additions, build
 

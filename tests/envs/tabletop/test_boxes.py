@@ -5,7 +5,7 @@ import itertools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda import frames
+from gril_jax.envs.panda import kinematics
 from gril_jax.envs.tabletop import boxes
 
 RNG = np.random.default_rng(0)
@@ -13,7 +13,7 @@ QUATS = RNG.normal(size=(5, 4)).astype(np.float32)
 QUATS /= np.linalg.norm(QUATS, axis=1, keepdims=True)
 THINGS = boxes.Boxes(
     jnp.asarray(RNG.uniform(-0.3, 0.6, (5, 3)), jnp.float32),
-    frames.rotation(jnp.asarray(QUATS)),
+    kinematics.rotation(jnp.asarray(QUATS)),
     jnp.asarray(RNG.uniform(0.01, 0.2, (5, 3)), jnp.float32),
 )
 
@@ -31,7 +31,7 @@ def test_the_lowest_point_is_that_of_the_corners():
 
 def _box(place, yaw=0.0, half=(0.1, 0.05, 0.02)):
     return boxes.Boxes(
-        jnp.array(place, jnp.float32), frames.about_z(jnp.float32(yaw)), jnp.array(half)
+        jnp.array(place, jnp.float32), kinematics.about_z(jnp.float32(yaw)), jnp.array(half)
     )
 
 

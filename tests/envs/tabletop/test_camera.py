@@ -5,7 +5,7 @@ import itertools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda import frames
+from gril_jax.envs.panda import kinematics
 from gril_jax.envs.tabletop import boxes as cameras
 from gril_jax.envs.tabletop.boxes import Boxes
 
@@ -14,7 +14,7 @@ QUATS = RNG.normal(size=(5, 4)).astype(np.float32)
 QUATS /= np.linalg.norm(QUATS, axis=1, keepdims=True)
 THINGS = Boxes(
     jnp.asarray(RNG.uniform(-0.3, 0.6, (5, 3)), jnp.float32),
-    frames.rotation(jnp.asarray(QUATS)),
+    kinematics.rotation(jnp.asarray(QUATS)),
     jnp.asarray(RNG.uniform(0.01, 0.2, (5, 3)), jnp.float32),
 )
 CAMERA = cameras.CAMERA

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs.panda import kinematics
-from gril_jax.envs.panda.frames import Frame
+from gril_jax.envs.panda.kinematics import Frame
 from gril_jax.envs.tabletop import resting
 from gril_jax.envs.tabletop.boxes import touching
 from gril_jax.envs.tabletop.moves import CLOSED, OPEN, Hand

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda.frames import Frame, about_z
+from gril_jax.envs.panda.kinematics import Frame, about_z
 from gril_jax.envs.tabletop import task as observations
 from gril_jax.envs.tabletop.boxes import Boxes
 from gril_jax.envs.tabletop.physics import Motion

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs import make
-from gril_jax.envs.panda.frames import Frame, out_of, rotation
+from gril_jax.envs.panda.kinematics import Frame, out_of, rotation
 from gril_jax.envs.tabletop import boxes as cameras
 from gril_jax.envs.tabletop.tasks import shoe_box
 from gril_jax.envs.tabletop.tasks.shoes_in_box import BOX, LID, LID_CURVE, ROBOTS, SHOES

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.magical.match_regions.task import MatchRegions
 from jaxtyping import Array, Bool, Float, Int
 
 from . import ways
-from .plans import Job, Plan
+from .plans import Job
+from .task import MatchRegions
 
 GO, DOCK, CLOSE, CARRY, OPEN, BACK = range(6)
 _CARRY_TIME = 50  # control steps after which a way that leads nowhere is given up
@@ -51,21 +51,13 @@ def unit(vector: Float[Array, "2"]) -> Float[Array, "2"]:
     return vector / jnp.maximum(jnp.sqrt(jnp.sum(vector**2) + 1e-12), 1e-6)
 
 
-def aim(
-    env: MatchRegions,
-    seen: View,
-    drawn: Plan,
-    at: Int[Array, ""],
-    stand: Float[Array, "2"],
-    roaming: Bool[Array, ""],
-) -> Float[Array, "2"]:
-    """The point that the robot heads for: to dock, the block's place, or the plan's detour."""
+def aim(env: MatchRegions, seen: View, stand: Float[Array, "2"]) -> Float[Array, "2"]:
+    """The point that the robot heads for: to dock, or the block's place."""
     carries = seen.phase == CARRY
-    target = jnp.where(roaming, drawn.via[at], jnp.where(carries, seen.job.slot, stand))
+    target = jnp.where(carries, seen.job.slot, stand)
     # On its way it keeps clear of the job's block too; with it in hand, of what it may sweep along.
     radius = jnp.minimum(ways.BODY + jnp.where(carries, 0.26, 0.24), 0.5)
     radius = jnp.where(seen.other, radius, jnp.where(carries, 0.0, ways.BERTH))
-    radius = jnp.where(roaming & drawn.bumps[at], 0.0, radius)
     obstacles = ways.Obstacles(seen.blocks, radius, jnp.float32(env.arena - 0.4))
     extent = env.arena - 0.1
     cost = ways.cost_to_go(target, obstacles, extent=extent)
@@ -73,17 +65,17 @@ def aim(
 
 
 def drive(
-    seen: View, aim: Float[Array, "2"], stand: Float[Array, "2"], roaming: Bool[Array, ""]
+    seen: View, aim: Float[Array, "2"], stand: Float[Array, "2"]
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Desired forward speed (units/s), turn (rad/s) and finger opening (rad).
 
     `aim` is what that function gives, `stand` where the robot turns to the block before it drives
-    up to it; `roaming` is true on the plan's detour.
+    up to it.
     """
     turn = bearing(aim - seen.robot, seen.yaw)
     facing = jnp.clip(1.0 - jnp.abs(turn), 0.0, 1.0)
     go = facing * jnp.clip(6.0 * _length(aim - seen.robot), 0.2, 0.8)
-    there = (_length(seen.robot - stand) < 0.1) & ~roaming
+    there = _length(seen.robot - stand) < 0.1
     go, go_turn = jnp.where(there, 0.0, go), jnp.where(there, seen.ahead, turn)
 
     straight = jnp.clip(1.0 - 2.5 * jnp.abs(seen.ahead), 0.0, 1.0)
@@ -114,7 +106,6 @@ def leave(
     seen: View,
     dock: Float[Array, "2"],
     stand: Float[Array, "2"],
-    roaming: Bool[Array, ""],
     dropped: Bool[Array, ""],
 ) -> tuple[Bool[Array, ""], Int[Array, ""]]:
     """True if the present phase ends, and the one that follows. Arguments as for `drive`.
@@ -124,9 +115,9 @@ def leave(
     timer, width = seen.timer, jnp.abs(seen.aside)
     behind = unit(seen.block - seen.robot) @ dock > 0.8
     at_stand = (_length(seen.robot - stand) < 0.1) | behind & (seen.distance < ways.STAND + 0.1)
-    lined = at_stand & ~roaming & (jnp.abs(seen.ahead) < 0.3)
+    lined = at_stand & (jnp.abs(seen.ahead) < 0.3)
     # A block that did not come off when the robot backed away is carried on as it is.
-    held, going = width < ways.WIDTH, ~roaming & (seen.phase == GO)
+    held, going = width < ways.WIDTH, seen.phase == GO
     still = (seen.distance < ways.REACH + 0.04) & held & going
     docked = (seen.distance < ways.REACH + 0.03) & held
     missed = (seen.distance > ways.STAND + 0.15) | (timer > 25)

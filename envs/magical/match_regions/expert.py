@@ -2,9 +2,9 @@
 
 It sees the simulator's state and is a pure function, so that hundreds of demonstrations run under
 one vmap. For each block of its plan it drives to where it can take hold of it, docks, brings the
-block to its place, lets go and backs off (`phases`). A block that slips away is fetched again, and
-a distractor that got into the region is taken out. It is a gripper's expert: it holds a block
-between the tips of its fingers, which a stick cannot.
+block to its place, lets go and backs off (`phases`). What slips away is fetched again, and what
+should not be in the region is taken out. It holds a block between the tips of its fingers, which a
+stick cannot.
 """
 
 from collections.abc import Callable
@@ -14,13 +14,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.base import Demonstrations, Episode, ExpertError, State, Wanted
-from gril_jax.envs.magical.match_regions.task import MatchRegions
 from gril_jax.envs.magical.simulator import TURN_GAIN
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import phases, plans
-from .plans import FAILURES, Job, Plan, Style, plan
+from .plans import FAILURES, Job, Plan, plan
+from .task import MatchRegions
 from .ways import BODY, STAND, choose_dock
 
 _SPARE = 2  # successes played for each that is kept: the brisker half, as a person would choose
@@ -39,7 +39,7 @@ class Memory(NamedTuple):
     timer: Int[Array, ""]  # control steps since the phase began
     pose: Float[Array, "3"]  # the robot's, a control step ago
     stuck: Int[Array, ""]  # control steps that the robot has not moved
-    roamed: Bool[Array, ""]  # the stage's detour is over
+    begun: Bool[Array, ""]  # the pause before the stage is over
     time: Int[Array, ""]
 
 
@@ -48,7 +48,7 @@ def init(drawn: Plan) -> Memory:
     zero = jnp.zeros((), jnp.int32)
     return Memory(
         plan=drawn, job=Job(zero, drawn.blocks[0], drawn.slots[0]), dock=jnp.zeros(2), phase=zero,
-        timer=zero, pose=jnp.zeros(3), stuck=zero, roamed=zero > 0, time=zero,
+        timer=zero, pose=jnp.zeros(3), stuck=zero, begun=zero > 0, time=zero,
     )  # fmt: skip
 
 
@@ -58,9 +58,7 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
     seen = _look(env, memory, state)
     last = len(drawn.blocks)
     at = jnp.minimum(job.stage, last - 1)
-    free = (phase == phases.GO) & ~memory.roamed
-    waiting = free & (timer < drawn.pauses[at])
-    roaming = free & (timer < drawn.pauses[at] + drawn.via_steps[at])
+    waiting = (phase == phases.GO) & ~memory.begun & (timer < drawn.pauses[at])
     idle = (job.stage >= last) | (memory.time >= drawn.steps) | waiting
 
     way = phases.unit(seen.job.slot - seen.block)
@@ -70,13 +68,13 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
     dock = jnp.where(phase == phases.GO, dock, memory.dock)
     limit = env.arena - BODY - 0.01
     stand = jnp.clip(seen.block - STAND * dock, -limit, limit)
-    aim = phases.aim(env, seen, drawn, at, stand, roaming)
-    speed, turn, opening = phases.drive(seen, aim, stand, roaming)
+    aim = phases.aim(env, seen, stand)
+    speed, turn, opening = phases.drive(seen, aim, stand)
     grip = FINGER_OPEN - jnp.clip(opening, 0.0, FINGER_OPEN)
     action = jnp.where(idle, 0.0, jnp.stack([speed, turn / TURN_GAIN, grip]))
 
     dropped = ~drawn.retry & (job.stage == last - 1) & (timer >= drawn.drop)
-    ended, to = phases.leave(seen, dock, stand, roaming, dropped)
+    ended, to = phases.leave(seen, dock, stand, dropped)
     ended &= ~idle
     following = plans.next_job(env, drawn, job, state)
     # With the last block in place it just lets go.
@@ -93,7 +91,7 @@ def act(env: MatchRegions, memory: Memory, state: State) -> tuple[Float[Array, "
         timer=jnp.where(ended, 0, timer + 1).astype(jnp.int32),
         pose=state.data.pose[0],
         stuck=jnp.where(moving, 0, memory.stuck + 1).astype(jnp.int32),
-        roamed=(memory.roamed | ended) & ~(over & (following.stage != job.stage)),
+        begun=(memory.begun | ended) & ~(over & (following.stage != job.stage)),
         time=memory.time + 1,
     )
 
@@ -114,15 +112,12 @@ def _look(env: MatchRegions, memory: Memory, state: State) -> phases.View:
 
 
 def rollout(
-    env: MatchRegions,
-    key: PRNGKeyArray,
-    failure: Int[Array, ""] | int = 0,
-    style: Style = Style(),  # noqa: B008 -- a tuple of numbers
+    env: MatchRegions, key: PRNGKeyArray, failure: Int[Array, ""] | int = 0
 ) -> tuple[State, Int[Array, "T1"]]:
     """Plays one episode: states of T + 1 steps (the first is the reset), and the stage at each."""
     key_reset, key_plan = jax.random.split(key)
     state = env.reset(key_reset)
-    memory = init(plan(env, key_plan, state, failure, style))
+    memory = init(plan(env, key_plan, state, failure))
 
     def move(carry, _):
         state, memory = carry

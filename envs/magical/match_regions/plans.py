@@ -1,4 +1,4 @@
-"""The plan of an expert of MatchRegions: blocks, their order and places, and a style.
+"""The plan of an expert of MatchRegions: blocks, their order and places, and how it fails.
 
 A plan is drawn once an episode. From it, and from where things are by then, follows the next job:
 one block and its place. K is the number of target blocks.
@@ -9,21 +9,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from gril_jax.envs.base import State
-from gril_jax.envs.magical.match_regions.task import MatchRegions
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from .task import MatchRegions
 
 FAILURES = ("none", "stops_early", "wrong_block", "wrong_place", "drops")
 _NEVER = 100_000  # control steps
+_PAUSE = 2  # control steps: the longest wait before a stage
 _APART = 0.33  # arena units between the centres of two blocks that do not touch
-
-
-class Style(NamedTuple):
-    """An expert's style; probabilities are for each stage. All may be traced."""
-
-    pause: Int[Array, ""] | int = 2  # longest wait before a stage, control steps
-    detour: Float[Array, ""] | float = 0.0  # probability of driving somewhere else first
-    bump: Float[Array, ""] | float = 0.0  # probability of running into a distractor on the way
-    detour_steps: Int[Array, ""] | int = 16  # longest such drive, control steps
 
 
 class Plan(NamedTuple):
@@ -32,9 +25,6 @@ class Plan(NamedTuple):
     blocks: Int[Array, "K"]  # which block each stage brings
     slots: Float[Array, "K 2"]  # where to
     pauses: Int[Array, "K"]  # control steps to wait before each stage
-    via: Float[Array, "K 2"]  # where to drive first
-    via_steps: Int[Array, "K"]  # for at most so many control steps; 0 for not at all
-    bumps: Bool[Array, "K"]  # on the way there, do not keep clear of blocks
     drop: Int[Array, ""]  # control steps after which the last stage lets go, on the way
     steps: Int[Array, ""]  # stand still from this control step on
     retry: Bool[Array, ""]  # fetch again what is not in the region, clear what should not be
@@ -49,13 +39,9 @@ class Job(NamedTuple):
 
 
 def plan(
-    env: MatchRegions,
-    key: PRNGKeyArray,
-    state: State,
-    failure: Int[Array, ""] | int = 0,
-    style: Style = Style(),  # noqa: B008 -- a tuple of numbers
+    env: MatchRegions, key: PRNGKeyArray, state: State, failure: Int[Array, ""] | int = 0
 ) -> Plan:
-    """Samples an order of targets, their places, and the style; `failure` indexes `FAILURES`."""
+    """Samples an order of targets, and their places; `failure` indexes `FAILURES`."""
     keys = jax.random.split(key, 10)
     k, count = env.num_targets, len(env.blocks)
     blocks, goal = state.data.pose[-count:, :2], state.data.regions[0]
@@ -76,19 +62,11 @@ def plan(
     other = jnp.minimum(jax.random.randint(keys[3], (), k, max(count, k + 1)), count - 1)
     order = order.at[-1].set(jnp.where(fails["wrong_block"], other, order[-1]))
 
-    bumps = jax.random.bernoulli(keys[4], style.bump if count > k else 0.0, (k,))
-    roams = jax.random.bernoulli(keys[5], style.detour, (k,))
-    anywhere = 0.8 * env.arena * jax.random.uniform(keys[6], (k, 2), minval=-1.0)
-    bumped = blocks[jnp.minimum(jax.random.randint(keys[7], (k,), k, max(count, k + 1)), count - 1)]
-    steps = jax.random.randint(keys[8], (k,), style.detour_steps // 2, style.detour_steps + 1)
     more = jax.random.split(keys[9], 3)
     return Plan(
         blocks=order,
         slots=slots,
-        pauses=jax.random.randint(more[0], (k,), 0, style.pause + 1),
-        via=jnp.where(bumps[:, None], bumped, anywhere),
-        via_steps=jnp.where(bumps | roams, steps, 0),
-        bumps=bumps,
+        pauses=jax.random.randint(more[0], (k,), 0, _PAUSE + 1),
         drop=jnp.where(fails["drops"], jax.random.randint(more[1], (), 5, 10), _NEVER),
         steps=jnp.where(fails["stops_early"], jax.random.randint(more[2], (), 8, 40), _NEVER),
         retry=jnp.asarray(failure == 0),

@@ -1,11 +1,9 @@
 """Ways of a gripper: where it takes hold of a block, and the shortest paths there, inside jit.
 
-A dock is the direction from which it comes: it closes its finger tips around the block and can then
-carry it any way, so it comes from where there is room. Paths lead around round obstacles on a grid
-of 25 x 25 points over the arena. Going costs its length, and more the deeper it leads into an
-obstacle's margin, so that there always is a way, if only a bad one. `cost_to_go` relaxes the grid
-as Bellman and Ford do; `waypoint` is where to head from anywhere. Distances are from centre to
-centre, arena units.
+A dock is the direction from which it comes to close its finger tips around the block. Paths lead
+around round obstacles on a grid of 25 x 25 points: going costs its length, and more the deeper it
+leads into an obstacle's margin, so that there always is a way. Distances are from centre to centre,
+arena units.
 """
 
 from typing import NamedTuple

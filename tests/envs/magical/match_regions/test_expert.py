@@ -1,17 +1,17 @@
-"""The hand-written expert: it solves the task, its failures fail, its styles show."""
+"""The hand-written expert: it solves the task, its failures fail, its ways lead around what is there."""
 
 import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.magical.match_regions.expert import scripted
-from gril_jax.envs.magical.match_regions.expert.plans import FAILURES
+from gril_jax.envs.magical.match_regions import expert
+from gril_jax.envs.magical.match_regions.plans import FAILURES
+from gril_jax.envs.magical.match_regions.ways import Obstacles, cost_to_go, waypoint
 
 from gril_jax import envs
 
 NUM = 16  # successes; each way to fail gets half as many
-BUMPING = 8  # episodes, the last ones, that run into a distractor first
 
 
 @pytest.fixture(scope="module")
@@ -26,15 +26,7 @@ def played(env):
     failures = jnp.repeat(jnp.arange(1, len(FAILURES)), NUM // 2)
     keys = jnp.concatenate([keys, keys[:1], jnp.tile(keys[: NUM // 2], len(FAILURES) - 1)])
     failures = jnp.concatenate([jnp.zeros(NUM + 1, jnp.int32), failures])
-    keys = jnp.concatenate([keys, keys[:BUMPING]])
-    failures = jnp.concatenate([failures, jnp.zeros(BUMPING, jnp.int32)])
-    bumps = jnp.arange(len(keys)) >= len(keys) - BUMPING
-
-    def roll(key, failure, bumps):
-        style = scripted.Style(bump=1.0 * bumps, detour_steps=jnp.where(bumps, 40, 16))
-        return scripted.rollout(env, key, failure, style)
-
-    return jax.jit(jax.vmap(roll))(keys, failures, bumps)
+    return jax.jit(jax.vmap(lambda *of: expert.rollout(env, *of)))(keys, failures)
 
 
 def _success(played):
@@ -95,8 +87,8 @@ def test_both_orders_of_the_targets_occur(played):
 def test_stages_begin_at_zero_and_are_passed_one_by_one(played):
     stages = np.asarray(played[1])
     assert (stages[:, 0] == 0).all()
-    assert stages.shape == (NUM + 1 + (len(FAILURES) - 1) * (NUM // 2) + BUMPING, 221)
-    failing = stages[NUM + 1 : -BUMPING]  # these fetch nothing again
+    assert stages.shape == (NUM + 1 + (len(FAILURES) - 1) * (NUM // 2), 221)
+    failing = stages[NUM + 1 :]  # these fetch nothing again
     assert set(np.diff(failing, axis=1).ravel()) <= {0, 1}
     solved = stages[:NUM][_success(played)[:NUM, -1] == 1]
     assert (solved[:, -1] == 2).mean() > 0.8  # both targets brought, not one in passing
@@ -116,7 +108,7 @@ def test_an_episode_is_its_keys(played):
     assert len(np.unique(ends.round(3), axis=0)) == NUM
 
 
-# ---------------------------------------------------------------- plans and paths
+# --- plans
 
 
 @pytest.fixture(scope="module")
@@ -126,11 +118,10 @@ def start(env):
 
 @pytest.fixture(scope="module")
 def draw(env, start):
-    """200 plans of a failure and a style."""
+    """200 plans of a failure."""
     keys = jax.random.split(jax.random.key(1), 200)
-    plan = jax.vmap(lambda key, *kind: scripted.plan(env, key, start, *kind), (0, None, None))
-    drawn = jax.jit(lambda failure, style: plan(keys, failure, style))
-    return lambda failure=0, **style: drawn(failure, scripted.Style(**style))
+    plan = jax.vmap(lambda key, failure: expert.plan(env, key, start, failure), (0, None))
+    return jax.jit(lambda failure=0: plan(keys, failure))
 
 
 def test_a_plan_names_each_target_once_with_places_in_the_region(start, draw):
@@ -152,28 +143,6 @@ def test_what_is_dropped_stays_where_it_fell(played):
     assert ((moved > 0.1) & (inside == 0)).any(axis=1).mean() > 0.5
 
 
-# ---------------------------------------------------------------- styles
-
-
-def test_a_style_shows_in_the_plan(start, draw):
-    state, plan = start, draw(pause=6, detour=0.5, bump=0.5)
-    assert plan.pauses.max() == 6
-    assert 0.4 < plan.bumps.mean() < 0.6
-    roams = np.asarray(plan.via_steps > 0)
-    assert 0.65 < roams.mean() < 0.85  # either of two halves
-    assert roams[np.asarray(plan.bumps)].all()
-    distractors = np.asarray(state.data.pose[5:, :2])
-    apart = np.abs(np.asarray(plan.via)[:, :, None] - distractors).sum(axis=-1).min(axis=-1)
-    np.testing.assert_allclose(apart[np.asarray(plan.bumps)], 0.0, atol=1e-6)
-
-
-def test_a_bump_moves_a_distractor(played):
-    """In the first steps of an episode, which go to the bump."""
-    pose = np.asarray(played[0].data.pose)
-    moved = np.linalg.norm(pose[:, 44, 5:, :2] - pose[:, 0, 5:, :2], axis=-1).max(axis=1) > 0.02
-    assert moved[-BUMPING:].mean() > moved[:NUM].mean() + 0.3
-
-
 @pytest.mark.parametrize("failure", [1, 2, 3, 4])
 def test_a_failing_plan_differs_in_what_its_name_says(env, start, draw, failure):
     state, plan = start, draw(failure)
@@ -186,3 +155,84 @@ def test_a_failing_plan_differs_in_what_its_name_says(env, start, draw, failure)
     named = [early, wrong, outside, drops]
     assert [kind.all() for kind in named] == [failure == i for i in (1, 2, 3, 4)]
     assert [kind.any() for kind in named] == [failure == i for i in (1, 2, 3, 4)]
+
+
+# --- ways around obstacles: straight where nothing is, around what is
+
+EXTENT = 1.0
+
+
+def _obstacles(*discs):
+    discs = np.asarray(discs, np.float32).reshape(-1, 3)
+    return Obstacles(jnp.asarray(discs[:, :2]), jnp.asarray(discs[:, 2]), jnp.float32(0.95))
+
+
+@jax.jit
+def _costs(target, obstacles):
+    return cost_to_go(target, obstacles, extent=EXTENT)
+
+
+@jax.jit
+def _head(at, target, cost, obstacles):
+    return waypoint(at, target, cost, obstacles, extent=EXTENT)
+
+
+def _walk(start, target, obstacles, steps=60):
+    """The broken line of a point that heads for its way point, 0.05 at a time."""
+    target = jnp.asarray(target, jnp.float32)
+    cost = _costs(target, obstacles)
+    path = [np.asarray(start, np.float32)]
+    for _ in range(steps):
+        away = np.asarray(_head(path[-1], target, cost, obstacles)) - path[-1]
+        share = min(1.0, 0.05 / max(np.linalg.norm(away), 1e-6))
+        path.append(np.float32(path[-1] + away * share))
+    return np.stack(path)
+
+
+def test_cost_in_the_open_is_the_distance_along_a_grid_with_diagonals():
+    cost = np.asarray(_costs(jnp.zeros(2), _obstacles((0.9, 0.9, 0.0))))
+    axis = np.linspace(-EXTENT, EXTENT, len(cost))
+    near, far = (f(np.abs(axis[:, None]), np.abs(axis)) for f in (np.minimum, np.maximum))
+    inner = far < 0.9  # the wall costs beyond
+    octile = far + (np.sqrt(2) - 1) * near
+    np.testing.assert_allclose(cost[inner], octile[inner], atol=0.02)
+
+
+def test_a_free_way_is_straight():
+    path = _walk((-0.8, 0.0), (0.8, 0.0), _obstacles((0.0, 0.8, 0.3)))
+    assert np.abs(path[:, 1]).max() < 0.15
+    np.testing.assert_allclose(path[-1], [0.8, 0.0], atol=0.03)
+
+
+def test_an_obstacle_on_the_way_is_passed_on_the_shorter_side():
+    path = _walk((-0.8, 0.0), (0.8, 0.0), _obstacles((0.0, 0.1, 0.45)))
+    apart = np.linalg.norm(path - np.array([0.0, 0.1]), axis=1)
+    assert apart.min() > 0.3
+    assert path[np.argmin(apart), 1] < 0
+    np.testing.assert_allclose(path[-1], [0.8, 0.0], atol=0.03)
+
+
+def test_an_obstacle_of_radius_zero_does_not_count():
+    free = _walk((-0.8, 0.0), (0.8, 0.0), _obstacles((0.0, 0.8, 0.0)))
+    through = _walk((-0.8, 0.0), (0.8, 0.0), _obstacles((0.0, 0.0, 0.0)))
+    np.testing.assert_allclose(free, through, atol=1e-6)
+
+
+def test_a_target_inside_an_obstacle_is_still_reached():
+    path = _walk((-0.8, 0.0), (0.5, 0.0), _obstacles((0.5, 0.0, 0.4)))
+    np.testing.assert_allclose(path[-1], [0.5, 0.0], atol=0.03)
+
+
+def test_finite_anywhere_and_vmap_is_a_loop():
+    starts = jnp.asarray([(0.3, -0.4), (-2.0, 3.0), (0.0, 0.0)], jnp.float32)
+    obstacles = _obstacles((0.3, -0.4, 0.5), (0.3, -0.4, 0.5))
+    target = jnp.zeros(2)
+
+    @jax.jit
+    def head(at):
+        cost = cost_to_go(target, obstacles, extent=EXTENT)
+        return waypoint(at, target, cost, obstacles, extent=EXTENT)
+
+    together = jax.vmap(head)(starts)
+    chex.assert_tree_all_finite(together)
+    chex.assert_trees_all_close(together, jnp.stack([head(s) for s in starts]), atol=1e-6)

@@ -1,8 +1,8 @@
-"""MoveToCorner: push the one block into the top left corner.
+"""MoveToCorner: push the one block into the top left corner. MoveToRegion: drive into the region.
 
-Score min(1, max(0, sqrt 2 - d) / (sqrt 2 - sqrt 2 / 2)) with the distance d of the block's centre
-to the corner: 1 in a quarter disc of radius 0.707, 0 from twice that on. MAGICAL's reward for
-debugging, "debug", is the score - |block - (0, 1)| / 5 - max(|robot - block|, 0.2) / 20.
+MoveToCorner's score is min(1, max(0, sqrt 2 - d) / (sqrt 2 - sqrt 2 / 2)) with the distance d of
+the block's centre to the corner. MAGICAL's reward for debugging, "debug", is the score
+- |block - (0, 1)| / 5 - max(|robot - block|, 0.2) / 20.
 """
 
 import math
@@ -11,8 +11,7 @@ import jax.numpy as jnp
 from gril_jax.envs.stages import Stage, Stages, free_place
 from jaxtyping import Array, Float
 
-from .draws import colours, shapes
-from .plan import Block, Kinds, Plan, Scene
+from .plan import Block, Kinds, Plan, Region, Scene, colours, in_region, in_region_stage, shapes
 from .task import SuiteTask
 
 _FAR, _NEAR = math.sqrt(2.0), math.sqrt(0.5)
@@ -71,3 +70,23 @@ class MoveToCorner(SuiteTask):
 
         stage = Stage("block in the corner", (block,), holds, place, within=within)
         return self._staged([stage], (block,))
+
+
+class MoveToRegion(SuiteTask):
+    """The MoveToRegion task; see the module docstring."""
+
+    length = 40
+    plan = Plan((0.058, 0.53, -2.13), (), (Region("blue", -0.62, -0.17, 0.76, 0.75),))
+    variants = ("demo", "jitter", "color", "layout", "dynamics", "all")
+
+    def draw(self, keys, kinds: Kinds) -> Kinds:
+        """A region of any colour."""
+        return kinds._replace(region_colour=colours(keys(), 1)) if self.varies("color") else kinds
+
+    def score(self, scene: Scene) -> Float[Array, ""]:
+        """1 if the robot's centre is in the region."""
+        return in_region(scene.regions[0], scene.robot).astype(jnp.float32)
+
+    def _stages(self) -> Stages:
+        stage = in_region_stage(0, self._order.region(0), "robot in the region", (0,))
+        return Stages((stage,), (0,), self.arena, self.scored)
