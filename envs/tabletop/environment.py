@@ -1,12 +1,8 @@
 """A Panda at a table: the environment shared by all tabletop tasks.
 
 Control runs at 20 Hz over physics of 5 ms. The base of the arm is the origin, x points forward,
-y to its left, z up, and the table is at z = 0; lengths are metres. What a task adds (things,
-their starts and stages) is a `Task`: a value with a few pure functions, no class to inherit from.
-
-Actions: see `panda.kinematics.aim`. Observation: see `observation`.
-Objects: left finger, right finger, hand, then the task's; their boxes are those of whole things in
-the camera's picture (`boxes`). `world_boxes` gives the same boxes in space.
+y to its left, z up, and the table is at z = 0; lengths are metres. What lies on it is a `Task`.
+Actions: see `panda.kinematics.aim`. Objects: left finger, right finger, hand, then the task's.
 """
 
 from collections.abc import Callable

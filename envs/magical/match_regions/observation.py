@@ -1,12 +1,9 @@
 """Observations of MatchRegions: four vectors to choose from, each with a name for each number.
 
 "plain" holds poses and velocities of robot and blocks and the region's place, in the robot's frame
-where that helps; "rich" also which blocks are in the region, by the task's own test.
-"sorted" holds that, too, but targets come in the order in which they are due: those outside the
-region first, the nearest to the robot before the others. What is learned of bringing one target
-then serves for the next.
-"xmagical" is x-magical's state vector in its exact order, so that a policy can be carried over.
-Lengths are in arena units.
+where that helps; "rich" also which blocks are in the region; "sorted" lists targets in the order in
+which they are due: those outside the region first, the nearest to the robot before the others.
+"xmagical" is x-magical's state vector in its exact order. Lengths are in arena units.
 """
 
 from typing import NamedTuple

@@ -2,10 +2,7 @@
 
 A member of the suite (`suite.task`: actions, simulator, pictures), as x-magical has it: an arena
 |x|, |y| <= 1.1, in which blocks stop at once when nothing pushes them, and scenes of given blocks.
-
-Observation: see `observation`; the task's `observation_names` name each number.
 Objects: region, robot, targets, distractors, in that order.
-Score, success (score 1) and the dense rewards: see `score`.
 """
 
 import jax

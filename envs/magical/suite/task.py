@@ -1,17 +1,15 @@
 """What MAGICAL's tasks have in common: starts, steps, observations, and a score of the last state.
 
-A task is a `SuiteTask` with a plan of its Demo start, a score, the draws of its variants and its
-stages. A square arena is seen from above, |x|, |y| <= 1 or with x-magical's physics 1.1; a robot
-drives, turns and, if it has fingers, grips; control runs at 8 Hz. The original has no reward but
-the score of the last state: here every state has its score, which is the reward, and success is
-score 1.
+A square arena is seen from above; a robot drives, turns and, if it has fingers, grips; control runs
+at 8 Hz. The original has no reward but the score of the last state: here every state has its score,
+which is the reward, and success is score 1.
 
 Action (3,), or (2,) for a stick, each in [-1, 1]:
   0  forward speed, clipped to +-0.8 units/s
   1  turn, x-magical's law: bang-bang beyond 0.0625
   2  grip: the fingers aim at clip(pi/8 - a, 0, pi/8) rad; 0 or less opens them, 0.393 closes them
 With the physics "magical" an action is rounded to MAGICAL's 18: forward 0.8, stop, or reverse 0.6;
-left, none or right; open or closed. Physics and engines: see `magical.simulator`.
+left, none or right; open or closed.
 """
 
 from collections.abc import Callable, Sequence

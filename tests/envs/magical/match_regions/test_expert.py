@@ -1,4 +1,4 @@
-"""The hand-written expert: it solves the task, its failures fail, its ways lead around what is there."""
+"""The scripted expert: it solves the task, its failures fail, its ways lead around obstacles."""
 
 import chex
 import jax

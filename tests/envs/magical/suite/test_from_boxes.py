@@ -46,6 +46,7 @@ def _frames(name):
     return jnp.asarray(center), jnp.asarray(size)
 
 
+@functools.cache
 def _placed(name, variant):
     center, size = _frames(name)
     keys = jax.random.split(jax.random.key(1), len(center))
