@@ -1,9 +1,8 @@
 """Scores and dense rewards of MatchRegions, and what an episode remembers for them.
 
 Rewards have the names of the table in which x-magical's history was collected: "S4" is the dense
-reward at the tip of its branches, "V5" the long-lived one before, "S3" the one with a term for the
-way to the blocks. The stages are each target in the region; their faults: each distractor in it.
-Distances are in arena units.
+reward at the tip of its branches, "V5" the long-lived one before. The stages are each target in the
+region; their faults: each distractor in it. Distances are in arena units.
 """
 
 from typing import NamedTuple
@@ -22,7 +21,7 @@ from . import SPEC
 
 REWARDS = SPEC.rewards
 REGION, ROBOT, _FIRST = 0, 1, 2
-DIAGONAL = 2.8284271247461903  # by which V5 and S3 divide distances: of a +-1 arena
+DIAGONAL = 2.8284271247461903  # by which V5 divides distances: of a +-1 arena
 
 
 class ScoreInputs(NamedTuple):
@@ -31,8 +30,7 @@ class ScoreInputs(NamedTuple):
     inside: Bool[Array, "B"]  # block's centre in the region
     distance: Float[Array, "K"]  # of each target to the region's centre
     start: Float[Array, "K"]  # the same at reset
-    reach: Float[Array, "K"]  # of each target to the robot
-    nearest: Float[Array, "K"]  # the least of that since reset
+    nearest: Float[Array, "K"]  # the least of each target to the robot since reset
 
 
 def _counts(at: ScoreInputs) -> tuple[Array, Array]:
@@ -62,20 +60,9 @@ def _v5(at: ScoreInputs) -> Float[Array, ""]:
     return far + 4.0 + near + 10.0 * n_t * share + 10.0 * n_t - 5.0 * n_d
 
 
-def _s3(at: ScoreInputs) -> Float[Array, ""]:
-    f = lambda d: -0.006 * d**2 - 500.0 * jnp.log(d**2 + 0.001)  # noqa: E731
-    _, n_d = _counts(at)
-    inside = at.inside[: len(at.distance)]
-    left = jnp.where(inside, 0.0, at.distance)
-    progress = jnp.sum((f(at.start) - f(left)) / f(at.start))
-    longest = f(jnp.float32(DIAGONAL))
-    near = jnp.sum(jnp.where(inside, 0.0, (longest - f(at.reach)) / longest))
-    return progress - 5.0 * n_d + 10.0 * near - 20.8
-
-
 def reward(name: str, at: ScoreInputs) -> Float[Array, ""]:
     """The dense reward of the given name, one of `REWARDS`; "sparse" is the score."""
-    return {"S4": _s4, "V5": _v5, "S3": _s3, "sparse": score}[name](at)
+    return {"S4": _s4, "V5": _v5, "sparse": score}[name](at)
 
 
 def stages(blocks: tuple[str, ...], targets: int, *, arena: float) -> Stages:
@@ -92,7 +79,7 @@ def stages(blocks: tuple[str, ...], targets: int, *, arena: float) -> Stages:
 def _score(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
     inside = jnp.concatenate([task.done(center, size), task.faulty(center, size)])
     unused = jnp.zeros(len(task.stages))
-    return score(ScoreInputs(inside, unused, unused, unused, unused))
+    return score(ScoreInputs(inside, unused, unused, unused))
 
 
 class Progress(NamedTuple):
@@ -115,7 +102,6 @@ def inputs(scene: Scene, targets: int) -> ScoreInputs:
         inside=in_region(scene.regions[0], scene.blocks),
         distance=distances(scene.blocks[:targets], scene.regions[0, :2]),
         start=scene.progress.start_distance,
-        reach=distances(scene.blocks[:targets], scene.robot),
         nearest=scene.progress.nearest,
     )
 

@@ -42,7 +42,7 @@ class MatchRegions(SuiteTask):
       on_the_way: in those, how likely a target that is not in the region is on its way there.
       facing: in those, how likely the robot stands before such a target and faces it.
       observation: "plain", "rich", "sorted" or "xmagical"; see `observation`.
-      reward: the task's own reward: "S4", "V5", "S3" or "sparse".
+      reward: the task's own reward: "S4", "V5" or "sparse".
       substeps, iterations: as of `SuiteTask`; None is with "mjx" 5 and 2.
     """
 

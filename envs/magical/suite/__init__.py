@@ -8,12 +8,12 @@ __all__ = [
 ]  # fmt: skip
 
 
-def _spec(task: str, *more_rewards: str, layout: bool = True) -> TaskSpec:
+def _spec(task: str, *, layout: bool = True) -> TaskSpec:
     further = {"demo": "layout", "jitter": "layout"} if layout else {}
     return TaskSpec(
         make=f"gril_jax.envs.magical.suite.{task}",
         demonstrate="",
-        rewards=("sparse", *more_rewards),
+        rewards=("sparse",),
         bench_settings=({"engine": "kernel"}, {"engine": "impulse"}),
         bench_envs=32_768,
         config="magical_suite",
@@ -22,7 +22,7 @@ def _spec(task: str, *more_rewards: str, layout: bool = True) -> TaskSpec:
     )
 
 
-MOVE_TO_CORNER = _spec("move_to:MoveToCorner", "debug", layout=False)
+MOVE_TO_CORNER = _spec("move_to:MoveToCorner", layout=False)
 MOVE_TO_REGION = _spec("move_to:MoveToRegion")
 FIND_DUPE = _spec("in_regions:FindDupe")
 FIX_COLOUR = _spec("in_regions:FixColour")

@@ -1,8 +1,7 @@
 """MoveToCorner: push the one block into the top left corner. MoveToRegion: drive into the region.
 
 MoveToCorner's score is min(1, max(0, sqrt 2 - d) / (sqrt 2 - sqrt 2 / 2)) with the distance d of
-the block's centre to the corner. MAGICAL's reward for debugging, "debug", is the score
-- |block - (0, 1)| / 5 - max(|robot - block|, 0.2) / 20.
+the block's centre to the corner.
 """
 
 import math
@@ -24,7 +23,6 @@ class MoveToCorner(SuiteTask):
     plan = Plan((0.4, 0.0, 0.55 * math.pi), (Block("red square", (0.1, -0.65, 0.13 * math.pi)),))
     variants = ("demo", "jitter", "color", "shape", "dynamics", "all")
     near, anywhere = ("jitter", "all"), ()  # MAGICAL's All has no full layout here
-    rewards = ("sparse", "debug")
     robot_first = True
 
     def draw(self, keys, kinds: Kinds) -> Kinds:
@@ -37,15 +35,6 @@ class MoveToCorner(SuiteTask):
         """1 in the corner, 0 from its double distance on, linear between."""
         d = jnp.linalg.norm(scene.blocks[0] - self._corner())
         return jnp.clip((_FAR - d) / (_FAR - _NEAR), 0.0, 1.0)
-
-    def reward(self, scene: Scene) -> Float[Array, ""]:
-        """The score, or with "debug" also what is left of the way."""
-        if self._reward == "sparse":
-            return self.score(scene)
-        block = scene.blocks[0]
-        left = jnp.linalg.norm(block - jnp.array([0.0, self.arena])) / 5
-        reach = jnp.maximum(jnp.linalg.norm(scene.robot - block), 0.2) / 20
-        return self.score(scene) - left - reach
 
     def _corner(self) -> Array:
         return jnp.array([-self.arena, self.arena])

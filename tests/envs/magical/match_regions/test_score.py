@@ -27,14 +27,13 @@ def _progress(moves):
     xy = HOME.copy()
     for block, place in moves.items():
         xy[block] = place
-    start, reach = (np.linalg.norm(HOME[:2] - p, axis=1) for p in (GOAL, BASE))
+    start, first = (np.linalg.norm(HOME[:2] - p, axis=1) for p in (GOAL, BASE))
     now = np.linalg.norm(xy[:2] - BASE, axis=1)
     return rewards.ScoreInputs(
         inside=jnp.asarray((np.abs(xy - GOAL) <= [0.3, 0.35]).all(axis=1)),
         distance=jnp.asarray(np.linalg.norm(xy[:2] - GOAL, axis=1), jnp.float32),
         start=jnp.asarray(start, jnp.float32),
-        reach=jnp.asarray(now, jnp.float32),
-        nearest=jnp.asarray(np.minimum(now, reach), jnp.float32),
+        nearest=jnp.asarray(np.minimum(now, first), jnp.float32),
     )
 
 
@@ -59,7 +58,7 @@ def test_rewards_have_the_references_values(moves, sparse, s4, v5):
 
 def _numpy(name, at):
     """The reference's formulas as loops in float64."""
-    inside, distance, start, reach, nearest = (np.asarray(f, np.float64) for f in at)
+    inside, distance, start, nearest = (np.asarray(f, np.float64) for f in at)
     count, diagonal = len(distance), 2 * np.sqrt(2)
     n_t, n_d = inside[:count].sum(), inside[count:].sum()
     share = n_d / (n_t + n_d) if n_t + n_d else 0.0
@@ -69,18 +68,10 @@ def _numpy(name, at):
         return n_t / count * (1 - share)
     if name == "S4":
         return 10 * np.tanh((-n_d + sum(start[i] - left[i] for i in range(count)) - 0.1) / 2)
-    if name == "V5":
-        near = sum(max(0.0, 1 - nearest[i] / diagonal) for i in outside)
-        whole = n_t / (n_t + n_d) if n_t + n_d else 0.0
-        far = -10 * np.mean(distance / diagonal) * (1 + np.sqrt(share))
-        return far + 4 + near + 10 * whole + 10 * n_t - 5 * n_d
-
-    def f(d):
-        return -0.006 * d**2 - 500 * np.log(d**2 + 0.001)
-
-    way = sum((f(start[i]) - f(left[i])) / f(start[i]) for i in range(count))
-    near = sum((f(diagonal) - f(reach[i])) / f(diagonal) for i in outside)
-    return -5 * n_d + way + 10 * near - 20.8
+    near = sum(max(0.0, 1 - nearest[i] / diagonal) for i in outside)
+    whole = n_t / (n_t + n_d) if n_t + n_d else 0.0
+    far = -10 * np.mean(distance / diagonal) * (1 + np.sqrt(share))
+    return far + 4 + near + 10 * whole + 10 * n_t - 5 * n_d
 
 
 def _random(seed, targets=2, blocks=5):
@@ -89,8 +80,7 @@ def _random(seed, targets=2, blocks=5):
     return rewards.ScoreInputs(
         inside=jnp.asarray(rng.random(blocks) < 0.5),
         distance=jnp.asarray(distance),
-        start=jnp.asarray(start + 0.1 * (abs(start - 1) < 0.1)),  # S3 divides by f, 0 near 1
-        reach=jnp.asarray(reach),
+        start=jnp.asarray(start),
         nearest=jnp.asarray(reach * rng.uniform(0.1, 1, targets).astype(np.float32)),
     )
 
@@ -117,7 +107,7 @@ def test_jit_is_plain_and_vmap_is_a_loop(name):
 @pytest.mark.parametrize("name", rewards.REWARDS)
 def test_a_target_at_the_very_centre_and_one_under_the_robot_are_finite(name):
     at = _progress({SQUARE: tuple(GOAL)})
-    at = at._replace(reach=jnp.zeros(2), nearest=jnp.zeros(2), distance=jnp.zeros(2))
+    at = at._replace(nearest=jnp.zeros(2), distance=jnp.zeros(2))
     chex.assert_tree_all_finite(rewards.reward(name, at))
 
 

@@ -23,7 +23,7 @@ FEW = {"targets": ("green star",), "distractors": ("yellow circle",)}
 ROLLOUTS = [  # what moves differently plays in the tests of physics, too
     {"robot": "short", "variant": "all", "reward": "V5", "observation": "xmagical"},
     {"physics": "magical", "variant": "all", "observation": "xmagical", "reward": "V5"},
-    {"robot": "medium", "variant": "all", "reward": "S3"},
+    {"robot": "medium", "variant": "all"},
     {"robot": "long", "variant": "all", "reward": "sparse"},
 ]
 
