@@ -6,7 +6,6 @@
 "random" is the simulator alone under random actions, without resets.
 """
 
-import functools
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -21,8 +20,7 @@ from gril_jax.envs import Env
 from gril_jax.compilation import sharding
 from gril_jax.encoders import encoder
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.rl import ppo, rewards, rollout, training
-from gril_jax.rl.episodes import Episodes, reset_where
+from gril_jax.rl import ppo, rewards, training
 from gril_jax.workflows.build import policy_rewards, setup
 
 from .frame import InPlace, compile_timed, ratios, rounded, speeds, times_in_turn, without_cache
@@ -48,16 +46,15 @@ _GPU = Sizes(8192, updates=5, hidden=(256, 256), seed_num_envs=512, seed_updates
 def main(
     *, num_envs: int | None, engine: str, variant: str, parts: Sequence[str], repeats: int
 ) -> dict[str, Any]:
-    """The figures of some parts: "training", "starts", "seeds" and "devices"."""
+    """The figures of some parts: "training", "seeds" and "devices"."""
     sizes = Sizes() if jax.default_backend() == "cpu" else _GPU
     sizes = sizes._replace(num_envs=num_envs or sizes.num_envs)
     task = {"variant": variant, "varied_starts": 0.5}
     env = setup.build("match_regions", task | {"engine": engine})
     task["engine"] = env.engine
-    own = functools.partial(_ppo, env, rewards.environmental, sizes)
+    own = partial(_ppo, env, rewards.environmental, sizes)
     measured = {
         "training": lambda: costs(env, sizes, repeats),
-        "starts": lambda: starts(env, sizes.num_envs, sizes.unroll, repeats),
         "seeds": lambda: seeds(
             own(sizes.seed_num_envs), sizes.num_seeds, sizes.seed_updates, sizes.separate
         ),
@@ -138,69 +135,6 @@ def _random(env: Env, sizes: Sizes) -> InPlace:
 
     begun = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), sizes.num_envs))
     return InPlace(run, (begun, jax.random.key(1)))
-
-
-def starts(env: Env, num_envs: int, unroll: int, repeats: int) -> dict[str, Any]:
-    """Steps per second with each way to make starts."""
-    episodes = Episodes.of(env, rewards.environmental)
-    steps = num_envs * unroll
-    drawn = {"pool": rollout.renewals(num_envs, unroll, env.episode_length), "each_step": steps}
-    keys = jax.random.split(jax.random.key(0), 2 * num_envs)
-    begun = jax.jit(lambda keys: rollout.init(episodes, keys))(keys), jax.random.key(1)
-    runs = {
-        "pool": _pooled(episodes, drawn["pool"], unroll),
-        "each_step": _in_each_step(episodes, num_envs, unroll),
-    }
-    # A buffer is donated once, so each has its own.
-    calls = {name: InPlace(run, jax.tree.map(jnp.copy, begun)) for name, run in runs.items()}
-    speed = speeds(calls, dict.fromkeys(calls, steps), repeats)
-    return {
-        "starts_an_unroll": drawn,
-        "steps_per_s": rounded(speed, 0),
-        "pool_times_as_fast": {name: round(speed["pool"] / x, 2) for name, x in speed.items()},
-    }
-
-
-def _act(episodes: Episodes, observation: Any, key: Any) -> tuple[Any, Any]:
-    size = len(observation), episodes.env.action_size
-    return jax.random.uniform(key, size, minval=-1.0), ()
-
-
-def _pooled(episodes: Episodes, count: int, unroll: int) -> Callable[[Any], Any]:
-    """One unroll under random actions, before which so many starts are made."""
-
-    def run(carry):
-        now, key = carry
-        key, key_renew, key_steps = jax.random.split(key, 3)
-        now = rollout.renew(episodes, now, jax.random.split(key_renew, count))
-        keys = jax.random.split(key_steps, unroll)
-        now, _ = rollout.unroll(
-            episodes, None, now, functools.partial(_act, episodes), keys, tau=0.005
-        )
-        return now, key
-
-    return run
-
-
-def _in_each_step(episodes: Episodes, num_envs: int, unroll: int) -> Callable[[Any], Any]:
-    """One unroll under random actions, with a start for each environment in each step."""
-    one = functools.partial(episodes.advance, None, tau=0.005)
-
-    def move(running, key):
-        key_start, key_action = jax.random.split(key)
-        fresh = jax.vmap(episodes.begin)(jax.random.split(key_start, num_envs))
-        action, _ = _act(episodes, jax.vmap(episodes.observe)(running), key_action)
-        running, result = jax.vmap(one)(running, action)
-        ended = result.terminated + result.truncated > 0
-        return jax.vmap(reset_where)(ended, fresh, running), result.reward
-
-    def run(carry):
-        now, key = carry
-        key, key_steps = jax.random.split(key)
-        running, _ = jax.lax.scan(move, now.running, jax.random.split(key_steps, unroll))
-        return now._replace(running=running), key
-
-    return run
 
 
 def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:

@@ -30,7 +30,7 @@ class Success(Probe):
     [
         (["train", "--repeats", "0"], "--repeats is 0, but must be at least 1"),
         (["train", "--num-envs=0"], "--num-envs is 0, but must be at least 1"),
-        (["train", "--parts", "lunch"], "--parts is 'lunch', but must be one of training, starts"),
+        (["train", "--parts", "lunch"], "--parts is 'lunch', but must be one of training, seeds"),
         (["env", "--task", "lunch"], "there is no configuration 'lunch'"),
         (["brax"], "there is no verb 'bench brax'"),
     ],
@@ -41,14 +41,11 @@ def test_options_of_the_verbs_have_ranges(capsys, args, fault):
 
 
 @pytest.mark.slow
-def test_training_is_compared_with_random_actions_and_starts_with_each_other(monkeypatch):
+def test_training_is_compared_with_random_actions(monkeypatch):
     monkeypatch.setattr(rewards, "learned", lambda config, robots: rewards.environmental)
     found = bench_train.costs(Success(), SIZES, 1)
     assert set(found["steps_per_s"]) == {"learned", "environmental", "random"}
     assert set(found["share_of_random"]) == {"learned", "environmental"}
-    found = bench_train.starts(Success(), 8, 2, 1)
-    assert found["pool_times_as_fast"]["pool"] == 1
-    assert found["starts_an_unroll"] == {"pool": 4, "each_step": 16}
 
 
 @pytest.mark.slow

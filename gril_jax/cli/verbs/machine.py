@@ -14,7 +14,7 @@ from ..arguments import Work, echo
 from ..heavy_imports import heavy_imports
 from . import Verb, simple
 
-_PARTS = ("training", "starts", "seeds", "devices")
+_PARTS = ("training", "seeds", "devices")
 
 
 @dataclass(frozen=True)
