@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from gril_jax.envs.tabletop.physics import Physics, build, mjx
 from gril_jax.envs.tabletop.tasks import shoe_box
-from gril_jax.envs.tabletop.tasks import shoe_box as scene
 from gril_jax.envs.tabletop.tasks.shoes_in_box import SCRIPT, shows
 
 from gril_jax import envs
@@ -138,7 +137,7 @@ def test_any_episode_can_have_stopped_early(made):
 
 @pytest.fixture(scope="module")
 def model():
-    return build(scene.scene(), timestep=0.005, iterations=4, ls_iterations=6, max_contacts=24)
+    return build(shoe_box.scene(), timestep=0.005, iterations=4, ls_iterations=6, max_contacts=24)
 
 
 def test_every_pair_is_one_that_mjx_serves_and_contacts_are_capped(model):
@@ -156,7 +155,7 @@ def test_joints_are_the_arms_then_the_hinge_then_two_free_ones(model):
     hinge, free = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_FREE
     assert kinds == [int(hinge), int(free), int(free)]
     assert model.nmocap == 1
-    np.testing.assert_allclose(model.jnt_range[9], scene.LID_RANGE)
+    np.testing.assert_allclose(model.jnt_range[9], shoe_box.LID_RANGE)
 
 
 def test_masses_are_those_of_the_things(model):
@@ -173,8 +172,8 @@ def test_the_constants_bound_the_geoms(model):
         center, half = data.geom(name).xpos, model.geom(name).size
         low = center - half if low is None else np.minimum(low, center - half)
         high = center + half if high is None else np.maximum(high, center + half)
-    np.testing.assert_allclose((high - low) / 2, scene.BOX_HALF, atol=1e-9)
+    np.testing.assert_allclose((high - low) / 2, shoe_box.BOX_HALF, atol=1e-9)
     lip = data.geom("lip").xpos
-    np.testing.assert_allclose(lip, np.array(scene.HINGE) + scene.LIP, atol=1e-9)
-    edge = scene.LID_CENTER[1] + scene.LID_HALF[1]
-    assert edge == pytest.approx(scene.LIP[1] + 0.006)
+    np.testing.assert_allclose(lip, np.array(shoe_box.HINGE) + shoe_box.LIP, atol=1e-9)
+    edge = shoe_box.LID_CENTER[1] + shoe_box.LID_HALF[1]
+    assert edge == pytest.approx(shoe_box.LIP[1] + 0.006)
