@@ -24,7 +24,8 @@ from jaxtyping import Array, Float
 
 from .bodies import Vec3s
 from .fingers import NONE, PINS, PIVOTS
-from .program import OUTPUTS, Strengths, control_step
+from .program import OUTPUTS, control_step
+from .program import Strengths as KernelStrengths
 
 _LEAST = 64  # episodes that are worth a thread
 _BLOCK = 64  # threads of a GPU's block
@@ -72,7 +73,7 @@ def callable_step(robot: str, blocks: int, kind: int) -> Callable:
         pose: wp.array2d(dtype=wp.vec3), velocity: wp.array2d(dtype=wp.vec3),
         memory: wp.array2d(dtype=float), directions: wp.array3d(dtype=wp.vec2),
         corners: wp.array3d(dtype=wp.vec2), rims: wp.array3d(dtype=wp.vec2),
-        sizes: wp.array3d(dtype=float), strengths: wp.array(dtype=Strengths), commands: Vec3s,
+        sizes: wp.array3d(dtype=float), strengths: wp.array(dtype=KernelStrengths), commands: Vec3s,
         inverse_mass: float, arena: float, dt: float, ahead: float, rate: float, substeps: int,
         iterations: int, new_pose: wp.array2d(dtype=wp.vec3),
         new_velocity: wp.array2d(dtype=wp.vec3), new_memory: wp.array2d(dtype=float),
