@@ -12,7 +12,7 @@ TESTS = pathlib.Path(__file__).parent
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 # Much of the time goes to compiling: less without optimisation, and with the older code generator.
-# Without optimisation XLA 0.10's code for AVX2 is wrong: tests/losses/tcc/test_forms.py shows it, a
+# Without optimisation XLA 0.10's code for AVX2 is wrong: tests/losses/test_cycle.py shows it, a
 # gradient of the form "classification"; its code for AVX passes.
 # XLA aborts over a flag that it does not know: hence the version.
 FLAGS = ["--xla_backend_optimization_level=1"]
@@ -29,8 +29,8 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(PROGRAMS))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
 # Files that take longest come first, or one worker would play its last alone.
-LONGEST = """pipeline envs/magical/match_regions/expert/scripted docs report/run_report
-envs/tabletop/shoes_in_box/task envs/planar/physics envs/magical/raster pretraining/pretrain
+LONGEST = """pipeline envs/magical/match_regions/expert docs report/run_report
+envs/tabletop/shoes_in_box envs/planar/physics envs/magical/raster pretraining/pretrain
 compilation/sharding pretraining/pixel_pretrain pretraining/contrast encoders/encoder rl/ppo
 envs/magical/match_regions/task experiments/adding demos/vision/detect envs/planar/mjx_engine
 runs/faults api/front_door cli/own_tasks own_films jax_modes config/files""".split()
@@ -76,7 +76,7 @@ def pytest_collection_finish():
 
 
 def _name(path):
-    """losses/tcc/batch for tests/losses/tcc/test_batch.py."""
+    """losses/batch for tests/losses/test_batch.py."""
     return path.relative_to(TESTS).with_suffix("").as_posix().replace("test_", "")
 
 

@@ -54,7 +54,7 @@ LAYERS = {
 NOT_PURE = {"io", "os", "pathlib", "shutil", "subprocess", "tempfile", "time", "random"}
 # An import inside a function is for the command line, and for optional extras: (file, package).
 LATE_EXTRAS = {
-    ("gril_jax/losses/time_warping/soft_dtw.py", "gril_jax.losses.time_warping.gpu_kernel"),
+    ("gril_jax/losses/soft_dtw.py", "gril_jax.losses.gpu_kernel"),
     ("gril_jax/reward/learned_reward.py", "gril_jax.export.reward_file"),  # its method `save`
 }
 # The table of tasks is names and import paths alone: the schema checks names against it.

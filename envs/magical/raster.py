@@ -1,13 +1,9 @@
 """A scene of MAGICAL's rendered from above as pixels, by one pure function on the device.
 
 Geometry and colours are those of `scene`, whose outlines are painted on the host. Here each pixel
-asks every body how far from its outline it is, and bodies are painted one over the other:
-arithmetic alone, which XLA fuses into one pass, so that pictures stay where they are made.
-
-Distances are in pixels, from a pixel's centre, negative inside. Outside a corner they are those to
-an edge's line and not to the corner, so that lines have pointed corners. B blocks; R regions; N
-bodies: the robot's, then (gripper only) its left and right finger, then the blocks. One scene a
-call: batch with `jax.vmap`.
+asks every body how far from its outline it is, in pixels, negative inside, and bodies are painted
+one over the other: arithmetic alone, which XLA fuses into one pass. Lines have pointed corners. B
+blocks; R regions; N bodies: the robot's, then (gripper only) its fingers, then the blocks.
 """
 
 import functools

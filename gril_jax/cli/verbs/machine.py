@@ -159,7 +159,7 @@ def _last_line(text: str) -> str:
 
 # --- benchmarks
 
-_PARTS = ("training", "starts", "seeds", "devices")
+_PARTS = ("training", "seeds", "devices")
 
 
 @dataclass(frozen=True)

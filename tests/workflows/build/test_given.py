@@ -3,8 +3,8 @@
 import dataclasses
 
 import pytest
-from gril_jax.envs.tabletop import entry
-from gril_jax.envs.tabletop.shoes_in_box import task as shoes_in_box
+from gril_jax.envs.tabletop import demonstrations
+from gril_jax.envs.tabletop.tasks import shoes_in_box
 
 from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.config.files import load
@@ -76,8 +76,8 @@ def test_states_of_an_expert_are_played_for_level_c_alone(monkeypatch):
         played.append(env)
         raise LookupError
 
-    monkeypatch.setattr(entry, "moments", marked)
-    fresh = entry.Entry(shoes_in_box.TASK, shoes_in_box.ENTRY.script)
+    monkeypatch.setattr(demonstrations, "moments", marked)
+    fresh = demonstrations.Entry(shoes_in_box.TASK, shoes_in_box.ENTRY.script)
     monkeypatch.setattr(setup, "build", lambda name, options: fresh.make(**options))
     for starts in ({}, {"visited_state_resets": 0.5}, {"video_state_resets": 0.5}):
         own = EnvConfig(name="shoes_in_box", varied_starts=0.0)
