@@ -26,7 +26,6 @@ from . import Verb, simple
 # --- the doctor
 
 
-@dataclass(frozen=True)
 class _Doctor:
     timeout_s: float = 120.0
     """Time limit of each check, seconds."""
