@@ -26,6 +26,7 @@ from . import Verb, simple
 # --- the doctor
 
 
+@dataclass(frozen=True)
 class _Doctor:
     timeout_s: float = 120.0
     """Time limit of each check, seconds."""
