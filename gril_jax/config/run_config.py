@@ -66,7 +66,7 @@ class RunSettings:
     )
     """Folder to create for the results. None makes one under runs/."""
     eval_episodes: int = field(default=256, metadata=at_least(1))
-    """Initial states of an evaluation. Each is played with deterministic and with sampled actions."""
+    """Initial states of an evaluation. Each is played with deterministic and sampled actions."""
     updates_per_chunk: int = field(default=10, metadata=at_least(1))
     """Updates in one compiled call, after which the run logs and may save. It changes no result."""
     checkpoint_every: float = field(default=60.0, metadata=at_least(0))
