@@ -16,7 +16,7 @@ _names, __getattr__ = offer(
     **{room: room for room in _ROOMS}
     | {
         "api": "Audit Rates Subtasks TrainedPolicy audit_reward evaluate find_subtasks "
-        "import_videos learn_reward load_demos load_policy make train_policy",
+        "import_videos learn_reward load_demos load_policy make record_demos train_policy",
         "demos.demo_set": "DemoSet",
         "envs": "envs",
         "graphs.scene": "boxes_from_pixels scene_graph",

@@ -87,7 +87,7 @@ def test_it_says_how_many_starts_each_success_rate_counts(run):
     for line in lines[first : first + 4]:
         assert re.search(r"% of 4 Layout starts \(95% interval", line)
     assert re.match(r"audit: the reward is (not )?sound \(order 0\.\d+", lines[first + 4])
-    assert lines[first + 5].startswith("given: level A: training episodes begin at the task's Lay")
+    assert lines[first + 5].startswith("given: task starts only: training episodes begin at the task's Lay")
 
 
 def test_an_attempt_to_reach_another_host_would_be_noticed():

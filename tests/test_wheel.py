@@ -172,7 +172,7 @@ def test_a_project_that_was_copied_out_learns_its_task(site, tmp_path, project):
     found = json.loads((tmp_path / "run" / "results.json").read_text())
     assert found["success"] >= 0.9
     assert found["success_random"] < 0.1
-    assert found["given"].startswith("level A: ")
+    assert found["given"].startswith("task starts only: ")
 
 
 @pytest.mark.parametrize("name", ["envs", "configs", "experiments"])

@@ -30,7 +30,7 @@ def _spec(name: str, *, config: str = "tabletop") -> TaskSpec:
     entry = f"{__name__}.tasks.{name}:ENTRY"
     return TaskSpec(
         make=f"{entry}.make", demonstrate=f"{entry}.demonstrate", rewards=REWARDS,
-        bench_settings=_BENCH_SETTINGS, varied="moments of a scripted expert's episodes",
+        bench_settings=_BENCH_SETTINGS, varied="states of a scripted expert's episodes",
         hints={"rich": "which of the task's stages have been reached"}, config=config,
         steps_in_mjx=True, xla_flags=_XLA_FLAGS,
     )  # fmt: skip

@@ -6,6 +6,7 @@ __all__, __getattr__ = offer(
     __name__,
     inputs="import_videos load_demos make",
     policies="evaluate load_policy train_policy",
+    recorded="record_demos",
     rewards="Audit Subtasks audit_reward find_subtasks learn_reward",
     trained_policy="Rates TrainedPolicy",
 )

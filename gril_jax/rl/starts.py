@@ -1,16 +1,15 @@
-"""Training starts beside the task's own: moments of the policy's own episodes, and of videos.
+"""Resets of training episodes to states beside the task's own initial ones.
 
-Own moments (level B of help) are what running episodes have come to. They are taken evenly over the
-range of their rewards, so that few that have come far count as much as many that have not, and of
-equal ones those more often whose objects lie like in no other, as in Go-Explore (Ecoffet et al.
-2021). A moment may follow others that began in this way, so that a search grows longer than an
-episode. No state is read that the policy did not reach itself.
+Visited states are states of running episodes. They are sampled evenly over the range of their
+rewards, so that few of high reward count as much as many of low reward; among equal ones those are
+preferred whose objects lie like in no other, as in Go-Explore (Ecoffet et al. 2021). Such an
+episode may in turn leave visited states, so that a search grows longer than an episode.
 
-Moments of videos (level V) are frames of the demonstrations: the task places its objects where the
-boxes lie, by its `place(center, size, key)`, and draws what boxes do not show.
+Video states are frames of the demonstrations. The task places its objects at the boxes by its
+`place(center, size, key)`, and samples what boxes do not show.
 
-Both shares fall linearly to 0, which they have reached when a tenth of training is left: in the end
-the policy learns from the task's own starts alone.
+Both fractions fall linearly to 0 over the first nine tenths of training. In the end the policy
+learns from the task's own initial states alone.
 
 Shapes use B for environments, R for new starts and F for frames; L and S are those of a block.
 """

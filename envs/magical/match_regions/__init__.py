@@ -21,7 +21,7 @@ SPEC = TaskSpec(
     varied="the robot anywhere; targets in the region, on their way there or before the robot",
     hints={
         "rich": "which blocks are in the region",
-        "sorted": "which blocks are in the region and which target is due",
+        "sorted": "which blocks are in the region and which target is next",
     },
     many_starts={"demo": "jitter"},
     elsewhere={"demo": "layout", "jitter": "layout"},

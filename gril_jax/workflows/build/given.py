@@ -1,10 +1,11 @@
-"""The ledger of help: what a policy's learner is given beside its reward, as a level and in words.
+"""What a policy's learner is given beside its reward: its assistance, in words.
 
-Level A: the task's own starts alone, poses of robot and objects, episodes that end by time. Level
-B: training may also begin at moments that the policy itself has reached. Level V: or where a frame
-of the videos shows things. Level C: also what only somebody who knows the goal can give, such as
-starts near it, moments of an expert's episodes, or a test of the goal in the observation. A reward
-is learned from videos or the task's own, and is named beside the level.
+- Task starts only: training episodes begin at the task's own initial states, and the policy sees
+  poses and velocities.
+- Visited-state resets: some begin at states that the policy has visited.
+- Video-state resets: some begin at states that the videos show.
+- Expert-state resets: some begin at states that an expert of the task chose, or the policy sees a
+  test of the goal.
 """
 
 from collections.abc import Iterable
@@ -17,20 +18,20 @@ from gril_jax.config import RunConfig
 class Given(NamedTuple):
     """All that a learner is given."""
 
-    level: str  # "A", "B", "V" or "C"
+    assistance: str
     starts: str
     observation: str
     reward: str
 
     def __str__(self) -> str:
         return (
-            f"level {self.level}: training episodes begin at {self.starts}; the policy sees "
+            f"{self.assistance}: training episodes begin at {self.starts}; the policy sees "
             f"{self.observation}; the reward is {self.reward}; episodes end by time"
         )
 
 
 def given(config: RunConfig) -> Given:
-    """The help that the learner of this configuration gets."""
+    """The assistance that the learner of this configuration gets."""
     task, chosen = envs.spec(config.env.name), config.env
     options = envs.options(chosen.name)
     own = f"the task's {chosen.variant.capitalize()} starts" if "variant" in options else ""
@@ -40,34 +41,32 @@ def given(config: RunConfig) -> Given:
         starts = f"{starts}, {100 * varied:.0f} % of them varied ({task.varied})"
     hints = [task.hints[kind] for kind in ("", chosen.observation) if kind in task.hints]
     seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
-    level, chosen_starts = _chosen_starts(config)
-    level = "C" if varied or hints else level
-    return Given(level, f"{starts}{chosen_starts}", seen, _reward(config, task))
+    assistance, resets = _resets(config)
+    assistance = "expert-state resets" if varied or hints else assistance
+    return Given(assistance, f"{starts}{resets}", seen, _reward(config, task))
 
 
-def _chosen_starts(config: RunConfig) -> tuple[str, str]:
-    """The level of the starts that training chooses, and in words which they are."""
+def _resets(config: RunConfig) -> tuple[str, str]:
+    """The assistance by states that training resets to, and in words which these are."""
     section = getattr(config, config.run.algorithm)
-    level, said = "A", ""
-    if section.visited_state_resets:
-        level = "B"
-        share = 100 * section.visited_state_resets
-        said += f", and first {share:.0f} %, in the end none at its own moments"
-    if section.video_state_resets:
-        level = "V"
-        share = 100 * section.video_state_resets
-        said += f", and first {share:.0f} %, in the end none at videos' frames"
-    return level, said
+    assistance, said = "task starts only", ""
+    for kind, states in (("visited", "visited states"), ("video", "states of the videos")):
+        if share := getattr(section, f"{kind}_state_resets"):
+            assistance = f"{kind}-state resets"
+            said += f", {100 * share:.0f} % of them at first at {states}"
+    return assistance, said
 
 
 def _reward(config: RunConfig, task: envs.TaskSpec) -> str:
+    if config.run.reward_source is not None:
+        return f"that of {config.run.reward_source}"
     own = f"the task's own ({config.env.reward or task.rewards[0]})" if task.rewards else "its own"
     return {
         "learned": "learned from videos",
         "environmental": own,
         "stages": f"learned from videos, in its stages{_acting(config)}",
         "shaped": f"{own}, with one learned from videos as a potential",
-    }.get(config.run.reward_form, config.run.reward)
+    }[config.run.reward_form]
 
 
 def _acting(config: RunConfig) -> str:
@@ -77,6 +76,6 @@ def _acting(config: RunConfig) -> str:
 
 
 def of_all(configs: Iterable[RunConfig]) -> str:
-    """The levels of several learners in one sentence, each with all that it says but the reward."""
+    """The assistance of several learners in one sentence, without their rewards."""
     each = dict.fromkeys(given(config)._replace(reward="the row's") for config in configs)
-    return f"Given at {'; or at '.join(map(str, each))}." if each else ""
+    return f"Given: {'; or: '.join(map(str, each))}." if each else ""

@@ -18,56 +18,56 @@ def _config(**env):
 
 
 @pytest.mark.parametrize(
-    ("env", "level", "words"),
+    ("env", "assistance", "words"),
     [
-        ({}, "A", "begin at the task's Demo starts; the policy sees poses and velocities;"),
-        ({"variant": "layout"}, "A", "begin at the task's Layout starts;"),
-        ({"observation": "xmagical"}, "A", "sees poses and velocities;"),
-        ({"observation": "rich"}, "C", "velocities, and which blocks are in the region;"),
-        ({"observation": "sorted"}, "C", "in the region and which target is due;"),
-        ({"varied_starts": 0.25}, "C", "Demo starts, 25 % of them varied (the robot anywhere;"),
-        ({"name": "shoes_in_box"}, "A", "the task's own starts; the policy sees poses and"),
-        ({"name": "shoes_in_box", "observation": "rich"}, "C", "task's stages have been reached;"),
-        ({"name": "shoes_in_box", "varied_starts": 0.7}, "C", "70 % of them varied (moments of a"),
+        ({}, "task starts only", "begin at the task's Demo starts; the policy sees poses and velocities;"),
+        ({"variant": "layout"}, "task starts only", "begin at the task's Layout starts;"),
+        ({"observation": "xmagical"}, "task starts only", "sees poses and velocities;"),
+        ({"observation": "rich"}, "expert-state resets", "velocities, and which blocks are in the region;"),
+        ({"observation": "sorted"}, "expert-state resets", "in the region and which target is next;"),
+        ({"varied_starts": 0.25}, "expert-state resets", "Demo starts, 25 % of them varied (the robot anywhere;"),
+        ({"name": "shoes_in_box"}, "task starts only", "the task's own starts; the policy sees poses and"),
+        ({"name": "shoes_in_box", "observation": "rich"}, "expert-state resets", "task's stages have been reached;"),
+        ({"name": "shoes_in_box", "varied_starts": 0.7}, "expert-state resets", "70 % of them varied (states of a"),
     ],
 )
-def test_help_that_only_authors_can_give_makes_it_level_c(env, level, words):
+def test_help_that_only_authors_can_give_counts_as_an_experts(env, assistance, words):
     found = given(_config(**env))
-    assert found.level == level
+    assert found.assistance == assistance
     assert words in str(found)
 
 
 @pytest.mark.parametrize(
-    ("ppo", "env", "level", "words"),
+    ("ppo", "env", "assistance", "words"),
     [
         (
             {"visited_state_resets": 0.5},
             {},
-            "B",
-            "Demo starts, and first 50 %, in the end none at its",
+            "visited-state resets",
+            "Demo starts, 50 % of them at first at visited states;",
         ),
         (
             {"video_state_resets": 0.3},
             {},
-            "V",
-            "and first 30 %, in the end none at videos' frames;",
+            "video-state resets",
+            "30 % of them at first at states of the videos;",
         ),
         (
             {"visited_state_resets": 0.5, "video_state_resets": 0.3},
             {},
-            "V",
-            "its own moments, and first 30 %",
+            "video-state resets",
+            "visited states, 30 % of them at first at states of the videos",
         ),
-        ({"visited_state_resets": 0.5}, {"observation": "rich"}, "C", "its own moments;"),
+        ({"visited_state_resets": 0.5}, {"observation": "rich"}, "expert-state resets", "visited states;"),
     ],
 )
-def test_starts_that_training_chooses_are_levels_b_and_v(ppo, env, level, words):
+def test_states_that_training_resets_to_are_named(ppo, env, assistance, words):
     config = dataclasses.replace(_config(**env), ppo=PPOConfig(**ppo))
-    assert given(config).level == level
+    assert given(config).assistance == assistance
     assert words in str(given(config))
 
 
-def test_states_of_an_expert_are_played_for_level_c_alone(monkeypatch):
+def test_states_of_an_expert_are_played_for_an_experts_states_alone(monkeypatch):
     """Training tasks as a run makes them: only varied starts have the expert recorded. Films bring
     boxes and their classes to a learner, and no states."""
     played = []
@@ -89,10 +89,11 @@ def test_states_of_an_expert_are_played_for_level_c_alone(monkeypatch):
     assert DemoBatch._fields == ("center", "size", "label", "is_robot", "present", "length")
 
 
-def test_the_reward_is_named_beside_the_level():
+def test_the_reward_is_named():
     assert given(_config()).reward == "learned from videos"
     own = RunConfig(env=EnvConfig(reward="sparse"), run=RunSettings(reward="environmental"))
     assert given(own).reward == "the task's own (sparse)"
+    assert given(RunConfig(run=RunSettings(reward="./a.npz"))).reward == "that of ./a.npz"
     staged = RunConfig(run=RunSettings(reward="stages"), ppo=PPOConfig(sub_policies=3))
     assert given(staged).reward == (
         "learned from videos, in its stages, each with a sub-policy of its own (3)"
@@ -101,10 +102,10 @@ def test_the_reward_is_named_beside_the_level():
 
 def test_rows_that_are_given_the_same_are_told_once():
     same = [_config(), _config(), _config(observation="rich")]
-    assert of_all(same).count("level") == 2
+    assert of_all(same).count("training episodes") == 2
     assert of_all([]) == ""
 
 
-def test_the_quickstart_is_at_level_a_and_match_regions_at_c():
-    assert given(load("quickstart")).level == "A"
-    assert given(load("match_regions")).level == "C"
+def test_the_quickstart_has_task_starts_only():
+    assert given(load("quickstart")).assistance == "task starts only"
+    assert given(load("match_regions")).assistance == "expert-state resets"

@@ -79,9 +79,9 @@ def test_shipped_configurations_are_rows_of_table_2_and_ours_of_table_3_is_the_t
 
 
 @pytest.mark.parametrize("name", ["ladder", "ladder_tabletop"])
-def test_a_row_gives_the_learner_the_help_of_its_level(name):
+def test_a_row_gives_the_learner_the_assistance_of_its_name(name):
     for row, config in _configs(name)[1].items():
-        assert given(config).level == row.rpartition(" at level ")[2], row
+        assert given(config).assistance == row.rpartition(": ")[2], row
 
 
 def _file(tmp_path, text):

@@ -96,7 +96,7 @@ def test_the_table_has_a_section_for_whatever_was_measured(run):
     assert "| own | 85.0 | " not in text  # policies come first
     row = next(line for line in text.splitlines() if line.startswith("| own |"))
     assert row.startswith("| own | 2 | 85.0 | 50.0; 50.0 (")
-    for words in ("4 Jitter starts", "one Demo start", "solved by 0 of 2", "1 of 1", "Given at"):
+    for words in ("4 Jitter starts", "one Demo start", "solved by 0 of 2", "1 of 1", "Given: "):
         assert words in text
     assert "rho" not in text
     assert "never" not in {line.split("|")[1].strip() for line in text.splitlines() if "|" in line}
