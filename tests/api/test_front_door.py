@@ -149,3 +149,13 @@ def test_an_object_of_a_users_class_is_a_task(home, task, rewards):
     by_name = gril.train_policy(task, rewards[0], preset=small, **QUIET)
     by_object = gril.train_policy(mine, rewards[0], preset=small, **QUIET)
     jax.tree.map(np.testing.assert_array_equal, by_name.parameters, by_object.parameters)
+
+
+@pytest.mark.slow  # five minutes
+def test_videos_become_a_policy_as_good_as_the_quickstarts(tmp_path):
+    quickstart = {"preset": "quickstart", **QUIET}
+    demos = gril.record_demos("match_regions", tmp_path / "demos", **quickstart)
+    reward = gril.learn_reward(demos, **quickstart)
+    policy = gril.train_policy("match_regions", reward, **quickstart)
+    assert policy.evaluate(episodes=256).success[0] >= 0.9
+    policy.film(tmp_path / "policy.mp4")
