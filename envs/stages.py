@@ -1,20 +1,9 @@
 """A task's stages: predicates over object boxes, and states in which they hold.
 
-A task may offer a `Stages` as its attribute `stages`. Nothing in it looks at a simulator: a stage
-holds or not for centres and sizes alone, so that whoever wants to judge a reward can make up states
-whose true progress is known. Stages may depend on each other; a box that is packed in order is
-
-    Stages(
-        stages=(
-            Stage("lid open", moves=(1,), holds=..., place=...),
-            Stage("shoe A in", moves=(2,), holds=..., place=..., required_before=("lid open",)),
-            Stage("shoe B in", moves=(3,), holds=..., place=..., required_before=("shoe A in",)),
-        ),
-        movable=(1, 2, 3, 4), robots=(0,), half_extent=1.0, score=...,
-    )
-
-Shapes use N for the objects of a scene, K for its stages and F for its faults; lengths are world
-units. Functions take one scene, and keys are used once.
+A task may offer a `Stages` as its attribute `stages`. A stage holds or not for centres and sizes
+alone, so that whoever judges a reward can make up states whose true progress is known; stages may
+depend on each other (`required_before`). Shapes use N for the objects of a scene, K for its stages
+and F for its faults; lengths are world units. Functions take one scene, and keys are used once.
 """
 
 import dataclasses

@@ -1,6 +1,7 @@
 """Set before any test imports JAX: the suite is for the CPU, whatever else a machine has."""
 
 import collections
+import gc
 import importlib.metadata
 import os
 import pathlib
@@ -11,7 +12,7 @@ TESTS = pathlib.Path(__file__).parent
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 # Much of the time goes to compiling: less without optimisation, and with the older code generator.
-# Without optimisation XLA 0.10's code for AVX2 is wrong: tests/losses/tcc/test_forms.py shows it, a
+# Without optimisation XLA 0.10's code for AVX2 is wrong: tests/losses/test_cycle.py shows it, a
 # gradient of the form "classification"; its code for AVX passes.
 # XLA aborts over a flag that it does not know: hence the version.
 FLAGS = ["--xla_backend_optimization_level=1"]
@@ -21,12 +22,18 @@ if importlib.metadata.version("jaxlib").startswith("0.10."):
     FLAGS.append("--xla_cpu_parallel_codegen_split_count=1")  # both cores have a worker already
 os.environ.setdefault("XLA_FLAGS", " ".join(FLAGS))
 
+# What was compiled once, by the other worker or an hour ago, need not be again: JAX finds a program
+# by its operations, these flags and its own version. `pytest --cache-clear` forgets them.
+PROGRAMS = TESTS.parent / ".pytest_cache" / "d" / "jax"
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(PROGRAMS))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+
 # Files that take longest come first, or one worker would play its last alone.
-LONGEST = """pipeline envs/magical/match_regions/expert/scripted docs report/run_report
-envs/tabletop/shoes_in_box/task envs/planar/physics envs/magical/raster pretraining/pretrain
+LONGEST = """pipeline envs/magical/match_regions/expert docs report/run_report
+envs/tabletop/shoes_in_box envs/planar/physics envs/magical/raster pretraining/pretrain
 compilation/sharding pretraining/pixel_pretrain pretraining/contrast encoders/encoder rl/ppo
 envs/magical/match_regions/task experiments/adding demos/vision/detect envs/planar/mjx_engine
-runs/faults""".split()
+runs/faults api/front_door cli/own_tasks own_films jax_modes config/files""".split()
 
 SECONDS: collections.Counter[str] = collections.Counter()  # of each file, tests and fixtures
 SLOWEST = 10
@@ -62,8 +69,14 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: rank.get(_name(item.path), len(rank)))
 
 
+def pytest_collection_finish():
+    """What has been imported is no garbage: the collector need not look at it again."""
+    gc.collect()
+    gc.freeze()
+
+
 def _name(path):
-    """losses/tcc/batch for tests/losses/tcc/test_batch.py."""
+    """losses/batch for tests/losses/test_batch.py."""
     return path.relative_to(TESTS).with_suffix("").as_posix().replace("test_", "")
 
 

@@ -56,10 +56,9 @@ def test_the_python_of_a_page_runs_from_top_to_bottom(path, tmp_path, monkeypatc
         exec(compile(block, _name(path), "exec"), names)
 
 
-@pytest.mark.parametrize("path", [p for p in PAGES if _blocks(p, "py")], ids=_name)
-def test_python_that_trains_for_minutes_names_what_there_is(path):
+def test_python_that_trains_for_minutes_names_what_there_is():
     """Its functions are called with the same arguments in `tests/api`."""
-    for block in _blocks(path, "py"):
+    for block in [block for path in PAGES for block in _blocks(path, "py")]:
         for name in re.findall(r"gril\.(\w+)\(", block):
             assert callable(getattr(gril_jax, name)), name
 
@@ -126,21 +125,22 @@ def _understood(line, surroundings):
         work()
 
 
-@pytest.mark.parametrize("path", PAGES, ids=_name)
-def test_every_verb_that_is_named_exists(path):
-    if path.name == "CHANGELOG.md":  # names what there was, too
-        return
-    words = {verb for name in verbs.names() for verb in (name, name.split()[0])}
-    for code in re.findall(r"(?<!`)`gril ([^`]*)`", path.read_text()):
-        verb = code.split()[0] if code else ""
-        if not verb.startswith("-") and not verb.isupper():
-            assert verb in words, f"gril {code}"
+CURRENT = [path for path in PAGES if path.name != "CHANGELOG.md"]  # which names what there was
+
+
+def test_every_verb_that_is_named_exists():
+    words = {verb for one in verbs.every() for verb in (one.name, one.name.split()[0])}
+    for path in CURRENT:
+        for code in re.findall(r"(?<!`)`gril ([^`]*)`", path.read_text()):
+            verb = code.split()[0] if code else ""
+            if not verb.startswith("-") and not verb.isupper():
+                assert verb in words, f"gril {code} in {path}"
 
 
 def _known_options():
     """Options of the configuration and of verbs, and those that the command line's sources name."""
     known = set(options(RunConfig)) | {"--help"}
-    for verb in (verb for title in verbs.TABLE for verb in verbs.group(title)):
+    for verb in verbs.every():
         known |= set(options(verb.schema) if verb.schema else ())
     for path in (REPOSITORY / "gril_jax" / "cli").rglob("*.py"):
         known |= set(re.findall(r"--[a-z][a-z-]*", path.read_text()))
@@ -151,12 +151,12 @@ KNOWN = _known_options()
 SECTIONS = {option[2:].partition(".")[0] for option in options(RunConfig) if "." in option}
 
 
-@pytest.mark.parametrize("path", PAGES, ids=_name)
-def test_every_option_that_is_named_exists(path):
-    text = re.sub(r"^```.*?^```", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
-    if path.name == "CHANGELOG.md":  # names what there was, too
-        return
-    for code in re.findall(r"`([^`\n]+)`", text):
+def _without_blocks(path):
+    return re.sub(r"^```.*?^```", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
+
+
+def test_every_option_that_is_named_exists():
+    for code in re.findall(r"`([^`\n]+)`", "\n".join(map(_without_blocks, CURRENT))):
         first = (code.split() or [""])[0]
         if first in OTHERS or "XLA_FLAGS" in code:
             continue
@@ -177,19 +177,18 @@ def test_a_stale_option_would_be_found(surroundings):
 
 def _anchors(path):
     """The anchors of a page's headings, as GitHub and the site make them."""
-    text = re.sub(r"^```.*?^```", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
-    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    headings = re.findall(r"^#+ (.*)$", _without_blocks(path), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-") for h in headings}
 
 
-@pytest.mark.parametrize("path", PAGES, ids=_name)
-def test_the_links_and_pictures_of_a_page_exist(path):
-    for target in re.findall(r"\]\(([^)\s]+)\)", path.read_text()):
-        if not target.startswith(("http://", "https://")):
-            name, _, anchor = target.partition("#")
-            aim = (path.parent / name).resolve() if name else path
-            assert aim.exists(), f"{target} leads nowhere"
-            assert not anchor or anchor in _anchors(aim), f"{target} has no such heading"
+def test_the_links_and_pictures_of_a_page_exist():
+    for path in PAGES:
+        for target in re.findall(r"\]\(([^)\s]+)\)", path.read_text()):
+            if not target.startswith(("http://", "https://")):
+                name, _, anchor = target.partition("#")
+                aim = (path.parent / name).resolve() if name else path
+                assert aim.exists(), f"{target} in {path} leads nowhere"
+                assert not anchor or anchor in _anchors(aim), f"{target} in {path} has no heading"
 
 
 def test_every_result_is_in_the_index_and_on_the_site():
@@ -200,9 +199,8 @@ def test_every_result_is_in_the_index_and_on_the_site():
         assert f"results/{page.parent.name}/README.md" in site
 
 
-@pytest.mark.parametrize("path", PAGES, ids=_name)
-def test_tables_have_at_most_five_columns(path):
-    for line in path.read_text().splitlines():
+def test_tables_have_at_most_five_columns():
+    for line in [line for path in PAGES for line in path.read_text().splitlines()]:
         if line.startswith("|"):
             assert len(re.findall(r"(?<!\\)\|", line)) <= 6, line
 

@@ -75,34 +75,33 @@ def test_the_reference_shows_each_public_module_of_a_package():
                 assert value.__name__.removeprefix("gril_jax.") in _listed()
 
 
-@pytest.mark.parametrize("path", REFERENCE, ids=_module)
-def test_a_module_says_what_it_is(path):
-    assert importlib.import_module(_module(path)).__doc__
+def test_a_module_says_what_it_is():
+    for path in REFERENCE:
+        assert importlib.import_module(_module(path)).__doc__, path
 
 
-@pytest.mark.parametrize("path", REFERENCE, ids=_module)
-def test_everything_public_has_a_docstring_and_types(path):
-    for name, node in _public(path):
+def test_everything_public_has_a_docstring_and_types():
+    for name, node in [(f"{path}, {n}", node) for path in REFERENCE for n, node in _public(path)]:
         first = (ast.get_docstring(node) or "").split("\n\n")[0]
         assert first.endswith((".", ":")), f"{name}: its docstring's first paragraph is {first!r}"
         if isinstance(node, ast.FunctionDef):
             given = node.args.args + node.args.kwonlyargs + node.args.posonlyargs
             bare = [a.arg for a in given if a.annotation is None and a.arg not in ("self", "cls")]
             assert not bare, f"{name}: {bare} have no type"
-            assert node.returns is not None or name == "main", f"{name} has no type of return"
+            assert node.returns is not None or node.name == "main", f"{name} has no type of return"
 
 
-@pytest.mark.parametrize("path", REFERENCE, ids=_module)
-def test_a_docstring_names_the_errors_that_its_function_raises(path):
-    tree = ast.parse(path.read_text())
-    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
-    for name, node in _public(path):
-        if isinstance(node, ast.FunctionDef):
-            document = ast.get_docstring(node)
-            raised = _raised(node, functions, set())
-            missing = {error for error in raised if error not in document}
-            if not ELSEWHERE.search(document):
-                assert not missing, f"{name} raises {missing}, but does not say so"
+def test_a_docstring_names_the_errors_that_its_function_raises():
+    for path in REFERENCE:
+        tree = ast.parse(path.read_text())
+        functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+        for name, node in _public(path):
+            if isinstance(node, ast.FunctionDef):
+                document = ast.get_docstring(node)
+                raised = _raised(node, functions, set())
+                missing = {error for error in raised if error not in document}
+                if not ELSEWHERE.search(document):
+                    assert not missing, f"{path}, {name} raises {missing}, but does not say so"
 
 
 def _raised(function, functions, seen):
@@ -123,14 +122,10 @@ def _raised(function, functions, seen):
 # --- doctests
 
 
-def _with_doctests():
-    """Every module that has one; those of other folders of the repository, too."""
-    for path in sorted(PACKAGE.rglob("*.py")):
-        if ">>> " in path.read_text():
-            yield path
+DOCTESTS = [path for path in sorted(PACKAGE.rglob("*.py")) if ">>> " in path.read_text()]
 
 
-@pytest.mark.parametrize("path", _with_doctests(), ids=_module)
+@pytest.mark.parametrize("path", DOCTESTS, ids=_module)
 def test_the_doctests_of_a_module_pass(path):
     try:
         module = importlib.import_module(_module(path))

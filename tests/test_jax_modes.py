@@ -1,6 +1,7 @@
 """The pure rooms and a policy's training under JAX's checks, and with 64 bits."""
 
 import functools
+import gc
 
 import jax
 import jax.numpy as jnp
@@ -156,12 +157,25 @@ LONG = {
 MOST = [pytest.param(room, marks=[pytest.mark.slow] * (room in LONG)) for room in ROOMS]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _leaks_are_sought_in_what_is_new():
+    """JAX seeks them among all objects after each trace: what there is before is left out."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.mark.parametrize("room", MOST)
 def test_a_room_makes_no_nan_leaks_no_tracer_and_promotes_no_type_silently(room):
     promotion = "standard" if room in OTHERS_PROMOTE else "strict"
     with jax.debug_nans(True), jax.checking_leaks(), jax.numpy_dtype_promotion(promotion):
         found = jax.device_get(jax.jit(ROOMS[room])())
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
+
+
+def test_a_leak_would_be_found():
+    kept = []
+    with jax.checking_leaks(), pytest.raises(Exception, match="Leaked trace"):
+        jax.jit(lambda x: kept.append(x) or x)(1.0)
 
 
 @pytest.mark.parametrize("room", MOST)

@@ -240,7 +240,7 @@ def test_each_set_of_a_sweep_has_its_own_noise(home, tmp_path, monkeypatch):
         return lambda: None
 
     monkeypatch.setattr(sweep, "_made", made)
-    (verb,) = sweep.VERBS
+    ((verb,),) = sweep.VERBS.values()
     for option in ("--demos", "--demos.path"):
         verb.plan(["quickstart", option, f"{tmp_path}/calm,{tmp_path}/rough"])
         _, found = planned

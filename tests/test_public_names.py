@@ -16,33 +16,31 @@ PACKAGES = ["gril_jax"] + [
 ]
 
 
-def _loaded(code):
-    """The top-level packages of others that a fresh process has loaded after some code."""
-    tell = "import sys; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
-    done = subprocess.run([sys.executable, "-c", f"{code}\n{tell}"], capture_output=True, text=True)
+def test_a_package_lists_its_names_and_has_them():
+    for package in PACKAGES:
+        module = importlib.import_module(package)
+        assert module.__doc__
+        for name in module.__all__:
+            assert getattr(module, name) is not None, (package, name)
+        assert len(set(module.__all__)) == len(module.__all__), package
+
+
+def test_importing_loads_what_is_needed():
+    """Nothing for the package itself, and JAX, Flax and Jraph alone for the room of rewards."""
+    steps = (
+        "import gril_jax; dir(gril_jax)",
+        "import jax, jaxtyping, flax.linen, flax.struct, jraph, wadler_lindig",
+        "import gril_jax.reward",
+    )
+    tell = "print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    code = "\n".join(["import sys", *(f"{step}\n{tell}" for step in steps)])
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return set(done.stdout.split())
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_lists_its_names_and_has_them(package):
-    module = importlib.import_module(package)
-    assert module.__doc__
-    for name in module.__all__:
-        assert getattr(module, name) is not None
-    assert len(set(module.__all__)) == len(module.__all__)
-
-
-def test_importing_the_package_loads_nothing():
+    bare, known, loaded = (set(line.split()) for line in done.stdout.splitlines())
     heavy = {"jax", "flax", "numpy", "brax", "mujoco", "orbax", "matplotlib", "yaml", "tyro"}
-    assert not _loaded("import gril_jax") & heavy
-    assert not _loaded("import gril_jax; dir(gril_jax)") & heavy
-
-
-def test_the_reward_room_loads_jax_flax_and_jraph_alone():
-    known = _loaded("import jax, jaxtyping, flax.linen, flax.struct, jraph")
-    of_jaxtyping = {"wadler_lindig"}
-    assert _loaded("import gril_jax.reward") - known - of_jaxtyping == {"gril_jax"}
+    assert "gril_jax" in bare
+    assert not bare & heavy
+    assert loaded == known
 
 
 def test_what_users_import_is_where_they_have_it():

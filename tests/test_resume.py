@@ -1,16 +1,13 @@
-"""A run that is cut off goes on bit for bit; `gril VERB --resume RUN` and what it refuses."""
+"""`gril VERB --resume RUN` and what it refuses; `runs/test_killed.py` shows that a run goes on."""
 
 import contextlib
 import importlib.util
 import os
 import random
-import signal
-import subprocess
 import sys
 import types
 
 import pytest
-from support.run_folders import differing
 
 from gril_jax import threads as parallel_map
 from gril_jax.cli import arguments, heavy_imports
@@ -18,7 +15,7 @@ from gril_jax.cli import main as cli
 from gril_jax.config import DemosConfig, EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
-from gril_jax.runs.phases import read_phases, write_phases
+from gril_jax.runs.reading import read_phases, write_phases
 
 
 @pytest.fixture
@@ -202,150 +199,3 @@ def test_a_resumed_configuration_needs_what_a_new_one_needs(tmp_path, capsys):
     said = _fault(capsys, "train", "quickstart", "--resume", path)
     assert "keeps the configuration" in said
     assert "env.targets (" in said
-
-
-# --- kill -9 in real training
-
-# Runs a command line of gril without the evaluation and the report at its end, and kills itself
-# some time after a run has a given number of rows. What is left out has no part in the state.
-_CHILD = """
-import os, signal, sys, threading
-from gril_jax.cli.main import main
-from gril_jax.cli.heavy_imports import heavy_imports
-with heavy_imports():
-    from gril_jax.workflows import train
-    from gril_jax.runs import run_dir
-row, delay_s = int(sys.argv[1]), float(sys.argv[2])
-log, timers = run_dir.RunDir.log, []
-def counted(run, **metrics):
-    log(run, **metrics)
-    if row and not timers and len(run_dir.read_rows(run.path / "metrics.jsonl")) >= row:
-        timers.append(threading.Timer(delay_s, os.kill, (os.getpid(), signal.SIGKILL)))
-        timers[0].start()
-run_dir.RunDir.log = counted
-played = {name: 0.0 for name in ("success", "eval_episodes", "success_sampled", "success_random")}
-def play(config, env, policy, reward_params, folder, progress):
-    for name in train._PLAYED:
-        (folder / name).touch()
-    return played
-train.evaluate.play = play
-train.run_report.write_report = lambda path: path
-sys.exit(main(sys.argv[3:]))
-"""
-
-_SMALL = (
-    *("--demos.num", "6", "--demos.num-validation", "2", "--demos.num-failures", "2"),
-    *("--pretrain.steps", "190", "--pretrain.num-videos", "4"),
-    *("--encoder.width", "16", "--encoder.latent", "8", "--env.episode-length", "90"),
-    *("--run.updates-per-chunk", "1", "--run.checkpoint-every", "0", "--run.audit", "0"),
-    *(
-        "--pretrain.num-perturbations",
-        "0",
-        "--pretrain.adversarial-steps",
-        "0",
-        "--encoder.rounds",
-        "1",
-    ),
-)
-_PPO = (
-    *("--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-timesteps", "3200"),
-    *("--ppo.hidden", "16"),
-)
-_SAC = (  # whose replay is full after half of the run, and overwritten from then on
-    *("--algorithm", "sac", "--sac.num-envs", "16", "--sac.unroll-length", "5"),
-    *("--sac.num-timesteps", "3200", "--sac.replay-size", "1600", "--sac.min-replay", "320"),
-    *("--sac.batch-size", "32", "--sac.updates-per-step", "2", "--sac.hidden", "16"),
-)
-_REWARD, _POLICY = 19, 40  # rows: ten steps of the reward's training each, then an update each
-_ROWS = _REWARD + _POLICY
-
-
-def _gril(*args, row=0, delay_s=0.0):
-    command = [sys.executable, "-c", _CHILD, str(row), str(delay_s), *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True)
-
-
-def _outcome(path):
-    results = run_dir.read_results(path)
-    return results["state_sha256"], results["reward_sha256"], run_dir.read_metrics(path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("policy", "runs", "kills", "first"),
-    [(_PPO, 4, 5, 1), (_SAC, 1, 7, _REWARD)],
-    ids=["ppo_20_times", "sac_7_times"],
-)
-def test_kill_9_at_random_moments_changes_no_bit_of_the_outcome(
-    tmp_path, policy, runs, kills, first
-):
-    whole = tmp_path / "whole"
-    done = _gril("quickstart", *_SMALL, *policy, "--out", whole)
-    assert done.returncode == 0, done.stderr
-    wanted = _outcome(whole)
-    assert len(wanted[2]) == _ROWS
-    config, draw = whole / "config.yaml", random.Random(0)
-    for trial in range(runs):
-        path = tmp_path / str(trial)
-        command = ("train", config, "--demos", whole / "demos", "--out", path)
-        for row in sorted(draw.sample(range(first, _ROWS - 2), kills)):
-            done = _gril(*command, row=row, delay_s=draw.uniform(0, 0.1))
-            assert done.returncode == -signal.SIGKILL, (row, done.stderr)
-            print(f"killed with {len(run_dir.read_metrics(path))} rows", flush=True)
-            command = ("train", "--resume", path)
-        done = _gril(*command)
-        assert done.returncode == 0, done.stderr
-        assert _outcome(path) == wanted
-        print(f"run {trial} is equal bit for bit", flush=True)
-
-
-# Runs a command line of gril, and kills itself some time after a phase has finished, a file has
-# appeared, or there are so many rows.
-_KILLED = """
-import os, pathlib, signal, sys, threading, time
-from gril_jax.cli.main import main
-after, delay_s, sys.argv = sys.argv[1], float(sys.argv[2]), ["gril", *sys.argv[3:]]
-def due():
-    phases = pathlib.Path("run/phases.json")
-    written = phases.read_text() if phases.exists() else ""
-    rows = pathlib.Path("run/metrics.jsonl")
-    if after.isdigit():
-        return rows.exists() and rows.read_bytes().count(b"\\n") >= int(after)
-    return f'"{after}": {{' in written.partition('"finished"')[2] or pathlib.Path(after).exists()
-def kill():
-    while not due():
-        time.sleep(0.005)
-    time.sleep(delay_s)
-    os.kill(os.getpid(), signal.SIGKILL)
-if after:
-    threading.Thread(target=kill, daemon=True).start()
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-def _run_in(folder, *args, after="", delay_s=0.0):
-    folder.mkdir(exist_ok=True)
-    command = [sys.executable, "-c", _KILLED, after, str(delay_s), *args]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder)
-
-
-@pytest.mark.slow
-def test_a_run_that_was_killed_five_times_leaves_the_folder_of_one_that_nothing_disturbed(tmp_path):
-    command = ("quickstart", *_SMALL, *_PPO, "--run.eval-episodes", "4", "--run.audit", "4")
-    command += ("--out", "run")
-    done = _run_in(tmp_path / "whole", *command)
-    assert done.returncode == 0, done.stderr
-    moments = (
-        ("run/config.yaml", 1.0), ("5", 0.01), ("reward", 0.0), (str(_REWARD + 10), 0.02),
-        ("policy", 0.5),
-    )  # fmt: skip
-    for after, delay_s in moments:
-        done = _run_in(tmp_path / "killed", *command, after=after, delay_s=delay_s)
-        assert done.returncode == -signal.SIGKILL, (after, done.stderr)
-        command = ("train", "--resume", "run")
-    done = _run_in(tmp_path / "killed", *command)
-    assert done.returncode == 0, done.stderr
-    assert differing(tmp_path / "whole" / "run", tmp_path / "killed" / "run") == []
-    pages = [(tmp_path / name / "run" / "report.html").read_bytes() for name in ("whole", "killed")]
-    assert _run_in(tmp_path / "whole", "report", "run").returncode == 0
-    assert (tmp_path / "whole" / "run" / "report.html").read_bytes() == pages[0] == pages[1]

@@ -1,9 +1,12 @@
-"""Files appear whole or not at all."""
+"""Files appear whole or not at all; a folder has one writer (`test_run_dir` has two processes)."""
+
+import os
 
 import pytest
 
 from gril_jax import safe_files
 from gril_jax.errors import RunError
+from gril_jax.safe_files import take_lock
 
 
 def test_a_file_is_replaced_whole(tmp_path):
@@ -27,3 +30,26 @@ def test_a_write_that_is_cut_short_leaves_the_old_file(tmp_path, monkeypatch):
     ):
         safe_files.write_whole(file, "new")
     assert file.read_text() == "old"
+
+
+def test_a_lock_is_taken_once_and_again_after_it_is_closed(tmp_path):
+    lock = take_lock(tmp_path)
+    assert (tmp_path / "lock").read_text() == f"{os.getpid()}\n"
+    with pytest.raises(RunError, match=f"is being written by process {os.getpid()}: wait for it"):
+        take_lock(tmp_path)
+    lock.close()
+    take_lock(tmp_path).close()
+
+
+def test_a_look_at_the_lock_leaves_the_note_of_who_had_it(tmp_path):
+    (tmp_path / "lock").write_text("123\n")
+    held = take_lock(tmp_path, note=False)
+    with pytest.raises(RunError, match="is being written by process 123:"):
+        take_lock(tmp_path)
+    held.close()
+    assert (tmp_path / "lock").read_text() == "123\n"
+
+
+def test_a_lock_without_a_note_is_of_an_unknown_process(tmp_path):
+    with take_lock(tmp_path, note=False), pytest.raises(RunError, match="by process unknown:"):
+        take_lock(tmp_path)

@@ -1,4 +1,5 @@
-"""The wheel holds what the repository tracks, under one name, and works on its own."""
+"""The wheel holds what the repository tracks, under one name, and works on its own; the locked
+requirements are known by their digests."""
 
 import json
 import os
@@ -173,3 +174,36 @@ def test_a_folder_is_not_importable_under_a_second_name(name):
     code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import {name}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert f"ImportError: import this package as gril_jax.{name}, not {name}" in done.stderr
+
+
+# --- requirements.lock
+
+LOCK = (ROOT / "requirements.lock").read_text()
+# name==version ; marker \, then the digests of its files
+PINS = re.findall(r"^([\w.-]+)==(\S+)([^\\\n]*)((?: \\\n    --hash=\S+)*)\n", LOCK, re.MULTILINE)
+
+
+def test_every_line_is_a_pin_with_the_digests_of_its_files():
+    assert len(PINS) > 80
+    for name, version, _, hashes in PINS:
+        assert re.fullmatch(r"( \\\n    --hash=sha256:[0-9a-f]{64})+", hashes), (name, version)
+    rest = re.sub(r"^([\w.-]+)==(\S+)([^\\\n]*)((?: \\\n    --hash=\S+)*)\n", "", LOCK, flags=re.M)
+    assert rest == ""  # no index, path or option
+
+
+def test_packages_of_compiled_code_have_files_for_several_platforms():
+    most = {name: hashes.count("sha256:") for name, _, _, hashes in PINS}
+    assert all(most[name] >= 10 for name in ("jaxlib", "numpy", "scipy", "mujoco-core", "av"))
+
+
+def test_what_make_installs_is_checked_against_them():
+    assert "--require-hashes -r requirements.lock" in (ROOT / "Makefile").read_text()
+
+
+def test_the_bill_of_materials_lists_the_same_packages():
+    bill = json.loads((ROOT / "sbom.cdx.json").read_text())
+    assert bill["bomFormat"] == "CycloneDX"
+    listed = [(part["name"], part["version"]) for part in bill["components"]]
+    assert sorted(listed) == sorted((name, version) for name, version, *_ in PINS)
+    assert "timestamp" not in bill["metadata"]
+    assert "serialNumber" not in bill

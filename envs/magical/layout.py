@@ -1,10 +1,8 @@
-"""MAGICAL's variants: what is drawn at the start of an episode, inside jit.
+"""MAGICAL's variants as x-magical has them: what is drawn at the start of an episode, inside jit.
 
-They say where things start, which colours and shapes they have, how strong the robot and
-the table are. Entities are placed one after another (region, robot, blocks), each at the first of
-`_CANDIDATES` uniform poses that touches nothing placed before, the region included. If none is free
-the first is taken and the episode says so (`unplaced`). Blocks count as their bounding circles,
-which is a little stricter than MAGICAL's exact test.
+Entities are placed one after another (region, robot, blocks), each at the first of `_CANDIDATES`
+uniform poses that touches nothing placed before. If none is free the first is taken and the episode
+says so (`unplaced`). Blocks count as their bounding circles, a little stricter than MAGICAL's test.
 """
 
 from typing import NamedTuple

@@ -1,10 +1,8 @@
 """The original MAGICAL's physics, where it differs from x-magical's, on top of `Physics`.
 
-fingers   hang on pin joints of length zero, x-magical's on pivots. A pin holds its finger along
-          one direction only, that in which it is off its place at the moment, so a finger may
-          slip sideways in a substep and is brought back in the next.
-pupils    of the robot's eyes turn on soft springs. They are light, but they calm the servo of
-          the heading, which otherwise swings about where it should stop.
+Fingers hang on pin joints of length zero, not on pivots: a pin holds its finger along one direction
+only, that in which it is off its place, so that it may slip sideways in a substep. Pupils of the
+robot's eyes turn on soft springs and calm the servo of the heading.
 """
 
 from typing import NamedTuple

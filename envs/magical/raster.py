@@ -1,13 +1,9 @@
 """A scene of MAGICAL's rendered from above as pixels, by one pure function on the device.
 
 Geometry and colours are those of `scene`, whose outlines are painted on the host. Here each pixel
-asks every body how far from its outline it is, and bodies are painted one over the other:
-arithmetic alone, which XLA fuses into one pass, so that pictures stay where they are made.
-
-Distances are in pixels, from a pixel's centre, negative inside. Outside a corner they are those to
-an edge's line and not to the corner, so that lines have pointed corners. B blocks; R regions; N
-bodies: the robot's, then (gripper only) its left and right finger, then the blocks. One scene a
-call: batch with `jax.vmap`.
+asks every body how far from its outline it is, in pixels, negative inside, and bodies are painted
+one over the other: arithmetic alone, which XLA fuses into one pass. Lines have pointed corners. B
+blocks; R regions; N bodies: the robot's, then (gripper only) its fingers, then the blocks.
 """
 
 import functools
@@ -93,7 +89,7 @@ def render(
       antialias: mix colours at edges by the share of the pixel that is covered, judged by the
         distance of its centre. Lines then keep their true width, be it a fraction of a pixel.
         Without it, every pixel has one colour of the palette, and lines are whole pixels wide: as
-        in `gril_jax.demos.vision.render`, those of blocks and robot vanish in pictures of 192
+        in `gril_jax.workflows.build.filming`, those of blocks and robot vanish in pictures of 192
         pixels or less.
       look: how floor and regions are painted.
       robot_first: paint the robot below the blocks, not above them.

@@ -1,15 +1,9 @@
 """The simulators of MAGICAL's tasks: two presets of physics, three engines, and their commands.
 
-Physics:
-  "xmagical"  arena 1.1, block mass 0.01, drive force 5: blocks stop within a hundredth of a second
-  "magical"   the original MAGICAL's: arena 1.0, block mass 0.5, drive force 3, so blocks coast;
-              `physics` says what else differs
-
-Engines: "impulse", our own solver in JAX (`planar.physics`), which follows the original closely,
-serves every option and has gradients; "kernel", the same in one NVIDIA Warp kernel
-(`planar.kernel`), many times as fast and without gradients; or "mjx", MuJoCo's
-(`planar.mjx_engine`), which serves the gripper, fixed shapes and "xmagical" physics. "auto" is the
-kernel where it runs. What an action means: see `suite.task`.
+The physics "xmagical" has an arena of 1.1 and blocks that stop at once; "magical", the original's,
+an arena of 1 and blocks that coast; see `physics`. Engines: "impulse", our own solver in JAX with
+gradients (`planar.physics`); "kernel", the same in one NVIDIA Warp kernel, many times as fast and
+without gradients; "mjx", MuJoCo's, which serves the gripper, fixed shapes and "xmagical" alone.
 """
 
 import functools

@@ -1,13 +1,9 @@
 """MJCF of the Franka Panda without meshes: published kinematics, identified inertias, few contacts.
 
-Masses and inertias are those of Gaz et al. 2019 that the maker's robot description ships. Three
-things can touch: a box at each fingertip, which grips; a sphere inside it, which stands for the tip
-wherever no flat contact is needed, at a twentieth of the cost; and a capsule for the hand. They
-touch only what a scene pairs them with. The other capsules are the maker's own hull of the arm, for
-pictures. The arm's weight is compensated, as the real controller does.
-
-Joint servos have the gains of MuJoCo Menagerie's Panda for MJX. The gripper is one servo on the
-left finger; the right one mirrors it.
+Masses and inertias are those of Gaz et al. 2019. Three things can touch, what a scene pairs them
+with: a box at each fingertip, which grips; a sphere inside it, for the tip wherever no flat contact
+is needed, at a twentieth of the cost; and a capsule for the hand. The arm's weight is compensated;
+servos have the gains of MuJoCo Menagerie's Panda, and the right finger mirrors the left.
 """
 
 import numpy as np

@@ -1,11 +1,8 @@
 """Contacts of planar bodies: a fixed list of layers, each with one possible one a block.
 
 A layer holds, for every block at once, the contact with one part of the robot, with another block,
-or with a wall. Contacts that are not there are switched off by their gap: nothing is sorted,
-gathered or sized at run time. Two flat sides that meet have two points, which lie in two layers.
-What touches, and where, is `polygons`' affair.
-
-`fence` keeps XLA from repeating a search for every field of its result.
+or with a wall; those that are not there are switched off by their gap. Two flat sides that meet
+have two points, which lie in two layers. What touches, and where, is `polygons`' affair.
 """
 
 from collections.abc import Sequence

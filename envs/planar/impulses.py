@@ -1,11 +1,8 @@
 """Contacts solved by sequential impulses, as in the original's engine, Chipmunk.
 
 A sweep takes the layers of contacts in turn and gives each contact the impulse that would satisfy
-it, clamped as a sum: contacts only push, friction stays within its cone. The contacts of one layer
-are taken at once.
-
-Beside the velocities runs a second system of pseudo-velocities that undo overlaps and are then
-forgotten, so that pushing bodies apart does not set them in motion. It has no friction.
+it, clamped as a sum: contacts only push, friction stays within its cone. A second system of
+pseudo-velocities undoes overlaps and is then forgotten, so that it sets nothing in motion.
 """
 
 from typing import NamedTuple

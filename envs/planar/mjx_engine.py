@@ -1,10 +1,8 @@
 """The second engine of a planar scene: the gripper and blocks of fixed shapes, in MuJoCo MJX.
 
-Its interface is that of `physics.Physics`, its model that of `model`. What MuJoCo has
-no equal for is computed here each substep: the drive as forces, the walls as ranges of joints, and
-the table's friction, which is a disc in the original but a square in MuJoCo, as a loss on each axis
-that follows the direction of travel. Motion without contacts agrees with the other engine; contacts
-are softer and corners rounder. As there, positions advance before velocities.
+Its interface is that of `physics.Physics`, its model that of `model`. What MuJoCo has no equal for
+is computed each substep: the drive as forces, the walls as ranges of joints, and the table's
+friction, a disc in the original, as a loss on each axis that follows the direction of travel.
 """
 
 import contextlib

@@ -1,12 +1,9 @@
 """MJCF of a planar scene for the MJX engine: the gripper and blocks on a table, from above.
 
 Every free body has two slide joints (x, y) and a hinge (yaw) at its centre of mass, so a joint's
-position *is* the pose. A finger hangs on one hinge at its pivot, which is its centre of mass, as in
-the original simulator. The table is friction loss on the blocks' joints, the walls are joint limits
-(the caller sets both each substep: they depend on how a body moves and is turned), and contacts are
-an explicit list of pairs with the friction coefficient that Chipmunk would use: the product of both
-surfaces'. MuJoCo alone would take the larger. MJX collides spheres and capsules in closed form, so
-a few of them stand for each outline: flush with it along its edges, rounded at its corners.
+position *is* the pose; a finger hangs on one hinge at its pivot. The table is friction loss on the
+blocks' joints, the walls are joint limits, and contacts are a list of pairs with Chipmunk's
+friction, the product of both surfaces'. A few capsules stand for each outline, flush along edges.
 """
 
 import math

@@ -1,11 +1,8 @@
 """One control step of a robot and blocks on a table, seen from above; pure arrays in and out.
 
 Every body, fingers included, has a pose (x, y, angle) and a velocity; joints are impulses like
-contacts. The order of work in a substep is Chipmunk's: positions advance with the velocities that
-the last substep left, then contacts are found, then velocities are solved.
-
-With fewer substeps than the original's ten, positions take a share of the new velocity, so that a
-body that accelerates evenly covers the same way in a control step as with ten.
+contacts. The order of work in a substep is Chipmunk's: positions advance, contacts are found,
+velocities are solved. With fewer than its ten substeps, positions take a share of the new velocity.
 """
 
 import functools

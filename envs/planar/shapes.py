@@ -1,13 +1,9 @@
 """The blocks' shapes as data, so that one compiled program serves any mix of them.
 
-All four shapes have a symmetry that folds the plane around them into a single wedge: choose the
-direction (a face's normal for a polygon, a tip for the star) that lies nearest to the point, and
-the shape's rim in that wedge is one segment, given by its distance `along` the direction and its
-distance `across` it. A circle is a point with a radius. So a distance costs five scalar products
-and no branch, whichever shape it is.
-
-A slot without a block has the shape `NOTHING`: its radius is far below zero, so nothing is ever
-near enough to touch it, wherever it lies.
+All four have a symmetry that folds the plane into a single wedge: choose the direction (a face's
+normal, or a star's tip) nearest to the point, and the rim in that wedge is one segment, given by
+its distance along the direction and across it. A circle is a point with a radius. A slot without a
+block has the shape `NOTHING`, whose radius is so far below zero that nothing ever touches it.
 """
 
 import math

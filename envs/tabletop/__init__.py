@@ -1,6 +1,6 @@
 """A Panda at a table: the room that tasks on a table share, and the tasks' entries.
 
-A task is a folder with its model, its `task` and its scripted expert.
+A task is a module of `tasks`, with its scene and its scripted expert.
 """
 
 from types import MappingProxyType
@@ -26,8 +26,8 @@ _XLA_FLAGS = MappingProxyType({"0.10.": ("--xla_cpu_use_fusion_emitters=false",)
 
 
 def _spec(name: str, *, config: str = "tabletop") -> TaskSpec:
-    """The entry of the task in the folder of that name, whose module `task` has its `ENTRY`."""
-    entry = f"{__name__}.{name}.task:ENTRY"
+    """The entry of the task in the module of that name, which has its `ENTRY`."""
+    entry = f"{__name__}.tasks.{name}:ENTRY"
     return TaskSpec(
         make=f"{entry}.make", demonstrate=f"{entry}.demonstrate", rewards=REWARDS,
         bench_settings=_BENCH_SETTINGS, varied="moments of a scripted expert's episodes",

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda import model as panda_model
-from gril_jax.envs.panda.frames import Frame, into, out_of, turned
+from gril_jax.envs.panda.kinematics import Frame, into, out_of, turned
 from jaxtyping import Array, Bool, Float
 
 HALF_EXTENT = 1.0  # of every picture, in its own units

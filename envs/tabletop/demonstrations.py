@@ -1,10 +1,8 @@
-"""Demonstrations of a table task: its scripted expert is filmed, and a detector reads the boxes.
+"""What the registry needs of a table task: its constructor, and its scripted expert, filmed.
 
-The expert plays in C MuJoCo at the control rate, and each moment is a frame. World units are those
-of the picture: half its width, so that `half_extent` is 1 and the middle of a frame is (0, 0), y
-up. The detector reads which thing each pixel shows, so that it sees no more than a camera: a thing
-that is partly hidden has a smaller box, one that is wholly hidden keeps its last. Shapes use T for
-frames, N for things and P for a picture's pixels along one side.
+Each control step is a frame. A detector reads which thing each pixel shows, so that it sees no more
+than a camera: a thing that is partly hidden has a smaller box, one that is wholly hidden keeps its
+last. Shapes use T for frames, N for things and P for a picture's pixels along one side.
 """
 
 import functools
@@ -17,9 +15,10 @@ from gril_jax.envs.base import Demonstrations, Episode, ExpertError, Film, State
 from jaxtyping import Bool, Float32, Int8
 
 from .environment import Tabletop
-from .recorded import Run
+from .recorded import Run, Script, moments
 from .render import Renderer
-from .script import Script
+from .start import Moments
+from .task import Task
 
 JITTER = {"demo": 0.0, "jitter": 0.5, "layout": 1.0}  # of starts, by `Wanted.places`
 _BATCH = 32  # starts drawn at once
@@ -150,3 +149,40 @@ def carried(seen: Sightings, names: tuple[str, ...]) -> Sightings:
     source = np.where(source < 0, seen.seen.argmax(axis=0), source)[..., None]
     center, size = (np.take_along_axis(x, source, axis=0) for x in (seen.center, seen.size))
     return Sightings(center, size, seen.seen)
+
+
+class Entry:
+    """A task and its scripted expert; what is compiled for one environment serves as long as it.
+
+    `moments()` are those within the expert's episodes, at which training may begin.
+    """
+
+    def __init__(self, task: Task, script: Script):
+        self.task, self.script = task, script
+        self.moments = functools.cache(self._recorded)
+        self._demonstrated = functools.lru_cache(maxsize=1)(self.make)
+
+    def make(self, *, varied_starts: float = 0.0, **options) -> Tabletop:
+        """The environment; other `options` are those of `Tabletop`.
+
+        `varied_starts` is the share of the episodes that begin within one of a scripted expert,
+        which is played first (10 s on 2 CPU cores).
+        """
+        found = self.moments() if varied_starts else None
+        return Tabletop(self.task, varied_starts=varied_starts, moments=found, **options)
+
+    def _recorded(self) -> Moments:
+        """Moments of the expert, recorded once a process: no option of an episode changes them."""
+        return moments(Tabletop(self.task), self.script.perform)
+
+    def demonstrate(
+        self, make: Callable[..., Tabletop], wanted: Wanted, tell: Callable[[int], None]
+    ) -> Demonstrations:
+        """The demonstrations wanted; a `gril_jax.envs.base.Demonstrate`.
+
+        The expert plays with the task's own settings: whatever options a policy has, the
+        demonstrations stay the same.
+        """
+        del make
+        env = self._demonstrated(jitter=JITTER[wanted.places])
+        return record(env, self.script, wanted, tell)

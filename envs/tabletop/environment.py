@@ -1,12 +1,8 @@
 """A Panda at a table: the environment shared by all tabletop tasks.
 
 Control runs at 20 Hz over physics of 5 ms. The base of the arm is the origin, x points forward,
-y to its left, z up, and the table is at z = 0; lengths are metres. What a task adds (things,
-their starts and stages) is a `Task`: a value with a few pure functions, no class to inherit from.
-
-Actions: see `panda.kinematics.aim`. Observation: see `observation`.
-Objects: left finger, right finger, hand, then the task's; their boxes are those of whole things in
-the camera's picture (`boxes`). `world_boxes` gives the same boxes in space.
+y to its left, z up, and the table is at z = 0; lengths are metres. What lies on it is a `Task`.
+Actions: see `panda.kinematics.aim`. Objects: left finger, right finger, hand, then the task's.
 """
 
 from collections.abc import Callable
@@ -19,12 +15,12 @@ from gril_jax.envs.base import Objects, Outline, State
 from gril_jax.envs.checks import check_counts, check_known, check_shares
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda import model as panda_model
-from gril_jax.envs.panda.frames import Frame
+from gril_jax.envs.panda.kinematics import Frame
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from . import REWARDS, boxes, from_boxes, hands, physics
-from . import observation as observations
+from . import REWARDS, boxes, from_boxes, physics, resting
 from . import reward as rewards
+from . import task as observations
 from .boxes import Boxes
 from .physics import Motion, build
 from .reward import Record
@@ -168,7 +164,7 @@ class Tabletop:
             center, size, self.task.layout, self.camera, own, self._things_of
         )
         home = jnp.asarray(self._home)
-        start, arm, there = hands.at(home, start, grip, self.task.layout, self._things_of)
+        start, arm, there = resting.hand_at(home, start, grip, self.task.layout, self._things_of)
         data = self._at_rest(arm, start, grip.opening)
         press = jnp.where(grip.held >= 0, kinematics.GRIP_RANGE[0], grip.opening)
         data = data._replace(target=data.target.at[7].set(press))

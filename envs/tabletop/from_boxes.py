@@ -1,32 +1,24 @@
-"""The state of a table that shows given boxes: the inverse of the camera.
+"""The state of a table that shows given boxes, by least squares: the inverse of the camera.
 
-Sizes of things are known, and what stands or lies on the table has its height. So the four numbers
-of a box are enough for a thing's place and turn. What a hand holds is at its fingers, whose place
-their own boxes and the hand's tell: it points straight down. Everything is found by least squares,
-from several starts: first the hand, then what stands, with its lid or drawer,
-then each loose thing alone. A thing may be partly hidden: a seen box that is smaller than it should
-be is cheap, a larger one is not.
-
-A box of four numbers hardly tells a small turn from that to the other side. Then the turn is taken
-that is nearer to the task's own arrangement, turned as the first fixture is.
-
-Shapes use P for parameters, R for residuals and C for starts; boxes are those of the picture.
+Sizes of things are known, and what lies has its height, so a box's four numbers tell a thing's
+place and turn; a hand, straight down, is told by its own boxes, and what it holds is at it. A seen
+box that is smaller than it should be is cheap, as things hide each other; a small turn is told from
+that to the other side by the task's own arrangement. Shapes use P for parameters, R for residuals
+and C for starts of a search.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.panda import kinematics
-from gril_jax.envs.panda.frames import Frame, about_z
-from jaxtyping import Array, Float, Int
+from gril_jax.envs.panda.kinematics import Frame, about_z
+from jaxtyping import Array, Float
 
 from . import boxes
 from .boxes import Boxes, Camera
-from .least_squares import least
-from .resting import Space, put_down
+from .resting import DOWN, Grip, Layout, put_down
 from .start import Start, free_joint
 
 _PIXEL = 2 / 256  # of the picture: how well edges are known
@@ -43,39 +35,8 @@ _GAP = 0.002  # metres: what fingers must be able to open beyond what they hold
 _ELSEWHERE = np.array([50.0, 50.0, 0.0], np.float32)  # metres: out of the way of what lies
 _TURNS = (-0.4, -0.13, 0.13, 0.4)  # rad: where the search for turns begins
 _GRIP_TURN = 0.4  # rad: how far the hand is turned, from where its fingers open along y
-_DOWN = np.array([1.0, -1.0, -1.0], np.float32)  # columns of a rotation whose z points down
 _ALONG = (0.05, 0.5, 0.95)  # of a rail
 _BEYOND = 0.02  # of a rail's length: how far a thing is seen beyond its ends
-
-
-class Rail(NamedTuple):
-    """A thing on a hinge or a slide, one joint, whose box shows how far it is open."""
-
-    thing: int
-    low: float
-    high: float
-    tips: float  # from there on it falls open, before it shut
-
-
-class Grip(NamedTuple):
-    """A hand that points straight down, and what it holds."""
-
-    place: Float[Array, "3"]  # of the tool centre point, metres
-    yaw: Float[Array, ""]
-    opening: Float[Array, ""]  # of each finger
-    held: Int[Array, ""]  # which loose thing; -1 for none
-
-
-class Layout(NamedTuple):
-    """A task's things as a picture shows them; the joints are those of rails, then of loose ones.
-
-    Loose things come last in the task, each with its box about its origin.
-    """
-
-    standing: tuple[int, ...]  # the thing that is each fixture
-    loose: tuple[tuple[float, float, float], ...]  # half extents, metres
-    spaces: tuple[Space, ...]
-    rails: tuple[Rail, ...] = ()
 
 
 def start_from(
@@ -187,7 +148,7 @@ def _tool(seen: Float[Array, "3 4"], camera: Camera) -> Float[Array, "5"]:
 
     def shown(params):
         place, yaw, opening = params[:3], params[3], params[4]
-        hand = Frame(place.at[2].add(kinematics.TCP), about_z(yaw) * _DOWN)
+        hand = Frame(place.at[2].add(kinematics.TCP), about_z(yaw) * DOWN)
         return _edges(*boxes.project(camera, boxes.robot(hand, opening, opening)))
 
     def residual(params):
@@ -248,3 +209,42 @@ def _on_plane(camera: Camera, point: Float[Array, "2"], height) -> Float[Array, 
 def _yaw(turn: Float[Array, "4"]) -> Float[Array, ""]:
     """The turn about z of a quaternion."""
     return 2 * jnp.arctan2(turn[3], turn[0])
+
+
+_STEPS = 20
+
+
+def least(residual: Callable[..., Array], starts: Float[Array, "C P"], *of) -> Float[Array, "P"]:
+    """The parameters of least squares, over a search from each of the starts."""
+
+    def one(start, *of):
+        cost = lambda params: jnp.sum(residual(params, *of) ** 2)  # noqa: E731
+
+        def step(now, _):
+            params, least, damping = now
+            slopes, off = jax.jacfwd(residual)(params, *of), residual(params, *of)
+            square = slopes.T @ slopes
+            square += jnp.diag(damping * jnp.diagonal(square) + 1e-3)
+            tried = params - _solved(square, slopes.T @ off)
+            costs = cost(tried)
+            better = costs < least  # False for what is not finite
+            now = jnp.where(better, tried, params), jnp.where(better, costs, least)
+            return (*now, damping * jnp.where(better, 0.3, 5.0)), None
+
+        begun = start, cost(start), jnp.float32(0.03)
+        return jax.lax.scan(step, begun, length=_STEPS)[0][:2]
+
+    found, costs = jax.vmap(one)(starts, *of)
+    return found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
+
+
+def _solved(square: Float[Array, "P P"], right: Float[Array, "P"]) -> Float[Array, "P"]:
+    """The solution of a few equations, positive definite, by elimination.
+
+    A library's solver would be a call of its own for each step, which no compiler joins to others.
+    """
+    both = jnp.concatenate([square, right[:, None]], axis=1)
+    for k in range(len(right)):
+        row = both[k] / both[k, k]
+        both = (both - both[:, k : k + 1] * row).at[k].set(row)
+    return both[:, -1]

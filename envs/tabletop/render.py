@@ -1,9 +1,8 @@
 """Pictures of a tabletop scene with per-pixel object ids, rendered without a display.
 
-OpenGL comes through EGL (a graphics card, or Mesa in software) or OSMesa; the environment variable
-MUJOCO_GL may name one of them. What is painted is what a graph has: each thing is the box that the
-task says it is, unless it is a ball or made of several, and each robot node likewise. The rest of
-the arm and the table are scenery.
+OpenGL comes through EGL or OSMesa; the environment variable MUJOCO_GL may name one. What is painted
+is what a graph has: each thing is the box that the task says it is, unless it is a ball or made of
+several, and each robot node likewise. The rest of the arm and the table are scenery.
 """
 
 import copy

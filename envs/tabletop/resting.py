@@ -1,21 +1,32 @@
-"""Things put down where they are seen: each lies level on the table or in a space.
+"""Things put down where they are seen, and the arm at a hand that is seen, clear of all.
 
-A picture tells places to a few millimetres, so that things may overlap a little, or a wall. They
-are moved apart in the plane; what finds no room beside another thing lies on it. Shapes use N for
-things; lengths are metres.
+A picture tells places to a few millimetres, so that things may overlap a little, or a wall: they
+are moved apart in the plane, and what finds no room beside another thing lies on it. Shapes use N
+for things; lengths are metres.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from gril_jax.envs.panda import kinematics
+from gril_jax.envs.panda.kinematics import Frame, about_z
+from jaxtyping import Array, Bool, Float, Int
 
-from .start import Footprint, reach
+from . import boxes
+from .boxes import Boxes
+from .start import Footprint, Start, reach
 
-_ROUNDS = 12  # of moving apart
+_PUSHES = 12  # of moving apart
 _GAP = 0.001  # metres, from walls and between things
 _TOUCH = 0.0005  # metres of overlap that count as lying beside each other
+DOWN = np.array([1.0, -1.0, -1.0], np.float32)  # columns of a rotation whose z points down
+_LIFTS = np.arange(0.0, 0.4, 0.01, np.float32)  # metres, of which the least is taken that is clear
+_SEARCH = 6  # of the joints' search
+_NEAR = 0.01  # metres: a hand that comes no nearer is out of reach
+_LOWEST = 0.012  # metres: of the tool centre point above the table
 
 
 class Space(NamedTuple):
@@ -24,6 +35,36 @@ class Space(NamedTuple):
     fixture: int
     inside: tuple[float, float]  # half extents between the walls
     outside: tuple[float, float]  # with the walls
+
+
+class Rail(NamedTuple):
+    """A thing on a hinge or a slide, one joint, whose box shows how far it is open."""
+
+    thing: int
+    low: float
+    high: float
+    tips: float  # from there on it falls open, before it shut
+
+
+class Grip(NamedTuple):
+    """A hand that points straight down, and what it holds."""
+
+    place: Float[Array, "3"]  # of the tool centre point, metres
+    yaw: Float[Array, ""]
+    opening: Float[Array, ""]  # of each finger
+    held: Int[Array, ""]  # which loose thing; -1 for none
+
+
+class Layout(NamedTuple):
+    """A task's things as a picture shows them; the joints are those of rails, then of loose ones.
+
+    Loose things come last in the task, each with its box about its origin.
+    """
+
+    standing: tuple[int, ...]  # the thing that is each fixture
+    loose: tuple[tuple[float, float, float], ...]  # half extents, metres
+    spaces: tuple[Space, ...]
+    rails: tuple[Rail, ...] = ()
 
 
 def clear(a: Footprint, b: Footprint) -> Float[Array, "2"]:
@@ -61,7 +102,7 @@ def put_down(
             now = jax.vmap(_walled, (None, None, 0, 0, 0))(space, base, now, half, inside)
         return now
 
-    places = jax.lax.fori_loop(0, _ROUNDS, moved, places)
+    places = jax.lax.fori_loop(0, _PUSHES, moved, places)
     overlap = jnp.sqrt(jnp.sum(_between(places, half) ** 2, axis=-1)) > _TOUCH + _GAP
     heights: list[Array] = []
     for i in range(len(places)):  # what found no room lies on those before it
@@ -95,3 +136,48 @@ def _into(base: Float[Array, "3"], points: Float[Array, "*N 2"]) -> Float[Array,
     return jnp.stack(
         [c * away[..., 0] + s * away[..., 1], c * away[..., 1] - s * away[..., 0]], axis=-1
     )
+
+
+def hand_at(
+    home: Float[Array, "7"],
+    start: Start,
+    grip: Grip,
+    layout: Layout,
+    things: Callable[[Array, Array], Boxes],
+) -> tuple[Start, Float[Array, "7"], Bool[Array, ""]]:
+    """The start with what is held lifted as far as the hand, the arm, and whether it gets there.
+
+    The hand goes no further down than to where it, and what it holds, touch nothing.
+    """
+    all_things = things(start.joints, start.fixtures)
+    first, count = len(all_things.half) - len(layout.loose), len(layout.loose)
+    is_held = jnp.arange(len(all_things.half)) == jnp.where(grip.held < 0, -1, first + grip.held)
+    known = jnp.isfinite(grip.place).all() & jnp.isfinite(grip.yaw)
+    place = jnp.where(known, grip.place, jnp.array([0.5, 0.0, 0.4]))
+    place = place.at[2].max(_LOWEST)
+
+    def hand(lift, down=0.0):
+        turn = about_z(jnp.where(known, grip.yaw, 0.0)) * DOWN
+        return Frame(place.at[2].add(lift + down), turn)
+
+    def clear(lift):
+        robot = boxes.robot(hand(lift, kinematics.TCP), grip.opening, grip.opening)
+        moved = all_things.position.at[:, 2].add(lift)
+        touches = jax.vmap(jax.vmap(boxes.touching, in_axes=(None, 0)), in_axes=(0, None))
+        by_robot = touches(robot, all_things) & ~is_held
+        by_held = touches(all_things._replace(position=moved), all_things)
+        by_held &= is_held[:, None] & ~is_held
+        return ~(by_robot.any() | by_held.any())
+
+    free = jax.vmap(clear)(jnp.asarray(_LIFTS))
+    lift = jnp.asarray(_LIFTS)[jnp.argmax(free)]
+    goal = hand(lift)
+    arm = jax.lax.fori_loop(0, _SEARCH, lambda _, q: kinematics.reach(q, goal, rest=home), home)
+    near = jnp.linalg.norm(kinematics.tcp(arm).position - goal.position) < _NEAR
+    known &= near & free.any()
+    rails = len(layout.rails)
+    held = jnp.arange(count) == grip.held
+    loose = start.joints[rails:].reshape(count, 7)
+    loose = loose.at[:, 2].add(jnp.where(held, lift, 0.0))
+    joints = jnp.concatenate([start.joints[:rails], loose.reshape(-1)])
+    return start._replace(joints=joints), arm, known

@@ -1,12 +1,9 @@
 """Starts on the table: a group of things moved as one, and each of them a little.
 
-As in RLBench a task's things are one rigid group, put down with a random offset and yaw; each then
-gets a jitter of its own. Arrangements in which things overlap are rejected, inside the compiled
-program: a fixed number is drawn and the first that fits is taken.
-
-Or an episode begins at a moment of a recorded one. A task of several stages is hardly ever finished
-by chance; where some episodes begin when part of it is done, each stage is met from the first
-update on (Nair et al. 2018, Salimans and Chen 2018). Nobody imitates its actions.
+As in RLBench a task's things are one group, put down with a random offset and yaw; each then gets a
+jitter of its own, and of a fixed number of arrangements the first without overlap is taken. Or an
+episode begins at a moment of a recorded one, so that each stage is met from the first update on
+(Nair et al. 2018, Salimans and Chen 2018); nobody imitates its actions.
 """
 
 from typing import NamedTuple
@@ -14,7 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.panda.frames import quaternion_about_z
+from gril_jax.envs.panda.kinematics import quaternion_about_z
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 GROUP_SHIFT, GROUP_YAW = 0.04, 0.3927  # metres, rad (22.5 degrees): at most, either way

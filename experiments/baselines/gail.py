@@ -2,16 +2,13 @@
 
     python -m gril_jax.experiments.baselines.gail recorded.json --sets SETS --out gail.json
 
-Generative adversarial imitation learning (Ho and Ermon, NeurIPS 2016): a discriminator learns to
-tell pairs of observation and action of the demonstrations from those of the policy, and PPO is paid
--log(1 - D) for each. The recorded actions are among MAGICAL's 18; so are the policy's here, each
-replaced by the nearest of them, or the discriminator would see at once who is who. Policies are the
-suite's own in all else: networks, settings, steps, starts at frames of the films, and a gradient
-penalty (Gulrajani et al., NeurIPS 2017) keeps the discriminator from being too sure. Sized for a
-GPU; on a laptop: --num-envs 256 --num-minibatches 4 --num-timesteps 1500000.
+Ho and Ermon, NeurIPS 2016: a discriminator learns to tell the demonstrations' pairs of observation
+and action from the policy's, and PPO is paid -log(1 - D); a gradient penalty (Gulrajani et al.
+2017) keeps it from being too sure. The policy's actions are replaced by the nearest of MAGICAL's
+18. Sized for a GPU; on a laptop: --num-envs 256 --num-minibatches 4 --num-timesteps 1500000.
 
-Shapes use F for the demonstrations' pairs, K for seeds, T for the control steps of an unroll or a
-demonstration, B for environments, O for an observation, A for an action and I for both.
+Shapes use F for the demonstrations' pairs, K for seeds, T for control steps, B for environments, O
+for an observation, A for an action and I for both.
 """
 
 import dataclasses
@@ -32,11 +29,10 @@ from gril_jax.config.files import load
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.rl import ppo
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup
-from gril_jax.workflows.study import recipe
-from gril_jax.workflows.study.measured import variants
-from gril_jax.workflows.study.rows import changed
+from gril_jax.workflows.study import recipe, variants
+from gril_jax.workflows.study.recipe import changed
 
-from . import recorded
+from . import cloning
 
 _MINIBATCH = 512  # pairs of each side
 _PENALTY = 10.0  # of gradients whose norm is not 1, between pairs of both sides
@@ -44,7 +40,7 @@ _LARGEST = 10.0  # of a discriminator's input, in deviations of the demonstratio
 
 
 @dataclasses.dataclass(frozen=True)
-class Options(recorded.Options):
+class Options(cloning.RecordedOptions):
     """The command's."""
 
     variant: str = "demo"
@@ -66,7 +62,7 @@ class Discrete:
     """A task whose actions are replaced by the nearest of MAGICAL's 18."""
 
     def __init__(self, env: Env):
-        self._env, self._table = env, np.asarray(recorded.table())
+        self._env, self._table = env, np.asarray(cloning.table())
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._env, name)
@@ -194,9 +190,9 @@ def measure(task: str, actions: Int[np.ndarray, "D T"], options: Options) -> dic
     """Figures of a task's policies in all variants."""
     config = configured(task, options)
     demo = setup.make_env(config.env, training=False, variant=variants.DEMO)
-    obs, chosen = recorded.of_task(demo, actions, options.sets / task)
+    obs, chosen = cloning.of_task(demo, actions, options.sets / task)
     expert = Expert(
-        *(jnp.asarray(x) for x in (obs, recorded.table()[chosen], obs.mean(axis=0))),
+        *(jnp.asarray(x) for x in (obs, cloning.table()[chosen], obs.mean(axis=0))),
         spread=jnp.asarray(obs.std(axis=0)) + 0.1,
     )
     env = Discrete(setup.make_env(config.env, training=True))
@@ -229,7 +225,7 @@ def train(gail: Gail, config: RunConfig, params: Any, *, seeds: int):
 
 def main(argv: list[str] | None = None) -> int:
     """Writes the results after each task, and prints them."""
-    return recorded.measured("gail", tyro.cli(Options, args=argv), measure)
+    return cloning.measured("gail", tyro.cli(Options, args=argv), measure)
 
 
 if __name__ == "__main__":

@@ -6,23 +6,24 @@
 "random" is the simulator alone under random actions, without resets.
 """
 
-import functools
 import statistics
+import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from gril_jax.envs import Env
 
+from gril_jax.compilation import sharding
 from gril_jax.encoders import encoder
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.rl import ppo, rewards, rollout, training
-from gril_jax.rl.episodes import Episodes, reset_where
+from gril_jax.rl import ppo, rewards, training
 from gril_jax.workflows.build import policy_rewards, setup
 
-from . import seeds
-from .frame import InPlace, rounded, speeds, times_in_turn
+from .frame import InPlace, compile_timed, ratios, rounded, speeds, times_in_turn, without_cache
 
 
 class Sizes(NamedTuple):
@@ -45,20 +46,19 @@ _GPU = Sizes(8192, updates=5, hidden=(256, 256), seed_num_envs=512, seed_updates
 def main(
     *, num_envs: int | None, engine: str, variant: str, parts: Sequence[str], repeats: int
 ) -> dict[str, Any]:
-    """The figures of some parts: "training", "starts", "seeds" and "devices"."""
+    """The figures of some parts: "training", "seeds" and "devices"."""
     sizes = Sizes() if jax.default_backend() == "cpu" else _GPU
     sizes = sizes._replace(num_envs=num_envs or sizes.num_envs)
     task = {"variant": variant, "varied_starts": 0.5}
     env = setup.build("match_regions", task | {"engine": engine})
     task["engine"] = env.engine
-    own = functools.partial(_ppo, env, rewards.environmental, sizes)
+    own = partial(_ppo, env, rewards.environmental, sizes)
     measured = {
         "training": lambda: costs(env, sizes, repeats),
-        "starts": lambda: starts(env, sizes.num_envs, sizes.unroll, repeats),
-        "seeds": lambda: seeds.seeds(
+        "seeds": lambda: seeds(
             own(sizes.seed_num_envs), sizes.num_seeds, sizes.seed_updates, sizes.separate
         ),
-        "devices": lambda: seeds.devices(own, sizes.num_envs, sizes.updates, repeats),
+        "devices": lambda: devices(own, sizes.num_envs, sizes.updates, repeats),
     }
     return {"task": task, "sizes": sizes._asdict()} | {part: measured[part]() for part in parts}
 
@@ -137,64 +137,80 @@ def _random(env: Env, sizes: Sizes) -> InPlace:
     return InPlace(run, (begun, jax.random.key(1)))
 
 
-def starts(env: Env, num_envs: int, unroll: int, repeats: int) -> dict[str, Any]:
-    """Steps per second with each way to make starts."""
-    episodes = Episodes.of(env, rewards.environmental)
-    steps = num_envs * unroll
-    drawn = {"pool": rollout.renewals(num_envs, unroll, env.episode_length), "each_step": steps}
-    keys = jax.random.split(jax.random.key(0), 2 * num_envs)
-    begun = jax.jit(lambda keys: rollout.init(episodes, keys))(keys), jax.random.key(1)
-    runs = {
-        "pool": _pooled(episodes, drawn["pool"], unroll),
-        "each_step": _in_each_step(episodes, num_envs, unroll),
-    }
-    # A buffer is donated once, so each has its own.
-    calls = {name: InPlace(run, jax.tree.map(jnp.copy, begun)) for name, run in runs.items()}
-    speed = speeds(calls, dict.fromkeys(calls, steps), repeats)
+def seeds(algorithm: training.Algorithm, num: int, updates: int, separate: int) -> dict[str, Any]:
+    """Times seeds in one program, and one by one, of which the first `separate` are really run."""
+    keys = jax.block_until_ready(jax.random.split(jax.random.key(0), num))
+    with without_cache():
+        together = _whole(jax.vmap, algorithm, keys, updates)
+        alone = [_whole(lambda f: f, algorithm, key, updates) for key in keys[:separate]]
+    each = {name: sum(part[name] for part in alone) / len(alone) for name in together}
+    apart = {name: num * value for name, value in each.items()}
     return {
-        "starts_an_unroll": drawn,
-        "steps_per_s": rounded(speed, 0),
-        "pool_times_as_fast": {name: round(speed["pool"] / x, 2) for name, x in speed.items()},
+        "seeds": num,
+        "steps_of_a_seed": updates * algorithm.num_envs * algorithm.unroll_length,
+        "together_s": rounded(together),
+        "one_by_one_s": rounded(apart),
+        "one_by_one": f"{len(alone)} measured, times {num / len(alone):g}",
+        "times_as_fast": round(sum(apart.values()) / sum(together.values()), 2),
+        "times_as_fast_to_run": round(apart["run"] / together["run"], 2),
     }
 
 
-def _act(episodes: Episodes, observation: Any, key: Any) -> tuple[Any, Any]:
-    size = len(observation), episodes.env.action_size
-    return jax.random.uniform(key, size, minval=-1.0), ()
+def _whole(mapped, algorithm: training.Algorithm, key: Any, updates: int) -> dict[str, float]:
+    """Seconds of a whole training in a fresh Python process."""
+    jax.clear_caches()
+    hyper = ppo.Hyper()
+
+    def run(state):
+        return training.chunk(algorithm, state, hyper, None, updates=updates)[0]
+
+    start = time.perf_counter()
+    state = jax.jit(mapped(partial(algorithm.init, hyper=hyper)))(key)
+    advance, _ = compile_timed(mapped(run), state, donate_argnums=0)
+    jax.block_until_ready(state)
+    compiled = time.perf_counter()
+    jax.block_until_ready(advance(state))
+    return {"compile": compiled - start, "run": time.perf_counter() - compiled}
 
 
-def _pooled(episodes: Episodes, count: int, unroll: int) -> Callable[[Any], Any]:
-    """One unroll under random actions, before which so many starts are made."""
+def devices(
+    make: Callable[[int], training.Algorithm], num_envs: int, updates: int, repeats: int
+) -> dict[str, Any] | None:
+    """One device and all, with as many environments on each; None where there is only one."""
+    every = jax.devices()
+    if len(every) == 1:
+        return None
+    small, large = make(num_envs), make(len(every) * num_envs)
+    cases = {
+        "one": (small, every[:1], 1),
+        "all_one_seed": (large, every, 1),
+        "all_a_seed_each": (small, every, len(every)),
+    }
+    calls = {name: _spread(*case, updates) for name, case in cases.items()}
+    steps = {
+        name: count * updates * algorithm.num_envs * algorithm.unroll_length
+        for name, (algorithm, _, count) in cases.items()
+    }
+    speed = speeds(calls, steps, repeats)
+    return {
+        "devices": len(every),
+        "environments_on_each": num_envs,
+        "steps_per_s": rounded(speed, 0),
+        "times_one": ratios(speed, "one"),
+    }
 
-    def run(carry):
-        now, key = carry
-        key, key_renew, key_steps = jax.random.split(key, 3)
-        now = rollout.renew(episodes, now, jax.random.split(key_renew, count))
-        keys = jax.random.split(key_steps, unroll)
-        now, _ = rollout.unroll(
-            episodes, None, now, functools.partial(_act, episodes), keys, tau=0.005
-        )
-        return now, key
 
-    return run
+def _spread(algorithm: training.Algorithm, on: Sequence[Any], count: int, updates: int):
+    layout = sharding.mesh(on, seeds=count, num_envs=algorithm.num_envs)
+    each = jax.tree.map(lambda x: jnp.full((count,), x, jnp.float32), ppo.Hyper())
+    hyper = sharding.place(layout, each)
+    keys = jax.random.split(jax.random.key(0), count)
+    state = sharding.init(algorithm, layout, keys, hyper)
+    run = sharding.advance(algorithm, layout, state, updates)
 
+    def call():
+        nonlocal state
+        state, _ = run(state, hyper, None, np.int32(updates), np.bool_(True))
+        return state
 
-def _in_each_step(episodes: Episodes, num_envs: int, unroll: int) -> Callable[[Any], Any]:
-    """One unroll under random actions, with a start for each environment in each step."""
-    one = functools.partial(episodes.advance, None, tau=0.005)
-
-    def move(running, key):
-        key_start, key_action = jax.random.split(key)
-        fresh = jax.vmap(episodes.begin)(jax.random.split(key_start, num_envs))
-        action, _ = _act(episodes, jax.vmap(episodes.observe)(running), key_action)
-        running, result = jax.vmap(one)(running, action)
-        ended = result.terminated + result.truncated > 0
-        return jax.vmap(reset_where)(ended, fresh, running), result.reward
-
-    def run(carry):
-        now, key = carry
-        key, key_steps = jax.random.split(key)
-        running, _ = jax.lax.scan(move, now.running, jax.random.split(key_steps, unroll))
-        return now._replace(running=running), key
-
-    return run
+    return call

@@ -4,9 +4,8 @@ from gril_jax.lazy import offer
 
 __all__, __getattr__ = offer(
     __name__,
-    demos="import_videos load_demos",
+    inputs="import_videos load_demos make",
     policies="evaluate load_policy train_policy",
     rewards="Audit Subtasks audit_reward find_subtasks learn_reward",
-    tasks="make",
     trained_policy="Rates TrainedPolicy",
 )

@@ -18,7 +18,7 @@ from gril_jax.errors import ConfigError
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs.memory import MemoryRun
 from gril_jax.runs.progress import Progress
-from gril_jax.workflows import reuse
+from gril_jax.workflows import export_reward
 from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
 from gril_jax.workflows.learning import encoders, policies
 
@@ -63,7 +63,7 @@ def train_policy(
         config = settings.changed(config, {"run": {"reward": "environmental"}}, seed)
     env = setup.make_env(config.env, training=False)
     if rewards[0] is not None:
-        config = reuse.configured(config, rewards[0], env, "the reward")
+        config = export_reward.configured(config, rewards[0], env, "the reward")
     chosen = _shown(config, env, demos)
     shown_batch = None if chosen is None else chosen.batch("train")
     configs = [with_seed(config, number) for number in range(seeds)]
@@ -153,7 +153,7 @@ def _shown(
     """The demonstrations that training needs beside the reward."""
     if demos is not None:
         return demonstrations.of_set(config, env, demos)
-    if REWARDS[config.run.reward].staged or policy_rewards.begins_at_frames(config):
+    if REWARDS[config.run.reward_form].staged or policy_rewards.begins_at_frames(config):
         raise ConfigError(
             f"run.reward {config.run.reward!r} or resets to video states need the demonstrations: "
             "train_policy(..., demos=...)"

@@ -14,18 +14,18 @@ from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.grid import with_seed
 from gril_jax.demos.demo_set import DemoSet
 from gril_jax.errors import ConfigError, DemoError
-from gril_jax.report.audit.asked import faults
+from gril_jax.report.headline import faults
 from gril_jax.reward import latent_reward
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs.memory import MemoryRun
 from gril_jax.runs.progress import Progress
 from gril_jax.subtasks import agreement
 from gril_jax.workflows import audit as audits
-from gril_jax.workflows import export_reward, film_audit, reuse
+from gril_jax.workflows import export_reward, film_audit
 from gril_jax.workflows.build import demonstrations, learners, setup, vocabulary
 from gril_jax.workflows.learning import encoders
 
-from . import settings, tasks
+from . import inputs, settings
 
 
 def learn_reward(
@@ -143,7 +143,7 @@ def audit_reward(
         chosen = (
             audits.env_of(reward, task)
             if isinstance(task, str)
-            else tasks.env_config(task, EnvConfig())
+            else inputs.env_config(task, EnvConfig())
         )
         findings = audits.search(
             reward, chosen, "the reward", ascents=ascents, starts=starts, seed=seed
@@ -238,4 +238,4 @@ def _of_demos(
             f"the demonstrations show {', '.join(chosen.demo_set.classes)}, but the reward was "
             f"learned for {', '.join(reward.classes)}"
         )
-    return reuse.with_choices(config, reward, "the reward"), chosen
+    return export_reward.with_choices(config, reward, "the reward"), chosen

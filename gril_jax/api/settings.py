@@ -12,13 +12,12 @@ from typing import Any
 from gril_jax.config import RunConfig
 from gril_jax.config.command_line import nearest
 from gril_jax.config.files import load
-from gril_jax.config.task import NO_TASK
 from gril_jax.demos.demo_set import DemoSet
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
-from gril_jax.workflows.build import set_settings
+from gril_jax.workflows.build import vocabulary
 
-from . import tasks
+from . import inputs
 
 Sections = Mapping[str, Any]  # by name, each a mapping of the fields that it changes
 
@@ -33,20 +32,20 @@ def for_demos(
     """
     if task is None and preset is None and demos.task in registry.names():
         task = demos.task
-    config = load(preset or (set_settings.PRESET if task is None else tasks.preset(task)))
+    config = load(preset or (vocabulary.PRESET if task is None else inputs.preset(task)))
     if task is not None:
-        config = dataclasses.replace(config, env=tasks.env_config(task, config.env))
-    return changed(set_settings.fitted(config, demos), sections, seed)
+        config = dataclasses.replace(config, env=inputs.env_config(task, config.env))
+    return changed(vocabulary.fitted_to_set(config, demos), sections, seed)
 
 
 def for_task(
     task: Any, preset: str | None, sections: Sections, seed: int, demos: DemoSet | None
 ) -> RunConfig:
     """The configuration of a policy for a task."""
-    config = load(preset or tasks.preset(task))
-    config = dataclasses.replace(config, env=tasks.env_config(task, config.env))
+    config = load(preset or inputs.preset(task))
+    config = dataclasses.replace(config, env=inputs.env_config(task, config.env))
     if demos is not None:
-        config = set_settings.fitted(config, demos)
+        config = vocabulary.fitted_to_set(config, demos)
     return changed(config, sections, seed)
 
 
@@ -75,8 +74,3 @@ def changed(config: RunConfig, sections: Sections, seed: int) -> RunConfig:
         parts[name] = dataclasses.replace(parts[name], **values)
     parts["run"] = dataclasses.replace(parts["run"], seed=seed)
     return dataclasses.replace(config, **parts)
-
-
-def of_films_alone(config: RunConfig) -> bool:
-    """True if a reward is learned without a task."""
-    return config.env.name == NO_TASK

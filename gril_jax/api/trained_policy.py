@@ -20,9 +20,9 @@ from gril_jax.report import rates
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
 from gril_jax.rl.training import Algorithm
 from gril_jax.workflows import evaluate as evaluation
-from gril_jax.workflows.build import filming, policy_setup, setup, stages
+from gril_jax.workflows.build import filming, policy_rewards, policy_setup, setup
 
-from . import tasks
+from . import inputs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,7 +103,8 @@ class TrainedPolicy:
         success = np.asarray(means.success)[:episodes]
         shown = int(np.argmax(success))
         frames = filming.episode(self.task, jax.tree.map(lambda x: x[shown], means.states))
-        words = stages.in_words(_at(self.reward_parameters, best), means.remembered[shown])
+        reward = _at(self.reward_parameters, best)
+        words = policy_rewards.stages_in_words(reward, means.remembered[shown])
         frames = filming.with_captions(frames, words)
         video.write_video(Path(path), frames, self.task.control_hz)
 
@@ -158,7 +159,7 @@ class TrainedPolicy:
         """The rates of one policy and its episodes with deterministic actions."""
         config = self.config
         if task is not None:
-            config = dataclasses.replace(config, env=tasks.env_config(task, config.env))
+            config = dataclasses.replace(config, env=inputs.env_config(task, config.env))
         params, reward = (_at(x, index) for x in (self.parameters, self.reward_parameters))
         return evaluation.rates_of(
             config, jax.device_put(params), reward, episodes=episodes, seed=seed
@@ -173,7 +174,6 @@ def require_plain(config: RunConfig) -> None:
     found = {
         "sub-policies": ("sub_policies", ppo.sub_policies, ppo.sub_policies > 1),
         "a network that reads objects one by one": ("by_object", ppo.by_object, ppo.by_object),
-        "a network of several observations": ("frame_stack", ppo.frame_stack, ppo.frame_stack > 1),
     }
     for what, (name, value, holds) in found.items():
         if holds:

@@ -20,9 +20,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .ascent import Found, search
-from .scene_reward import Scene, SceneReward, StagedTask
+from .scene_reward import Scene, SceneReward, StagedTask, alone, pushed
 from .states import FACTORS, SUCCESS, Battery, battery, successes
-from .sweeps import alone, pushed
 
 _SIDE = 25
 # States in which whatever is done has been put where its stage clearly holds; a detour's last

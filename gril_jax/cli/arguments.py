@@ -1,15 +1,21 @@
-"""Paths and runs that arguments name, checked before anything heavy is imported."""
+"""Paths, runs and tasks that arguments name, checked before anything heavy is imported.
+
+A task's file that `--task` names is run. One that only a run or a configuration names is run if
+this user has named it before, with the contents that it has now; see `envs.user_tasks.files`.
+"""
 
 import functools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from gril_jax.config import RunConfig
+from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.config.task import NO_TASK
+from gril_jax.envs.user_tasks import files
 from gril_jax.errors import ConfigError, DemoError, RunError
-from gril_jax.runs import covered, run_dir
+from gril_jax.runs import reading, run_dir
+from gril_jax.runs.reading import task_digest
 from gril_jax.safe_files import writing
-
-from . import own_tasks
 
 _ROUNDS = 2  # of hard negatives
 
@@ -21,9 +27,9 @@ def run_config_of(folder: Path, part: str | None = None, *, task: str | None = N
     """The configuration of a run; a RunError if it has not got to a part, "reward" or "policy", and
     a ConfigError if its task may not be run, which may be a file that is named beside the run."""
     config = run_dir.read_config(folder)
-    own_tasks.of_run(config, task, folder)
+    require_task_of(config, task, folder)
     if part is not None:
-        covered.require_part(folder, part)
+        reading.require_unchanged(folder, f"{part}/")
     if part is not None and not any(folder.glob(f"{part}/[0-9]*/manifest.json")):
         raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
     return config
@@ -48,6 +54,9 @@ def hard_negatives(names: str, config: RunConfig) -> list[Path]:
                     f"the new run, {ours!r}"
                 )
     return folders
+
+
+# --- folders and files
 
 
 def existing_folder(name: str) -> Path:
@@ -78,3 +87,40 @@ def demo_set_to_write(name: str) -> Path:
     else:
         run_dir.require_new(path)
     return path
+
+
+# --- tasks of one's own
+
+
+def named_task(task: str) -> str | None:
+    """A file's function with its absolute path, which is named here and so may be run; None for
+    tasks that are no files."""
+    return str(_sentence(files.name, task)) if files.is_reference(task) else None
+
+
+def require_task_of(config: RunConfig, task: str | None, folder: Path) -> None:
+    """Raises ConfigError if the task's file of a run may not be run, or is no longer what it was;
+    `task` is the file that is named beside the run, if one is."""
+    if task is not None:
+        own = files.is_reference(config.env.name) and files.is_reference(task)
+        if config.env.name == NO_TASK:
+            raise ConfigError(f"{folder} was trained on films alone, so it has no use for --task")
+        if not own and task != config.env.name:
+            raise ConfigError(f"{folder} was trained for {config.env.name}, but --task is {task}")
+        if own:
+            _sentence(files.moved, config.env.name, task)
+    require_task(config.env, folder)
+
+
+def require_task(env: EnvConfig, folder: Path | None = None) -> None:
+    """Raises ConfigError if the task is of a file that may not be run, or that is another one than
+    the run in a folder has noted."""
+    if files.is_reference(env.name):
+        _sentence(files.require, env.name, None if folder is None else task_digest(folder))
+
+
+def _sentence(function: Callable[..., Any], *args: Any) -> Any:
+    try:
+        return function(*args)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None

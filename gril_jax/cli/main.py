@@ -8,6 +8,7 @@ import errno
 import os
 import signal
 import sys
+import textwrap
 from collections.abc import Sequence
 from importlib import metadata
 
@@ -17,8 +18,8 @@ from gril_jax.runs.interrupt import Interrupted, heard
 
 from . import verbs
 from .arguments import Work
-from .help_page import told
 
+_INDENT = 30
 _USAGE = """\
 usage: gril VERB [options]
 
@@ -104,10 +105,16 @@ _NO_MEMORY = ("RESOURCE_EXHAUSTED", "Out of memory", "out of memory")
 def help_page() -> str:
     """The help of `gril` itself, from what the verbs say of themselves."""
     page = _USAGE
-    for title in verbs.TABLE:
-        lines = (line for verb in verbs.group(title) for line in verb.lines.items())
-        page += f"\n{title}:\n" + "".join(f"{told(*line)}\n" for line in lines)
+    for title, members in verbs.table().items():
+        lines = (line for verb in members for line in verb.lines.items())
+        page += f"\n{title}:\n" + "".join(_told(*line) for line in lines)
     return page + _NOTE
+
+
+def _told(usage: str, text: str) -> str:
+    left, right = f"  {usage}  ".ljust(_INDENT), " " * _INDENT
+    how = {"initial_indent": left, "subsequent_indent": right, "break_on_hyphens": False}
+    return textwrap.fill(text, 100, **how) + "\n"
 
 
 def _plan(args: list[str]) -> Work:
@@ -117,7 +124,7 @@ def _plan(args: list[str]) -> Work:
         return lambda: 0
     if args[:1] == [verbs.COMPLETION]:
         verbs.print_completion(args[1:])
-    known = verbs.names()
+    known = {verb.name: verb for verb in verbs.every()}
     families = {name.partition(" ")[0] for name in known if " " in name}
     size = 2 if args and args[0] in families else 1
     words, rest = args[:size], args[size:]
@@ -126,7 +133,7 @@ def _plan(args: list[str]) -> Work:
         return lambda: 0
     if (name := " ".join(words)) not in known:
         raise ConfigError(f"there is no verb {name!r}{nearest(name, known)}: see gril --help")
-    return verbs.find(name).plan(rest)
+    return known[name].plan(rest)
 
 
 if __name__ == "__main__":

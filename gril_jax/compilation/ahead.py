@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import jax
 
 from gril_jax import threads
+from gril_jax.runs.interrupt import Interrupted
 
 _FEW = 4  # cores that one compiler and one training keep busy
 _MOST = 8  # each compiler has threads of its own
@@ -57,16 +58,20 @@ class Task(NamedTuple):
     wanted: Future[Any] | None  # the program for it; None where it needs none
     needs: frozenset[str]  # names of the tasks that come before it
     do: Callable[[], None]
+    about: Any = None  # for whom it is
 
 
-def carry_out(tasks: Iterable[Task]) -> None:
+def carry_out(
+    tasks: Iterable[Task], failed: Callable[[Task, Exception], None] | None = None
+) -> None:
     """Runs each task once: always the first one whose needs are done and whose program is ready.
 
     Where programs are compiled when they are asked for, the order is that of the tasks as far as
-    their needs allow, in every process. A need that never comes is a ValueError.
+    their needs allow, in every process. A need that never comes is a ValueError. With `failed` an
+    error goes there, the tasks that need what it broke are left out, and the others go on.
     """
-    left, done = list(tasks), set[str]()
-    while left:
+    left, done, lost = list(tasks), set[str](), set[str]()
+    while left := [task for task in left if not _loses(task, lost)]:
         able = [task for task in left if task.needs <= done]
         if not able:
             name, needs = left[0].name, left[0].needs - done
@@ -78,8 +83,21 @@ def carry_out(tasks: Iterable[Task]) -> None:
             wait([task.wanted for task in able if task.wanted], return_when=FIRST_COMPLETED)
             continue
         left.remove(task)
-        task.do()
-        done.add(task.name)
+        try:
+            task.do()
+            done.add(task.name)
+        except Exception as error:
+            if failed is None or isinstance(error, Interrupted):
+                raise
+            failed(task, error)
+            lost.add(task.name)
+
+
+def _loses(task: Task, lost: set[str]) -> bool:
+    """True if a task needs what was lost, and so is lost itself."""
+    if task.needs & lost:
+        lost.add(task.name)
+    return task.name in lost
 
 
 class _WhenAsked(Executor):

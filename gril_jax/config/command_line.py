@@ -16,7 +16,7 @@ from tyro import _errors as events
 
 from gril_jax.errors import ConfigError
 
-from .rules import require
+from .tables import require
 
 RunFolder = Annotated[
     str,
@@ -61,12 +61,15 @@ def parse(
     """Reads options into a dataclass, above its `default`; `--help` prints tyro's help and exits
     with 0. A ConfigError says which option is unknown, lacks its value, is of the wrong type or out
     of range, or is missing."""
+    asked = {"-h", "--help"} & {*args}
+    # Comments are the help, and to find them takes tyro as long as everything else.
+    marks = (tyro.conf.FlagCreatePairsOff, *(() if asked else (tyro.conf.HelptextFromCommentsOff,)))
     with events.on_parse_error(functools.partial(_refuse, options(schema))):
         given = tyro.cli(
             schema,
             args=[*args],
             default=tyro.MISSING_NONPROP if default is None else default,
-            config=(tyro.conf.FlagCreatePairsOff,),
+            config=marks,
             prog=prog,
             description=description,
             add_help=add_help,

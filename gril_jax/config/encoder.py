@@ -6,8 +6,7 @@ The networks' own configurations take their defaults from here.
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from .rules import above, at_least, between, optional
-from .tables import ENCODERS
+from .tables import ENCODERS, above, at_least, between, optional
 
 
 @dataclass(frozen=True)

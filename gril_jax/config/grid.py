@@ -2,63 +2,48 @@
 
     gril sweep quickstart --seeds 8 --reward learned,environmental --lambda 0.1,1
 
-An option whose value has commas is an axis of the sweep; every other option changes all runs.
+An option of the configuration whose value has commas is an axis; every other changes all runs.
 """
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping
 
+from gril_jax.config.command_line import options
 from gril_jax.config.run_config import RunConfig
 from gril_jax.errors import ConfigError
 
-
-class Axis(NamedTuple):
-    """An option and its values."""
-
-    option: str  # in full, such as --ppo.discounting
-    values: tuple[str, ...]
+Axes = Mapping[str, tuple[str, ...]]  # options in full, such as --ppo.discounting, to values
 
 
-class Cell(NamedTuple):
-    """One combination: its labels, and its configuration with the first seed."""
-
-    labels: tuple[tuple[str, str], ...]  # option without dashes, value
-    config: RunConfig
-
-    @property
-    def name(self) -> str:
-        """Its labels as "option value" pairs, or "as configured"."""
-        words = (f"{option.rpartition('.')[2]} {value}" for option, value in self.labels)
-        return ", ".join(words) or "as configured"
-
-
-def take_axes(args: list[str]) -> list[Axis]:
+def take_axes(args: list[str]) -> Axes:
     """Removes the options with commas in their values and returns them, in order; a ConfigError
     if one is given twice, or one of its values is empty or given twice."""
-    axes: list[Axis] = []
+    known = options(RunConfig)
+    full = {one.path: word for word, one in known.items() if "." in word}
+    axes: dict[str, tuple[str, ...]] = {}
     rest: list[str] = []
-    pending = iter(list(args))
+    pending = iter([*args])
     for arg in pending:
-        option, equals, value = arg.partition("=")
-        if not arg.startswith("--"):
+        word, equals, value = arg.partition("=")
+        option = known.get(word.replace("_", "-"))
+        if option is None:
             rest.append(arg)
             continue
         if not equals:
             value = next(pending, "")
         if "," in value:
-            axes.append(_axis(option, value))
+            name = full[option.path]
+            if name in axes:
+                raise ConfigError(f"{name} is given twice, but is one axis of the sweep")
+            axes[name] = _values(name, value)
         else:
             rest += [arg] if equals or not value else [arg, value]
     args[:] = rest
-    seen = [axis.option for axis in axes]
-    if twice := [option for option in seen if seen.count(option) > 1]:
-        raise ConfigError(f"{twice[0]} is given twice, but is one axis of the sweep")
     return axes
 
 
-def _axis(option: str, value: str) -> Axis:
+def _values(option: str, value: str) -> tuple[str, ...]:
     values = tuple(part.strip() for part in value.split(","))
     if "" in values:
         raise ConfigError(f"{option} is {value!r}, but must have a value between all commas")
@@ -66,18 +51,17 @@ def _axis(option: str, value: str) -> Axis:
         raise ConfigError(f"{option} is {value!r}, but must name {twice[0]} once")
     if option == "--run.seed":
         raise ConfigError("--run.seed cannot be an axis: --seeds N takes N seeds from it on")
-    return Axis(option, values)
+    return values
 
 
-def cells(
-    axes: Sequence[Axis], args: list[str], load: Callable[[list[str]], RunConfig]
-) -> list[Cell]:
-    """Every combination of the axes, beside the options that are the same for all; the last axis
-    changes fastest. `load` makes a checked configuration of options."""
-    found = []
-    for pairs in itertools.product(*([(axis.option, x) for x in axis.values] for axis in axes)):
-        config = load([*args, *itertools.chain.from_iterable(pairs)])
-        found.append(Cell(tuple((option[2:], value) for option, value in pairs), config))
+def cells(axes: Axes) -> dict[str, list[str]]:
+    """The options of every combination by its name, such as "lambda 0.1, reward learned"; the last
+    axis changes fastest. Without axes that is "as configured"."""
+    found = {}
+    for values in itertools.product(*axes.values()):
+        pairs = [*zip(axes, values, strict=True)]
+        name = ", ".join(f"{option.rpartition('.')[2]} {value}" for option, value in pairs)
+        found[name or "as configured"] = [*itertools.chain.from_iterable(pairs)]
     return found
 
 

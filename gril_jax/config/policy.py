@@ -10,7 +10,7 @@ from typing import Any
 
 from gril_jax.errors import ConfigError
 
-from .rules import above, at_least, between, rule
+from .tables import above, at_least, between, rule
 
 _WIDTHS = rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1")
 
@@ -76,9 +76,6 @@ class PPOConfig(PolicyConfig):
     sub_policies: int = field(default=1, metadata=between(1, 8))
     """Number of sub-policies with networks of their own, one for each stage of the learned reward
     (with run.reward stages)."""
-    frame_stack: int = field(default=1, metadata=between(1, 16))
-    """Observations that the policy sees at a time: the present one and those of the control steps
-    before, so that it can tell what has happened."""
     noise_correlation: float = field(default=0.0, metadata=between(0, 1))
     """Fraction of the variance of an action's noise that is the same in all steps between two
     updates: an environment then explores in one direction for so long."""
@@ -90,11 +87,6 @@ class PPOConfig(PolicyConfig):
             raise ConfigError(
                 f"{name}.num_minibatches is {self.num_minibatches}, but must divide "
                 f"{name}.num_envs, which is {self.num_envs}"
-            )
-        if self.by_object and self.frame_stack > 1:
-            raise ConfigError(
-                f"{name}.frame_stack is {self.frame_stack}, but must be 1 with {name}.by_object, "
-                "which reads the objects of one observation"
             )
 
 

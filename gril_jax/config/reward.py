@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from .rules import above, at_least, between
-from .tables import ALIGNMENTS
+from .tables import ALIGNMENTS, above, at_least, between
 
 
 @dataclass(frozen=True)
@@ -49,12 +48,11 @@ class LossConfig:
     """Fraction of an object's final places that their box leaves out on each side."""
     touch: float = field(default=0.0, metadata=between(0, 1))
     """Fraction of the cost of an object to be moved that vanishes once it has been touched."""
-    quartic_weight: float = field(default=1.0, metadata=at_least(0))
-    """Weight of the fourth power of the perturbed frames' errors, relative to their squares."""
     warmup: int = field(default=1500, metadata=at_least(0))
     """Gradient steps over which a term that aligns times directly fades out; 0 leaves it out."""
 
     soft_dtw_weight = 1.0
+    quartic_weight = 1.0  # of the fourth power of perturbed frames' errors, beside their squares
     gamma = 0.1  # softness of soft-DTW
     latent_scale = 10.0  # latent distance from first to last frames, if perturbed
 

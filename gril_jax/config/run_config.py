@@ -15,11 +15,23 @@ import tyro
 
 from gril_jax.errors import ConfigError
 
-from .command_line import short
+from .command_line import RunFolder, short
 from .encoder import EncoderOptions, PoolConfig
 from .reward import LossConfig, PretrainConfig
-from .rules import at_least, between, optional, require, rule
-from .tables import ALGORITHMS, ALIGNMENTS, ENCODERS, REWARDS, alternatives
+from .tables import (
+    ALGORITHMS,
+    ALIGNMENTS,
+    ENCODERS,
+    REWARDS,
+    alternatives,
+    at_least,
+    between,
+    count,
+    find,
+    optional,
+    require,
+    rule,
+)
 from .task import DemosConfig, EnvConfig
 
 Section = tyro.conf.FlagConversionOff  # True and False are written out, as in YAML
@@ -36,16 +48,13 @@ class RunSettings:
     reward: Annotated[str, short("--reward")] = field(
         default="learned",
         metadata=rule(
-            lambda x: x in REWARDS,
+            lambda x: x in REWARDS or "/" in x or x.endswith(".npz"),
             f"{alternatives([*REWARDS])}, or the file or run of a reward that has been learned",
         ),
     )
     """Reward of the policy: the learned one (learned), the task's own (environmental), the learned
-    one in its stages (stages), or the task's own with the learned one as its potential (shaped). On
-    a command line also the file of `gril export` or the folder of a run: that reward is taken."""
-    reward_file: str | None = None
-    """A reward that has been learned before, to train the policy on: a file of `gril export`, or
-    the folder of a run. None learns one."""
+    one in its stages (stages), or the task's own with the learned one as its potential (shaped);
+    or a reward that has been learned before: a file of `gril export`, or the folder of a run."""
     reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
     """Constant added to the learned reward if that is all, also in stages. With 1 it starts at
     about 0 instead of -1: no policy is better or worse for it, but some are found sooner."""
@@ -73,6 +82,16 @@ class RunSettings:
     )
     """Sinks for metrics besides metrics.jsonl: tensorboard, wandb; each is an optional extra."""
 
+    @property
+    def reward_form(self) -> str:
+        """The form of the reward, of `REWARDS`; that of one learned before is "learned"."""
+        return self.reward if self.reward in REWARDS else "learned"
+
+    @property
+    def reward_source(self) -> str | None:
+        """The file or folder of a reward that has been learned before; None for any other."""
+        return None if self.reward in REWARDS else self.reward
+
 
 @dataclass(frozen=True)
 class DemoSections:
@@ -93,10 +112,12 @@ class RewardSections(DemoSections):
     run: Section[RunSettings] = field(default=RunSettings())
 
 
+_SECTIONS = {name: find(one.options) for name, one in ALGORITHMS.items()}
+
 # With one section more for each algorithm.
 Sections = dataclasses.make_dataclass(
     "Sections",
-    [(name, Section[one.options], one.options()) for name, one in ALGORITHMS.items()],
+    [(name, Section[kind], kind()) for name, kind in _SECTIONS.items()],
     bases=(RewardSections,),
     namespace={"__doc__": "All sections, as they are given.", "__module__": __name__},
     frozen=True,
@@ -207,7 +228,7 @@ def _check_encoder(config: RunConfig) -> None:
 
 def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
     """Choices that may need boxes: their values, whether pixels do, and what else they must be."""
-    run, form = config.run, REWARDS[config.run.reward]
+    run, form = config.run, REWARDS[config.run.reward_form]
     with_pictures = alternatives([name for name, one in REWARDS.items() if one.pictures])
     return {
         "loss.consistency": (
@@ -217,3 +238,34 @@ def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
         ),
         "run.reward": (run.reward, form.pictures, with_pictures),
     }
+
+
+@dataclass(frozen=True)
+class StageOptions:
+    """The run, and how its stages are found; see `gril_jax.subtasks.agreement`."""
+
+    run: RunFolder
+    """Folder of a run that has learned a reward."""
+    out: str | None = None
+    """New folder for the results; None for `subtasks` in the run's folder."""
+    prominence: float = field(default=0.125, metadata=rule(lambda x: x > 0, "above 0"))
+    """Least height of a stage's rise; a learned reward goes from about -1 to 0."""
+    smoothing: int = field(
+        default=15, metadata=rule(lambda x: x >= 1 and x % 2 == 1, "odd and at least 1")
+    )
+    """Frames of the running median of the reward, odd."""
+    patience: int | None = field(default=None, metadata=optional(count()))
+    """Frames without progress that end a stage; None finds it from the demonstrations."""
+    support: float = field(
+        default=0.5, metadata=rule(lambda x: 0 < x <= 1, "above 0 and at most 1")
+    )
+    """Least share of the demonstrations that must each show a stage's end."""
+    films: bool = False
+    """Write each segment as a film of its own, `films/NAME-1.mp4` and so on."""
+    lerobot: str | None = None
+    """A LeRobot dataset from which the films were imported; a copy of it with the segments as
+    subtask annotations goes to `lerobot` in the results."""
+    sets: bool = False
+    """Write each subtask's demonstrations as a separate set, films included."""
+    task: str | None = None
+    """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""

@@ -1,12 +1,50 @@
-"""The tables of what can be chosen by name: encoders, losses, forms of the reward, algorithms.
+"""What a value may be: rules for the fields of configurations and of verbs, and tables of choices.
 
-Entries name code by its path, since a command line is read before JAX is loaded.
+Entries of the tables name code by its path, since a command line is read before JAX is loaded.
 """
 
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from .policy import PPOConfig, SACConfig
+from gril_jax.errors import ConfigError
+
+
+def rule(holds: Callable[[Any], bool], text: str) -> dict[str, Any]:
+    """Field metadata: a predicate on the value, and its description after "must be"."""
+    return {"holds": holds, "text": text}
+
+
+def at_least(low: int | float) -> dict[str, Any]:
+    """Rule for a number that is not below a limit."""
+    return rule(lambda x: low <= x < float("inf"), f"finite and at least {low}")
+
+
+def above(low: int | float) -> dict[str, Any]:
+    """Rule for a number that is above a limit."""
+    return rule(lambda x: low < x < float("inf"), f"finite and above {low}")
+
+
+def between(low: int | float, high: int | float) -> dict[str, Any]:
+    """Rule for a number from one limit to another, both included."""
+    return rule(lambda x: low <= x <= high, f"from {low} to {high}")
+
+
+def count() -> dict[str, Any]:
+    """Rule for a whole number of at least 1."""
+    return rule(lambda x: x >= 1, "at least 1")
+
+
+def optional(metadata: dict[str, Any]) -> dict[str, Any]:
+    """The same rule for a value that may also be None."""
+    return rule(lambda x: x is None or metadata["holds"](x), metadata["text"])
+
+
+def require(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
+    """Raises ConfigError if a value breaks the rule of its field."""
+    if metadata and not metadata["holds"](value):
+        shown = list(value) if isinstance(value, tuple) else value
+        raise ConfigError(f"{name} is {shown!r}, but must be {metadata['text']}")
 
 
 class Encoder(NamedTuple):
@@ -32,7 +70,7 @@ class Alignment(NamedTuple):
     """A loss that aligns videos in time."""
 
     losses: tuple[str, ...]
-    """Functions as `gril_jax.pretraining.alignment` has them; several are summed."""
+    """Functions as `gril_jax.pretraining.loss` has them; several are summed."""
     form: str = "regression_mse"
     """Form of the cycle-consistency that they are given."""
     similarity: str = "l2"
@@ -43,7 +81,7 @@ class Reward(NamedTuple):
     """A form of the reward, which a policy can maximise."""
 
     form: str
-    """A `gril_jax.workflows.build.reward_form.RewardForm`."""
+    """A `gril_jax.workflows.build.policy_rewards.RewardForm`."""
     learns: bool = True
     """Takes a learned reward."""
     pictures: bool = False
@@ -58,8 +96,8 @@ class Algorithm(NamedTuple):
     algorithm: str
     """A `gril_jax.rl.training.Algorithm` of an environment, a reward and its `Static`; with the
     types of its options as `Static` and `Hyper`."""
-    options: type[Any]
-    """The section of the configuration, which has its name."""
+    options: str
+    """The type of its section of the configuration, which has its name."""
 
 
 ENCODERS = {
@@ -69,14 +107,14 @@ ENCODERS = {
     "pixels": Encoder("gril_jax.encoders.resnet.PixelConfig", boxes=False, saved="pixel"),
 }
 
-_CYCLE = ("gril_jax.pretraining.alignment.cycle",)
-_WARPING = ("gril_jax.pretraining.alignment.warping",)
+_CYCLE = ("gril_jax.pretraining.loss.cycle",)
+_WARPING = ("gril_jax.pretraining.loss.warping",)
 ALIGNMENTS = {
     "tcc": Alignment(_CYCLE),
     "tcc_variance": Alignment(_CYCLE, form="regression_mse_var"),
     "tcc_huber": Alignment(_CYCLE, form="regression_huber"),
     "tcc_classification": Alignment(_CYCLE, form="classification"),
-    "tcc_stochastic": Alignment(("gril_jax.pretraining.alignment.sampled_cycle",)),
+    "tcc_stochastic": Alignment(("gril_jax.pretraining.loss.sampled_cycle",)),
     "tcc_cosine": Alignment(_CYCLE, similarity="cosine"),
     "soft_dtw": Alignment(_WARPING),
     "both": Alignment(_CYCLE + _WARPING),
@@ -91,8 +129,8 @@ REWARDS = {
 }
 
 ALGORITHMS = {
-    "ppo": Algorithm("gril_jax.rl.ppo.PPO", PPOConfig),
-    "sac": Algorithm("gril_jax.rl.sac.SAC", SACConfig),
+    "ppo": Algorithm("gril_jax.rl.ppo.PPO", "gril_jax.config.policy.PPOConfig"),
+    "sac": Algorithm("gril_jax.rl.sac.SAC", "gril_jax.config.policy.SACConfig"),
 }
 
 

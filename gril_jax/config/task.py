@@ -8,7 +8,7 @@ from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
 from .command_line import short
-from .rules import at_least, between, optional, rule
+from .tables import at_least, between, optional, rule
 
 BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
@@ -69,7 +69,7 @@ class EnvConfig:
     order. Of a task on a table: plain, or rich with the stages that have been reached."""
     reward: str | None = None
     """The task's own reward, which only `run.reward environmental` learns from: match_regions has
-    S4, V5, S3, sparse, a task on a table staged, stages, sparse, MAGICAL's others sparse; None is
+    S4, V5, sparse, a task on a table staged, stages, sparse, MAGICAL's others sparse; None is
     the first."""
     max_envs: int = field(default=4096, metadata=at_least(1))
     """With the engine warp, the most environments stepped together, counting all seeds of a

@@ -15,12 +15,11 @@ import numpy as np
 from gril_jax.errors import DemoError
 
 from . import import_notes
-from .demo import Demo, Tracks
+from .demo import Demo, Tracks, trim_static_tail
 from .demo_set import DemoSet
 from .detected import WORLD
 from .formats.record import Box, Film
 from .import_notes import Found
-from .tail import trim_static_tail
 from .tracking.identities import in_order, linked, objects_at_once
 from .tracking.mending import Mended, mended
 from .vision.timed import pictures, steps

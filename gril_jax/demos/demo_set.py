@@ -17,20 +17,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import cv2
 import jax
 import numpy as np
+from jaxtyping import UInt8
 
 from gril_jax.errors import DemoError
 from gril_jax.threads import parallel_map
-from gril_jax.types import DemoBatch
+from gril_jax.types import DemoBatch, VideoBatch
 
-from .demo import Demo
-from .reader import read_demo, read_header
-from .schema import robots_among
-from .tail import trim_static_tail
-from .writer import write_demo_set
-
-_ABOUT = "task classes half_extent fps source robots unit noise smoothing".split()
+from .demo import Demo, trim_static_tail
+from .files import read_demo, read_header, write_demo_set
+from .schema import ABOUT, robots_among
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,7 +103,7 @@ class DemoSet:
     @property
     def about(self) -> dict[str, Any]:
         """All fields that a saved set has beside its demonstrations."""
-        return {name: getattr(self, name) for name in _ABOUT}
+        return {name: getattr(self, name) for name in ABOUT}
 
     def objects(self, demo: Demo) -> list[str]:
         """Class names of a demonstration's objects, in the order of its tracks."""
@@ -163,7 +161,7 @@ def load_demo_set(folder: str | os.PathLike) -> DemoSet:
     """Reads a demo set; a DemoError for what is missing, was changed, or breaks the schema."""
     folder = pathlib.Path(folder)
     header = read_header(folder)
-    about = {name: header[name] for name in _ABOUT}
+    about = {name: header[name] for name in ABOUT}
     about |= {name: float(header[name]) for name in ("half_extent", "fps")}
     about |= {name: tuple(header[name]) for name in ("classes", "robots")}
     demos = tuple(read_demo(folder, entry, header["classes"]) for entry in header["demos"])
@@ -229,3 +227,39 @@ def select_objects(demo_set: DemoSet, objects: Sequence[str]) -> DemoSet:
             fewer = cut.during(slice(kept))
         demos.append(fewer)
     return replace(demo_set, demos=tuple(demos))
+
+
+def frame_batch(
+    demo_set: DemoSet, names: Sequence[str], *, pixels: int, half_extent: float | None = None
+) -> VideoBatch:
+    """The frames of some demonstrations as small squares, padded as `demo_batch` pads their boxes.
+
+    They show the world as far as `half_extent`, or the set's own. One video at a time is decoded; a
+    DemoError if it is damaged, not square, or not as long as its boxes.
+    """
+    zoom = 1.0 if half_extent is None else half_extent / demo_set.half_extent
+    videos = []
+    for demo in demo_set.select(names):
+        frames = demo.frames
+        height, width = frames.shape[1:3]
+        if height != width:
+            raise DemoError(
+                f"{demo_set.where}, {demo.name!r}: frames are {width} x {height}, but must be "
+                "square."
+            )
+        videos.append(shrink(frames, pixels, zoom=zoom))
+    return VideoBatch(padded(videos), np.array([len(frames) for frames in videos], np.int32))
+
+
+def shrink(
+    frames: UInt8[np.ndarray, "T S S 3"], pixels: int, *, zoom: float = 1.0
+) -> UInt8[np.ndarray, "T P P 3"]:
+    """Frames resized by area, of which a square of `zoom` times their side is shown: above 1 the
+    outermost pixels go on."""
+    margin = round((zoom - 1.0) * frames.shape[1] / 2)
+    if margin < 0:
+        frames = frames[:, -margin:margin, -margin:margin]
+    border = (max(margin, 0),) * 4
+    wider = (cv2.copyMakeBorder(frame, *border, cv2.BORDER_REPLICATE) for frame in frames)
+    size = (pixels, pixels)
+    return np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in wider])

@@ -34,19 +34,27 @@ def text(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> str:
 
 
 def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> list[str]:
-    """Sentences on the films together."""
+    """What was found in all films, what was missing or wrong in them, and what is doubtful."""
     classes = dict.fromkeys(name for film in films for name in film.objects)
     most = {name: max(film.objects[name] for film in films) for name in classes}
     shown = ", ".join(f"{n} x {name}" if n > 1 else name for name, n in most.items())
     acting = f"of these the robot or person is {', '.join(robots)}" if robots else "none acts"
-    jitter = max(film.jitter for film in films)
+    total = lambda name: sum(getattr(film, name) for film in films)  # noqa: E731
+    missing = np.mean([film.missing for film in films])
+    mended = [f"{missing:.0%} of the boxes are missing and were filled in"]
+    if count := total("carried"):
+        mended.append(f"{count} times something was carried out of sight, and goes with the hand")
+    if count := total("stray"):
+        mended.append(f"{count} were of another object and left out")
+    if count := total("renewed"):
+        mended.append(f"{count} changes of a tracker's identity were followed")
     lines = [
         f"{len(films)} films, {made.fps:g} frames a second; objects: {shown}; {acting}",
         f"lengths are in {made.unit}; a frame shows {made.half_extent:g} to each side of its "
         "middle",
-        _mended(films),
+        "; ".join(mended),
     ]
-    if jitter:
+    if jitter := max(film.jitter for film in films):
         lines.append(
             f"boxes jitter by {jitter:.1f} pixels: this is in the set as noise {made.noise:.4f} "
             f"({made.unit}), so that resting objects do not count as moved (jitter sets it)"
@@ -58,32 +66,12 @@ def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> l
         )
     if not robots:
         lines.append("no class is the robot's or the person's: name it as the robot if one is")
-    lines += [f"doubtful: {doubt}" for film in films for doubt in _doubts(film)]
+    for film in films:
+        if lacks := [name for name, count in film.objects.items() if not count]:
+            lines.append(f"doubtful: {film.name} never shows {', '.join(lacks)}")
+        if film.missing > _MANY:
+            lines.append(f"doubtful: {film.name} lacks {film.missing:.0%} of its boxes")
     return lines
-
-
-def _mended(films: Sequence[Found]) -> str:
-    """A sentence on what was missing or wrong in the boxes of all films."""
-    missing = np.mean([film.missing for film in films])
-    carried, stray, renewed = (
-        sum(getattr(film, name) for film in films) for name in ("carried", "stray", "renewed")
-    )
-    said = [f"{missing:.0%} of the boxes are missing and were filled in"]
-    if carried:
-        said.append(f"{carried} times something was carried out of sight, and goes with the hand")
-    if stray:
-        said.append(f"{stray} were of another object and left out")
-    if renewed:
-        said.append(f"{renewed} changes of a tracker's identity were followed")
-    return "; ".join(said)
-
-
-def _doubts(film: Found) -> list[str]:
-    lacks = [name for name, count in film.objects.items() if not count]
-    said = [f"{film.name} never shows {', '.join(lacks)}"] if lacks else []
-    if film.missing > _MANY:
-        said.append(f"{film.name} lacks {film.missing:.0%} of its boxes")
-    return said
 
 
 def _line(film: Found) -> str:

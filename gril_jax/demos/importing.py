@@ -17,12 +17,10 @@ from gril_jax.threads import parallel_map
 
 from . import boxed, detected
 from .demo_set import DemoSet, load_demo_set, save_demo_set
-from .formats import lerobot
-from .formats.recognise import boxes_of
+from .detected import Detect, detecting
+from .formats import boxes_of, lerobot
 from .formats.record import Box, Film
 from .schema import NO_TASK
-from .tracking.detector import Detect, detecting
-from .tracking.drawn import follower
 from .vision.detect import Detector
 from .vision.timed import look
 
@@ -34,7 +32,7 @@ def import_videos(
     folder: str | os.PathLike,
     out: str | os.PathLike | None = None,
     *,
-    boxes: str | os.PathLike | Detect | Detector = "auto",
+    boxes: str | Detect | Detector = "auto",
     robot: str | Sequence[str] = (),
     half_extent: float | None = None,
     classes: Sequence[str] | None = None,
@@ -53,9 +51,8 @@ def import_videos(
       folder: of videos, of MAGICAL's `*.pkl.gz` files, or of a LeRobot dataset.
       out: a folder for the set, which replaces an older set there; None writes nothing.
       boxes: "auto" reads the boxes beside each video, in any known format. "colour" finds the
-        objects of MAGICAL's palette. A JSON file has boxes drawn on one frame of each video, which
-        are followed. A function, or its name `module:function`, is a detector: `Detect`. A
-        `Detector` gives `Tracks` itself.
+        objects of MAGICAL's palette. A function, or its name `module:function`, is a detector:
+        `Detect`. A `Detector` gives `Tracks` itself.
       robot: classes that are parts of a robot, or of a person; what they do is no progress.
       half_extent: half the width of what a frame shows, in a unit of one's own; None measures in
         widths of the picture.
@@ -147,21 +144,13 @@ def _films(
     return list(parallel_map(look, videos_in(folder, out))), boxes_of
 
 
-def _reader(boxes: str | os.PathLike | Detect) -> Callable[[Film], list[Box]] | None:
+def _reader(boxes: str | Detect) -> Callable[[Film], list[Box]] | None:
     """What gives the boxes of a video; None for those that come with it."""
-    if callable(boxes):
-        return detecting(boxes)
-    words = str(boxes)
-    if words == "auto":
+    if boxes == "auto":
         return None
-    if words.endswith(".json"):
-        return follower(pathlib.Path(words))
-    if ":" in words:
-        return detecting(words)
-    raise DemoError(
-        f"boxes is {words!r}, but must be auto, colour, a JSON file of boxes that are drawn, or a "
-        "detector module:function."
-    )
+    if callable(boxes) or ":" in str(boxes):
+        return detecting(boxes)
+    raise DemoError(f"boxes is {boxes!r}, but must be auto, colour, or a detector module:function.")
 
 
 def videos_in(folder: pathlib.Path, out: str | os.PathLike | None) -> list[pathlib.Path]:

@@ -20,6 +20,7 @@ _FIELDS = {
     "task": str, "classes": list, "half_extent": float, "fps": float, "source": str, "robots": list,
     "unit": str | None, "noise": float | None, "smoothing": int, "demos": list,
 }  # fmt: skip
+ABOUT = tuple(name for name in _FIELDS if name != "demos")  # of `DemoSet`, too
 _ENTRY = {
     "name": str,
     "video": str,  # file name in the folder

@@ -28,7 +28,7 @@ from gril_jax.config.encoder import EncoderOptions
 from gril_jax.errors import ConfigError, require_at_least
 from gril_jax.types import SceneGraph
 
-from .box_features import blank, box_features
+from .box_mlp import blank, box_features
 from .dense_messages import sum_messages
 from .message_passing import Form, Params, node_weights, weighted_pool
 

@@ -23,7 +23,7 @@ Arrays, all float32, for O inputs and layers i of H_i outputs:
   observation_mean (O,), observation_limit (O,)   see below
   kernel_i (H_(i-1), H_i), bias_i (H_i,)
   description ()   a JSON text; `describe` lists its fields
-and a digest of the whole file, its last 64 bytes (`gril_jax.export.sealed_file`).
+and a digest of the whole file, its last 64 bytes (`gril_jax.export.reward_format`).
 
 Of the observation's normalisation, clip((x - mean) / std, -10, 10), the division is folded into
 `kernel_0`; mean and limit = 10 std stay apart, since of an input that hardly varies x / std and
@@ -47,11 +47,11 @@ from gril_jax.errors import RunError, ShapeError
 from gril_jax.rl import training
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
 from gril_jax.runs.checkpoints import checkpoint
-from gril_jax.runs.versions import package_versions
+from gril_jax.runs.reading import package_versions
 from gril_jax.safe_files import new_file, writing
 
 from . import read_policy
-from .sealed_file import packed
+from .reward_format import packed
 
 FORMAT, VERSION = "gril-jax policy", 2
 

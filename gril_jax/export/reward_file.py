@@ -16,8 +16,8 @@ Arrays, named by their path in `RewardParams`, such as `goal`, `scale`, `alpha` 
     provenance              version of this package, digest and number of the demonstrations, and
                             what else the writer says, such as Kendall's tau
 
-The file ends with a digest of all that is before it (`gril_jax.export.sealed_file`). Loading needs
-JAX, flax and jraph, and neither MuJoCo nor brax. A file is written whole or not at all; equal
+The file ends with a digest of all that is before it (`gril_jax.export.reward_format`). Loading
+needs JAX, flax and jraph, and neither MuJoCo nor brax. A file is written whole or not at all; equal
 contents give equal bytes.
 """
 
@@ -42,8 +42,7 @@ from gril_jax.types import DemoBatch
 
 from . import reward_format
 from .read_policy import unpack
-from .reward_format import RewardFileError
-from .sealed_file import packed
+from .reward_format import RewardFileError, packed
 
 
 def save_reward(

@@ -1,11 +1,17 @@
-"""The format of a reward file: the names of its arrays, its description, and the checks of both.
+"""The format of a reward file: arrays, description and the checks of both; and the bytes of
+any exported file.
 
-`gril_jax.export.reward_file` says what the fields of the description mean.
+`gril_jax.export.reward_file` says what the fields of the description mean. A file is an npz file,
+uncompressed, whose zip comment is the SHA-256 of all bytes before it: any flipped bit is noticed,
+also where zip does not look. `unpack` of `gril_jax.export.read_policy` reads it.
 """
 
+import hashlib
 import importlib.metadata
+import io
 import json
 import math
+import zipfile
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -15,7 +21,6 @@ import numpy as np
 from jaxtyping import PyTree
 
 from gril_jax.encoders import encoder
-from gril_jax.encoders import encoder as encoder_choices
 from gril_jax.encoders.encoder import AnyConfig
 from gril_jax.encoders.ensemble import latent_size, num_members
 from gril_jax.errors import ConfigError, GrilError, ShapeError
@@ -24,6 +29,7 @@ from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 
 FORMAT, VERSION = "gril-jax reward", 2
+_DIGITS = 64  # of the SHA-256
 
 
 class RewardFileError(GrilError):
@@ -80,7 +86,7 @@ def describe(
     about = {
         "format": FORMAT,
         "version": VERSION,
-        "encoder": encoder_choices.to_json(learned.config),
+        "encoder": encoder.to_json(learned.config),
         "activity": learned.activity._asdict(),
         "classes": [*learned.classes],
         "robots": [*learned.robots],
@@ -109,7 +115,7 @@ def understand(about: Mapping[str, Any], where: str) -> LearnedReward:
     """The reward that a description defines, with shapes in place of arrays; a RewardFileError for
     a field that is missing, a ConfigError for a choice that this version does not have."""
     try:
-        config = encoder_choices.from_json(about["encoder"])
+        config = encoder.from_json(about["encoder"])
         learned = LearnedReward(
             blank(config),
             config,
@@ -165,3 +171,20 @@ def _json(content):
         return json.dumps(content, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"provenance and unit must be JSON, but {error}.") from None
+
+
+def packed(arrays: Mapping[str, np.ndarray], description: str) -> bytes:
+    """A whole file with these arrays and this text; equal contents give equal bytes."""
+    ordered = {name: np.asarray(array, order="C") for name, array in arrays.items()}
+    stream = io.BytesIO()
+    np.savez(stream, **ordered, description=np.array(description))
+    return sealed(stream.getvalue())
+
+
+def sealed(archive: bytes) -> bytes:
+    """The zip archive with its digest as its comment."""
+    stream = io.BytesIO(archive)
+    with zipfile.ZipFile(stream, "a") as file:
+        file.comment = bytes(_DIGITS)
+    body = stream.getvalue()[:-_DIGITS]
+    return body + hashlib.sha256(body).hexdigest().encode()

@@ -2,8 +2,7 @@
 
 from . import activity
 from .activity_rule import PAPER, ActivityRule
-from .from_pixels import boxes_from_pixels
-from .scene import edge_indices, safe_norm, scene_graph
+from .scene import boxes_from_pixels, edge_indices, safe_norm, scene_graph
 
 __all__ = [
     "PAPER", "ActivityRule", "activity", "boxes_from_pixels", "edge_indices", "safe_norm",

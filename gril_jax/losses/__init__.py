@@ -1,17 +1,22 @@
 """The losses an encoder is trained with, each in its own file."""
 
+from .batch import (
+    draw_cycles,
+    mean_consistency,
+    mean_cycle_consistency,
+    sampled_cycle_consistency,
+    stochastic_consistency,
+)
+from .cycle import CycleOptions, cycle_consistency
 from .reconstruction import decode, decode_graph, reconstruction
-from .tcc.batch import mean_consistency, mean_cycle_consistency
-from .tcc.cycle import CycleOptions, cycle_consistency
-from .tcc.stochastic import draw_cycles, sampled_cycle_consistency, stochastic_consistency
-from .time_warping.soft_dtw import (
+from .soft_dtw import (
     WarpingOptions,
     expected_alignment,
-    pairwise_cost,
     soft_dtw,
     soft_dtw_between,
     soft_dtw_divergence,
 )
+from .warping import pairwise_cost
 
 __all__ = [
     "CycleOptions", "WarpingOptions", "cycle_consistency", "decode", "decode_graph", "draw_cycles",

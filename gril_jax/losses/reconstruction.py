@@ -1,10 +1,8 @@
 """Reconstruction of boxes and classes (Eq. 5 of the paper), from the nodes or from the graph.
 
-It keeps the encoder from forgetting what and where the objects are while it learns time. The
-paper's diagram decodes each node's embedding by itself (`init`, `decode`); its Eq. 5 decodes
-the graph's one vector (`init_graph`, `decode_graph`). `reconstruction` compares either with the
-frame. Shapes use N for nodes, H for the width of what is decoded and C for classes; batch with
-`jax.vmap`.
+The paper's diagram decodes each node's embedding by itself (`init`, `decode`); its Eq. 5 decodes
+the graph's one vector (`init_graph`, `decode_graph`). Shapes use N for nodes, H for the width of
+what is decoded and C for classes; batch with `jax.vmap`.
 """
 
 import jax
@@ -14,8 +12,9 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.encoders.encoder import GraphConfig, NodeConfig, Params
 from gril_jax.errors import ConfigError, ShapeError
-from gril_jax.losses.tcc.soft_neighbour import check_positive
 from gril_jax.types import Nodes
+
+from .soft_neighbour import check_positive
 
 
 def init(key: PRNGKeyArray, config: NodeConfig) -> Params:

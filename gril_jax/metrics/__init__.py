@@ -1,9 +1,10 @@
 """Measures of encoders and of rewards."""
 
 from . import separation
-from .interquartile import interquartile_interval, interquartile_mean
 from .order import (
     alignment_tau,
+    interquartile_interval,
+    interquartile_mean,
     kendall_tau,
     mean_alignment_tau,
     reward_time_tau,

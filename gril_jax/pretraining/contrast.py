@@ -31,7 +31,7 @@ from gril_jax.types import DemoBatch
 
 from . import batch
 from .arrangement import Arrangement, disarray
-from .copies import Ends, displaced
+from .batch import Ends, displaced
 from .final_places import misplacement
 from .options import Hyper, Static
 

@@ -20,8 +20,8 @@ from jaxtyping import Array, Bool, Float
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.graphs.scene import safe_norm
 
+from .batch import Ends
 from .contrast import cost
-from .copies import Ends
 
 
 class Chosen(NamedTuple):

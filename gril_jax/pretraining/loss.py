@@ -1,5 +1,7 @@
 """Loss of encoder training: alignment in time plus reconstruction (Eq. 6 of the paper).
 
+The table `ALIGNMENTS` names the losses that align videos in time: functions of one batch.
+
 Shapes use V for the videos of a batch, T for the frames of a video, F for those drawn from it, N
 for objects, H for the width of a node embedding and D for the latent.
 """
@@ -10,17 +12,24 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from gril_jax.config.tables import ALIGNMENTS, find
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import NodeConfig, Params
 from gril_jax.encoders.ensemble import num_members
 from gril_jax.graphs.scene import scene_graph
-from gril_jax.losses import decode, decode_graph, reconstruction
+from gril_jax.losses import (
+    decode,
+    decode_graph,
+    mean_consistency,
+    reconstruction,
+    soft_dtw_divergence,
+    stochastic_consistency,
+)
 from gril_jax.losses.reconstruction import init as init_node_decoder
 from gril_jax.losses.reconstruction import init_graph as init_graph_decoder
 from gril_jax.types import DemoBatch, Nodes
 
-from .alignment import aligned
-from .options import Hyper, Static
+from .options import Hyper, PixelStatic, Static
 
 
 class Terms(NamedTuple):
@@ -109,3 +118,54 @@ def _decodable(demos, config) -> Bool[Array, "V N"]:
     if config.decoder == "graph" and not config.encoder.pool_robot:
         return demos.present & ~demos.is_robot
     return demos.present
+
+
+class Frames(NamedTuple):
+    """The frames of a batch of videos, and what a loss may use."""
+
+    key: PRNGKeyArray
+    latents: Float[Array, "V F D"]
+    times: Float[Array, "V F"]  # as shares of their video
+    valid: Bool[Array, "V F"]
+    plain: Float[Array, ""]  # cycle-consistency through all videos, computed in any case
+    hyper: Hyper
+
+
+def aligned(
+    key: PRNGKeyArray,
+    latents: Float[Array, "V F D"],
+    times: Float[Array, "V F"],
+    valid: Bool[Array, "V F"],
+    hyper: Hyper,
+    config: Static | PixelStatic,
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The loss that the options name, and the time agreement that helps it to begin."""
+    chosen = ALIGNMENTS[config.consistency]
+    how = dict(form=chosen.form, temperature=hyper.temperature, similarity=chosen.similarity)
+    plain, agreement = mean_consistency(latents, times, valid, **how)
+    frames = Frames(key, latents, times, valid, plain, hyper)
+    losses = [find(name)(frames) for name in chosen.losses]
+    return sum(losses[1:], start=losses[0]), agreement
+
+
+def cycle(frames: Frames) -> Float[Array, ""]:
+    """Temporal cycle-consistency of every frame through every other video."""
+    return frames.plain
+
+
+def sampled_cycle(frames: Frames) -> Float[Array, ""]:
+    """Temporal cycle-consistency of as many randomly sampled cycles."""
+    temperature = frames.hyper.temperature
+    return stochastic_consistency(*frames[:4], temperature=temperature)
+
+
+def warping(frames: Frames) -> Float[Array, ""]:
+    """Soft-DTW divergence per frame, mean over all pairs of videos."""
+    latents = frames.latents
+    one, other = jnp.triu_indices(latents.shape[0], 1)
+    length = jnp.sum(frames.valid, axis=1)  # valid frames come first
+    divergence = soft_dtw_divergence(
+        latents[one], latents[other], length[one], length[other], gamma=frames.hyper.gamma
+    )
+    count = jnp.maximum(length[one] + length[other], 1)
+    return frames.hyper.soft_dtw_weight * jnp.mean(divergence / count)

@@ -25,7 +25,7 @@ from gril_jax.reward import pixels as pixel_reward
 from gril_jax.types import VideoBatch
 
 from . import batch
-from .alignment import aligned
+from .loss import aligned
 from .options import Hyper, PixelStatic
 from .pretrain import ADAM, TrainState, agreement_weight, figures, updated
 

@@ -34,7 +34,7 @@ from . import batch as pretrain_batch
 from . import contrast as pretrain_contrast
 from . import loss as pretrain_loss
 from .arrangement import arrangement
-from .copies import Ends
+from .batch import Ends
 from .final_places import final_places
 from .options import Hyper, Static
 

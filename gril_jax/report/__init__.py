@@ -3,5 +3,5 @@
 from gril_jax.lazy import offer
 
 __all__, __getattr__ = offer(
-    __name__, data="read_finished read_profiles read_rollouts", run_report="write_report"
+    __name__, data="read_finished read_profiles", run_report="write_report"
 )

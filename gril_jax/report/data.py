@@ -1,11 +1,11 @@
-"""Reads and checks a run's folder for its report: what is missing is None.
+"""Reads and checks a run's folder and its demonstrations for its report: what is missing is None.
 
     profiles.npz   the learned reward along each demonstration (B, T), where its stages end
     rollouts.npz   the reward in each evaluation episode (E, T), and which one was filmed
 
 B is demonstrations, E episodes, T frames or steps. `gril_jax.runs.run_dir` has the other files. A
 file that is damaged, is not as the run wrote it, or whose parts do not fit together is a
-`RunError`.
+`RunError`, or a `DemoError`.
 """
 
 import math
@@ -13,20 +13,38 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gril_jax.config import RunConfig
 from gril_jax.config.tables import ALGORITHMS
-from gril_jax.demos.plain_npz import NotPlainError, read_plain
+from gril_jax.config.task import NO_TASK
+from gril_jax.demos.demo import Demo
+from gril_jax.demos.demo_set import DemoSet, load_demo_set, select_objects
+from gril_jax.demos.files import NotPlainError, read_plain
+from gril_jax.demos.schema import HEADER
 from gril_jax.errors import RunError
-from gril_jax.runs.covered import require_unchanged
-from gril_jax.runs.phases import read_phases
-from gril_jax.runs.reading import read_metrics, read_results
+from gril_jax.graphs import activity
+from gril_jax.runs.reading import (
+    read_config,
+    read_metrics,
+    read_phases,
+    read_results,
+    require_same_demos,
+    require_unchanged,
+)
 from gril_jax.safe_files import read_object
+from gril_jax.threads import parallel_map
+
+from .filmstrip import Film
 
 SPLITS = ("train", "validation", "failure")
 # Which field counts, by phase.
 _STEP = {"pretrain": "step"} | dict.fromkeys(ALGORITHMS, "env_steps")
+_LATER = ("versions.json", "rollout.mp4", "rollouts.npz")  # what is read while the page is drawn
+_FILMS = 3  # demonstrations on the contact sheet
+_bits = jax.jit(activity.trajectory, static_argnames=("window", "smoothing", "noise"))
 _LARGEST = 1e30  # a number beyond it is damage, and would overflow when drawn
 
 
@@ -38,19 +56,6 @@ class Profiles(NamedTuple):
     reward: Float[np.ndarray, "B T"]  # padded with the last value
     length: Int[np.ndarray, "B"]  # frames before padding
     transitions: Bool[np.ndarray, "B T"]  # frames at which a stage ends
-
-    def traces(self, split: str) -> list[Float[np.ndarray, "_"]]:
-        """The rewards of one split's demonstrations, without padding."""
-        chosen = [i for i, name in enumerate(self.split) if name == split]
-        return [self.reward[i, : self.length[i]] for i in chosen]
-
-
-class Rollouts(NamedTuple):
-    """Evaluation episodes of the trained policy."""
-
-    reward: Float[np.ndarray, "E T"]  # of each step, so of frames 1 to T
-    success: Bool[np.ndarray, "E"]
-    shown: int  # the episode in rollout.mp4
 
 
 def read_profiles(folder: Path) -> Profiles | None:
@@ -76,8 +81,8 @@ def read_profiles(folder: Path) -> Profiles | None:
     return Profiles(tuple(names.tolist()), tuple(split.tolist()), reward, length, transitions)
 
 
-def read_rollouts(folder: Path) -> Rollouts | None:
-    """Reads rollouts.npz; None if there is none."""
+def read_outcome(folder: Path) -> bool | None:
+    """True if the episode of rollouts.npz that was filmed is a success; None without the file."""
     require_unchanged(folder, "rollouts.npz")
     path = folder / "rollouts.npz"
     arrays = _arrays(path, {"reward": "f", "success": "bf", "shown": "iu"})
@@ -90,7 +95,7 @@ def read_rollouts(folder: Path) -> Rollouts | None:
     _require_shape(path, "shown", shown, ())
     if not 0 <= int(shown) < len(reward):
         raise RunError(f"{path}: shown is {int(shown)}, but there are {len(reward)} episodes")
-    return Rollouts(reward, success > 0.5, int(shown))
+    return bool(success[int(shown)] > 0.5)
 
 
 def _arrays(path: Path, kinds: Mapping[str, str]) -> dict[str, np.ndarray] | None:
@@ -165,3 +170,66 @@ def number(holder: Mapping[str, Any], field: str, where: str) -> float | None:
     if abs(value) > _LARGEST:
         raise RunError(f"{where}: {field} is beyond all bounds")
     return float(value)
+
+
+class Inputs(NamedTuple):
+    """All that was read of a run; the report's files go into the same folder."""
+
+    folder: Path
+    config: RunConfig
+    rows: dict[str, list[dict[str, Any]]]  # metrics, by phase
+    results: dict[str, Any]  # empty where the run has not finished
+    profiles: Profiles | None
+    demos: DemoSet | None  # only the task's objects; None where the set is gone
+    shown: str | None  # the demonstration that is shown in detail
+
+
+def read_inputs(folder: Path) -> Inputs:
+    """Reads a run's folder, and its demonstrations if they still exist."""
+    config = read_config(folder)
+    require_unchanged(folder, *_LATER)  # before anything is drawn
+    read_versions(folder)
+    profiles = read_profiles(folder)
+    source = Path(config.demos.path) if config.demos.path else folder / "demos"
+    require_same_demos(folder, source / HEADER)
+    demos = load_demo_set(source) if (source / HEADER).is_file() else None
+    # Sets of one's own films have no objects but those that are wanted.
+    if demos is not None and config.env.name != NO_TASK and not config.env.is_own:
+        wanted = ("goal", "robot", *config.env.targets, *config.env.distractors)
+        known = [o for o in wanted if all(o in demos.objects(demo) for demo in demos)]
+        fewer = {*config.env.targets} <= {*known}  # a task without blocks to choose has them all
+        demos = select_objects(demos, known) if fewer else demos
+    rows, results = read_rows(folder), read_finished(folder) or {}
+    return Inputs(folder, config, rows, results, profiles, demos, _to_show(profiles, demos))
+
+
+def _to_show(profiles: Profiles | None, demos: DemoSet | None) -> str | None:
+    """A demonstration that the encoder was not trained on, if there is one."""
+    if profiles is None:
+        return None if demos is None else demos.names[0]
+    first = [profiles.split.index(s) for s in ("validation", "train") if s in profiles.split]
+    return profiles.names[first[0] if first else 0]
+
+
+def films_of(run: Inputs) -> list[Film]:
+    """The shown demonstration, then others; one of them failed, if any did."""
+    if run.demos is None:
+        return []
+    failed = run.demos.split()["failure"]
+    order = sorted(run.demos.names, key=lambda name: (name != run.shown, name in failed))  # stable
+    chosen = order[:_FILMS]
+    if failed and not set(failed) & set(chosen):
+        chosen[-1] = failed[0]
+    picked = run.demos.select(chosen)
+    most = max(map(len, picked))
+    videos = parallel_map(lambda demo: demo.frames, picked)
+    return [_film(run, demo, frames, most) for demo, frames in zip(picked, videos, strict=True)]
+
+
+def _film(run: Inputs, demo: Demo, frames: np.ndarray, most: int) -> Film:
+    """A demonstration with its activity bits; the longest that is shown has `most` frames."""
+    # A bit depends on no later frame: all films as long as the longest are one program.
+    edge = ((0, most - len(demo)), (0, 0), (0, 0))
+    padded = [np.pad(x, edge, mode="edge") for x in (demo.tracks.center, demo.tracks.size)]
+    bits = np.asarray(_bits(*padded, **run.config.pool.rule()))[: len(demo)]
+    return Film(demo.name, frames, demo.tracks, bits)

@@ -1,16 +1,17 @@
-"""The verdict and the numbers at the top of a report, in words, and how sure they are.
+"""The verdict and the numbers at the top of a report, in words, and how sure they are; and the
+bounds that a sound reward keeps in its audit.
 
 A field of `results.json` that is no number, or a rate not from 0 to 1, is a `RunError`.
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from .audit import asked
 from .data import number
 from .rates import WHERE, Rate, name, own_start, rates, wilson
 
+OUTBID = "outbid_share"  # beside what is asked; no reward outbids nothing at the edge of success
 _SOLVED = 0.9  # success rate from which a run is said to have worked
 
 
@@ -41,15 +42,13 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
         return Verdict("open", f"A reward was learned{said}.")
     rate, random = known["success"], known.get("success_random")
     against = "" if random is None else f"; a random policy: {random.value} of {random.counted}"
-    if rate.starts is None:
-        found = f"success {rate}" + ("" if random is None else f"; a random policy: {random.value}")
-    elif rate.single:
+    if rate.single:
         found = f"the task's one start is {rate.value}{against}"
     else:
         found = f"{rate.tally} end in success{against}"
     if rate.value == "solved" or (rate.share >= _SOLVED and not rate.single):
-        audited = asked.of_run(results)
-        if audited and asked.faults(audited):
+        audited = audit_of(results)
+        if audited and faults(audited):
             return Verdict("fair", f"It worked: {found}. But its reward is not sound.")
         return Verdict("good", f"It worked: {found}.")
     if _better(rate, random):
@@ -102,10 +101,10 @@ def success_tiles(results: Mapping[str, Any]) -> list[Tile]:
 
 def audit_tiles(results: Mapping[str, Any]) -> list[Tile]:
     """A tile of the reward's audit; of a run that has none, where to get it."""
-    numbers, label = asked.of_run(results), "the reward, by its audit"
+    numbers, label = audit_of(results), "the reward, by its audit"
     if numbers is not None:
-        value = "not sound" if asked.faults(numbers) else "sound"
-        return [Tile(value, label, asked.in_short(numbers))]
+        value = "not sound" if faults(numbers) else "sound"
+        return [Tile(value, label, in_short(numbers))]
     if number(results, "tau", WHERE) is None:
         return []
     note = "gril audit RUN searches for states that the reward overestimates"
@@ -131,3 +130,75 @@ def in_words(seconds: int | float) -> str:
     if whole < 3600:
         return f"{whole // 60} min {whole % 60} s"
     return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+class Asked(NamedTuple):
+    """The bound of one measure."""
+
+    words: str  # what it is
+    bound: str  # what it must be, in words
+    holds: Callable[[float], bool]  # whether a value is so; NaN never is
+    short: str
+
+
+ASKED = {
+    "order_accuracy": Asked(
+        "pairs of states in their true order", "at least 0.97", lambda x: x >= 0.97, "order"
+    ),
+    "hack_gap": Asked(
+        "worst success less best state without progress", "above 0", lambda x: x > 0, "hack gap"
+    ),
+    "touch_share": Asked(
+        "share of the range for touching everything", "at most 0.05", lambda x: x <= 0.05, "touch"
+    ),
+    "push_share": Asked(
+        "share of the range for targets at a wrong place", "at most 0.7", lambda x: x <= 0.7, "push"
+    ),
+}
+
+
+def faults(numbers: Mapping[str, float]) -> list[str]:
+    """The measures that are not as asked; one that is not known is a fault."""
+    return [name for name, one in ASKED.items() if not one.holds(numbers.get(name, float("nan")))]
+
+
+def outbid(numbers: Mapping[str, float]) -> str:
+    """A sentence on successes that are paid too little."""
+    return (
+        "Of all successes, those at the edge of what the task counts included, "
+        f"{numbers[OUTBID]:.0%} are paid no more than the best state without progress."
+    )
+
+
+def audit_kept(results: Mapping[str, Any]) -> dict[str, Any]:
+    """The part of `audit.json` that a run keeps in its results."""
+    return {name: results[name] for name in (*ASKED, OUTBID)} | {"settings": results["settings"]}
+
+
+def audit_of(results: Mapping[str, Any]) -> dict[str, float] | None:
+    """The numbers of a run's own audit, in its `results.json`; None without one."""
+    found = results.get("audit")
+    if not isinstance(found, Mapping):
+        return None
+    known = {name: number(found, name, "results.json, audit") for name in (*ASKED, OUTBID)}
+    return {name: float("nan") if value is None else value for name, value in known.items()}
+
+
+def audit_sentence(results: Mapping[str, Any]) -> str:
+    """A run's audit in one line."""
+    numbers = audit_of(results)
+    if numbers is None:
+        return "audit: none; gril audit RUN searches for states that the reward overestimates"
+    return f"audit: the reward is {'not ' * bool(faults(numbers))}sound ({in_short(numbers)})"
+
+
+def in_short(numbers: Mapping[str, float]) -> str:
+    """The measures, such as "order 0.999, hack gap 0.53, touch 0.01, push 0.47, outbid 0.17";
+    those that are not as asked say so."""
+    bad = faults(numbers)
+    parts = [
+        f"{one.short} {numbers[name]:.{3 if name == 'order_accuracy' else 2}f}"
+        + f", not {one.bound}" * (name in bad)
+        for name, one in ASKED.items()
+    ]
+    return "; ".join([*parts, f"outbid {numbers[OUTBID]:.2f}"])

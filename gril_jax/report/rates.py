@@ -25,7 +25,7 @@ class Rate(NamedTuple):
     """A share of successes, and of what."""
 
     share: float  # from 0 to 1
-    starts: int | None  # distinct ones; None where a run has not recorded them
+    starts: int  # distinct ones
     episodes: int = 0  # 0 where unknown
     sampled: bool = False  # True for sampled actions
     variant: str = ""  # of the task, that draws the starts
@@ -45,13 +45,11 @@ class Rate(NamedTuple):
     @property
     def interval(self) -> tuple[float, float] | None:
         """Its 95% interval over starts; None where there are not several."""
-        return wilson(self.share, self.starts) if (self.starts or 0) > 1 else None
+        return wilson(self.share, self.starts) if self.starts > 1 else None
 
     @property
     def counted(self) -> str:
         """The starts that it counts, such as "256 Jitter starts"."""
-        if self.starts is None:
-            return UNKNOWN
         kind = f"{self.variant.capitalize()} start".lstrip()
         if self.starts > 1:
             return f"{self.starts} {kind}s"
@@ -61,7 +59,7 @@ class Rate(NamedTuple):
     @property
     def tally(self) -> str:
         """The number of them: "239 of 256 Jitter starts"; with one start what it counts, alone."""
-        number = self.share * (self.starts or 0)
+        number = self.share * self.starts
         if self.interval is None:
             return self.counted
         whole = abs(number - round(number)) < 1e-3  # several samples from a start may differ
@@ -69,16 +67,12 @@ class Rate(NamedTuple):
 
     def __str__(self) -> str:
         """The rate with what it counts and its interval, in one phrase."""
-        if self.starts is None or self.single:
+        if self.single:
             return f"{self.value} ({self.counted})"
-        return f"{self.value} of {self.counted}{_bracketed(self.interval)}"
-
-
-def _bracketed(interval: tuple[float, float] | None) -> str:
-    if interval is None:
-        return ""
-    low, high = (100 * bound for bound in interval)
-    return f" (95% interval {low:.1f}% to {high:.1f}%)"
+        if self.interval is None:
+            return f"{self.value} of {self.counted}"
+        low, high = (100 * bound for bound in self.interval)
+        return f"{self.value} of {self.counted} (95% interval {low:.1f}% to {high:.1f}%)"
 
 
 def wilson(rate: float, count: int) -> tuple[float, float]:
@@ -122,10 +116,11 @@ def rates(results: Mapping[str, Any]) -> dict[str, Rate]:
             raise RunError(f"{WHERE}: {field} is {share:g}, but must be from 0 to 1")
         part = "elsewhere_" if field.startswith("elsewhere_") else ""
         starts = get(f"{part}starts")
+        if starts is None:
+            raise RunError(f"{WHERE}: {part}starts is missing, which {field} counts")
         variant = str(results.get(f"{part}variant") or "")
         episodes = int(get("eval_episodes") or 0)
-        counted = None if starts is None else max(1, int(starts))
-        found[field] = Rate(share, counted, episodes, field in _SAMPLED, variant)
+        found[field] = Rate(share, max(1, int(starts)), episodes, field in _SAMPLED, variant)
     return found
 
 

@@ -14,21 +14,16 @@ from gril_jax.config.files import to_yaml
 from gril_jax.config.task import NO_TASK
 from gril_jax.demos.vision.video import read_fps
 from gril_jax.errors import DemoError, RunError
-from gril_jax.report.figures.curves import (
-    learning_curve,
-    pretrain_curve,
-    reward_profile,
-)
-from gril_jax.report.figures.filmstrip import Film, contact_sheet
-from gril_jax.report.figures.style import png
-from gril_jax.runs import times
-from gril_jax.runs.phases import require_single
+from gril_jax.runs.json_lines import CLOCKS
+from gril_jax.runs.reading import require_single
 
-from .data import read_rollouts, read_versions
+from .curves import learning_curve, pretrain_curve, reward_profile
+from .data import Inputs, films_of, read_inputs, read_outcome, read_versions
+from .filmstrip import Film, contact_sheet
 from .headline import headline, verdict
-from .html import Part, Section, Step, render
-from .inputs import Inputs, films_of, read_inputs
-from .rates import UNKNOWN, Rate, rates
+from .html import Part, Section, Step, render, save
+from .rates import Rate, rates
+from .style import png
 
 _TOP = 4  # numbers on the first screen
 _NO_POLICY = Part("No policy has been trained in this run.")
@@ -66,7 +61,7 @@ def write_report(run_folder: str | os.PathLike) -> Path:
         )
     except DemoError as error:
         raise RunError(str(error).removesuffix(".")) from error
-    run.save("report.html", page.encode("utf-8", "replace"))
+    save(run.folder / "report.html", page.encode("utf-8", "replace"))
     return folder / "report.html"
 
 
@@ -82,7 +77,7 @@ def _demonstrations(run: Inputs, films: Sequence[Film]) -> Part:
         f"{len(films)} of {len(demos)} demonstrations ({demos.source}), each from its first frame "
         "to its last. Every object should be in a box with its own number throughout; a thick box "
         "marks what has moved, which counts more in the reward.",
-        run.save("demos.png", png(contact_sheet(films, demos.classes, demos.half_extent))),
+        save(run.folder / "demos.png", png(contact_sheet(films, demos.classes, demos.half_extent))),
         "Frames of demonstrations with boxes around their objects",
     )
 
@@ -92,7 +87,7 @@ def _loss(run: Inputs) -> Part:
         return Part("There are no metrics of encoder training.")
     return Part(
         "The encoder's loss and its parts. They should fall and level off.",
-        run.save("pretrain.png", png(pretrain_curve(run.rows["pretrain"]))),
+        save(run.folder / "pretrain.png", png(pretrain_curve(run.rows["pretrain"]))),
         "Encoder loss against gradient steps",
     )
 
@@ -125,7 +120,7 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
     return Part(
         f"The reward along {run.shown}{kept_aside}. It should climb while something is brought to "
         f"its place and stay flat while the empty hand travels.{frames}{dots}",
-        run.save("reward_profile.png", png(figure)),
+        save(run.folder / "reward_profile.png", png(figure)),
         "Learned reward against frames of one demonstration",
     )
 
@@ -137,7 +132,7 @@ def _learning_curve(run: Inputs) -> Part:
         "Line: training episodes from the task's own starts, with sampled actions."
         f"{_evaluations(rows)}{_of_random(random)} A reward that rises without success has missed "
         "what the task is about.",
-        run.save("rl_curve.png", png(figure)),
+        save(run.folder / "rl_curve.png", png(figure)),
         "Success rate and mean reward against environment steps",
     )
 
@@ -147,9 +142,8 @@ def _evaluations(rows: Sequence[Mapping[str, Any]]) -> str:
     examined = [row for row in rows if row.get("eval/success") is not None]
     if not examined:
         return ""
-    counts = [row.get("eval/episodes") for row in examined]
-    drawn = UNKNOWN if None in counts else f"{counts[0]:.0f} fresh starts for either kind"
-    return f" Marks: evaluations in between, {drawn}."
+    drawn = examined[0].get("eval/episodes") or 0
+    return f" Marks: evaluations in between, {drawn:.0f} fresh starts for either kind."
 
 
 def _of_random(random: Rate | None) -> str:
@@ -157,11 +151,11 @@ def _of_random(random: Rate | None) -> str:
 
 
 def _rollout(run: Inputs) -> Part:
-    rollouts, path = read_rollouts(run.folder), run.folder / "rollout.mp4"
-    if rollouts is None or not path.exists():
+    success, path = read_outcome(run.folder), run.folder / "rollout.mp4"
+    if success is None or not path.exists():
         return Part("The trained policy was not filmed.")
     read_fps(path)  # or a DemoError: a browser would show a damaged video as nothing
-    outcome = "succeeds" if rollouts.success[rollouts.shown] else "fails"
+    outcome = "succeeds" if success else "fails"
     return Part(
         f"The trained policy in an evaluation episode that {outcome}.",
         path.read_bytes(),
@@ -176,7 +170,7 @@ def _summary(run: Inputs) -> str:
     of = f"Task {chosen.env.shown_name}" if chosen.env.name != NO_TASK else "Films alone, no task"
     given = run.results.get("given")
     return (
-        f"{of}, {chosen.run.reward} reward, {chosen.encoder.kind} encoder"
+        f"{of}, {chosen.run.reward_form} reward, {chosen.encoder.kind} encoder"
         f"{learner}, seed {chosen.run.seed}" + f". The learner is given {given}." * bool(given)
     )
 
@@ -203,7 +197,7 @@ def _next(run: Inputs) -> list[Step]:
 def _what_was_run(run: Inputs) -> dict[str, Any]:
     versions = read_versions(run.folder)
     known = ("command", "device", "python", "platform")
-    results = {name: value for name, value in run.results.items() if name not in times.CLOCKS}
+    results = {name: value for name, value in run.results.items() if name not in CLOCKS}
     return {
         "facts": _in_text({name: versions[name] for name in known if name in versions}),
         "tables": {

@@ -46,7 +46,6 @@ class Agent:
       reward: what to maximise; its parameters are an argument of `step`.
       static: sizes.
       to_learn: keys that the learner takes in a step.
-      frame_stack: observations that the policy sees at a time.
     """
 
     networks: Any  # brax's
@@ -58,7 +57,6 @@ class Agent:
         reward: AnyReward,
         static: Sizes,
         to_learn: int,
-        frame_stack: int = 1,
     ):
         self.env = env
         self.num_envs, self.unroll_length = static.num_envs, static.unroll_length
@@ -66,7 +64,6 @@ class Agent:
             env, reward, observe_activity=static.observe_activity, window=static.window,
             smoothing=static.smoothing, noise=static.noise,
             chosen_starts=static.visited_state_resets + static.video_state_resets > 0,
-            frame_stack=frame_stack,
         )  # fmt: skip
         self.observation_size = self.episodes.observation_size
         self._renewals = rollout.renewals(static.num_envs, static.unroll_length, env.episode_length)

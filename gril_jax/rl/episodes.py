@@ -39,7 +39,6 @@ class EpisodeState(NamedTuple):
     reward_memory: Any  # what the reward remembers, a pytree
     time: Int[Array, ""]  # control steps since the episode began
     varied: Any = ()  # 1 if training chose where it began, 0 if the task did; () if it always does
-    before: Any = ()  # the observations before the present one, oldest first; () if none is seen
 
 
 class StepResult(NamedTuple):
@@ -68,8 +67,6 @@ class Episodes:
     """Standard deviation of a centre along one axis, world units."""
     chosen_starts: bool = False
     """True if training may choose where episodes begin (`gril_jax.rl.starts`): they then say it."""
-    frame_stack: int = 1
-    """Observations that the policy sees, the present one and those before it."""
 
     @classmethod
     def of(cls, env: Environment, reward: AnyReward, **options: Any) -> "Episodes":
@@ -96,11 +93,7 @@ class Episodes:
         memory = activity.init(center, window=self.window, smoothing=self.smoothing)
         memory = memory._replace(active=active)
         varied = jnp.zeros(()) if self.chosen_starts else ()
-        begun = EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32), varied)
-        if self.frame_stack == 1:
-            return begun
-        # Nothing came before: the start is taken to have lasted.
-        return begun._replace(before=jnp.tile(self._now(begun), (self.frame_stack - 1, 1)))
+        return EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32), varied)
 
     def advance(
         self,
@@ -123,10 +116,7 @@ class Episodes:
         boxes = state.objects.center, state.objects.size
         memory, active = activity.step(episode.memory, *boxes, tau=tau, noise=self.noise)
         remembered, reward = self.reward.step(reward_params, episode.reward_memory, state, active)
-        before = episode.before
-        if self.frame_stack > 1:
-            before = jnp.concatenate([before[1:], self._now(episode)[None]])
-        moved = EpisodeState(state, memory, remembered, episode.time + 1, episode.varied, before)
+        moved = EpisodeState(state, memory, remembered, episode.time + 1, episode.varied)
         finite = _all_finite((state, remembered, reward))
         moved = jax.tree.map(lambda new, old: jnp.where(finite, new, old), moved, episode)
         terminated = jnp.where(finite, state.done, 0.0)
@@ -149,12 +139,7 @@ class Episodes:
         return metrics
 
     def observe(self, episode: EpisodeState) -> Float[Array, "O"]:
-        """The policy's input: the task's observation, and whatever else the reward depends on; the
-        present one comes last, where several are seen."""
-        now = self._now(episode)
-        return jnp.append(episode.before, now) if self.frame_stack > 1 else now
-
-    def _now(self, episode: EpisodeState) -> Float[Array, "N"]:
+        """The policy's input: the task's observation, and whatever else the reward depends on."""
         remembered = self.reward.observe(episode.reward_memory)
         if not self.observe_activity:
             return jnp.concatenate([episode.state.obs, remembered])

@@ -25,9 +25,15 @@ from gril_jax.config.policy import PPOConfig
 from . import blocks, ppo_loss, rollout, set_networks
 from .agent import Agent, Sizes
 from .episodes import Environment
-from .policy import Policy, fresh_normalizer, fresh_weights, normalize, observed
+from .policy import (
+    Policy,
+    fresh_normalizer,
+    fresh_weights,
+    normalize,
+    observed,
+    of_stages,
+)
 from .rewards import AnyReward
-from .sub_policies import of_stages
 
 Number = Float[Array, ""] | float
 
@@ -43,7 +49,6 @@ class Static(Sizes):
     num_epochs: int = PPOConfig.num_epochs
     by_object: bool = PPOConfig.by_object  # of tasks with `observation_rows`
     sub_policies: int = PPOConfig.sub_policies  # with networks of their own, one for each stage
-    frame_stack: int = PPOConfig.frame_stack  # observations that the policy sees at a time
     noise_correlation: float = PPOConfig.noise_correlation  # share of variance held for an unroll
 
 
@@ -91,7 +96,7 @@ class PPO(Agent):
         self.static = static
         self._passes = static.num_epochs, static.num_minibatches + 1  # keys of `learn`
         to_learn = math.prod(self._passes) + (static.noise_correlation > 0)
-        super().__init__(env, reward, static, to_learn, static.frame_stack)
+        super().__init__(env, reward, static, to_learn)
         one = networks.make_ppo_networks(
             self.observation_size, env.action_size, preprocess_observations_fn=normalize,
             policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,

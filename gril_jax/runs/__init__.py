@@ -6,7 +6,7 @@ __all__, __getattr__ = offer(
     __name__,
     progress="Progress",
     run_dir="RunDir read_config read_metrics read_results",
-    phases="read_phases",
+    reading="read_phases",
     memory="MemoryRun Run",
     loop="run_chunks",
 )

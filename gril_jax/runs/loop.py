@@ -46,7 +46,7 @@ def restore(run: Run, name: str, state: Any, *, tell: Callable[[str], None]) -> 
     found, chunks, seconds = state, 0, 0.0
     if hosts.is_first():
         found, chunks = run.newest(name, state, tell)
-        rows = [row for row in run.cut_metrics(name, chunks) if row.get("phase") == name]
+        rows = [row for row in run.metrics() if row.get("phase") == name]
         seconds = float(rows[-1].get("seconds") or 0.0) if rows else 0.0
     (chunks,) = hosts.largest([chunks])  # those of the first: others know of none
     if chunks:
@@ -94,21 +94,22 @@ def run_chunks(
             if hosts.is_first():
                 run.log(phase=name, seconds=seconds, **row(done, seconds, metrics))
                 # One that is still being written is not waited for: the next chunk will do.
-                due = not writer.busy and now - saved_s >= every_s
+                due = writer is not None and not writer.busy and now - saved_s >= every_s
             due, number = hosts.largest([due, notice.number or 0])
-            if due or number or done == chunks:
+            if writer is not None and (due or number or done == chunks):
                 whole = hosts.gathered(state)
                 if hosts.is_first():
                     writer.save(done, whole)
                 saved_s = now
             if number:
-                writer.wait()
+                if writer is not None:
+                    writer.wait()
                 where = f"after {done} of {chunks} chunks of phase {name!r}"
                 left = run.cut_off(where) if hosts.is_first() else f"the run ends {where}"
                 raise Interrupted(f"{signal.Signals(number).name} came, and {left}", number)
     if hosts.is_first():
         run.settle(name)
-    return Trained(state, seconds, writer.longest_stall_s)
+    return Trained(state, seconds, 0.0 if writer is None else writer.longest_stall_s)
 
 
 def _strong(leaf: Any) -> Any:

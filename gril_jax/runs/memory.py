@@ -8,31 +8,13 @@
 file: it has no checkpoints, and nothing can go on with it once it is cut off.
 """
 
+import contextlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from .json_lines import plain
 from .run_dir import RunDir
-
-
-class NoCheckpoints:
-    """Stands in for the writer of checkpoints: always busy, so that nothing is collected for it."""
-
-    longest_stall_s = 0.0
-    busy = True
-
-    def save(self, step: int, state: Any) -> None:
-        """Does nothing."""
-
-    def wait(self) -> None:
-        """Returns at once."""
-
-    def __enter__(self) -> "NoCheckpoints":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
 
 class MemoryRun:
@@ -60,12 +42,6 @@ class MemoryRun:
     def note_time(self, **fields: Any) -> None:
         """Adds to `times`."""
         self.times.append(plain(fields))
-
-    def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
-        """The rows before a phase: without a checkpoint it always begins anew."""
-        del count
-        self._rows = [row for row in self._rows if row.get("phase") != phase]
-        return self.metrics()
 
     def finished_phase(self, name: str) -> dict[str, Any] | None:
         """The results of a phase, or None while it has not finished."""
@@ -98,14 +74,15 @@ class MemoryRun:
         return []
 
     def newest(self, phase: str, state: Any, tell: Any) -> tuple[Any, int]:
-        """The fresh state and 0 chunks."""
-        del phase, tell
+        """The fresh state and 0 chunks: without a checkpoint a phase always begins anew."""
+        del tell
+        self._rows = [row for row in self._rows if row.get("phase") != phase]
         return state, 0
 
-    def saving(self, phase: str, *, keep: int) -> NoCheckpoints:
-        """What stands in for the writer of checkpoints."""
+    def saving(self, phase: str, *, keep: int) -> contextlib.nullcontext[None]:
+        """No writer of checkpoints."""
         del phase, keep
-        return NoCheckpoints()
+        return contextlib.nullcontext()
 
     def settle(self, phase: str) -> None:
         """Does nothing: there are no checkpoints to remove."""

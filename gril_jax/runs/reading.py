@@ -1,21 +1,136 @@
-"""Reads a run's folder: its configuration, its metrics and its results, each as the run wrote it.
+"""Reads a run's folder: what a command reads is what the run wrote. JAX is not imported here.
 
-JAX is not imported here.
+phases.json, which has a digest of itself, holds the run's original configuration, its finished
+phases, and the SHA-256 of the files of each phase from the moment at which it has finished; it says
+how far metrics.jsonl had come (see `gril_jax.runs.json_lines`):
+
+{"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}},
+ "files": {"demos": {"demos/demos.json": "..."}}, "metrics": {"lines": 9, ...}, "sha256": "..."}
+
+A command checks the files that it reads, and no others. Not covered: what a phase has written that
+is still going on, but for its checkpoints; what is drawn from other files, such as report.html; and
+times.jsonl.
 """
 
-from collections.abc import Sequence
+import dataclasses
+import hashlib
+import platform
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from gril_jax.config import RunConfig
-from gril_jax.config.files import load
-from gril_jax.errors import ConfigError, RunError
-from gril_jax.safe_files import read_object, require_regular
+import yaml
 
-from . import covered, times
-from .checkpoints import manifest
-from .metric_rows import Mark, read_rows
-from .phases import Phases, changed_fields, read_phases, require_run
+from gril_jax.config import RunConfig
+from gril_jax.config.files import load, to_yaml
+from gril_jax.errors import ConfigError, RunError
+from gril_jax.safe_files import read_object, require_regular, write_whole, writing
+
+from . import checkpoints
+from .json_lines import Mark, plain, read_rows, with_clocks, with_digest, without_digest
+
+# What the numbers of a run can depend on; `gril doctor` shows the same list.
+PACKAGES = (
+    "gril-jax", "jax", "jaxlib", "flax", "optax", "jraph", "mujoco", "mujoco-mjx", "brax",
+    "orbax-checkpoint", "warp-lang", "numpy", "scipy", "opencv-python-headless", "av",
+)  # fmt: skip
+_PHASES = "phases.json"
+_INSTEAD = {"sweep": "its page is report.html, its table study.md"}
+
+
+@dataclass(frozen=True)
+class Phases:
+    """The contents of phases.json."""
+
+    experiment: str | None  # the experiment that can go on with the run, None if it cannot
+    config: str  # YAML, as the run began
+    finished: dict[str, dict[str, Any]] = field(default_factory=dict)  # phase to its results
+    files: dict[str, dict[str, str]] = field(default_factory=dict)  # phase to digests
+    metrics: dict[str, Any] | None = None  # how far metrics.jsonl is covered, as its `mark` says
+
+    @property
+    def done(self) -> bool:
+        """True if the run has come to its results."""
+        return "finished" in self.files
+
+
+def write_phases(folder: Path, phases: Phases) -> None:
+    """Replaces the file atomically; results are numbers, strings and lists of them."""
+    with writing(folder):
+        write_whole(folder / _PHASES, with_digest(plain(dataclasses.asdict(phases))) + "\n")
+
+
+def read_phases(folder: Path) -> Phases:
+    """The phases that `write_phases` wrote; a `RunError` if the file is missing or has changed."""
+    file = folder / _PHASES
+    require_regular(file)
+    try:
+        content = without_digest(file.read_text(encoding="utf-8").removesuffix("\n"))
+        return Phases(**(content or {}))
+    except FileNotFoundError:
+        require_run(folder)
+        raise RunError(f"{file} is missing, but the run had written it") from None
+    except (OSError, ValueError, TypeError):
+        raise RunError(f"{file} has been changed since the run wrote it") from None
+
+
+def require_run(path: Path) -> None:
+    """Raises a RunError if a folder is of no run."""
+    if not path.is_dir():
+        fault = "is a file" if path.exists() else "does not exist"
+        raise RunError(f"{path} {fault}, but must be the folder of a run")
+    if not (path / "config.yaml").is_file():
+        raise RunError(f"{path} is not the folder of a run, because it has no config.yaml")
+
+
+def require_single(folder: Path) -> None:
+    """Raises a RunError that says where its results lie if a run has not one reward and policy."""
+    experiment = read_phases(folder).experiment
+    if experiment not in (None, "train", "pretrain"):
+        instead = _INSTEAD.get(experiment, "its results lie there in files of their own")
+        raise RunError(f"{folder} holds a run of gril {experiment}, not of one policy: {instead}")
+
+
+def digest(file: Path) -> str:
+    """The SHA-256 of a file's contents, in hexadecimal."""
+    with open(file, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def require_unchanged(folder: Path, *names: str) -> None:
+    """Raises a RunError that names the first file which is not as the run wrote it, of those with
+    these names, or below a folder whose name ends with a slash; what is not noted passes."""
+    for files in read_phases(folder).files.values():
+        for name, value in files.items():
+            if name not in names and f"{name.partition('/')[0]}/" not in names:
+                continue
+            file = folder / name
+            try:
+                same = digest(file) == value
+            except FileNotFoundError:
+                raise RunError(f"{file} is missing, but the run had written it") from None
+            except OSError as error:
+                raise RunError(f"{file} cannot be read ({error.strerror})") from None
+            if not same:
+                raise RunError(f"{file} has been changed since the run wrote it")
+
+
+def require_same_demos(folder: Path, header: Path) -> None:
+    """Raises a RunError if a run began with another demonstration set than that of this header.
+
+    A set outside of the run's folder may be gone.
+    """
+    require_unchanged(folder, "demos/demos.json")
+    begun = read_phases(folder).finished.get("demos", {})
+    if "sha256" in begun and header.is_file() and digest(header) != begun["sha256"]:
+        raise RunError(
+            f"the demonstration set {header.parent} has been changed since the run in {folder} "
+            f"began, as its {header.name} shows"
+        )
 
 
 def marks_of(path: Path, phases: Phases) -> tuple[Sequence[Mark], Sequence[str]]:
@@ -23,10 +138,10 @@ def marks_of(path: Path, phases: Phases) -> tuple[Sequence[Mark], Sequence[str]]
     sentence for each checkpoint whose mark cannot be read. Of a finished run the first has all."""
     found, damaged = [phases.metrics] if phases.metrics else [], list[str]()
     for folder in [] if phases.done else sorted((path / "checkpoints").glob("*")):
-        for step in reversed(manifest.steps(folder)):
+        for step in reversed(checkpoints.steps(folder)):
             try:
-                mark = manifest.manifest(folder / f"{step:012d}").get("metrics")
-            except manifest.DamagedError as error:  # the one before it is taken
+                mark = checkpoints.manifest(folder / f"{step:012d}").get("metrics")
+            except checkpoints.DamagedError as error:  # the one before it is taken
                 damaged.append(str(error))
                 continue
             except RunError:  # removed at this moment, by the process that writes them
@@ -38,7 +153,8 @@ def marks_of(path: Path, phases: Phases) -> tuple[Sequence[Mark], Sequence[str]]
 
 def read_config(path: Path) -> RunConfig:
     """Reads a run's configuration, which must be the one that the run began with."""
-    file = _file(path, "config.yaml")
+    require_run(path)
+    file = path / "config.yaml"
     try:
         config, text = load(str(file)), file.read_text(encoding="utf-8")
     except ConfigError as error:
@@ -52,20 +168,16 @@ def read_config(path: Path) -> RunConfig:
     return config
 
 
-def task_digest(path: Path) -> str | None:
-    """The SHA-256 that a run has noted of the file of its task; None if it has noted none."""
-    covered.require_unchanged(path, "versions.json")
-    try:
-        noted = read_object(path / "versions.json").get("task_sha256")
-    except FileNotFoundError:
-        return None
-    return noted if isinstance(noted, str) else None
-
-
-def _file(path: Path, name: str) -> Path:
-    """A file of a run, which need not be there yet; a RunError if the folder is of no run."""
-    require_run(path)
-    return path / name
+def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:
+    """The changed fields of a configuration, such as `run.seed (0, not 1)`."""
+    before = yaml.safe_load(began if isinstance(began, str) else to_yaml(began))
+    after = yaml.safe_load(to_yaml(now))
+    return [
+        f"{section}.{name} ({after[section].get(name)!r}, not {value!r})"
+        for section, fields in before.items()
+        for name, value in fields.items()
+        if after.get(section, {}).get(name) != value
+    ]
 
 
 def read_metrics(path: Path, *, clocks: bool = False) -> list[dict[str, Any]]:
@@ -73,7 +185,8 @@ def read_metrics(path: Path, *, clocks: bool = False) -> list[dict[str, Any]]:
 
     An incomplete last line is left out.
     """
-    file, phases = _file(path, "metrics.jsonl"), read_phases(path)
+    require_run(path)
+    file, phases = path / "metrics.jsonl", read_phases(path)
     require_regular(file)
     marks, damaged = marks_of(path, phases)  # before the file, which may be growing
     if damaged:
@@ -84,14 +197,46 @@ def read_metrics(path: Path, *, clocks: bool = False) -> list[dict[str, Any]]:
         raise RunError(f"the run in {path} has no metrics yet: it lacks {file.name}") from None
     except OSError as error:
         raise RunError(f"{file} cannot be read ({error})") from None
-    return times.with_clocks(rows, times.read_times(path)) if clocks else rows
+    return with_clocks(rows, path) if clocks else rows
 
 
 def read_results(path: Path) -> dict[str, Any]:
     """The results of a finished run; a `RunError` for any other."""
-    file = _file(path, "results.json")
-    covered.require_unchanged(path, file.name)
+    require_run(path)
+    require_unchanged(path, "results.json")
     try:
-        return read_object(file)
+        return read_object(path / "results.json")
     except FileNotFoundError:
         raise RunError(f"the run in {path} has not finished: it lacks results.json") from None
+
+
+def task_digest(path: Path) -> str | None:
+    """The SHA-256 that a run has noted of the file of its task; None if it has noted none."""
+    require_unchanged(path, "versions.json")
+    try:
+        noted = read_object(path / "versions.json").get("task_sha256")
+    except FileNotFoundError:
+        return None
+    return noted if isinstance(noted, str) else None
+
+
+def versions(device: str, command: Sequence[str] | None) -> dict[str, Any]:
+    """What a run is made with, for its versions.json; the command is `sys.argv` where None."""
+    return {
+        "packages": package_versions(),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "device": device,
+        "command": shlex.join(sys.argv if command is None else command),
+    }
+
+
+def package_versions() -> Mapping[str, str]:
+    """The installed version of each package in `PACKAGES`, or "missing"."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "missing"
+    return found

@@ -1,10 +1,10 @@
 """One run's folder, open for writing: created, resumed, and closed.
 
     config.yaml      the resolved configuration; `gril train FOLDER/config.yaml` runs it again
-    phases.json      see `gril_jax.runs.phases`, and `gril_jax.runs.covered` for its digests
+    phases.json      the phases that have finished, see `gril_jax.runs.reading`
     versions.json    package versions, Python, platform, device, command, digest of a task's file
-    metrics.jsonl    see `gril_jax.runs.metric_rows`
-    times.jsonl      see `gril_jax.runs.times`: the one file in which two equal runs differ
+    metrics.jsonl    the metrics, see `gril_jax.runs.json_lines`
+    times.jsonl      the clocks, likewise: the one file in which two equal runs differ
     results.json     written when the run has finished
     checkpoints/     one folder a phase, see `gril_jax.runs.checkpoints.checkpoint`
     lock             see `take_lock` of `gril_jax.safe_files`
@@ -27,18 +27,12 @@ from gril_jax.config.files import to_yaml
 from gril_jax.errors import RunError
 from gril_jax.safe_files import sync, take_lock, write_whole, writing
 
-from . import checkpoints, times
-from .covered import digests
-from .json_lines import JsonLines, plain
-from .metric_rows import MetricRows, read_rows
-from .phases import Phases, read_phases, write_phases
-from .reading import marks_of, read_config
+from . import checkpoints
+from .json_lines import CLOCKS, TIMES, JsonLines, plain, read_rows, with_clocks
+from .reading import Phases, digest, marks_of, read_config, read_phases, versions, write_phases
 from .reading import read_metrics as read_metrics
 from .reading import read_results as read_results
-from .reading import task_digest as task_digest
 from .sinks import open_sink
-from .times import CLOCKS
-from .versions import versions
 
 _RESULTS = "results.json"
 
@@ -50,38 +44,41 @@ class RunDir:
         self.path, self.checkpoints = path, path / "checkpoints"
         self.experiment = phases.experiment  # the one that can resume the run
         self.said: list[str] = []  # a sentence for each file that was repaired
-        self._lock, self._phases = lock, phases
+        self._lock, self._phases, self._config = lock, phases, config
         self._sinks: list[Any] = []
-        self.rows = MetricRows(path / "metrics.jsonl")
-        self.times = JsonLines(path / times.FILE)
+        self.rows, self.times = JsonLines(path / "metrics.jsonl"), JsonLines(path / TIMES)
+        self.said += [said for said in (self.rows.said, self.times.said) if said]
         try:
-            rows = self._with_clocks(self._checked_rows())
-            self.said += [said for said in (self.rows.said, self.times.said) if said]
+            marks, damaged = marks_of(path, phases)
+            self.said += damaged
+            read_rows(self.rows.file, marks)  # they must be those that the run wrote
+            if count := self.rows.cut(max((mark["lines"] for mark in marks), default=0)):
+                self.said.append(
+                    f"{count} lines of {self.rows.file} after the last checkpoint are left out: "
+                    "their work is done again"
+                )
             self.note_time(started=time.strftime("%Y-%m-%dT%H:%M:%S%z"))
-            self._count = len(rows)
-            for name in config.run.sinks:
-                self._sinks.append(open_sink(name, path, dataclasses.asdict(config)))
-                self._sinks[-1].begin(rows)
+            self._open_sinks()
         except BaseException:
             self.close()
             raise
 
-    def _checked_rows(self) -> list[dict[str, Any]]:
-        """The rows of work that is not done again, which must be those that the run wrote."""
-        marks, damaged = marks_of(self.path, self._phases)
-        self.said += damaged
-        read_rows(self.rows.file, marks)
-        newest = max(marks, key=lambda mark: mark["bytes"], default=None)
-        self.rows.cut_after(newest, self._phases.finished)
-        return read_rows(self.rows.file)
+    def _open_sinks(self) -> None:
+        rows = self.metrics()
+        self._count = len(rows)
+        self._close_sinks()
+        for name in self._config.run.sinks:
+            config = dataclasses.asdict(self._config)
+            self._sinks.append(open_sink(name, self.path, config, rows))
 
-    def _with_clocks(self, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-        return times.with_clocks(rows, times.read_times(self.path))
+    def _close_sinks(self) -> None:
+        while self._sinks:
+            self._sinks.pop().close()
 
     def log(self, **metrics: Any) -> None:
         """Appends one line of metrics; arrays become lists, non-finite numbers become null.
 
-        Its clocks, `gril_jax.runs.times.CLOCKS`, go to times.jsonl.
+        Its clocks, `gril_jax.runs.json_lines.CLOCKS`, go to times.jsonl.
         """
         row = plain(metrics)
         clocks = {name: row.pop(name) for name in CLOCKS if name in row}
@@ -98,20 +95,11 @@ class RunDir:
 
     def metrics(self) -> list[dict[str, Any]]:
         """The rows so far, with their clocks."""
-        return self._with_clocks(read_rows(self.rows.file))
+        return with_clocks(read_rows(self.rows.file), self.path)
 
     def note_time(self, **fields: Any) -> None:
         """Adds a line to times.jsonl, such as what a stage took."""
         self.times.append(plain(fields))
-
-    def cut_metrics(self, phase: str, count: int) -> list[dict[str, Any]]:
-        """Keeps and returns the first `count` rows of a phase, and other rows before them."""
-        rows = self._with_clocks(self.rows.keep(phase, count))
-        if len(rows) != self._count:
-            for sink in self._sinks:
-                sink.begin(rows)
-        self._count = len(rows)
-        return rows
 
     def finished_phase(self, name: str) -> dict[str, Any] | None:
         """The results of a phase, or None while it has not finished."""
@@ -133,7 +121,8 @@ class RunDir:
             self.sync()
             for file in files:
                 sync(file)
-            self._note(phase, digests(self.path, files))
+            known = {file.relative_to(self.path).as_posix(): digest(file) for file in files}
+            self._note(phase, known)
 
     def _note(self, phase: str, found: Mapping[str, str]) -> None:
         files = dict(self._phases.files)
@@ -161,15 +150,23 @@ class RunDir:
     def newest(self, phase: str, state: Any, tell: Callable[[str], None]) -> tuple[Any, int]:
         """The newest undamaged checkpoint of a phase and its chunks; the state and 0 without one.
 
-        Damaged ones are set aside, and `tell` takes a sentence for each.
+        Damaged ones are set aside, and `tell` takes a sentence for each. From the phase's first row
+        after it on, all rows of metrics are cut off.
         """
+        chunks, mark = 0, None
         while (path := checkpoints.latest(self.checkpoints / phase)) is not None:
             try:
-                return checkpoints.restore(path, state), int(path.name)
+                state, chunks = checkpoints.restore(path, state), int(path.name)
+                mark = checkpoints.manifest(path)["metrics"]
+                break
             except checkpoints.DamagedError as error:
                 aside = checkpoints.discard(path)
                 tell(f"{error}: it is set aside as {aside.name}, and the one before it is taken")
-        return state, 0
+        rows = read_rows(self.rows.file)
+        after = range(mark["lines"] if mark else 0, len(rows))
+        if self.rows.cut(next((i for i in after if rows[i].get("phase") == phase), len(rows))):
+            self._open_sinks()
+        return state, chunks
 
     def saving(self, phase: str, *, keep: int) -> "checkpoints.CheckpointWriter":
         """The writer of a phase's checkpoints, of which so many of the newest stay."""
@@ -197,8 +194,7 @@ class RunDir:
 
     def close(self) -> None:
         """Releases the lock; closing twice is harmless."""
-        while self._sinks:
-            self._sinks.pop().close()
+        self._close_sinks()
         self.rows.close()
         self.times.close()
         if not self._lock.closed:
@@ -238,8 +234,8 @@ def create(
     """
     require_new(path)
     made_with = versions(device, command)
-    if (digest := config.env.digest) is not None:
-        made_with["task_sha256"] = digest
+    if config.env.digest is not None:
+        made_with["task_sha256"] = config.env.digest
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -249,7 +245,7 @@ def create(
         lock = take_lock(path)
         write_whole(path / "versions.json", json.dumps(made_with, indent=2) + "\n")
         finished = {name: dict(results) for name, results in (begun or {}).items()}
-        files = {"begun": digests(path, [path / "versions.json"])}
+        files = {"begun": {"versions.json": digest(path / "versions.json")}}
         phases = Phases(experiment, to_yaml(config), finished, files)
         write_phases(path, phases)
         write_whole(path / "config.yaml", phases.config)  # last: it makes the folder a run

@@ -1,11 +1,7 @@
 """Sinks: copies of metrics.jsonl for TensorBoard and Weights & Biases, both optional.
 
-    begin(rows)       replaces all rows: called first, and whenever rows have been cut
-    log(index, row)   sends one more row, with its number in the file from 0
-    close()           sends the remaining rows
-
-A row's finite numbers are sent under PHASE/NAME, at its step. The packages are imported when a sink
-is opened.
+`log` sends one row, with its number in the file from 0; `close` sends what remains. A row's finite
+numbers are sent under PHASE/NAME, at its step. Where rows are cut, a sink is opened again.
 """
 
 import hashlib
@@ -18,10 +14,9 @@ from typing import Any
 
 from gril_jax.errors import ConfigError, RunError
 
-from . import times
+from .json_lines import Row, started
 
 PACKAGES = {"tensorboard": "tensorboardX", "wandb": "wandb"}
-
 _STEPS = ("env_steps", "step")  # the names that a row's step may have
 
 
@@ -35,14 +30,20 @@ def require_installed(names: Sequence[str]) -> None:
             )
 
 
-def open_sink(name: str, folder: Path, config: Mapping[str, Any]) -> "_TensorBoard | _Wandb":
-    """Opens a sink for the run in a folder; its own files go to a folder below of its name. A
-    ConfigError if its package is not installed, a RunError if it cannot start."""
+def open_sink(
+    name: str, folder: Path, config: Mapping[str, Any], rows: Sequence[Row]
+) -> "_TensorBoard | _Wandb":
+    """Opens a sink for the run in a folder, with its rows so far; the sink's own files go to a
+    folder below of its name. A ConfigError if its package is not installed, a RunError if it cannot
+    start."""
     require_installed([name])
-    return {"tensorboard": _TensorBoard, "wandb": _Wandb}[name](folder, config)
+    sink = {"tensorboard": _TensorBoard, "wandb": _Wandb}[name](folder, config)
+    for index, row in enumerate(rows):
+        sink.log(index, row)
+    return sink
 
 
-def scalars(row: Mapping[str, Any]) -> tuple[int | None, dict[str, float]]:
+def scalars(row: Row) -> tuple[int | None, dict[str, float]]:
     """A row's step, or None, and its numbers by PHASE/NAME."""
     step = next((int(row[name]) for name in _STEPS if row.get(name) is not None), None)
     phase = row.get("phase", "run")
@@ -52,25 +53,18 @@ def scalars(row: Mapping[str, Any]) -> tuple[int | None, dict[str, float]]:
 
 class _TensorBoard:
     def __init__(self, folder: Path, config: Mapping[str, Any]):
-        self._folder = folder / "tensorboard"
-        self._writer: Any = None
-
-    def begin(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        self.close()
-        shutil.rmtree(self._folder, ignore_errors=True)  # its files can only grow
+        del config
+        shutil.rmtree(folder / "tensorboard", ignore_errors=True)  # its files can only grow
         package = importlib.import_module(PACKAGES["tensorboard"])
-        self._writer = package.SummaryWriter(str(self._folder), flush_secs=10)
-        for index, row in enumerate(rows):
-            self.log(index, row)
+        self._writer = package.SummaryWriter(str(folder / "tensorboard"), flush_secs=10)
 
-    def log(self, index: int, row: Mapping[str, Any]) -> None:
+    def log(self, index: int, row: Row) -> None:
         step, numbers = scalars(row)
         for name, value in numbers.items():
             self._writer.add_scalar(name, value, index if step is None else step)
 
     def close(self) -> None:
-        if self._writer is not None:
-            self._writer.close()
+        self._writer.close()
 
 
 class _Wandb:
@@ -78,18 +72,13 @@ class _Wandb:
 
     def __init__(self, folder: Path, config: Mapping[str, Any]):
         package = importlib.import_module(PACKAGES["wandb"])
-        started = times.started(folder) or ""  # with this it names this run and no other
-        own = folder / "wandb"
-        own.mkdir(exist_ok=True)
+        identity = f"{folder.name} {started(folder) or ''}"  # names this run and no other
+        (folder / "wandb").mkdir(exist_ok=True)
         try:
             self._run = package.init(
-                project="gril-jax",
-                name=folder.name,
-                id=hashlib.sha256(f"{folder.name} {started}".encode()).hexdigest()[:16],
-                resume="allow",
-                dir=str(own),
-                config=dict(config),
-            )
+                project="gril-jax", name=folder.name, resume="allow", config=dict(config),
+                id=hashlib.sha256(identity.encode()).hexdigest()[:16], dir=str(folder / "wandb"),
+            )  # fmt: skip
         except Exception as error:  # of many kinds: no account, no network, no folder
             reason = " ".join(str(error).split()).rstrip(".")
             raise RunError(
@@ -97,12 +86,7 @@ class _Wandb:
                 "of run.sinks"
             ) from None
 
-    def begin(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        for index, row in enumerate(rows):
-            if index >= self._run.step:
-                self.log(index, row)
-
-    def log(self, index: int, row: Mapping[str, Any]) -> None:
+    def log(self, index: int, row: Row) -> None:
         step, numbers = scalars(row)
         axis = {} if step is None else {f"{row.get('phase', 'run')}/step": step}
         if index >= self._run.step:

@@ -1,7 +1,13 @@
 """Stages of a task, found in a learned reward."""
 
-from .agreement import MOST, agreed_boundaries, agreed_stages, each_alone
-from .boundaries import running_median, segments, transitions
+from .agreement import (
+    MOST,
+    agreed_boundaries,
+    agreed_stages,
+    each_alone,
+    running_median,
+    transitions,
+)
 from .matching import (
     SharedBoundaries,
     boundary_frames,
@@ -14,5 +20,5 @@ from .matching import (
 __all__ = [
     "MOST", "SharedBoundaries", "agreed_boundaries", "agreed_stages",
     "boundary_frames", "each_alone", "match_in_order", "match_within", "place_in_order",
-    "running_median", "segments", "shared_boundaries", "transitions",
+    "running_median", "shared_boundaries", "transitions",
 ]  # fmt: skip

@@ -10,7 +10,6 @@ A sound reward has an order accuracy of at least 0.97 and a positive hack gap, a
 import dataclasses
 import functools
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,11 +28,12 @@ from gril_jax.config.task import NO_TASK
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.export.reward_file import load_reward
-from gril_jax.report.audit.page import Findings, write_report
+from gril_jax.report.audit_page import Findings, write_report
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
+from gril_jax.safe_files import write_whole
 from gril_jax.workflows import export_reward, film_audit
-from gril_jax.workflows.build import setup, vocabulary
+from gril_jax.workflows.build import setup
 
 
 def main(
@@ -57,26 +57,31 @@ def main(
     """
     if out is None:
         out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
-    if source.is_dir() and (config := run_dir.read_config(source)).env.name == NO_TASK:
+    films = source.is_dir() and (config := run_dir.read_config(source)).env.name == NO_TASK
+    if films:
         if task is not None:
             raise ConfigError(f"{source} was trained on films alone, but --task is {task}")
-        return film_audit.main(source, config, out, scenes=ascents, seed=seed, echo=echo)
-    learned, chosen = _subject(source, task)
-    findings = search(
-        learned, chosen, str(source), variant=variant, ascents=ascents, starts=starts, seed=seed
-    )
-    settings = {
-        "source": str(source), "ascents": findings.audit.found.reward.size, "starts": starts,
-        "seed": seed, "variant": variant or _variant(chosen),
-    }  # fmt: skip
-    results = findings.as_json() | {"settings": settings}
+        results = film_audit.of_run(source, config, scenes=ascents, seed=seed)
+        lines = film_audit.in_words(results)
+    else:
+        learned, chosen = _subject(source, task)
+        findings = search(
+            learned, chosen, str(source), variant=variant, ascents=ascents, starts=starts, seed=seed
+        )
+        settings = {
+            "source": str(source), "ascents": findings.audit.found.reward.size, "starts": starts,
+            "seed": seed, "variant": variant or _variant(chosen),
+        }  # fmt: skip
+        results, lines = findings.as_json() | {"settings": settings}, findings.in_words()
     with run_dir.writing(out):
         out.mkdir(parents=True, exist_ok=True)
-        (out / "audit.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    page = write_report(out, findings, results, title=f"Audit of {source.name}")
-    for line in findings.in_words():
+        write_whole(out / "audit.json", json.dumps(results, indent=2) + "\n")
+    place = f"written to {out / 'audit.json'}"
+    if not films:
+        page = write_report(out, findings, results, title=f"Audit of {source.name}")
+        place = f"report: {page}"
+    for line in (*lines, place):
         echo(line)
-    echo(f"report: {page}")
     return results
 
 
@@ -157,24 +162,13 @@ def _scenes(
             f"the task {chosen.name} has no stage definition, but an audit needs its attribute "
             "`stages` (see gril_jax.envs.stages)"
         )
-    require_one_unit(learned, chosen.name, env, source)
+    export_reward.require_one_unit(learned, chosen.name, env, source)
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), starts)
     objects = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
     names = tuple(env.classes[i] for i in np.asarray(objects.label[0]))
     label = _labels(learned, env.classes, np.asarray(objects.label), source)
     resting = jnp.zeros(label.shape, bool)
     return env, names, Scene(objects.center, objects.size, label, objects.is_robot, resting)
-
-
-def require_one_unit(learned: LearnedReward, task: str, env: envs.Env, source: str) -> None:
-    """Raises ConfigError if a reward's lengths are of another unit than the task's."""
-    unit, extent = (learned.about.get(name) for name in ("unit", "half_extent"))
-    known = unit in (None, vocabulary.unit_of_task(task)) or extent is None
-    if not known and not math.isclose(extent, env.half_extent, rel_tol=0.01):
-        raise ConfigError(
-            f"{source} was learned in {unit}, of which a frame shows {extent:g} to each side, but "
-            f"{task} shows {env.half_extent:g} of its own: their lengths do not fit"
-        )
 
 
 def env_of(learned: LearnedReward, task: str) -> EnvConfig:

@@ -20,40 +20,41 @@ from gril_jax.pretraining import pretrain
 from gril_jax.report.headline import in_words
 from gril_jax.types import DemoBatch
 from gril_jax.workflows import audit, train
-from gril_jax.workflows.build import (
-    demonstrations,
-    own_task,
-    policy_rewards,
-    policy_setup,
-    setup,
-)
+from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
 from gril_jax.workflows.learning import policies
 
 _UNIT = 2**20
 
 
-def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -> dict[str, float]:
-    """Says it line by line; returns seconds and bytes by phase. Errors are those of the run."""
+def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -> None:
+    """Says it line by line. Errors are those of the run."""
     env = setup.task_of(config.env)
-    if env is not None:
-        own_task.require_demonstrations(config, env)
     demonstrations.require_usable(config, env)
     if config.run.audit and verb == "train" and env is not None:
         audit.require_possible(config, env)
     demos, classes = _demonstrations(config, env, echo)
-    found: dict[str, float] = {}
+    took, steps = 0.0, f"reward: {config.pretrain.steps:,} gradient steps"
     if ENCODERS[config.encoder.kind].boxes:
-        found["reward_s"] = _reward_seconds(config, demos, classes)
-        took = in_words(found["reward_s"])
-        echo(f"reward: {config.pretrain.steps:,} gradient steps, about {took}")
+        begun, one = time.monotonic(), config.encoder.ensemble_size
+        static, hyper = setup.pretrain_config(config, classes), setup.pretrain_hyper(config)
+        step = jax.jit(lambda state: pretrain.step(state, demos, hyper, static, None)[0])
+        state = pretrain.init(jax.random.key(0), demos, static)
+        took = _seconds(begun, step, state, one * config.pretrain.steps / static.updates)
+        echo(f"{steps}, about {in_words(took)}")
     else:
-        echo(f"reward: {config.pretrain.steps:,} gradient steps on pictures, which are not timed")
+        echo(f"{steps} on pictures, which are not timed")
     if verb == "train":
-        found |= _policy(config, echo)
-    total = sum(value for name, value in found.items() if name.endswith("_s"))
+        took += _policy(config, echo)
     where = config.run.out or "a new folder below runs/"
-    echo(f"in all about {in_words(total)} on {setup.device_in_words()}; results go to {where}")
-    return found
+    echo(f"in all about {in_words(took)} on {setup.device_in_words()}; results go to {where}")
+
+
+def _seconds(begun: float, step: Callable[[Any], Any], state: Any, calls: float) -> float:
+    """Seconds from a moment until a function is compiled, and for so many calls of it."""
+    state = jax.block_until_ready(step(state))
+    compiled = time.monotonic()
+    jax.block_until_ready(step(state))
+    return compiled - begun + calls * (time.monotonic() - compiled)
 
 
 def _demonstrations(
@@ -66,31 +67,18 @@ def _demonstrations(
         shown = ", ".join(demo_set.classes if env is None else env.classes)
         echo(f"demonstrations: {len(demo_set)} of {chosen.path}, of {shown}")
         return demo_batch(demo_set), len(demo_set.classes)
-    num = chosen.num + chosen.num_validation
+    num, frames = chosen.num + chosen.num_validation, config.pretrain.num_frames
     echo(f"demonstrations: {num} of the expert of {config.env.shown_name} would be made first")
-    seen = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(
-        jax.random.split(jax.random.key(0), num)
-    )
-    frames = config.pretrain.num_frames
+    keys = jax.random.split(jax.random.key(0), num)
+    seen = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
     center, size = (jnp.repeat(x[:, None], frames, axis=1) for x in (seen.center, seen.size))
     present, length = jnp.ones(seen.label.shape, bool), jnp.full(num, frames, jnp.int32)
     resting = DemoBatch(center, size, seen.label, seen.is_robot, present, length)
     return resting, len(env.classes)
 
 
-def _reward_seconds(config: RunConfig, demos: DemoBatch, classes: int) -> float:
-    """Seconds that the encoder's training would take, compiling included."""
-    begun = time.monotonic()
-    static, hyper = setup.pretrain_config(config, classes), setup.pretrain_hyper(config)
-    one = jax.jit(lambda state: pretrain.step(state, demos, hyper, static, None)[0])
-    state = jax.block_until_ready(one(pretrain.init(jax.random.key(0), demos, static)))
-    compiled = time.monotonic()
-    jax.block_until_ready(one(state))
-    each = (time.monotonic() - compiled) / static.updates
-    return compiled - begun + config.encoder.ensemble_size * each * config.pretrain.steps
-
-
-def _policy(config: RunConfig, echo: Callable[[str], None]) -> dict[str, float]:
+def _policy(config: RunConfig, echo: Callable[[str], None]) -> float:
+    """Seconds that the policy's training would take, compiling included; told with its memory."""
     begun = time.monotonic()
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     params = policy_rewards.blank(config, algorithm.episodes.env)
@@ -98,22 +86,14 @@ def _policy(config: RunConfig, echo: Callable[[str], None]) -> dict[str, float]:
     program = train.compiled_for(config, algorithm)
     init, run_chunk = program.functions
     placed = sharding.place(program.layout, jax.tree.map(lambda x: x[None], params))
-    state = init(program.keys, program.hyper)
-
-    def advance(state: Any) -> Any:
-        one, no = jnp.int32(1), jnp.asarray(False)
-        return jax.block_until_ready(run_chunk(state, program.hyper, placed, one, no)[0])
-
-    state = advance(state)
-    compiled = time.monotonic()
-    advance(state)
-    each = time.monotonic() - compiled
-    section = policy_setup.policy_config(config)
-    seconds = compiled - begun + policies.plan_of(config, algorithm).updates * each
+    more = program.hyper, placed, jnp.int32(1), jnp.asarray(False)
+    state, updates = init(program.keys, program.hyper), policies.plan_of(config, algorithm).updates
+    seconds = _seconds(begun, lambda state: run_chunk(state, *more)[0], state, updates)
     available = memory.available_bytes(jax.devices()[0])
     room = "" if available is None else f" of {available / _UNIT:,.0f} MiB"
     echo(
-        f"policy: {section.num_timesteps:,} env steps by {config.run.algorithm.upper()}, about "
-        f"{in_words(seconds)}; about {needed / _UNIT:,.0f} MiB{room}"
+        f"policy: {policy_setup.policy_config(config).num_timesteps:,} env steps by "
+        f"{config.run.algorithm.upper()}, about {in_words(seconds)}; about "
+        f"{needed / _UNIT:,.0f} MiB{room}"
     )
-    return {"policy_s": seconds, "policy_bytes": float(needed)}
+    return seconds

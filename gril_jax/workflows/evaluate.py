@@ -25,7 +25,7 @@ from gril_jax.rl.policy import Policy
 from gril_jax.rl.training import Algorithm
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
-from gril_jax.workflows.build import filming, policy_setup, setup, stages
+from gril_jax.workflows.build import filming, policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.starts import Group, draw, evaluated_from, with_first
 
 
@@ -165,8 +165,8 @@ def _trained(
         "variant": many.variant,
         "eval_episodes": len(many.start),
     }
-    shares = stages.finished(player.reward_params, means.remembered[: len(many.start)])
-    if shares:
+    remembered = means.remembered[: len(many.start)]
+    if shares := policy_rewards.stages_finished(player.reward_params, remembered):
         found["stages_finished"] = shares
     if elsewhere is not None:
         there = player.play(elsewhere, policy, key, deterministic=True)
@@ -184,6 +184,7 @@ def _film(env: Env, played: Evaluation, params: Any, episodes: int, folder: Path
     arrays = {name: np.asarray(getattr(played, name))[:episodes] for name in names}
     shown = int(np.argmax(arrays["success"]))
     film = filming.episode(env, jax.tree.map(lambda x: x[shown], played.states))
-    film = filming.with_captions(film, stages.in_words(params, played.remembered[shown]))
+    captions = policy_rewards.stages_in_words(params, played.remembered[shown])
+    film = filming.with_captions(film, captions)
     video.write_video(folder / "rollout.mp4", film, env.control_hz)
     np.savez(folder / "rollouts.npz", **arrays, shown=shown)

@@ -9,8 +9,6 @@ out, and a sentence says so.
 """
 
 import functools
-import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +20,12 @@ from gril_jax.audit.scene_reward import Scene, scene_reward
 from gril_jax.config import RunConfig
 from gril_jax.errors import DemoError
 from gril_jax.pretraining import pretrain
-from gril_jax.pretraining.copies import Ends, displaced
+from gril_jax.pretraining.batch import Ends, displaced
 from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.data import read_finished
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.runs import run_dir
-from gril_jax.runs.covered import require_same_demos
 from gril_jax.runs.json_lines import plain
-from gril_jax.safe_files import write_whole
+from gril_jax.runs.reading import require_same_demos
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import demonstrations, policy_setup, setup, vocabulary
 
@@ -41,16 +37,8 @@ _TOUCH, _OUTBID = 0.05, 0.02  # what may be paid for a touch, and how many scene
 _AMISS = 0.25  # cost of a made-up scene that is clearly not done; of a beginning it is about 1
 
 
-def main(
-    folder: Path,
-    config: RunConfig,
-    out: Path,
-    *,
-    scenes: int = 1000,
-    seed: int = 0,
-    echo: Callable[[str], None] = print,
-) -> dict[str, Any]:
-    """Writes `audit.json` into a folder and returns it; `scenes` are made up around held-out films.
+def of_run(folder: Path, config: RunConfig, *, scenes: int, seed: int) -> dict[str, Any]:
+    """The audit of a run's reward as JSON has it; `scenes` are made up around held-out films.
 
     Raises DemoError if the films are gone.
     """
@@ -64,14 +52,7 @@ def main(
     params = policy_setup.learned_reward(folder, config, words)
     results = read_finished(folder) or {}
     known = {name: results.get(name) for name in ("tau", "reward_time_tau")}
-    found = measured(config, params, demos, scenes=scenes, seed=seed) | known
-    with run_dir.writing(out):
-        out.mkdir(parents=True, exist_ok=True)
-        write_whole(out / "audit.json", json.dumps(plain(found), indent=2) + "\n")
-    for line in in_words(found):
-        echo(line)
-    echo(f"written to {out / 'audit.json'}")
-    return found
+    return plain(measured(config, params, demos, scenes=scenes, seed=seed) | known)
 
 
 def in_words(found: dict[str, Any]) -> list[str]:

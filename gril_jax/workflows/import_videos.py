@@ -17,8 +17,8 @@ from gril_jax.config import EnvConfig
 from gril_jax.demos.demo_set import DemoSet
 from gril_jax.demos.importing import import_videos
 from gril_jax.errors import ConfigError, DemoError
-from gril_jax.report.figures.filmstrip import Film, contact_sheet
-from gril_jax.report.figures.style import png
+from gril_jax.report.filmstrip import Film, contact_sheet
+from gril_jax.report.style import png
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole, writing
 from gril_jax.workflows.build import setup, vocabulary

@@ -29,14 +29,7 @@ from gril_jax.runs.checkpoints import state_leaves
 from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
 from gril_jax.subtasks import agreement
-from gril_jax.workflows.build import (
-    demonstrations,
-    hard_negatives,
-    learners,
-    own_task,
-    setup,
-    vocabulary,
-)
+from gril_jax.workflows.build import demonstrations, hard_negatives, learners, setup, vocabulary
 from gril_jax.workflows.build.hard_negatives import EarlierPolicy, Echo
 from gril_jax.workflows.learning import encoders
 
@@ -88,10 +81,7 @@ def main(
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.task_of(config.env)
-    if env is not None:
-        own_task.require_demonstrations(config, env)
-    if resume is None:
-        demonstrations.require_usable(config, env)
+    demonstrations.require_usable(config, env, begun=resume is not None)
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         if env is None:

@@ -20,20 +20,12 @@ from gril_jax.config import RunConfig
 from gril_jax.config.tables import REWARDS
 from gril_jax.errors import ConfigError
 from gril_jax.report import rates, run_report
-from gril_jax.report.audit import asked
-from gril_jax.report.headline import in_words
+from gril_jax.report.headline import audit_kept, audit_sentence, in_words
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.rl import training
 from gril_jax.runs.checkpoints import state_leaves
-from gril_jax.workflows import audit, evaluate, pretrain, reuse
-from gril_jax.workflows.build import (
-    demonstrations,
-    own_task,
-    policy_rewards,
-    policy_setup,
-    setup,
-    stages,
-)
+from gril_jax.workflows import audit, evaluate, export_reward, pretrain
+from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.given import given
 from gril_jax.workflows.learning import policies
 
@@ -53,12 +45,10 @@ def main(
     needs = needs_of(config)
     if hard_negatives and not needs.encoder:
         raise ConfigError("--hard-negatives is given, but the run learns no reward from them")
-    if needs.demos:
-        own_task.require_demonstrations(config, env)
     if config.run.audit and needs.reward:
         audit.require_possible(config, env)
-    if resume is None and needs.demos:
-        demonstrations.require_usable(config, env)
+    if needs.demos:
+        demonstrations.require_usable(config, env, begun=resume is not None)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     sharding.mesh(jax.devices(), seeds=1, num_envs=algorithm.num_envs)  # or it cannot be shared out
     with opened(config, "train", resume, hard_negatives, echo) as run, ahead.compiling() as pool:
@@ -98,7 +88,7 @@ def main(
         writing = run.progress.phase("writing the report", total=1, unit="pages", compiles=False)
         page = run_report.write_report(run.path)
         writing.update(1)
-    for line in (*rates.sentences(results), *([asked.sentence(results)] if needs.reward else [])):
+    for line in (*rates.sentences(results), *([audit_sentence(results)] if needs.reward else [])):
         echo(line)
     echo(f"given: {results['given']}")
     tau = f"tau {results['tau']:.3f}, " if "tau" in results else ""
@@ -117,19 +107,19 @@ class Needs(NamedTuple):
 
 def needs_of(config: RunConfig) -> Needs:
     """The parts that a configuration needs."""
-    form = REWARDS[config.run.reward]
-    encoder = form.learns and config.run.reward_file is None
+    form = REWARDS[config.run.reward_form]
+    encoder = form.learns and config.run.reward_source is None
     demos = encoder or form.staged or policy_rewards.begins_at_frames(config)
     return Needs(form.learns, encoder, demos)
 
 
 def _reused(config: RunConfig, env: envs.Env) -> tuple[RunConfig, LearnedReward | None]:
     """The configuration with the encoder of the reward that it names, and that reward."""
-    source = config.run.reward_file
-    if source is None or not REWARDS[config.run.reward].learns:
+    source = config.run.reward_source
+    if source is None:
         return config, None
-    learned = reuse.load(Path(source))
-    return reuse.configured(config, learned, env, source), learned
+    learned = export_reward.load_learned(Path(source))
+    return export_reward.configured(config, learned, env, source), learned
 
 
 def _kept(run: OpenRun, reused: LearnedReward | None) -> dict[str, Any]:
@@ -139,7 +129,7 @@ def _kept(run: OpenRun, reused: LearnedReward | None) -> dict[str, Any]:
     results = run.dir.finished_phase("reward")
     if results is None:
         digest = state_leaves.digest(reused.params)
-        results = {"reward_from": run.config.run.reward_file, "reward_sha256": digest}
+        results = {"reward_from": run.config.run.reward_source, "reward_sha256": digest}
         run.dir.finish_phase("reward", results, run.dir.save_part("reward", 0, reused.params))
         run.echo(f"the reward is that of {results['reward_from']} (sha256 {digest[:12]})")
     return results
@@ -150,13 +140,13 @@ def _policy_reward(run: OpenRun, env: envs.Env, demos: demonstrations.Demonstrat
     config, num_classes = run.config, len(env.classes)
     if run.dir.finished_phase("policy_reward") is None:
         learned = None
-        if REWARDS[config.run.reward].learns:
+        if REWARDS[config.run.reward_form].learns:
             learned = run.dir.load_part("reward", setup.blank_reward(config, num_classes))
         shown = None if demos is None else demos.batch("train")
         params = policy_rewards.parameters(config, learned, shown, num_classes)
         saved = run.dir.save_part("policy_reward", config.pretrain.steps, params)
         run.dir.finish_phase("policy_reward", {}, saved)
-        if said := stages.note(config, params):
+        if said := policy_rewards.stages_note(config, params):
             run.echo(said)
     return run.dir.load_part("policy_reward", policy_rewards.blank(config, env))
 
@@ -171,7 +161,7 @@ def _audited(run: OpenRun) -> dict[str, Any]:
         phase = run.progress.phase("auditing the reward", total=ascents, unit="ascents")
         # It repeats to the byte, so what a process that was cut off left of it is written over.
         results = audit.main(run.path, ascents=ascents, seed=run.config.run.seed, echo=_silent)
-        found = {"audit": asked.kept(results)}
+        found = {"audit": audit_kept(results)}
         run.dir.finish_phase("audit", found)
         phase.update(ascents)
     return found

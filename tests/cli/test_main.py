@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import jax
 import pytest
@@ -43,8 +42,8 @@ def _gril(*args, cwd):
         ([], "usage: gril VERB"),
         (["demos", "--help"], "import-videos"),
         (["train", "match_regions", "-h"], "12000000"),
-        (["quickstart", "--help"], "(default: 9000000)"),
-        (["pretrain", "--help-all"], "--loss.perturbation-weight"),
+        (["quickstart", "--help"], "--ppo.num-timesteps 9000000"),
+        (["pretrain", "--help", "loss"], "Weight of perturbed frames"),
         (["demos", "make", "--help"], "--num-validation"),
         (["demos", "import-videos", "--help"], "--half-extent"),
         (["eval", "--help"], "--episodes"),
@@ -212,9 +211,13 @@ def _of_warp():
     raise RuntimeError("Error launching kernel: Warp CUDA error 2: out of memory")
 
 
+def _verb(work):
+    return verbs.Verb("train", "trains", lambda rest: work)
+
+
 @pytest.mark.parametrize("work", [_too_large, _of_warp])
 def test_a_device_without_memory_left_is_one_sentence(monkeypatch, capsys, work):
-    monkeypatch.setattr(verbs, "find", lambda name: SimpleNamespace(plan=lambda rest: work))
+    monkeypatch.setattr(verbs, "every", lambda: [_verb(work)])
     assert main.main(["train"]) == 1
     assert capsys.readouterr().err.startswith("gril: there is not enough memory for this: end what")
 
@@ -223,6 +226,6 @@ def test_a_mistake_of_the_program_keeps_its_traceback(monkeypatch):
     def broken():
         raise RuntimeError("a shape is wrong")
 
-    monkeypatch.setattr(verbs, "find", lambda name: SimpleNamespace(plan=lambda rest: broken))
+    monkeypatch.setattr(verbs, "every", lambda: [_verb(broken)])
     with pytest.raises(RuntimeError, match="a shape is wrong"):
         main.main(["train"])

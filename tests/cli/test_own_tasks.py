@@ -136,14 +136,11 @@ CHANGES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("verb", ["train", "pretrain"])
 @pytest.mark.parametrize(("change", "fault"), CHANGES)
-def test_a_task_that_is_not_as_it_must_be_is_refused_before_work(
-    folder, capsys, verb, change, fault
-):
+def test_a_task_that_is_not_as_it_must_be_is_refused_before_work(folder, capsys, change, fault):
     own_task.write(folder, change=change)
     task = ("--task", "my_task.py:make", "--demos", "mine", "--out", "run")
-    assert fault in _fault(capsys, verb, "small.yaml", *task)
+    assert fault in _fault(capsys, "train", "small.yaml", *task)
     assert not (folder / "run").exists()
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from gril_jax.cli import arguments, doctor, main, verbs
+from gril_jax.cli import arguments, main, verbs
+from gril_jax.cli.verbs import machine
 from gril_jax.config import MakeDemosConfig, RunConfig
 from gril_jax.config.files import load
 from gril_jax.demos import importing
@@ -300,24 +301,25 @@ def test_our_own_mistakes_keep_their_traceback(experiment):
 
 
 def test_the_doctor_s_verdict_is_the_exit_code(monkeypatch, capsys):
-    row = doctor.Check("jax", False, True, "missing")
-    monkeypatch.setattr(doctor, "check_all", lambda timeout_s: [row])
-    assert main.main(["doctor"]) == 1
-    assert capsys.readouterr().out == "jax  BROKEN    missing\n"
+    for needed, code, word in ((True, 1, "BROKEN    "), (False, 0, "no        ")):
+        rows = [machine.Check("jax", False, needed, "missing"), machine.Check("a", True, True, "")]
+        monkeypatch.setattr(machine, "check_all", lambda timeout_s, rows=rows: rows)
+        assert main.main(["doctor"]) == code
+        assert capsys.readouterr().out == f"jax  {word}missing\na    ok\n"
 
 
 # --- a new verb
 
 
-def test_a_verb_is_one_file_and_the_file_s_name_in_the_table(tmp_path, monkeypatch, capsys):
+def test_a_verb_is_one_entry_of_a_module_that_is_listed(tmp_path, monkeypatch, capsys):
     (tmp_path / "manners.py").write_text(
         "from gril_jax.cli.verbs import Verb\n"
         "def plan(args):\n"
         "    return lambda: print('hello', *args)\n"
-        "VERBS = [Verb('greet-all NAME', 'says hello', plan)]\n"
+        "VERBS = {'Manners': (Verb('greet-all NAME', 'says hello', plan),)}\n"
     )
     monkeypatch.setattr(verbs, "__path__", [*verbs.__path__, str(tmp_path)])
-    monkeypatch.setitem(verbs.TABLE, "Manners", ("manners",))
+    monkeypatch.setattr(verbs, "MODULES", (*verbs.MODULES, "manners"))
     assert main.main(["greet-all", "you"]) == 0
     assert capsys.readouterr().out == "hello you\n"
     assert main.main(["--help"]) == 0
@@ -328,13 +330,9 @@ def test_a_verb_is_one_file_and_the_file_s_name_in_the_table(tmp_path, monkeypat
     sys.modules.pop("gril_jax.cli.verbs.manners")
 
 
-@pytest.mark.parametrize("name", verbs.names())
-def test_the_help_of_a_verb_begins_with_its_name(name):
-    assert f"{verbs.find(name).usage} ".startswith(f"{name} ")
-
-
-def test_every_file_of_verbs_is_in_the_table_and_no_verb_is_twice():
+def test_every_file_of_verbs_is_listed_and_no_verb_is_twice():
     (folder,) = verbs.__path__
-    files = [module for modules in verbs.TABLE.values() for module in modules]
-    assert sorted(files) == sorted(p.stem for p in Path(folder).glob("[!_]*.py"))
-    assert len(verbs.names()) == len({*verbs.names()})
+    assert sorted(verbs.MODULES) == sorted(p.stem for p in Path(folder).glob("[!_]*.py"))
+    names = [verb.name for verb in verbs.every()]
+    assert len(names) == len({*names})
+    assert all(verb.usage.startswith(verb.name) for verb in verbs.every())

@@ -125,3 +125,15 @@ def test_a_task_that_can_never_come_is_named():
     tasks = [ahead.Task("a", None, frozenset("b"), lambda: None)]
     with pytest.raises(ValueError, match=r"'a' needs what never comes: frozenset\(\{'b'\}\)"):
         ahead.carry_out(tasks)
+
+
+def test_an_error_loses_what_needs_the_task_and_nothing_else():
+    done, failed = [], []
+
+    def task(name, *needs):
+        do = lambda: done.append(name) if name != "b" else 1 // 0  # noqa: E731
+        return ahead.Task(name, None, frozenset(needs), do, name.upper())
+
+    tasks = [task("d", "c"), task("c", "b"), task("b"), task("a")]
+    ahead.carry_out(tasks, lambda task, error: failed.append((task.about, type(error))))
+    assert (done, failed) == (["a"], [("B", ZeroDivisionError)])

@@ -2,27 +2,27 @@
 
 import pytest
 
-from gril_jax.config import RunConfig
 from gril_jax.config.files import load
-from gril_jax.config.grid import Axis, Cell, cells, take_axes, with_seed
+from gril_jax.config.grid import cells, take_axes, with_seed
 from gril_jax.errors import ConfigError
 
 
 def test_options_with_commas_are_taken_and_the_others_stay_in_their_order():
-    args = ["--run.reward", "learned,environmental", "--ppo.num-envs", "8", "--loss.lambda=0.1, 1"]
-    assert take_axes(args) == [
-        Axis("--run.reward", ("learned", "environmental")),
-        Axis("--loss.lambda", ("0.1", "1")),
-    ]
+    args = ["--reward", "learned,environmental", "--ppo.num-envs", "8", "--loss.lambda=0.1, 1"]
+    assert take_axes(args) == {
+        "--run.reward": ("learned", "environmental"),
+        "--loss.lambda": ("0.1", "1"),
+    }
     assert args == ["--ppo.num-envs", "8"]
 
 
 @pytest.mark.parametrize(
-    "args", [[], ["--help"], ["--env.targets", "red star"], ["--run.out=a"], ["a,b", "--x", "1"]]
+    "args",
+    [[], ["--help"], ["--env.targets", "red star"], ["--run.out=a"], ["a,b", "--rows", "a,b"]],
 )
 def test_arguments_without_an_axis_stay_as_they_are(args):
     before = list(args)
-    assert take_axes(args) == []
+    assert take_axes(args) == {}
     assert args == before
 
 
@@ -42,24 +42,13 @@ def test_what_is_no_axis_is_refused_in_one_sentence(args, sentence):
 
 
 def test_cells_are_every_combination_and_the_last_axis_changes_fastest():
-    axes = [Axis("--run.reward", ("learned", "environmental")), Axis("--loss.lambda", ("0.1", "1"))]
-    found = cells(axes, ["--ppo.num-envs", "8"], lambda args: load(None, args, prog="gril sweep"))
-    chosen = [(c.config.run.reward, c.config.loss.lambda_) for c in found]
-    assert chosen == [(r, x) for r in ("learned", "environmental") for x in (0.1, 1.0)]
-    assert {c.config.ppo.num_envs for c in found} == {8}
-    assert found[0].labels == (("run.reward", "learned"), ("loss.lambda", "0.1"))
-    assert found[3].name == "reward environmental, lambda 1"
-
-
-def test_without_axes_there_is_one_cell_as_configured():
-    (cell,) = cells([], [], lambda args: RunConfig())
-    assert cell == Cell((), RunConfig())
-    assert cell.name == "as configured"
-
-
-def test_a_value_that_no_configuration_takes_is_refused_by_its_option():
-    with pytest.raises(ConfigError, match="num-envs"):
-        cells([Axis("--ppo.num-envs", ("8", "many"))], [], lambda args: load(None, args, prog="g"))
+    found = cells({"--run.reward": ("learned", "environmental"), "--loss.lambda": ("0.1", "1")})
+    assert [*found] == [
+        f"reward {r}, lambda {x}" for r in ("learned", "environmental") for x in ("0.1", "1")
+    ]
+    options = found["reward environmental, lambda 1"]
+    assert options == ["--run.reward", "environmental", "--loss.lambda", "1"]
+    assert cells({}) == {"as configured": []}
 
 
 def test_seeds_count_from_that_of_the_configuration():

@@ -100,27 +100,22 @@ def test_the_ends_of_a_range_are_inside_it(path, low, high):
             _with(path, value)
 
 
-def test_an_unknown_task_and_a_reward_that_it_has_not_are_refused():
-    with pytest.raises(ConfigError, match=r"^env: there is no task 'shoes'"):
-        _with("env.name", "shoes")
-    with pytest.raises(ConfigError, match=r"^env: reward is 'staged', but"):
-        _with("env.reward", "staged")
-
-
-def test_a_task_needs_a_target():
-    with pytest.raises(ConfigError, match=r"env\.targets is empty"):
-        _with("env.targets", ())
-
-
-@pytest.mark.parametrize("where", ["targets", "distractors"])
-def test_a_block_is_named_once(where):
-    with pytest.raises(ConfigError, match="'green star' is named more than once"):
-        RunConfig(env=EnvConfig(**{where: ("green star", "green star")}))
-
-
-def test_a_block_is_not_target_and_distractor_at_once():
-    with pytest.raises(ConfigError, match="'green star' is named more than once"):
-        RunConfig(env=EnvConfig(distractors=("green star",)))
+@pytest.mark.parametrize(
+    ("path", "value", "fault"),
+    [
+        ("env.name", "shoes", r"^env: there is no task 'shoes'"),
+        ("env.reward", "staged", r"^env: reward is 'staged', but"),
+        ("env.targets", (), r"env\.targets is empty"),
+        ("env.targets", ("green star",) * 2, "'green star' is named more than once"),
+        ("env.distractors", ("green star",), "'green star' is named more than once"),
+        ("ppo.num_minibatches", 5, r"ppo\.num_minibatches is 5.* which is 64"),
+        ("ppo.num_timesteps", 1279, r"ppo\.num_timesteps is 1279.* = 1280 steps"),
+        ("demos.num", 7, r"pretrain\.num_videos is 8.*which is 7"),
+    ],
+)
+def test_what_does_not_fit_together_is_named(path, value, fault):
+    with pytest.raises(ConfigError, match=fault):
+        _with(path, value)
 
 
 def test_a_block_without_a_place_in_the_original_scene_needs_the_layout_variant():
@@ -157,6 +152,16 @@ def test_pixels_refuse_what_needs_boxes(path, value, right):
     assert str(caught.value) == sentence
 
 
+def test_a_reward_is_one_of_the_forms_or_has_been_learned_before():
+    for reward in ("kitchen.npz", "runs/one"):
+        run = _with("run.reward", reward).run
+        assert (run.reward_form, run.reward_source) == ("learned", reward)
+    run = _with("run.reward", "stages").run
+    assert (run.reward_form, run.reward_source) == ("stages", None)
+    with pytest.raises(ConfigError, match=r"run\.reward is 'lerned', but must be 'learned', "):
+        _with("run.reward", "lerned")
+
+
 def test_sub_policies_need_stages():
     ppo = PPOConfig(sub_policies=2)
     staged = RunSettings(reward="stages")
@@ -186,16 +191,6 @@ def test_an_ensemble_is_of_the_papers_encoders(kind):
     assert str(caught.value) == sentence
 
 
-def test_minibatches_divide_the_environments():
-    with pytest.raises(ConfigError, match=r"ppo\.num_minibatches is 5.* which is 64"):
-        RunConfig(ppo=PPOConfig(num_minibatches=5))
-
-
-def test_policies_that_read_objects_see_one_observation():
-    with pytest.raises(ConfigError, match=r"ppo\.frame_stack is 2.* must be 1 with ppo\.by_object"):
-        RunConfig(ppo=PPOConfig(frame_stack=2, by_object=True))
-
-
 def test_warp_has_room_for_the_environments():
     warp = EnvConfig(name="shoes_in_box", engine="warp", max_envs=32)
     few, enough = RunSettings(eval_episodes=32), PPOConfig(num_envs=32)
@@ -210,15 +205,8 @@ def test_warp_has_room_for_the_environments():
     assert RunConfig(env=EnvConfig(max_envs=32), ppo=PPOConfig(num_envs=64)).env.engine == "auto"
 
 
-def test_the_timesteps_cover_one_update():
-    with pytest.raises(ConfigError, match=r"ppo\.num_timesteps is 1279.* = 1280 steps"):
-        RunConfig(ppo=PPOConfig(num_timesteps=1279))
+def test_what_just_fits_is_taken():
     assert RunConfig(ppo=PPOConfig(num_timesteps=1280)).ppo.num_timesteps == 1280
-
-
-def test_a_batch_of_videos_is_no_larger_than_the_scripted_set():
-    with pytest.raises(ConfigError, match=r"pretrain\.num_videos is 8.*which is 7"):
-        RunConfig(demos=DemosConfig(num=7))
     assert RunConfig(demos=DemosConfig(num=7, path="elsewhere")).demos.path == "elsewhere"
 
 

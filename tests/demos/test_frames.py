@@ -10,18 +10,16 @@ from support.run_folders import moving_scene, save_demos
 from support.scenes import HALF_EXTENT
 
 from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
-from gril_jax.demos import reader
+from gril_jax.demos import files
 from gril_jax.demos.demo import Demo, Tracks
-from gril_jax.demos.demo_set import demo_batch, load_demo_set
-from gril_jax.demos.frames import frame_batch, shrink
-from gril_jax.demos.vision import render
+from gril_jax.demos.demo_set import demo_batch, frame_batch, load_demo_set, shrink
+from gril_jax.demos.files import write_demo_set
 from gril_jax.demos.vision.detect import PALETTE_CLASSES
 from gril_jax.demos.vision.video import read_video, write_video
-from gril_jax.demos.writer import write_demo_set
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.rl import rewards
 from gril_jax.types import VideoBatch
-from gril_jax.workflows.build import learners, policy_rewards
+from gril_jax.workflows.build import filming, learners, policy_rewards
 from gril_jax.workflows.build.demonstrations import Demonstrations
 
 
@@ -76,7 +74,7 @@ def test_the_tasks_own_picture_looks_like_a_videos_frame(tmp_path):
     env = make("match_regions")
     data = jax.jit(env.reset)(jax.random.key(0)).data
     host = jax.device_get(data)
-    painted = render.paint(
+    painted = filming.paint(
         env.outlines(host), half_extent=env.half_extent, background=env.background
     )
     write_video(tmp_path / "a.mp4", [painted], 8.0)
@@ -120,7 +118,7 @@ def test_what_does_not_fit_is_named(demo_set, tmp_path):
     with pytest.raises(DemoError, match="there is no demonstration 'third'"):
         frame_batch(demo_set, ["third"], pixels=8)
     path = demo_set.folder / "000.mp4"
-    wrong = dataclasses.replace(demo_set[0], video=lambda: reader._video(path, 7))
+    wrong = dataclasses.replace(demo_set[0], video=lambda: files._video(path, 7))
     with pytest.raises(DemoError, match=r"holds 8 frames, but its boxes are those of 7"):
         frame_batch(dataclasses.replace(demo_set, demos=(wrong,)), ["long"], pixels=8)
     save_demos(tmp_path / "set")

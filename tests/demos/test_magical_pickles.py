@@ -96,11 +96,9 @@ class _Call:
 @pytest.mark.parametrize(
     ("function", "name"),
     [
-        (os.system, ".system"),
         (os.mkdir, ".mkdir"),
         (eval, ".eval"),
         (getattr, ".getattr"),
-        (np.load, ".load"),
     ],
 )
 @pytest.mark.parametrize("protocol", [0, 2, 4])
@@ -108,15 +106,14 @@ def test_a_pickle_that_calls_something_is_refused_and_calls_nothing(
     tmp_path, function, name, protocol
 ):
     target = tmp_path / "ran"
-    argument = f"mkdir {target}" if function is os.system else str(target)
-    if function is eval:
-        argument = f"__import__('os').mkdir({str(target)!r})"
+    argument = f"__import__('os').mkdir({str(target)!r})" if function is eval else str(target)
     data = pickle.dumps({"trajectory": _Call(function, argument)}, protocol)
     path = write(tmp_path / "bad.pkl.gz", data)
-    with pytest.raises(DemoError, match=r"bad\.pkl\.gz: the pickle asks for .*not loaded") as info:
-        read_magical(path)
-    assert name in str(info.value)
-    assert not target.exists()
+    for read in (read_magical, read_actions):
+        words = rf"bad\.pkl\.gz: the pickle asks for .*{name}.*not loaded"
+        with pytest.raises(DemoError, match=words):
+            read(path)
+        assert not target.exists()
 
 
 def test_dotted_names_do_not_reach_into_allowed_ones(tmp_path):
@@ -168,16 +165,10 @@ def test_damaged_pickles_end_in_a_sentence_or_in_frames(tmp_path, trajectory, fl
     ("change", "words"),
     [
         (lambda c: c.pop("score"), "no MAGICAL demonstration"),
-        (lambda c: c.pop("trajectory"), "no MAGICAL demonstration"),
         (lambda c: c.update(trajectory=[1, 2]), "no MAGICAL demonstration"),
         (lambda c: c.update(score="high"), "no MAGICAL demonstration"),
         (lambda c: c.update(env_name=3), "'env_name' should be text"),
-        (lambda c: c["trajectory"][1].clear(), "no MAGICAL demonstration"),
         (lambda c: c["trajectory"][1][0].pop("allo"), "no MAGICAL demonstration"),
-        (
-            lambda c: c["trajectory"][1][0].update(allo=FRAMES[0, 1:]),
-            "no MAGICAL demonstration",
-        ),
         (lambda c: [o.update(allo=np.zeros((8, 8))) for o in c["trajectory"][1]], "float64"),
     ],
 )
@@ -218,11 +209,6 @@ def test_big_endian_and_fortran_arrays_are_read_as_they_were(tmp_path, trajector
     np.testing.assert_array_equal(demo.frames, FRAMES)
 
 
-def test_a_demonstration_holds_no_actions(tmp_path, trajectory):
-    demo = read_magical(write(tmp_path / "a.pkl.gz", pickle.dumps(content(trajectory), 4)))
-    assert demo._fields == ("frames", "env_name", "score")
-
-
 @pytest.mark.parametrize("kind", ["<i8", ">i8", "<i4", "u1"])
 def test_actions_are_read_apart_as_whole_numbers(tmp_path, trajectory, kind):
     numbers = [0, 17, 9]
@@ -247,14 +233,6 @@ def test_other_actions_are_refused(tmp_path, trajectory, actions, words):
     path = write(tmp_path / "a.pkl.gz", pickle.dumps(with_actions(trajectory, actions), 4))
     with pytest.raises(DemoError, match=words):
         read_actions(path)
-
-
-def test_reading_actions_is_as_restricted_as_reading_frames(tmp_path):
-    target = tmp_path / "ran"
-    data = pickle.dumps({"trajectory": _Call(os.mkdir, str(target))}, 4)
-    with pytest.raises(DemoError, match="not loaded"):
-        read_actions(write(tmp_path / "bad.pkl.gz", data))
-    assert not target.exists()
 
 
 @pytest.mark.skipif(

@@ -1,6 +1,8 @@
-"""The dense forms of message passing against jraph, and what is relied on in the parameters."""
+"""The paper's encoder in parts: dense messages against jraph, relations of edges, pooling."""
 
 import dataclasses
+import functools
+import json
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +12,12 @@ import pytest
 from flax import linen as nn
 from support.graph_frames import random_frame
 
-from gril_jax.encoders import message_passing
+from gril_jax.encoders import encoder, message_passing
+from gril_jax.encoders.dense_messages import square_edges, sum_messages, thin_product
 from gril_jax.encoders.encoder import EncoderConfig
-from gril_jax.errors import ShapeError
-from gril_jax.graphs.scene import scene_graph
+from gril_jax.encoders.message_passing import node_weights, weighted_pool
+from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.graphs.scene import edge_indices, scene_graph
 
 CONFIG = EncoderConfig(num_classes=4, width=8, rounds=2, latent=5, length_unit=0.5)
 WITH_RELATIONS = dataclasses.replace(CONFIG, relations=True, words=(0, 0, 1, 2, 3, 2, 3, 4))
@@ -90,3 +94,184 @@ def test_names_in_the_parameters_are_those_of_saved_rewards():
     assert shapes == {f"Dense_{i}": s for i, s in enumerate([(8, 8), *one_round, *one_round])}
     without_bias = {k for k, v in params["messages"].items() if "bias" not in v}
     assert without_bias == {"Dense_1", "Dense_3", "Dense_6", "Dense_8"}
+
+
+def _inputs(num_nodes, seed=0):
+    rng = np.random.default_rng(seed)
+    shapes = [(num_nodes, 6), (num_nodes, 6), (num_nodes * (num_nodes - 1), 3), (3, 6)]
+    sent, received, edges, kernel = (jnp.asarray(rng.normal(size=s), jnp.float32) for s in shapes)
+    return sent, received, jnp.asarray(rng.random(num_nodes) < 0.7), edges, kernel
+
+
+@functools.partial(jax.jit, static_argnames="at_once")
+def _summed(sent, received, audible, edges, kernel, at_once=None):
+    table = square_edges(edges, len(audible))
+    return sum_messages(
+        sent, received, audible, table, lambda e: thin_product(e, kernel), at_once=at_once
+    )
+
+
+@pytest.mark.parametrize("num_nodes", [0, 1, 2, 3, 7])
+def test_edges_become_a_table_by_receiver_and_sender(num_nodes):
+    edges = _inputs(num_nodes)[3]
+    table = np.asarray(square_edges(edges, num_nodes))
+    for edge, sender, receiver in zip(edges, *edge_indices(num_nodes), strict=True):
+        np.testing.assert_array_equal(table[receiver, sender], edge)
+    assert (table[np.arange(num_nodes), np.arange(num_nodes)] == 0).all()
+
+
+@pytest.mark.parametrize("num_nodes", [0, 1, 2, 17])
+def test_sum_equals_the_loop_however_many_senders_at_once(num_nodes):
+    inputs = _inputs(num_nodes)
+    sent, received, audible, edges, kernel = (np.asarray(x, np.float64) for x in inputs)
+    wanted = np.zeros((num_nodes, 6))
+    for edge, j, i in zip(edges, *edge_indices(num_nodes), strict=True):
+        wanted[i] += np.maximum(sent[j] + received[i] + edge @ kernel, 0) * audible[j]
+    for at_once in (None, 2):
+        got = _summed(*inputs, at_once=at_once)
+        np.testing.assert_allclose(got, wanted, rtol=1e-4, atol=1e-5)
+
+
+def test_edges_are_optional():
+    sent, received, audible, edges, kernel = _inputs(4)
+    with_nothing = _summed(sent, received, audible, 0 * edges, kernel)
+    np.testing.assert_allclose(sum_messages(sent, received, audible), with_nothing, rtol=1e-6)
+
+
+def test_thin_product_is_the_matrix_product_with_its_derivatives_both_ways():
+    x, kernel = _inputs(4)[3:]
+
+    def loss(product, x, kernel):
+        return jnp.sum(jnp.sin(product(x, kernel)))
+
+    np.testing.assert_allclose(thin_product(x, kernel), x @ kernel, rtol=1e-5, atol=1e-6)
+    for derivative in (jax.grad, lambda f, n: jax.jacfwd(jax.grad(f, n), n)):
+        for number in (1, 2):
+            both = jax.jit(derivative(loss, number), static_argnums=0)
+            ours, wanted = both(thin_product, x, kernel), both(jnp.matmul, x, kernel)
+            np.testing.assert_allclose(ours, wanted, rtol=1e-4, atol=1e-5)
+
+
+def test_an_incomplete_graph_is_refused_with_both_numbers():
+    with pytest.raises(ShapeError, match=r"edges has shape \(5, 3\) but there are 3 nodes.* 6 "):
+        square_edges(jnp.zeros((5, 3)), 3)
+
+
+RELATED = EncoderConfig(3, width=8, rounds=1, latent=4, relations=True)
+CENTER = jnp.array([[0.0, 0.0], [0.1, 0.5], [-0.6, 0.2]])
+SIZE = jnp.array([[0.8, 0.6], [0.2, 0.4], [0.3, 0.3]])
+
+
+def _graph(center):
+    none = jnp.zeros(3, bool)
+    return scene_graph(center, SIZE, jnp.arange(3), none, none)
+
+
+def test_relations_are_overhang_and_gap_of_plain_arithmetic():
+    graph = _graph(CENTER)
+    found = np.asarray(message_passing._relations(graph))
+    for edge, (s, r) in enumerate(
+        zip(graph.senders.tolist(), graph.receivers.tolist(), strict=True)
+    ):
+        away = np.abs(np.asarray(CENTER[s] - CENTER[r]))
+        half_s, half_r = np.asarray(SIZE[s]) / 2, np.asarray(SIZE[r]) / 2
+        expected = [*np.maximum(away + half_r - half_s, 0), *np.maximum(away - half_r - half_s, 0)]
+        np.testing.assert_allclose(found[edge], expected, atol=1e-6)
+
+
+def test_relations_are_four_numbers_of_an_edge():
+    params = jax.eval_shape(lambda key: message_passing.init(key, RELATED), jax.random.key(0))
+    kernels = [x.shape for x in jax.tree.leaves(params["messages"])]
+    assert (7, 8) in kernels  # offset, its length, and four relations
+
+
+WORDS = (0, 0, 1, 2, 3, 2)  # robot, red star, blue star
+ALIKE = EncoderConfig(3, width=8, rounds=1, latent=4, words=WORDS)
+
+
+def test_edges_know_which_words_two_classes_share_and_nodes_know_no_class():
+    graph = _graph(CENTER)
+    found = np.asarray(message_passing._alike(graph, ALIKE))
+    pairs = list(zip(graph.senders.tolist(), graph.receivers.tolist(), strict=True))
+    assert found[pairs.index((1, 2))].tolist() == [0, 1]  # both stars, of two colours
+    assert found[pairs.index((0, 1))].tolist() == [0, 0]
+
+
+def test_a_latent_is_the_same_in_other_colours_and_another_where_two_become_alike():
+    config = EncoderConfig(5, width=8, rounds=1, latent=4, words=(0, 0, 1, 2, 3, 2, 3, 4, 1, 4))
+    params, none = encoder.init(jax.random.key(0), config), jnp.zeros(3, bool)
+
+    def latent(label):
+        graph = scene_graph(CENTER, SIZE, jnp.array(label), none, none)
+        return np.asarray(encoder.apply(params, graph, config))
+
+    robot, red_star, blue_star, blue_square, red_square = range(5)
+    first = latent([robot, red_star, blue_square])
+    np.testing.assert_array_equal(first, latent([robot, blue_star, red_square]))
+    assert np.abs(first - latent([robot, blue_star, blue_square])).max() > 1e-3
+
+
+def test_words_of_another_number_of_classes_are_refused_and_come_back_from_a_file():
+    with pytest.raises(ConfigError, match=r"encoder\.words has 3 entries"):
+        EncoderConfig(3, words=(0, 1, 2))
+    saved = json.loads(json.dumps(encoder.to_json(ALIKE)))
+    assert encoder.from_json(saved) == ALIKE
+    for wrong in ([0.5] * 6, "abcdef", [[0, 1]] * 3):
+        with pytest.raises(ConfigError, match=r"encoder\.words is"):
+            encoder.from_json(saved | {"words": wrong})
+
+
+ACTIVE = jnp.array([True, False, True, False, True])
+ROBOT = jnp.array([False, False, False, True, True])
+PRESENT = jnp.array([True, True, False, True, True])
+
+
+@pytest.mark.parametrize("alpha", [1.0, 5.0])
+def test_weights_equal_the_papers_product(alpha):
+    expected = [
+        (1 + (alpha - 1) * bool(a)) * (1 - bool(r)) for a, r in zip(ACTIVE, ROBOT, strict=True)
+    ]
+    np.testing.assert_allclose(node_weights(ACTIVE, ROBOT, alpha=alpha), expected)
+
+
+def test_padding_weighs_nothing_and_the_robot_counts_only_on_request():
+    assert node_weights(ACTIVE, ROBOT, PRESENT, alpha=3.0).tolist() == [3, 1, 0, 0, 0]
+    pooled = node_weights(ACTIVE, ROBOT, PRESENT, alpha=3.0, pool_robot=True)
+    assert pooled.tolist() == [3, 1, 0, 1, 3]
+
+
+def test_pool_equals_a_loop_in_float64():
+    rng = np.random.default_rng(0)
+    z, weights = rng.normal(size=(6, 3)), rng.uniform(size=6)
+    expected = sum(w * row for w, row in zip(weights, z, strict=True)) / sum(weights)
+    pooled = weighted_pool(jnp.asarray(z, jnp.float32), jnp.asarray(weights, jnp.float32))
+    np.testing.assert_allclose(pooled, expected, rtol=1e-5)
+
+
+def test_robot_only_frame_pools_to_zero_with_zero_gradient():
+    weights = node_weights(jnp.array([True]), jnp.array([True]))
+    z = jnp.array([[2.0, -3.0]])
+    assert weighted_pool(z, weights).tolist() == [0.0, 0.0]
+    gradient = jax.grad(lambda z: weighted_pool(z, weights).sum())(z)
+    assert gradient.tolist() == [[0.0, 0.0]]
+
+
+def test_pool_ignores_node_order_and_the_scale_of_the_weights():
+    rng = np.random.default_rng(1)
+    z = jnp.asarray(rng.normal(size=(5, 4)), jnp.float32)
+    weights = jnp.asarray(rng.uniform(size=5), jnp.float32)
+    order = jnp.array([3, 1, 4, 0, 2])
+    expected = weighted_pool(z, weights)
+    np.testing.assert_allclose(weighted_pool(z[order], weights[order]), expected, atol=1e-6)
+    np.testing.assert_allclose(weighted_pool(z, 7 * weights), expected, atol=1e-6)
+
+
+def test_gradient_equals_finite_differences_in_alpha():
+    z = jnp.arange(10.0).reshape(5, 2) ** 2
+
+    def first(alpha):
+        return weighted_pool(z, node_weights(ACTIVE, ROBOT, alpha=alpha))[0]
+
+    numeric = (first(5.1) - first(4.9)) / 0.2
+    np.testing.assert_allclose(jax.grad(first)(5.0), numeric, rtol=1e-2)
+    assert abs(numeric) > 0.05

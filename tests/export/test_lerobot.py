@@ -1,4 +1,4 @@
-"""LeRobot datasets of both versions: films of a camera, boxes, and segments written back."""
+"""LeRobot datasets: films of a camera, boxes, and segments written back."""
 
 import json
 from pathlib import Path
@@ -44,47 +44,32 @@ def shade(told, number):
     ]
 
 
-def dataset(folder, version, *, feature=True):
+def dataset(folder, *, feature=True):
     lengths = [len(told.boxes) for told in STORIES]
-    info = {"codebase_version": version, "fps": 10, "chunks_size": 1000, "features": {
+    info = {"codebase_version": "v3.0", "fps": 10, "features": {
         CAMERA: {"dtype": "video", "shape": [48, 64, 3]},
     }}  # fmt: skip
     if feature:
         about = {"dtype": "float32", "shape": [4, 4], "names": [*kitchen_films.CLASSES]}
         info["features"]["observation.boxes"] = about
-    rows = [[*frames_of(number, told)] for number, told in enumerate(STORIES)]
-    if version == "v3.0":
-        info["video_path"] = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-        film = folder / "videos" / CAMERA / "chunk-000" / "file-000.mp4"
-        film.parent.mkdir(parents=True)
-        write_video(film, [x for n, told in enumerate(STORIES) for x in shade(told, n)], 10.0)
-        begins = [0.0, lengths[0] / 10]
-        of = f"videos/{CAMERA}/"
-        write(folder / "meta/episodes/chunk-000/file-000.parquet", [
-            {"episode_index": n, "length": lengths[n], f"{of}chunk_index": 0, f"{of}file_index": 0,
-             f"{of}from_timestamp": begins[n], f"{of}to_timestamp": begins[n] + lengths[n] / 10}
-            for n in range(2)
-        ])  # fmt: skip
-        write(folder / "data/chunk-000/file-000.parquet", [*rows[0], *rows[1]])
-    else:
-        info["video_path"] = (
-            "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
-        )
-        for number, told in enumerate(STORIES):
-            film = folder / f"videos/chunk-000/{CAMERA}/episode_{number:06d}.mp4"
-            film.parent.mkdir(parents=True, exist_ok=True)
-            write_video(film, shade(told, number), 10.0)
-            write(folder / f"data/chunk-000/episode_{number:06d}.parquet", rows[number])
-        (folder / "meta").mkdir()
-        lines = [json.dumps({"episode_index": n, "length": lengths[n]}) for n in range(2)]
-        (folder / "meta" / "episodes.jsonl").write_text("\n".join(lines))
+    info["video_path"] = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+    film = folder / "videos" / CAMERA / "chunk-000" / "file-000.mp4"
+    film.parent.mkdir(parents=True)
+    write_video(film, [x for n, told in enumerate(STORIES) for x in shade(told, n)], 10.0)
+    begins, of = [0.0, lengths[0] / 10], f"videos/{CAMERA}/"
+    write(folder / "meta/episodes/chunk-000/file-000.parquet", [
+        {"episode_index": n, "length": lengths[n], f"{of}chunk_index": 0, f"{of}file_index": 0,
+         f"{of}from_timestamp": begins[n], f"{of}to_timestamp": begins[n] + lengths[n] / 10}
+        for n in range(2)
+    ])  # fmt: skip
+    rows = [row for number, told in enumerate(STORIES) for row in frames_of(number, told)]
+    write(folder / "data/chunk-000/file-000.parquet", rows)
     (folder / "meta" / "info.json").write_text(json.dumps(info))
     return lerobot.opened(folder)
 
 
-@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
-def test_films_and_boxes_of_a_camera_are_imported(tmp_path, version):
-    found = dataset(tmp_path / "data", version)
+def test_films_and_boxes_of_a_camera_are_imported(tmp_path):
+    found = dataset(tmp_path / "data")
     films = lerobot.films(found, lerobot.camera_of(found, None))
     assert [film.name for film in films] == ["episode_000000", "episode_000001"]
     assert [len(film.times) for film in films] == [len(told.boxes) for told in STORIES]
@@ -118,7 +103,7 @@ def test_a_dataset_that_lerobot_wrote_is_read(tmp_path):
 
 
 def test_boxes_may_be_files_in_the_dataset(tmp_path):
-    found = dataset(tmp_path, "v3.0", feature=False)
+    found = dataset(tmp_path, feature=False)
     (tmp_path / "boxes").mkdir()
     for number, told in enumerate(STORIES):
         rows = kitchen_films.tracked(told)
@@ -127,9 +112,8 @@ def test_boxes_may_be_files_in_the_dataset(tmp_path):
     assert len(lerobot.boxes_in(found)(films[1])) > 3 * len(films[1].times)
 
 
-@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
-def test_segments_become_subtask_annotations_of_a_copy(tmp_path, version):
-    found = dataset(tmp_path / "data", version)
+def test_segments_become_subtask_annotations_of_a_copy(tmp_path):
+    found = dataset(tmp_path / "data")
     before = {p: p.read_bytes() for p in (tmp_path / "data").rglob("*") if p.is_file()}
     ends = {"episode_000001": [1.0, 2.0]}
     annotate(found, tmp_path / "new", ends, ["cup down", "spoon in"])
@@ -153,10 +137,10 @@ def test_segments_become_subtask_annotations_of_a_copy(tmp_path, version):
 
 
 def test_what_is_wrong_with_a_dataset_is_a_sentence(tmp_path, monkeypatch):
-    found = dataset(tmp_path, "v3.0")
+    found = dataset(tmp_path)
     info = dict(found.info)
     for change, words in (
-        ({"codebase_version": "v1.6"}, "codebase_version is 'v1.6'"),
+        ({"codebase_version": "v2.1"}, "codebase_version is 'v2.1'"),
         ({"features": {}}, "no camera 'front'; name one of none"),
         ({"video_path": "../../{video_key}.mp4"}, "leads out of the dataset"),
         ({"video_path": "{secret}.mp4"}, "which is not known"),

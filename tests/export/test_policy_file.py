@@ -22,7 +22,7 @@ from gril_jax.rl.policy import Policy
 from gril_jax.rl.ppo import PPO, Hyper, Static
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import checkpoint
-from gril_jax.runs.versions import package_versions
+from gril_jax.runs.reading import package_versions
 from gril_jax.workflows.build import policy_setup, setup
 
 OBSERVATIONS = 256
@@ -164,17 +164,6 @@ def test_ranges_cover_every_input_and_action_once(task, exported):
         assert edges[-1] == size
 
 
-def test_arrays_are_plain_float32_in_order(exported):
-    with np.load(exported[2], allow_pickle=False) as file:
-        assert file.files == [
-            *("observation_mean", "observation_limit"),
-            *(f"{part}_{i}" for i in range(3) for part in ("kernel", "bias")),
-            "description",
-        ]
-        assert all(file[n].dtype == np.float32 for n in file.files if n != "description")
-        assert file["description"].shape == ()
-
-
 def test_an_export_reads_the_run_only_leaves_no_other_file_and_repeats_to_the_byte(exported):
     folder, _, out = exported
     before = sorted(p for p in folder.rglob("*"))
@@ -228,37 +217,18 @@ class _Named(Probe):
     action_names = ("push",)
 
 
-class _Wide(Probe):
-    observation_names = ("both", "both")
-
-
 class _Misnamed(Probe):
     observation_names = ("sign",)
     action_names = ("push", "pull")
 
 
-def test_a_task_s_own_names_are_used():
-    assert policy_file.observation_layout(_Named(), ["robot"]) == [
-        {"name": "sign", "start": 0, "stop": 1},
-        {"name": "constant", "start": 1, "stop": 2},
-        {"name": "robot has moved", "start": 2, "stop": 3},
-    ]
-    assert policy_file.action_layout(_Named()) == [
-        {"name": "push", "start": 0, "stop": 1, "low": -1.0, "high": 1.0}
-    ]
-
-
-def test_equal_names_in_a_row_are_one_range():
-    assert policy_file.observation_layout(_Wide()) == [{"name": "both", "start": 0, "stop": 2}]
-
-
-def test_a_task_without_names_has_one_range_for_all():
-    assert policy_file.observation_layout(Probe()) == [
-        {"name": "observation", "start": 0, "stop": 2}
-    ]
-    assert policy_file.action_layout(Probe()) == [
-        {"name": "action", "start": 0, "stop": 1, "low": -1.0, "high": 1.0}
-    ]
+def test_numbers_have_the_task_s_own_names_and_equal_names_in_a_row_are_one_range():
+    own = {"sign": (0, 1), "constant": (1, 2), "robot has moved": (2, 3)}
+    for task, seen, acts in ((_Named(), own, "push"), (Probe(), {"observation": (0, 2)}, "action")):
+        found = policy_file.observation_layout(task, ["robot"] if task.__class__ is _Named else [])
+        assert {one["name"]: (one["start"], one["stop"]) for one in found} == seen
+        action = {"name": acts, "start": 0, "stop": 1, "low": -1.0, "high": 1.0}
+        assert policy_file.action_layout(task) == [action]
 
 
 def test_names_that_do_not_fit_the_sizes_are_refused():

@@ -14,7 +14,7 @@ from support.planted_faults import faults
 from support.saved_policies import ABOUT, arrays, write
 
 from gril_jax.export.read_policy import load_policy
-from gril_jax.export.sealed_file import packed
+from gril_jax.export.reward_format import packed
 
 
 @pytest.fixture

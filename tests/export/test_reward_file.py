@@ -17,10 +17,9 @@ from support.planted_faults import faults
 from support.saved_rewards import CLASSES, CONFIGS, OBJECTS, made, moment, scene
 
 from gril_jax.encoders import encoder
-from gril_jax.encoders import encoder as encoder_choices
 from gril_jax.errors import ConfigError, GrilError, ShapeError
 from gril_jax.export.reward_file import RewardFileError, load_reward, save_reward
-from gril_jax.export.sealed_file import packed
+from gril_jax.export.reward_format import packed
 from gril_jax.reward.latent_goal import latent_goal_reward
 from gril_jax.types import DemoBatch
 
@@ -107,12 +106,6 @@ def test_a_file_is_loaded_saved_and_equal_to_the_byte(file, tmp_path):
     assert (tmp_path / "again").read_bytes() == file.read_bytes()
 
 
-def test_a_file_from_before_there_were_ensembles_holds_one_network(file, tmp_path):
-    about = dataclasses.asdict(PAPER) | {"kind": "paper"}
-    del about["ensemble_size"]
-    assert load_reward(_edited(file, tmp_path / "old.npz", encoder=about)).config == PAPER
-
-
 # --- writing
 
 
@@ -121,6 +114,8 @@ def test_a_file_is_overwritten_only_if_told(file, tmp_path):
     path.write_text("mine")
     with pytest.raises(RewardFileError, match="exists already"):
         save_reward(path, made(PAPER), PAPER, **GIVEN)
+    with pytest.raises(RewardFileError, match=r"nowhere.*folder must exist"):
+        save_reward(tmp_path / "nowhere" / "r", made(PAPER), PAPER, **GIVEN)
     assert path.read_text() == "mine"
     save_reward(path, made(PAPER), PAPER, **GIVEN, overwrite=True)
     assert path.read_bytes() == file.read_bytes()
@@ -139,11 +134,6 @@ def test_a_full_disk_leaves_everything_as_it_was(tmp_path, monkeypatch, overwrit
     with pytest.raises(RewardFileError, match="No space left"):
         save_reward(path, made(PAPER), PAPER, **GIVEN, overwrite=overwrite)
     assert os.listdir(tmp_path) == (["reward.npz"] if overwrite else [])
-
-
-def test_a_missing_folder_is_named(tmp_path):
-    with pytest.raises(RewardFileError, match=r"nowhere.*folder must exist"):
-        save_reward(tmp_path / "nowhere" / "r", made(PAPER), PAPER, **GIVEN)
 
 
 def _wrong_params():
@@ -177,11 +167,8 @@ def test_parameters_that_are_not_the_encoders_are_not_written(tmp_path, params, 
         ({"objects": ("ball",)}, "objects names 'ball'"),
         ({"half_extent": 0.0}, "half_extent is 0.0"),
         ({"activity": {"tau": -1.0}}, "tau is -1.0"),
-        ({"activity": {"window": 0}}, "window is 0"),
-        ({"activity": {"smoothing": 2}}, "smoothing is 2"),
         ({"activity": {"memory": 2}}, "activity.memory is unknown"),
         ({"activity": {"window": 1.5}}, "activity.window is 1.5; it must be int"),
-        ({"provenance": {"tau": jnp.ones(())}}, "must be JSON"),
         ({"provenance": {"tau": float("nan")}}, "must be JSON"),
     ],
 )
@@ -202,31 +189,18 @@ def test_choices_out_of_range_are_not_written(tmp_path, given, text):
         ({"version": True}, RewardFileError, "has version True"),
         ({"format": "gril-jax policy"}, RewardFileError, "has format 'gril-jax policy'"),
         ({"encoder": {"kind": "transformer"}}, ConfigError, "encoder.kind is 'transformer'"),
-        ({"encoder": 3}, ConfigError, "encoder.kind is 3"),
         ({"encoder": {"kind": "paper"}}, ConfigError, "encoder.num_classes is missing"),
         ({"encoder": {"kind": "mlp", "rounds": 2}}, ConfigError, "encoder.rounds is unknown"),
         ({"encoder": {"kind": "mlp", "num_classes": 4, "width": 1.5}}, ConfigError, "1.5"),
-        ({"encoder": {"kind": "mlp", "num_classes": "4"}}, ConfigError, "must be of type int"),
         ({"encoder": {"kind": "mlp", "num_classes": -4}}, ConfigError, "at least 1"),
-        (
-            {"encoder": {"kind": "interaction", "num_classes": 4, "distances": 2}},
-            ConfigError,
-            "encoder.distances is 2; it must be of type bool",
-        ),
         ({"encoder": dataclasses.asdict(PAPER) | {"kind": "paper", "width": 9}}, ShapeError, "9"),
         ({"classes": "four"}, ConfigError, "classes is 'four'; it must be a list of names"),
         ({"activity": {"window": 10.5}}, ConfigError, "activity.window is 10.5; it must be int"),
         ({"activity": {"tau": 10**40}}, ConfigError, "activity.tau is 1.*at most"),
         ({"encoder": {"kind": "paper", "rounds": 10**9}}, ConfigError, "rounds.*at most 100"),
-        (
-            {"encoder": {"kind": "paper", "ensemble_size": 10**9}},
-            ConfigError,
-            "ensemble_size.*at most 100",
-        ),
         ({"encoder": {"kind": []}}, ConfigError, "encoder.kind is "),
         ({"activity": None}, ConfigError, "activity is None"),
         ({"half_extent": 0}, ConfigError, "half_extent is 0; it must be a number above 0"),
-        ({"half_extent": "wide"}, ConfigError, "half_extent is 'wide'"),
     ],
 )
 def test_a_description_that_is_not_understood_is_refused(file, tmp_path, about, error, text):
@@ -305,7 +279,7 @@ def test_loading_a_reward_loads_no_simulator_and_no_command_line():
 
 
 def test_kinds_of_encoders_are_all_known():
-    assert {*encoder_choices.KINDS.values()} == {*encoder._KINDS}
+    assert {*encoder.KINDS.values()} == {*encoder._KINDS}
     for config in CONFIGS.values():
-        text = json.dumps(encoder_choices.to_json(config))
-        assert encoder_choices.from_json(json.loads(text)) == config
+        text = json.dumps(encoder.to_json(config))
+        assert encoder.from_json(json.loads(text)) == config

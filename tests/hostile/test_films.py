@@ -4,8 +4,20 @@ import json
 import os
 
 import pytest
-from support.hostile_films import BOXES, changing, film, sound, turned
-from support.hostile_home import COLOUR, IMPORT, SET, command, contents, films, refused
+from support.hostile import (
+    BOXES,
+    COLOUR,
+    IMPORT,
+    SET,
+    changing,
+    command,
+    contents,
+    film,
+    films,
+    refused,
+    sound,
+    turned,
+)
 
 from gril_jax.demos.vision import video
 

@@ -3,8 +3,7 @@
 import os
 
 import pytest
-from support.hostile_films import BOXES, film
-from support.hostile_home import IMPORT, SET, command, films, refused
+from support.hostile import BOXES, IMPORT, SET, command, film, films, refused
 
 
 def overwrites_a_letter(home):

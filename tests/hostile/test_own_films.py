@@ -5,15 +5,14 @@ one, and nothing is half-written.
 """
 
 import json
+import os
 
 import pytest
-from support.hostile_films import film
-from support.hostile_home import films, refused
+from support.hostile import BOXES, COLUMNS, IMPORT, command, film, films, refused
 from support.wrong_boxes import NAMES, WRONG, H, W
 
 from gril_jax.cli.main import main
 
-IMPORT = ["demos", "import-videos", "films", "--robot", "hand", "--out", "new"]
 HEAD = "frame,class,x_min,y_min,x_max,y_max"
 ROWS = "".join(f"{t},cup,{9 + t},9,{40 + t},40\n{t},hand,90,5,130,45\n" for t in range(5))
 GOOD = f"{HEAD}\n{ROWS}"
@@ -114,27 +113,18 @@ KINDS = {
         outside, AUTO, "lies outside"
     ),
     "a huge frame number": (boxes(f"{GOOD}{10**18},cup,1,1,9,9\n"), AUTO, "line 12: frame must be"),
-    "a huge box": (boxes(f"{GOOD}0,cup,1,1,1e300,9\n"), AUTO, "line 12: x_max must be a number"),
     "a class with escapes": (boxes(f"{GOOD}0,cu\x1b[2Jp,1,1,9,9\n"), AUTO, "line 12"),
     "a class and one of several": (
         several,
         AUTO, "'cup 1' is a class, and also one of several of a class",
     ),
     "a class not of the task": (None, (*AUTO, "--task", "match_regions"), "line 2: class 'cup'"),
-    "semicolons": (
-        boxes(GOOD.replace(",", ";")), AUTO, "a.csv, line 1: the format of the boxes is not known"
-    ),
-    "tabs": (
-        boxes(GOOD.replace(",", "\t")), AUTO, "line 1: the format of the boxes is not known"
-    ),
-    "half a frame": (change("\n3,cup", "\n3.5,cup"), AUTO, "line 8: frame must be a whole number"),
     "a frame in words": (change("\n3,cup", "\nthird,cup"), AUTO, "line 8: frame must be a whole"),
     "per cent": (change("3,cup,12,", "3,cup,12%,"), AUTO, "line 8: x_min must be a number, not"),
     "shares of the picture": (
         shares, AUTO, "line 2: all edges are at most 1, so the boxes seem to be shares"
     ),
     "no name of the robot": (None, (*AUTO, "--robot", ""), "no box is of the robot's class ''"),
-    "a robot too many": (None, (*AUTO, "--robot", "hand", "foot"), "of the robot's class 'foot'"),
     "boxes of a format's name": (None, ("--boxes", "coco"), "boxes is 'coco', but must be auto"),
     "jitter that is no number": (None, (*AUTO, "--jitter", "nan"), "--jitter is nan, but must be"),
     "endless width": (None, (*AUTO, "--half-extent", "inf"), "--half-extent is inf, but must be"),
@@ -148,14 +138,11 @@ KINDS = {
         broken, ("--boxes", "broken_detector:f"), "cannot be imported (invalid syntax (broken"
     ),
     "a film that is no folder": (None, (*AUTO, "films/a.mp4"), "there is no use for"),
-    "no frame rate": (None, (*AUTO, "--fps", "0"), "--fps is 0.0"),
-    "a frame rate that is no number": (None, (*AUTO, "--fps", "nan"), "--fps"),
     "no width": (None, (*AUTO, "--half-extent", "0"), "--half-extent is 0.0"),
     "an even smoothing": (None, (*AUTO, "--smoothing", "4"), "--smoothing is 4, but must be odd"),
     "smoothing longer than a film": (
         None, (*AUTO, "--smoothing", "999"), "a.mp4: smoothing is 999 frames, but the film has 5"
     ),
-    "jitter below 0": (None, (*AUTO, "--jitter", "-1"), "--jitter"),
     "an unknown outcome": (None, (*AUTO, "--outcome", "fine"), "outcome"),
     "a camera of no dataset": (None, (*AUTO, "--camera", "front"), "is no LeRobot dataset"),
     "a robot by colour": (
@@ -164,10 +151,9 @@ KINDS = {
     "colours of no width": (None, ("--boxes", "colour"), "needs --half-extent where --boxes is"),
     "a detector without a function": (None, ("--boxes", "numpy"), "but must be auto, colour"),
     "a detector that is missing": (None, ("--boxes", "nowhere:f"), "cannot be imported"),
-    "a detector that is a number": (None, ("--boxes", "math:pi"), "but must be a function"),
     "a detector that fails": (None, ("--boxes", "math:sqrt"), "failed on a.mp4, frames 0 to 4"),
     "a detector of another length": (None, ("--boxes", "builtins:repr"), "gave boxes of"),
-    "first boxes that are missing": (None, ("--boxes", "t.json"), "t.json: the boxes file cannot"),
+    "boxes of a file": (None, ("--boxes", "t.json"), "boxes is 't.json', but must be auto"),
 }  # fmt: skip
 
 
@@ -177,35 +163,6 @@ def test_wrong_films_and_options_are_refused(kitchen, capsys, kind):
     if make is not None:
         make(kitchen)
     assert refused(kitchen, [*IMPORT, *options], words, capsys) == 2
-
-
-FIRST = {
-    "no JSON": ("{", "t.json, line 1: not JSON"),
-    "a list": ("[]", "must have the boxes of each film by its name"),
-    "another film": ('{"b": []}', "the field 'a' is missing"),
-    "no box": ('{"a": []}', "no box is drawn on its first frame"),
-    "a number": ('{"a": [7]}', "box 0: must be an object"),
-    "three edges": ('{"a": [{"class": "cup", "box": [1, 1, 9]}]}', "box must be x_min, y_min"),
-    "NaN": ('{"a": [{"class": "cup", "box": [1, 1, NaN, 9]}]}', "x_max must be a number"),
-    "a later frame than there is": (
-        '{"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": 99}]}',
-        "t.json, film 'a', box 0: frame 99 is beyond a",
-    ),
-    "a frame before the first": (
-        '{"a": [{"class": "cup", "box": [1, 1, 9, 9], "frame": -1}]}', "must be a whole number"
-    ),
-    "beyond the picture": (
-        '{"a": [{"class": "cup", "box": [1, 1, 999, 9]}]}', "must lie within the picture"
-    ),
-    "no class": ('{"a": [{"box": [1, 1, 9, 9]}]}', "the field 'class' is missing"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", FIRST)
-def test_wrong_first_boxes_are_refused(kitchen, capsys, kind):
-    text, words = FIRST[kind]
-    (kitchen / "t.json").write_text(text)
-    assert refused(kitchen, [*IMPORT, "--boxes", "t.json"], words, capsys) == 2
 
 
 def test_names_that_are_paths_stay_names(kitchen):
@@ -228,3 +185,50 @@ def test_after_a_refusal_the_corrected_command_runs(kitchen, capsys):
     refused(kitchen, [*IMPORT, *AUTO], "no boxes are beside the film", capsys)
     (kitchen / "films" / "a.csv").write_text(GOOD)
     assert main([*IMPORT, *AUTO]) == 0
+
+
+ROW = "0,goal,0,0,8,8"
+CSV = {
+    "UTF-16": (BOXES.encode("utf-16"), "not text in UTF-8"),
+    "Latin-1": (BOXES.replace("star", "stär").encode("latin-1"), "not text in UTF-8"),
+    "semicolons": (BOXES.replace(",", ";"), "the format of the boxes is not known"),
+    "nothing": ("", "the boxes file is empty"),
+    "NUL bytes": (b"\0" * 4096, "the format of the boxes is not known"),
+    "no size": (f"{COLUMNS}\n0,goal,nan,0,8,8\n", "x_min must be a number"),
+    "turned over": (f"{COLUMNS}\n0,goal,8,0,0,8\n", "x_min < x_max"),
+    "beyond float32": (f"{COLUMNS}\n0,goal,-1e300,0,1e300,8\n", "x_min must be a number"),
+    "below float32": (f"{COLUMNS}\n0,goal,0,0,1e-300,8\n", "above 0"),
+    "twice": (f"{COLUMNS},track\n{ROW},1\n{ROW},1\n", "a second box of 'goal' 1 in frame 0"),
+    "a formula": (f"{COLUMNS}\n0,=cmd|' /C calc'!A0,0,0,8,8\n", "class "),
+    "one endless cell": (f"{COLUMNS}\n0,{'x' * 200_000},0,0,8,8\n", "not CSV text"),
+    "an open quote": (f'{COLUMNS}\n0,"goal,0,0,8,8\n', "2 cells where 6"),
+    "a negative frame": (f"{COLUMNS}\n-1,goal,0,0,8,8\n", "whole number from 0"),
+}
+
+
+@pytest.mark.parametrize("kind", CSV)
+def test_broken_boxes_are_refused(home, capsys, kind):
+    given, words = CSV[kind]
+    film(films(home) / "a.mp4")
+    (home / "films" / "a.csv").write_bytes(given.encode() if isinstance(given, str) else given)
+    argv = [*IMPORT, "--out", "new"]
+    refused(home, argv, words, capsys)
+
+
+@pytest.mark.parametrize("to", ["/dev/zero", "pipe", "a.csv", "gone.csv"])
+def test_boxes_that_are_no_file_are_refused(home, capsys, to):
+    folder = films(home)
+    film(folder / "a.mp4")
+    if to == "pipe":
+        os.mkfifo(folder / "pipe")
+    (folder / "a.csv").symlink_to(to)
+    argv = [*IMPORT, "--out", "new"]
+    refused(home, argv, "a.csv: the boxes file cannot be read", capsys)
+
+
+@pytest.mark.parametrize("given", [BOXES.replace("\n", "\r\n"), "\ufeff" + BOXES])
+def test_boxes_with_other_line_ends_and_marks_are_read(home, capsys, given):
+    film(films(home) / "a.mp4")
+    (home / "films" / "a.csv").write_bytes(given.encode())
+    argv = [*IMPORT, "--out", "new"]
+    assert command(argv, capsys)[0] == 0

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gril_jax.pretraining import copies
+from gril_jax.pretraining import batch
 from gril_jax.pretraining.arrangement import Arrangement, arrangement, disarray, words_of
 from gril_jax.types import DemoBatch
 
@@ -170,7 +170,7 @@ def test_costs_are_bounded_and_have_finite_slopes():
 def test_what_moves_as_one_keeps_its_distances():
     center = KNOWN["line"].center[0, 1]
     moving = jnp.arange(6) >= 2
-    chosen, there = jax.jit(jax.vmap(lambda key: copies._as_one(key, center, moving, 1.0)))(
+    chosen, there = jax.jit(jax.vmap(lambda key: batch._as_one(key, center, moving, 1.0)))(
         jax.random.split(jax.random.key(0), 64)
     )
     some = np.asarray(chosen.any(axis=1))
@@ -188,7 +188,7 @@ def other_layouts():
     """Copies of an end, in which the robot stands and only the star in the region has moved."""
     demo = jax.tree.map(lambda x: x[0], KNOWN["inside"])
     moved = jnp.arange(6) == 2
-    draw = lambda key: copies.displaced(  # noqa: E731
+    draw = lambda key: batch.displaced(  # noqa: E731
         key, demo.center[1], SIZE, moved, demo, _goal("inside"), 1.0
     )
     keys = jax.random.split(jax.random.key(0), 500)

@@ -11,7 +11,7 @@ from gril_jax import reward
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import EncoderConfig
-from gril_jax.pretraining import contrast, copies
+from gril_jax.pretraining import batch, contrast
 from gril_jax.pretraining.final_places import final_places, misplacement
 from gril_jax.pretraining.options import Hyper, Static
 from gril_jax.types import DemoBatch
@@ -57,7 +57,7 @@ def made(demos, places):
 
     @jax.jit
     def draw(keys):
-        one = lambda key: copies.displaced(  # noqa: E731
+        one = lambda key: batch.displaced(  # noqa: E731
             key, jnp.asarray(LAST), demo.size[-1], active, demo, places, EXTENT
         )
         return jax.vmap(one)(keys)

@@ -15,7 +15,7 @@ from support.run_folders import differing
 from gril_jax.cli import main
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
-from gril_jax.runs import run_dir, times
+from gril_jax.runs import json_lines, run_dir
 from gril_jax.runs.checkpoints import state_leaves
 from gril_jax.workflows.learning import encoders, policies
 from gril_jax.workflows.study import recipe, saved
@@ -178,7 +178,7 @@ def _verdicts(command, work, kinds, most):
     how often it came to each verdict, and the faults that were taken in silence."""
     verdicts, bad, draw = collections.Counter(), [], random.Random(0)
     read, _ = files_read(command, work)
-    read = [name for name in read if name != times.FILE]  # clocks, on which nothing depends
+    read = [name for name in read if name != json_lines.TIMES]  # clocks, on which nothing depends
     inner = [file for file in read if "/" in file]
     outer = [file for file in read if "/" not in file]
     for file in [*outer, *draw.sample(inner, min(most, len(inner)))]:

@@ -74,7 +74,7 @@ def test_the_command_line_says_one_sentence_and_exits_as_shells_expect(
         raise Interrupted("it came, and the run is saved", number)
 
     verb = Verb("train", "", lambda args: lambda: interrupted(args))
-    monkeypatch.setattr(main.verbs, "find", {"train": verb}.get)
+    monkeypatch.setattr(main.verbs, "every", lambda: [verb])
     assert main.main(["train"]) == code
     assert capsys.readouterr().err == "gril: it came, and the run is saved.\n"
 

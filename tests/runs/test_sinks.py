@@ -90,7 +90,6 @@ def test_rows_that_are_cut_leave_tensorboard_as_if_they_had_never_been(spoken, t
             _saved(run, after=2, rows=i + 1)
         assert len(told) == 3
     with run_dir.resume(path) as run:
-        run.cut_metrics("ppo", 2)
         assert told == [("ppo/success", 0.0, 0), ("ppo/success", 0.1, 10)]
         run.log(phase="ppo", env_steps=20, success=0.7)
     assert told[-1] == ("ppo/success", 0.7, 20)
@@ -114,7 +113,6 @@ def test_a_resumed_run_goes_on_in_wandb_under_its_old_identity(spoken, tmp_path)
     assert told == [*wanted, "finished"]
     told.clear()
     with run_dir.resume(path) as run:  # rows that wandb has already are not sent again
-        run.cut_metrics("ppo", 2)
         run.log(phase="ppo", env_steps=20, success=0.2)
         run.log(phase="ppo", env_steps=30, success=0.3)
     assert told == [(3, {"ppo/success": 0.3, "ppo/step": 30}), "finished"]
@@ -135,8 +133,7 @@ def test_a_sink_that_cannot_start_is_one_sentence_and_gives_the_lock_back(spoken
 
 def test_tensorboard_s_files_are_readable(tmp_path):
     pytest.importorskip("tensorboardX")
-    sink = metric_sinks.open_sink("tensorboard", tmp_path, {})
-    sink.begin(ROWS[:1])
+    sink = metric_sinks.open_sink("tensorboard", tmp_path, {}, ROWS[:1])
     sink.log(1, ROWS[1])
     sink.close()
     (file,) = (tmp_path / "tensorboard").iterdir()

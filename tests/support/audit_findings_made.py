@@ -8,7 +8,7 @@ from gril_jax.audit.ascent import Found
 from gril_jax.audit.measures import Audit, Measures, Rewards, States
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.audit.states import FACTORS, Battery
-from gril_jax.report.audit.page import Findings
+from gril_jax.report.audit_page import Findings
 
 FACTOR = ("start", "success", "touched", "wrong place", "random")
 SCORE = (0.0, 1.0, 0.0, 0.0, 0.5)

@@ -38,7 +38,7 @@ def loss(frames):
 """,
     "dummy_form": """
 import jax.numpy as jnp
-from gril_jax.workflows.build.reward_form import RewardForm
+from gril_jax.workflows.build.policy_rewards import RewardForm
 
 def _five(params, state, active):
     return 5.0 + 0.0 * params
@@ -75,13 +75,14 @@ def main(folder: str) -> int:
     from gril_jax.envs import registry
 
     from gril_jax.config import tables
-    from gril_jax.config.policy import PPOConfig
 
     registry.TASKS["reach"] = "reach_task:SPEC"
     tables.ENCODERS["dummy"] = tables.Encoder("dummy_encoder.DummyConfig")
     tables.ALIGNMENTS["dummy"] = tables.Alignment(("dummy_loss.loss",))
     tables.REWARDS["dummy"] = tables.Reward("dummy_form.FORM")
-    tables.ALGORITHMS["dummy"] = tables.Algorithm("dummy_algorithm.Dummy", PPOConfig)
+    tables.ALGORITHMS["dummy"] = tables.Algorithm(
+        "dummy_algorithm.Dummy", "gril_jax.config.policy.PPOConfig"
+    )
     from gril_jax.cli.main import main
 
     out = str(Path(folder, "run"))

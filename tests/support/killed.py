@@ -150,6 +150,7 @@ class Killer:
 def killer(path: Path, out: str = "run") -> Iterator[Killer]:
     """A parent of such processes, whose Python finds packages in a folder, too."""
     environment = os.environ | {"PYTHONPATH": str(path), "JAX_PLATFORMS": "cpu"}
+    environment.pop("JAX_COMPILATION_CACHE_DIR", None)  # not to be written by what is killed
     process = subprocess.Popen(
         [sys.executable, "-c", _PARENT],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment,

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from gril_jax.demos.demo import Demo, Tracks
-from gril_jax.demos.writer import write_demo_set
+from gril_jax.demos.files import write_demo_set
 
 CLASSES = ("mat", "hand", "puck")
 TASK = """

@@ -8,17 +8,8 @@ import zipfile
 
 import numpy as np
 
-from gril_jax.export.sealed_file import packed, sealed
-
-
-class Trap:
-    """An object that, when it is unpickled, leaves a file."""
-
-    def __init__(self, path):
-        self.path = str(path)
-
-    def __reduce__(self):
-        return open, (self.path, "w")
+from gril_jax.export.reward_format import packed, sealed
+from support.hostile import Writes
 
 
 def faults(whole, trap, seed=0):
@@ -31,7 +22,7 @@ def faults(whole, trap, seed=0):
     yield "empty", b""
     yield "zeros", bytes(len(whole))
     yield "text", b"observation_mean: 1\n" * 9
-    yield "pickle", pickle.dumps(Trap(trap))
+    yield "pickle", pickle.dumps(Writes(trap))
     yield "doubled", whole + whole
     yield "longer", whole + b"\0"
     for size in np.linspace(1, len(whole) - 1, 20).astype(int):
@@ -70,10 +61,10 @@ def _other_contents(whole, trap):
     for other in ("", "{", "[]", "7", "{}", "[" * 5000, json.dumps({"version": 2})):
         yield f"sealed description {other[:9]}", packed(arrays, other)
     trapped = io.BytesIO()
-    np.save(trapped, np.array([Trap(trap)], object), allow_pickle=True)
+    np.save(trapped, np.array([Writes(trap)], object), allow_pickle=True)
     yield "sealed pickled object", member(trapped.getvalue())
     yield "sealed pickled description", member(trapped.getvalue(), "description")
-    yield "sealed bare pickle", member(pickle.dumps(Trap(trap)))
+    yield "sealed bare pickle", member(pickle.dumps(Writes(trap)))
     for shape in ((10**12,), (10**18, 10**18), (-1, 2**40), (3,), ("a",)):
         yield f"sealed shape {shape} declared", member(_npy("<f4", shape) + bytes(64))
     yield "sealed long text declared", member(_npy("<U999999999", ()) + bytes(64), "description")

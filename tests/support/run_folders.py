@@ -6,11 +6,11 @@ import numpy as np
 
 from gril_jax.config import DemosConfig, RunConfig
 from gril_jax.demos.demo import Demo, Tracks
+from gril_jax.demos.files import write_demo_set
 from gril_jax.demos.vision.detect import PALETTE_CLASSES
 from gril_jax.demos.vision.video import write_video
-from gril_jax.demos.writer import write_demo_set
 from gril_jax.runs import run_dir
-from gril_jax.runs.phases import read_phases, write_phases
+from gril_jax.runs.reading import read_phases, write_phases
 from support.scenes import BLOCKS, GOAL, HALF_EXTENT, ROBOT, box_of, scene
 
 OBJECTS = ("goal", "robot", *BLOCKS)

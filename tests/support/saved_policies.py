@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gril_jax.export import read_policy
-from gril_jax.export.sealed_file import packed
+from gril_jax.export.reward_format import packed
 
 LAYERS = ((3, 5, "swish"), (5, 4, "tanh"), (4, 4, "none"))
 ABOUT = {

@@ -5,8 +5,8 @@ import functools
 import jax
 import numpy as np
 from gril_jax.envs.panda import kinematics
-from gril_jax.envs.tabletop.hand import Hand
-from gril_jax.envs.tabletop.shoes_in_box import expert
+from gril_jax.envs.tabletop.moves import Hand
+from gril_jax.envs.tabletop.tasks.shoes_in_box import SCRIPT
 
 
 class Played(Hand):
@@ -24,7 +24,7 @@ class Played(Hand):
 def box_filled(env, start, seed):
     """A whole episode of the shoes' expert."""
     hand = Played(env, start)
-    expert.SCRIPT.follow(hand, np.random.default_rng(seed), "success")
+    SCRIPT.follow(hand, np.random.default_rng(seed), "success")
     return hand
 
 

@@ -6,8 +6,8 @@ __all__ = ["SPEC"]
 
 SPEC = TaskSpec(
     make="gril_jax.envs.magical.match_regions.task:MatchRegions",
-    demonstrate="gril_jax.envs.magical.match_regions.expert.scripted:demonstrate",
-    rewards=("S4", "V5", "S3", "sparse"),
+    demonstrate="gril_jax.envs.magical.match_regions.expert:demonstrate",
+    rewards=("S4", "V5", "sparse"),
     bench_settings=(  # of the solver, from the original's own to the coarsest, and other engines
         {"engine": "kernel", "substeps": 10, "iterations": 10},
         {"engine": "impulse", "substeps": 10, "iterations": 10},

@@ -1,19 +1,16 @@
 """Observations of MatchRegions: four vectors to choose from, each with a name for each number.
 
 "plain" holds poses and velocities of robot and blocks and the region's place, in the robot's frame
-where that helps; "rich" also which blocks are in the region, by the task's own test.
-"sorted" holds that, too, but targets come in the order in which they are due: those outside the
-region first, the nearest to the robot before the others. What is learned of bringing one target
-then serves for the next.
-"xmagical" is x-magical's state vector in its exact order, so that a policy can be carried over.
-Lengths are in arena units.
+where that helps; "rich" also which blocks are in the region; "sorted" lists targets in the order in
+which they are due: those outside the region first, the nearest to the robot before the others.
+"xmagical" is x-magical's state vector in its exact order. Lengths are in arena units.
 """
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from gril_jax.envs.magical import features
 from gril_jax.envs.magical.layout import turned
+from gril_jax.envs.magical.suite import state
 from gril_jax.envs.planar.robots import FINGER_OPEN
 from jaxtyping import Array, Bool, Float
 
@@ -37,7 +34,7 @@ def _own_frame(scene: Observed, parts: int, *, tested: bool, due: int) -> Float[
     """The observation, with the `tested` region or without; the first `due` targets are sorted by
     when they are due (0: none)."""
     x_y, yaw = scene.pose[0, :2], scene.pose[0, 2]
-    robot = features.robot(scene.pose, scene.velocity, parts)
+    robot = state.robot_features(scene.pose, scene.velocity, parts)
     robot += [turned(-yaw, scene.goal[:2] - x_y), scene.goal]
     blocks, speed = scene.pose[parts:], scene.velocity[parts:]
     local = turned(-yaw, blocks[:, :2] - x_y)
@@ -79,7 +76,7 @@ def observe(kind: str, scene: Observed, *, parts: int, targets: int) -> Float[Ar
 def names(kind: str, blocks: tuple[str, ...], *, fingers: bool, targets: int) -> tuple[str, ...]:
     """One name for each number of the observation; equal names in a row are one quantity."""
     if kind != "xmagical":
-        robot = features.robot_names(fingers)
+        robot = state.robot_names(fingers)
         robot |= {
             "region centre in the robot's frame": 2, "region centre": 2, "region size": 2,
         }  # fmt: skip

@@ -1,18 +1,19 @@
-"""Scores and dense rewards of MatchRegions, in every version that published work may have used.
+"""Scores and dense rewards of MatchRegions, and what an episode remembers for them.
 
-Names are those of the table in which x-magical's history was collected: "S4" is the dense reward at
-the tip of its branches, "V5" the long-lived one before, "S3" the one with a term for the way to the
-blocks. Distances are in arena units.
-
-The stages are each target in the region; their faults: each distractor in it. Objects are region,
-robot, targets, distractors, in that order. The score counts centres; a block that is put into the
-region is put wholly inside.
+Rewards have the names of the table in which x-magical's history was collected: "S4" is the dense
+reward at the tip of its branches, "V5" the long-lived one before. The stages are each target in the
+region; their faults: each distractor in it. Distances are in arena units.
 """
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from gril_jax.envs.magical.regions import inside
+from gril_jax.envs.base import Objects
+from gril_jax.envs.magical.suite import state
+from gril_jax.envs.magical.suite.plan import Scene, in_region, in_region_stage
+from gril_jax.envs.magical.suite.state import SuiteData
+from gril_jax.envs.planar import shapes
+from gril_jax.envs.planar.robots import Robot
 from gril_jax.envs.stages import Stages
 from jaxtyping import Array, Bool, Float
 
@@ -20,7 +21,7 @@ from . import SPEC
 
 REWARDS = SPEC.rewards
 REGION, ROBOT, _FIRST = 0, 1, 2
-DIAGONAL = 2.8284271247461903  # by which V5 and S3 divide distances: of a +-1 arena
+DIAGONAL = 2.8284271247461903  # by which V5 divides distances: of a +-1 arena
 
 
 class ScoreInputs(NamedTuple):
@@ -29,8 +30,7 @@ class ScoreInputs(NamedTuple):
     inside: Bool[Array, "B"]  # block's centre in the region
     distance: Float[Array, "K"]  # of each target to the region's centre
     start: Float[Array, "K"]  # the same at reset
-    reach: Float[Array, "K"]  # of each target to the robot
-    nearest: Float[Array, "K"]  # the least of that since reset
+    nearest: Float[Array, "K"]  # the least of each target to the robot since reset
 
 
 def _counts(at: ScoreInputs) -> tuple[Array, Array]:
@@ -60,27 +60,16 @@ def _v5(at: ScoreInputs) -> Float[Array, ""]:
     return far + 4.0 + near + 10.0 * n_t * share + 10.0 * n_t - 5.0 * n_d
 
 
-def _s3(at: ScoreInputs) -> Float[Array, ""]:
-    f = lambda d: -0.006 * d**2 - 500.0 * jnp.log(d**2 + 0.001)  # noqa: E731
-    _, n_d = _counts(at)
-    inside = at.inside[: len(at.distance)]
-    left = jnp.where(inside, 0.0, at.distance)
-    progress = jnp.sum((f(at.start) - f(left)) / f(at.start))
-    longest = f(jnp.float32(DIAGONAL))
-    near = jnp.sum(jnp.where(inside, 0.0, (longest - f(at.reach)) / longest))
-    return progress - 5.0 * n_d + 10.0 * near - 20.8
-
-
 def reward(name: str, at: ScoreInputs) -> Float[Array, ""]:
     """The dense reward of the given name, one of `REWARDS`; "sparse" is the score."""
-    return {"S4": _s4, "V5": _v5, "S3": _s3, "sparse": score}[name](at)
+    return {"S4": _s4, "V5": _v5, "sparse": score}[name](at)
 
 
 def stages(blocks: tuple[str, ...], targets: int, *, arena: float) -> Stages:
     """The stages of the task with these blocks, targets first, in an arena |x|, |y| <= `arena`."""
     movable = tuple(range(_FIRST, _FIRST + len(blocks)))
     names = enumerate(blocks, _FIRST)
-    made = [inside(i, REGION, f"{name} in the region", movable) for i, name in names]
+    made = [in_region_stage(i, REGION, f"{name} in the region", movable) for i, name in names]
     done, wrong = tuple(made[:targets]), tuple(made[targets:])
     return Stages(
         done, faults=wrong, movable=movable, robots=(ROBOT,), half_extent=arena, score=_score
@@ -90,4 +79,41 @@ def stages(blocks: tuple[str, ...], targets: int, *, arena: float) -> Stages:
 def _score(task: Stages, center: Float[Array, "N 2"], size: Float[Array, "N 2"]):
     inside = jnp.concatenate([task.done(center, size), task.faulty(center, size)])
     unused = jnp.zeros(len(task.stages))
-    return score(ScoreInputs(inside, unused, unused, unused, unused))
+    return score(ScoreInputs(inside, unused, unused, unused))
+
+
+class Progress(NamedTuple):
+    """The memory of an episode beside the simulator's; K targets, B blocks."""
+
+    start_distance: Float[Array, "K"]  # of each target to the region's centre at reset
+    nearest: Float[Array, "K"]  # of each target to the robot since reset
+    varied: Float[Array, ""]  # 1 in an episode that began with a varied start
+    moved: Bool[Array, "B"]  # the blocks that such a start put elsewhere
+
+
+def distances(points: Float[Array, "K C"], center: Float[Array, "2"]) -> Float[Array, "K"]:
+    """Distances of points (x, y, ...) from a centre, arena units."""
+    return jnp.sqrt(jnp.sum((points[:, :2] - center) ** 2, axis=1) + 1e-12)
+
+
+def inputs(scene: Scene, targets: int) -> ScoreInputs:
+    """The quantities of scores and rewards; the first blocks are the `targets`."""
+    return ScoreInputs(
+        inside=in_region(scene.regions[0], scene.blocks),
+        distance=distances(scene.blocks[:targets], scene.regions[0, :2]),
+        start=scene.progress.start_distance,
+        nearest=scene.progress.nearest,
+    )
+
+
+def objects(data: SuiteData, robot: Robot) -> Objects:
+    """Region, robot and blocks as a detector would report them."""
+    base, blocks, region = data.pose[0], data.pose[len(robot.parts) :], data.regions[0]
+    kinds = 2 + len(shapes.SHAPES) * data.colour + data.shape
+    sizes = state.robot_size(robot, base[2]), state.block_sizes(data.shape, blocks[:, 2])
+    return Objects(
+        center=jnp.concatenate([region[None, :2], base[None, :2], blocks[:, :2]]),
+        size=jnp.concatenate([region[None, 2:], sizes[0][None], sizes[1]]),
+        label=jnp.concatenate([jnp.arange(2), kinds]).astype(jnp.int32),
+        is_robot=jnp.arange(2 + len(blocks)) == 1,
+    )

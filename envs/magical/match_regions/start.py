@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from gril_jax.envs.magical import layout as layouts
 from gril_jax.envs.magical.layout import Places
-from gril_jax.envs.magical.suite.match_regions import MatchRegions as MagicalTask
+from gril_jax.envs.magical.suite.in_regions import MatchRegions as MagicalTask
 from gril_jax.envs.magical.suite.places import demo
 from gril_jax.envs.magical.suite.plan import Block, Plan
 from gril_jax.envs.planar.robots import Robot

@@ -2,10 +2,7 @@
 
 A member of the suite (`suite.task`: actions, simulator, pictures), as x-magical has it: an arena
 |x|, |y| <= 1.1, in which blocks stop at once when nothing pushes them, and scenes of given blocks.
-
-Observation: see `observation`; the task's `observation_names` name each number.
 Objects: region, robot, targets, distractors, in that order.
-Score, success (score 1) and the dense rewards: see `score`.
 """
 
 import jax
@@ -13,11 +10,9 @@ import jax.numpy as jnp
 from gril_jax.envs.base import Objects, State
 from gril_jax.envs.checks import check_known, check_shares
 from gril_jax.envs.magical import layout as layouts
-from gril_jax.envs.magical import regions
 from gril_jax.envs.magical import scene as looks
 from gril_jax.envs.magical.layout import CLASSES, RADII, VARIANTS
-from gril_jax.envs.magical.suite import draws
-from gril_jax.envs.magical.suite.plan import Scene
+from gril_jax.envs.magical.suite.plan import Scene, in_region, shapes
 from gril_jax.envs.magical.suite.state import SuiteData
 from gril_jax.envs.magical.suite.task import SuiteTask
 from gril_jax.envs.planar import shapes as block_shapes
@@ -28,8 +23,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from . import observation as observations
 from . import score as rewards
 from . import start as starts
-from . import state as states
-from .state import Progress
+from .score import Progress
 
 TARGETS = ("green star", "green square")
 DISTRACTORS = ("blue pentagon", "yellow circle", "yellow pentagon")
@@ -48,7 +42,7 @@ class MatchRegions(SuiteTask):
       on_the_way: in those, how likely a target that is not in the region is on its way there.
       facing: in those, how likely the robot stands before such a target and faces it.
       observation: "plain", "rich", "sorted" or "xmagical"; see `observation`.
-      reward: the task's own reward: "S4", "V5", "S3" or "sparse".
+      reward: the task's own reward: "S4", "V5" or "sparse".
       substeps, iterations: as of `SuiteTask`; None is with "mjx" 5 and 2.
     """
 
@@ -96,7 +90,7 @@ class MatchRegions(SuiteTask):
         """Starts a new episode of the task's variant."""
         keys, kinds = jax.random.split(key, 6), jax.tree.map(jnp.asarray, self._kinds)
         if self.varies("shape"):
-            kinds = kinds._replace(shape=draws.shapes(keys[0], len(kinds.shape)))
+            kinds = kinds._replace(shape=shapes(keys[0], len(kinds.shape)))
         if self.varies("color"):
             colour = layouts.colours(keys[1], kinds.colour, self.num_targets)
             kinds = kinds._replace(colour=colour, region_colour=colour[:1])
@@ -176,18 +170,18 @@ class MatchRegions(SuiteTask):
 
     def score(self, scene: Scene) -> Float[Array, ""]:
         """The score of `score.score`."""
-        return rewards.score(states.inputs(scene, self.num_targets))
+        return rewards.score(rewards.inputs(scene, self.num_targets))
 
     def reward(self, scene: Scene) -> Float[Array, ""]:
         """The reward of the name that was chosen."""
-        return rewards.reward(self._reward, states.inputs(scene, self.num_targets))
+        return rewards.reward(self._reward, rewards.inputs(scene, self.num_targets))
 
     def _stages(self) -> Stages:
         return rewards.stages(self.blocks, self.num_targets, arena=self.arena)
 
     def _distances(self, blocks: Float[Array, "B C"], to: Float[Array, "2"]) -> Float[Array, "K"]:
         """Distances of the targets from a point."""
-        return states.distances(blocks[: self.num_targets], to)
+        return rewards.distances(blocks[: self.num_targets], to)
 
     def _advanced(self, progress: Progress, pose: Float[Array, "E 3"]) -> Progress:
         away = self._distances(pose[self._parts :], pose[0, :2])
@@ -200,12 +194,12 @@ class MatchRegions(SuiteTask):
 
     def _seen(self, data: SuiteData) -> Float[Array, "O"]:
         region = data.regions[0]
-        inside = regions.holds(region, data.pose[self._parts :, :2])
+        inside = in_region(region, data.pose[self._parts :, :2])
         seen = observations.Observed(data.pose, data.velocity, region, inside)
         return observations.observe(self._kind, seen, parts=self._parts, targets=self.num_targets)
 
     def _objects(self, data: SuiteData) -> Objects:
-        return states.objects(data, self.robot)
+        return rewards.objects(data, self.robot)
 
     def _observe(self, data: SuiteData) -> State:
         state, progress = super()._observe(data), data.progress

@@ -1,4 +1,4 @@
-"""MAGICAL's eight tasks with its own draws, one file a task; their entries are here."""
+"""MAGICAL's eight tasks with its own draws; their entries."""
 
 from gril_jax.envs.registry import TaskSpec
 
@@ -8,12 +8,12 @@ __all__ = [
 ]  # fmt: skip
 
 
-def _spec(task: str, *more_rewards: str, layout: bool = True) -> TaskSpec:
+def _spec(task: str, *, layout: bool = True) -> TaskSpec:
     further = {"demo": "layout", "jitter": "layout"} if layout else {}
     return TaskSpec(
         make=f"gril_jax.envs.magical.suite.{task}",
         demonstrate="",
-        rewards=("sparse", *more_rewards),
+        rewards=("sparse",),
         bench_settings=({"engine": "kernel"}, {"engine": "impulse"}),
         bench_envs=32_768,
         config="magical_suite",
@@ -22,11 +22,11 @@ def _spec(task: str, *more_rewards: str, layout: bool = True) -> TaskSpec:
     )
 
 
-MOVE_TO_CORNER = _spec("move_to_corner:MoveToCorner", "debug", layout=False)
-MOVE_TO_REGION = _spec("move_to_region:MoveToRegion")
-FIND_DUPE = _spec("find_dupe:FindDupe")
-FIX_COLOUR = _spec("fix_colour:FixColour")
-CLUSTER_COLOUR = _spec("cluster:ClusterColour")
-CLUSTER_SHAPE = _spec("cluster:ClusterShape")
-MAKE_LINE = _spec("make_line:MakeLine")
-MATCH_REGIONS_MAGICAL = _spec("match_regions:MatchRegions")
+MOVE_TO_CORNER = _spec("move_to:MoveToCorner", layout=False)
+MOVE_TO_REGION = _spec("move_to:MoveToRegion")
+FIND_DUPE = _spec("in_regions:FindDupe")
+FIX_COLOUR = _spec("in_regions:FixColour")
+CLUSTER_COLOUR = _spec("together:ClusterColour")
+CLUSTER_SHAPE = _spec("together:ClusterShape")
+MAKE_LINE = _spec("together:MakeLine")
+MATCH_REGIONS_MAGICAL = _spec("in_regions:MatchRegions")

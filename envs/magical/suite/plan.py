@@ -1,16 +1,19 @@
-"""The plan of a task: what its Demo start holds, and what its variants draw.
+"""The plan of a task: what its Demo start holds, what its variants draw, and how regions count.
 
 Poses are x, y (arena units) and angle (rad). Slots without a block, or without a region, lie
-outside of the arena: a block there has the shape `NOTHING`, a region the size 0.
+outside of the arena: a block there has the shape `NOTHING`, a region the size 0. A score counts
+centres; a block that is put into a region is put wholly inside.
 """
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.magical.layout import COLOURS
 from gril_jax.envs.planar.shapes import NOTHING, SHAPES
-from jaxtyping import Array, Bool, Float, Int
+from gril_jax.envs.stages import Stage, free_place
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 VARIANTS = ("demo", "jitter", "color", "shape", "layout", "countplus", "dynamics", "all")
 REGION_CLASSES = tuple(f"{colour} region" for colour in COLOURS)
@@ -98,3 +101,46 @@ class Scene(NamedTuple):
 def outside(slot: int) -> Pose:
     """The pose of a slot that holds nothing."""
     return (OUTSIDE, 0.25 * slot - 1.0, 0.0)
+
+
+def colours(key: PRNGKeyArray, count: int) -> Int[Array, "{count}"]:
+    """Independent indices into `COLOURS`."""
+    return jax.random.randint(key, (count,), 0, len(COLOURS), jnp.int32)
+
+
+def shapes(key: PRNGKeyArray, count: int) -> Int[Array, "{count}"]:
+    """Independent indices into `SHAPES`."""
+    return jax.random.randint(key, (count,), 0, len(SHAPES), jnp.int32)
+
+
+def each_once(
+    key: PRNGKeyArray, drawn: Int[Array, "B"], used: Int[Array, ""] | int
+) -> Int[Array, "B"]:
+    """Values of which the first `used` have each of 0 to 3 at least once, in random order; the
+    others of them are those drawn."""
+    values = jnp.concatenate([jnp.arange(4, dtype=jnp.int32), drawn[4:]])
+    last = jax.random.uniform(key, drawn.shape) + (jnp.arange(len(drawn)) >= used)
+    return values[jnp.argsort(last)]
+
+
+def in_region(region: Float[Array, "*#K 4"], center: Float[Array, "*#K 2"]) -> Bool[Array, "..."]:
+    """True if a centre is in the closed rectangle with that centre, width and height; regions and
+    centres are broadcast."""
+    return (jnp.abs(center - region[..., :2]) <= region[..., 2:] / 2).all(axis=-1)
+
+
+def in_region_stage(index: int, region: int, name: str, movable: tuple[int, ...]) -> Stage:
+    """The stage in which one object's centre is in a region, both given by their index."""
+
+    def done(center, size):
+        return (jnp.abs(center[index] - center[region]) <= size[region] / 2).all()
+
+    def within(center, size):
+        return center[region] - size[region] / 2, center[region] + size[region] / 2
+
+    def place(key, center, size):
+        room = jnp.maximum(size[region] - size[index], 0.0) / 2
+        low, high = center[region] - room, center[region] + room
+        return free_place(key, index, center, size, low=low, high=high, others=movable)
+
+    return Stage(name, (index,), done, place, within=within)

@@ -1,8 +1,8 @@
-"""The state of a scene, and what policies and detectors see of it.
+"""The state of a scene, and what policies, detectors and pictures show of it.
 
 Objects come as robot, regions, blocks; the last two in the order of the class names, those of one
 class by their x at the Demo start, as films are read. Slots that hold nothing have boxes of size 0
-outside of the arena, and zeros in the observation.
+outside of the arena, and zeros in the observation. Lengths are in arena units.
 """
 
 from typing import Any, NamedTuple
@@ -10,12 +10,15 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gril_jax.envs.base import Objects
-from gril_jax.envs.magical import boxes, features
+from gril_jax.envs.base import Objects, Outline
+from gril_jax.envs.magical import raster
+from gril_jax.envs.magical import scene as looks
 from gril_jax.envs.magical.layout import COLOURS, turned
-from gril_jax.envs.planar.robots import Robot
+from gril_jax.envs.planar import shapes
+from gril_jax.envs.planar.joints import TURN_RATE
+from gril_jax.envs.planar.robots import FINGER_OPEN, Robot
 from gril_jax.envs.planar.shapes import NOTHING, SHAPES
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from .plan import Kinds, Plan, Scene
 
@@ -73,13 +76,13 @@ def objects(data: SuiteData, robot: Robot, listed: Order) -> Objects:
     parts = len(robot.parts)
     base, blocks = data.pose[0], data.pose[parts : parts + len(data.shape)]
     regions, rows = data.regions[listed.regions], listed.blocks
-    sizes = boxes.block_sizes(data.shape, blocks[:, 2])
+    sizes = block_sizes(data.shape, blocks[:, 2])
     kind = 1 + len(COLOURS) + len(SHAPES) * data.colour + jnp.minimum(data.shape, len(SHAPES) - 1)
     label = [jnp.zeros(1, jnp.int32), 1 + data.region_colour[listed.regions], kind[rows]]
     return Objects(
         center=jnp.concatenate([base[None, :2], regions[:, :2], blocks[rows, :2]]),
         size=jnp.concatenate([
-            boxes.robot_size(robot, base[2])[None], regions[:, 2:], sizes[rows]
+            robot_size(robot, base[2])[None], regions[:, 2:], sizes[rows]
         ]),
         label=jnp.concatenate(label).astype(jnp.int32),
         # Where a robot is all that can move, it is what counts.
@@ -102,7 +105,7 @@ def observe(data: SuiteData, parts: int, listed: Order) -> Float[Array, "O"]:
         jax.nn.one_hot(data.colour, len(COLOURS)), jax.nn.one_hot(data.shape, len(SHAPES)),
     ], axis=1)  # fmt: skip
     each = jnp.where(data.shape[:, None] != NOTHING, each, 0.0)[listed.blocks]
-    robot = features.robot(data.pose, data.velocity, parts)
+    robot = robot_features(data.pose, data.velocity, parts)
     return jnp.concatenate([*robot, regions.reshape(-1), each.reshape(-1)])
 
 
@@ -121,7 +124,68 @@ def names(regions: int, blocks: int, *, fingers: bool) -> tuple[str, ...]:
         "centre in the robot's frame": 2, "centre": 2, "velocity": 2, "angle, cosine and sine": 2,
         "turn rate / 10": 1,
     } | kinds | {shape: 1 for shape in SHAPES}  # fmt: skip
-    found = [*features.robot_names(fingers).items()]
+    found = [*robot_names(fingers).items()]
     for what, count, each in (("region", regions, region), ("block", blocks, block)):
         found += [(f"{what} {k + 1}: {p}", n) for k in range(count) for p, n in each.items()]
     return tuple(name for name, count in found for _ in range(count))
+
+
+def robot_size(robot: Robot, angle: Float[Array, ""]) -> Float[Array, "2"]:
+    """Size of the base's box: a disc's fingers are thin, and a detector leaves them out."""
+    part = robot.parts[0]
+    if part.radius:
+        return jnp.full(2, 2 * part.radius)
+    c, s = jnp.abs(jnp.cos(angle)), jnp.abs(jnp.sin(angle))
+    half = part.boxes[0].half
+    return 2 * jnp.stack([c * half[0] + s * half[1], s * half[0] + c * half[1]])
+
+
+def block_sizes(shape: Int[Array, "B"], angle: Float[Array, "B"]) -> Float[Array, "B 2"]:
+    """Sizes of the turned blocks' boxes; 0 for a slot without a block."""
+    low, high = shapes.extents(shapes.blocks(shape), angle)
+    return high - low
+
+
+def robot_features(
+    pose: Float[Array, "E 3"], velocity: Float[Array, "E 3"], parts: int
+) -> list[Float[Array, "_"]]:
+    """The numbers of `robot_names`, in parts; the first `parts` bodies are the robot's."""
+    yaw = pose[0, 2]
+    heading = jnp.stack([jnp.cos(yaw), jnp.sin(yaw)])
+    speed = turned(-yaw, velocity[0, :2])[::-1]
+    seen = [pose[0, :2], heading, speed, velocity[0, 2:] / TURN_RATE]
+    if parts > 1:
+        seen.append((pose[1:2, 2] - pose[2:3, 2]) / (2 * FINGER_OPEN))
+    return seen
+
+
+def robot_names(fingers: bool) -> dict[str, int]:
+    """Each quantity, and how many numbers it has."""
+    return {
+        "robot position": 2, "robot heading, cosine and sine": 2,
+        "robot speed, forward and sideways": 2, "robot turn rate / 2.5": 1,
+        "finger opening": int(fingers),
+    }  # fmt: skip
+
+
+def outlines(
+    data: SuiteData, robot: Robot, *, arena: float, look: looks.Look, robot_first: bool
+) -> list[Outline]:
+    """The outlines of one moment, to be painted (host side)."""
+    data, parts = jax.tree.map(np.asarray, data), len(robot.parts)
+    blocks = np.flatnonzero(data.shape != NOTHING)
+    named = [(COLOURS[data.colour[b]], SHAPES[data.shape[b]]) for b in blocks]
+    pose = data.pose[np.concatenate([np.arange(parts), parts + blocks])].astype(np.float64)
+    regions = [
+        (COLOURS[colour], box.astype(np.float64))
+        for colour, box in zip(data.region_colour, data.regions, strict=True)
+        if box[2] > 0
+    ]
+    return looks.outlines(robot, named, arena, pose, regions, look=look, robot_first=robot_first)
+
+
+def render(data: SuiteData, robot: Robot, *, arena: float, **options: Any) -> UInt8[Array, "S S 3"]:
+    """The same as an image, inside jit; see `raster.render` for its options."""
+    bodies = data.pose[: len(robot.parts) + len(data.shape)]
+    drawn = raster.Painting(bodies, data.shape, data.colour, data.regions, data.region_colour)
+    return raster.render(drawn, robot=robot.name, arena=arena, **options)

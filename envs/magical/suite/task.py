@@ -1,17 +1,15 @@
 """What MAGICAL's tasks have in common: starts, steps, observations, and a score of the last state.
 
-A task is a `SuiteTask` with a plan of its Demo start, a score, the draws of its variants and its
-stages. A square arena is seen from above, |x|, |y| <= 1 or with x-magical's physics 1.1; a robot
-drives, turns and, if it has fingers, grips; control runs at 8 Hz. The original has no reward but
-the score of the last state: here every state has its score, which is the reward, and success is
-score 1.
+A square arena is seen from above; a robot drives, turns and, if it has fingers, grips; control runs
+at 8 Hz. The original has no reward but the score of the last state: here every state has its score,
+which is the reward, and success is score 1.
 
 Action (3,), or (2,) for a stick, each in [-1, 1]:
   0  forward speed, clipped to +-0.8 units/s
   1  turn, x-magical's law: bang-bang beyond 0.0625
   2  grip: the fingers aim at clip(pi/8 - a, 0, pi/8) rad; 0 or less opens them, 0.393 closes them
 With the physics "magical" an action is rounded to MAGICAL's 18: forward 0.8, stop, or reverse 0.6;
-left, none or right; open or closed. Physics and engines: see `magical.simulator`.
+left, none or right; open or closed.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,7 +31,7 @@ from gril_jax.envs.planar.shapes import NOTHING
 from gril_jax.envs.stages import Stage, Stages, free_place
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from . import from_boxes, pictures, places, state
+from . import places, state
 from .plan import CLASSES, VARIANTS, Kinds, Plan, Scene, outside
 from .state import SuiteData
 
@@ -204,11 +202,11 @@ class SuiteTask:
         if self.variant in self.anywhere:
             standing = kinds.shape[listed.blocks] != NOTHING
             present = jnp.append(jnp.ones(1 + len(listed.regions), bool), standing)
-            boxes = from_boxes.moved(key_move, boxes, present, arena=self.arena)
-        kinds = from_boxes.renamed(
+            boxes = places.moved(key_move, boxes, present, arena=self.arena)
+        kinds = places.renamed(
             key_kinds, kinds, colours=self.varies("color"), shapes=self.varies("shape")
         )
-        found = from_boxes.placed(key_place, boxes, kinds, listed, self.robot, arena=self.arena)
+        found = places.placed(key_place, boxes, kinds, listed, self.robot, arena=self.arena)
         strengths = layouts.strengths(key_forces, self._preset, vary=self.varies("dynamics"))
         return self._begun(kinds, found, strengths)
 
@@ -243,13 +241,13 @@ class SuiteTask:
     def outlines(self, data: SuiteData) -> list[Outline]:
         """The outlines of one moment, to be painted (host side)."""
         look = dict(arena=self.arena, look=self.look, robot_first=self.robot_first)
-        return pictures.outlines(data, self.robot, **look)
+        return state.outlines(data, self.robot, **look)
 
     def render(self, data: SuiteData, *, size: int = 384, antialias: bool = False) -> Array:
         """The scene as an image (size, size, 3) of uint8, inside jit; see `raster`."""
         look = dict(arena=self.arena, look=self.look, robot_first=self.robot_first)
         shown = dict(half_extent=self.half_extent, size=size, antialias=antialias)
-        return pictures.render(data, self.robot, **look, **shown)
+        return state.render(data, self.robot, **look, **shown)
 
     def _staged(
         self, stages: Sequence[Stage], movable: tuple[int, ...], faults: Sequence[Stage] = ()

@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from . import device
-from .outlines import Shapes, cross, into, out_of, turned
+from . import bodies
+from .bodies import Shapes, cross, into, out_of, turned
 
 FAR = wp.constant(1.0e3)
 NARROW = wp.constant(1.0e-9)
@@ -11,7 +11,7 @@ _LEAST = 1.0e9
 Sides = wp.types.matrix((5, 2), wp.float32)
 
 
-@device.no_type_check
+@bodies.no_type_check
 class Polygon:
     """One of `polygons.Polygon`: corners, and the normals of the sides from them to the next."""
 
@@ -21,7 +21,7 @@ class Polygon:
     radius: float
 
 
-@device.no_type_check
+@bodies.no_type_check
 class Meeting:
     """One of `polygons.Meeting`."""
 
@@ -31,13 +31,13 @@ class Meeting:
     second: wp.vec2
 
 
-@device.no_type_check
+@bodies.no_type_check
 def star(shapes: Shapes, b: int) -> bool:
     """True for a star."""
     return shapes.rims[b, 2][1] > 0.0
 
 
-@device.no_type_check
+@bodies.no_type_check
 def nearest_arms(shapes: Shapes, b: int, towards: wp.vec2) -> wp.vec2i:
     """Of the directions of block b the nearest to a vector in its frame, and the next."""
     first, second = wp.int32(0), wp.int32(0)
@@ -56,7 +56,7 @@ def nearest_arms(shapes: Shapes, b: int, towards: wp.vec2) -> wp.vec2i:
     return wp.vec2i(first, second)
 
 
-@device.no_type_check
+@bodies.no_type_check
 def box_polygon(box: wp.vec4, tilt: wp.vec2, heading: wp.vec2, center: wp.vec2) -> Polygon:
     """A box of a part that has this heading, its centre `center`."""
     corners, normals = Sides(), Sides()
@@ -75,7 +75,7 @@ def box_polygon(box: wp.vec4, tilt: wp.vec2, heading: wp.vec2, center: wp.vec2) 
     return Polygon(4, corners, normals, 0.0)
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _kite(shapes: Shapes, b: int, k: int):
     """Corner k of a star's arm along x, and the normal of the side that begins there."""
     tip, notch, out = shapes.rims[b, 0], shapes.rims[b, 1], shapes.rims[b, 2]
@@ -89,7 +89,7 @@ def _kite(shapes: Shapes, b: int, k: int):
     return notch, inner
 
 
-@device.no_type_check
+@bodies.no_type_check
 def piece(shapes: Shapes, b: int, arm: int, heading: wp.vec2, center: wp.vec2) -> Polygon:
     """Block b, of a star the arm of that number, with this heading and centre."""
     corners, normals, count = Sides(), Sides(), wp.int32(5)
@@ -114,7 +114,7 @@ def piece(shapes: Shapes, b: int, arm: int, heading: wp.vec2, center: wp.vec2) -
     return Polygon(count, corners, normals, shapes.sizes[b, 0])
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _beyond(a: Polygon, b: Polygon):
     """The side of the first beyond which the second lies the furthest, and how far."""
     best, which = wp.float32(-_LEAST), wp.int32(0)
@@ -130,7 +130,7 @@ def _beyond(a: Polygon, b: Polygon):
     return best, which
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _facing(a: Polygon, n: wp.vec2):
     """The ends of the side that faces a direction."""
     best, which = wp.dot(a.normals[0], n), wp.int32(0)
@@ -145,7 +145,7 @@ def _facing(a: Polygon, n: wp.vec2):
     return a.corners[which], a.corners[following]
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _corners_apart(a: Polygon, b: Polygon, n: wp.vec2):
     """The way between the nearest corners of two polygons that are not face to face; else zero."""
     e, to_e = _facing(a, n)
@@ -165,7 +165,7 @@ def _corners_apart(a: Polygon, b: Polygon, n: wp.vec2):
     return wp.vec2(0.0, 0.0)
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _on(start: wp.vec2, end: wp.vec2, low: float, high: float, at: float) -> wp.vec2:
     """The point of a side, its ends at `low` and `high`, that is at a place or nearest to it."""
     share, width = wp.float32(0.0), high - low
@@ -174,7 +174,7 @@ def _on(start: wp.vec2, end: wp.vec2, low: float, high: float, at: float) -> wp.
     return start + (end - start) * share
 
 
-@device.no_type_check
+@bodies.no_type_check
 def meet(a: Polygon, b: Polygon) -> Meeting:
     """Contact of two polygons; a gap that is positive is only some such number."""
     met = Meeting()
@@ -211,7 +211,7 @@ def meet(a: Polygon, b: Polygon) -> Meeting:
     return met
 
 
-@device.no_type_check
+@bodies.no_type_check
 def to_box(box: wp.vec4, tilt: wp.vec2, point: wp.vec2) -> wp.vec2:
     """The way from a point to the nearest one of a box, both in the part's frame."""
     local = into(point - wp.vec2(box[0], box[1]), tilt)

@@ -11,12 +11,9 @@ import warp as wp
 from gril_jax.envs.planar import robots
 from gril_jax.envs.planar.contacts import layers_of
 
-from . import device
-from .device import Floats, Vec2s, Vec3s
-from .fingers import NONE, PINS, Fingers, recalled, remember, solve, warm
-from .outlines import Part, Shapes
-from .parts import numbers, part_of
-from .pins import swung
+from . import bodies
+from .bodies import Floats, Part, Shapes, Vec2s, Vec3s, numbers, part_of
+from .fingers import NONE, PINS, Fingers, recalled, remember, solve, swung, warm
 from .rows import Row, Touch, kick, sweep
 from .servos import Aims, Command, aims_of, served, steered
 from .touches import Scene, find_rows
@@ -25,7 +22,7 @@ OUTPUTS = 3  # of the kernel: poses, velocities, memories
 Strengths = wp.types.vector(5, wp.float32)  # the fields of `joints.Strengths`
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _table_and_drive(
     scene: Scene, velocity: Vec3s, weights: Vec2s, table: Vec3s, drive: wp.vec3, aim: Aims,
     most: Strengths,
@@ -42,7 +39,7 @@ def _table_and_drive(
     return new
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _solve(
     scene: Scene, rows: wp.array(dtype=Row), count: int, iterations: int, kind: int,
     velocity: Vec3s, shift: Vec3s, weights: Vec2s, table: Vec3s, drive: wp.vec3, fingers: Fingers,
@@ -64,7 +61,7 @@ def _solve(
     return servo, hands
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _keep_rows(
     rows: wp.array(dtype=Row), count: int, old: wp.array(dtype=wp.vec2i), memory: Floats
 ):
@@ -75,7 +72,7 @@ def _keep_rows(
         old[r] = wp.vec2i(rows[r].slot, rows[r].tangent_slot)
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _forget(memory: Floats, contacts: int, old: wp.array(dtype=wp.vec2i), known: int):
     """Zeros the memory of contacts: that of the `known` ones in `old`, or if -1 of all."""
     if known < 0:
@@ -86,7 +83,7 @@ def _forget(memory: Floats, contacts: int, old: wp.array(dtype=wp.vec2i), known:
         memory[old[r][1]] = 0.0
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _move(
     pose: Vec3s, before: Vec3s, velocity: Vec3s, shift: Vec3s, heading: Vec2s, bodies: int,
     dt: float, share: float,

@@ -6,12 +6,11 @@ here too: first the changes of all its rows, then their kicks.
 
 import warp as wp
 
-from . import device
-from .device import Floats, Vec2s, Vec3s
-from .outlines import cross, turned
+from . import bodies
+from .bodies import Floats, Vec2s, Vec3s, cross, turned
 
 
-@device.no_type_check
+@bodies.no_type_check
 class Touch:
     """The deepest contact found so far; there is none while the gap is positive."""
 
@@ -20,7 +19,7 @@ class Touch:
     second: wp.vec2  # contact point relative to the second body's centre
 
 
-@device.no_type_check
+@bodies.no_type_check
 class Row:
     """A contact that the solver sees; see `impulses.Rows`."""
 
@@ -39,13 +38,13 @@ class Row:
     change: wp.vec3  # of these in the present pass
 
 
-@device.no_type_check
+@bodies.no_type_check
 def nothing() -> Touch:
     """No contact yet."""
     return Touch(1.0e3, wp.vec2(0.0, 0.0), wp.vec2(0.0, 0.0))
 
 
-@device.no_type_check
+@bodies.no_type_check
 def deeper(best: Touch, gap: float, normal: wp.vec2, second: wp.vec2) -> Touch:
     """The deeper of two contacts."""
     if gap < best.gap:
@@ -53,7 +52,7 @@ def deeper(best: Touch, gap: float, normal: wp.vec2, second: wp.vec2) -> Touch:
     return best
 
 
-@device.no_type_check
+@bodies.no_type_check
 def prepared(
     touch: Touch, first: int, second: int, friction: float, rate: float, pose: Vec3s, weights: Vec2s
 ) -> Row:
@@ -78,7 +77,7 @@ def prepared(
     return row
 
 
-@device.no_type_check
+@bodies.no_type_check
 def append(
     rows: wp.array(dtype=Row), count: int, row: Row, layer: int, slot: int, width: int,
     memory: Floats,
@@ -92,7 +91,7 @@ def append(
     return count + 1
 
 
-@device.no_type_check
+@bodies.no_type_check
 def kick(row: Row, j: wp.vec3, velocity: Vec3s, shift: Vec3s, weights: Vec2s):
     """Gives both bodies the impulses j (normal, tangent, shift)."""
     n = row.normal
@@ -116,7 +115,7 @@ def kick(row: Row, j: wp.vec3, velocity: Vec3s, shift: Vec3s, weights: Vec2s):
         )
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _speeds(n: wp.vec2, arm: wp.vec2, velocity: wp.vec3, shift: wp.vec3) -> wp.vec3:
     """Speeds at a contact: along the normal, the tangent, and the normal of the second system."""
     v, s = wp.vec2(velocity[0], velocity[1]), wp.vec2(shift[0], shift[1])
@@ -127,7 +126,7 @@ def _speeds(n: wp.vec2, arm: wp.vec2, velocity: wp.vec3, shift: wp.vec3) -> wp.v
     )
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _solved(row: Row, velocity: Vec3s, shift: Vec3s) -> wp.vec3:
     """The row's impulses after a pass."""
     a, b = row.first, row.second
@@ -140,7 +139,7 @@ def _solved(row: Row, velocity: Vec3s, shift: Vec3s) -> wp.vec3:
     return wp.vec3(normal, tangent, wp.max(row.sums[2] + (row.bias - v[2]) * row.mass[0], 0.0))
 
 
-@device.no_type_check
+@bodies.no_type_check
 def sweep(rows: wp.array(dtype=Row), count: int, velocity: Vec3s, shift: Vec3s, weights: Vec2s):
     """One pass over all rows, a layer at a time."""
     done = wp.int32(0)

@@ -5,9 +5,8 @@ A velocity is (x, y, spin), an impulse of the table or the drive (x, y, torque).
 
 import warp as wp
 
-from . import device
-from .device import Vec2s, Vec3s
-from .outlines import cross, out_of, turned
+from . import bodies
+from .bodies import Vec2s, Vec3s, cross, out_of, turned
 
 TURN_RATE = wp.constant(2.5)
 FINGER_RATE = wp.constant(1.0)
@@ -16,7 +15,7 @@ PIVOT_X = wp.constant(0.09)
 PIVOT_Y = wp.constant(0.02)
 
 
-@device.no_type_check
+@bodies.no_type_check
 class Command:
     """The fields of `joints.Command`, and the step in seconds."""
 
@@ -26,7 +25,7 @@ class Command:
     dt: float
 
 
-@device.no_type_check
+@bodies.no_type_check
 class Aims:
     """The fields of `joints.Aims`; of matrices a row is a finger's."""
 
@@ -37,19 +36,19 @@ class Aims:
     limit: wp.vec2
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _finger_side(f: int) -> float:
     """Sign of an open finger's angle, left first."""
     return wp.where(f == 0, 1.0, -1.0)
 
 
-@device.no_type_check
+@bodies.no_type_check
 def plane(v: wp.vec3) -> wp.vec2:
     """The velocity without the spin."""
     return wp.vec2(v[0], v[1])
 
 
-@device.no_type_check
+@bodies.no_type_check
 def aims_of(
     before: Vec3s, pose: Vec3s, heading: wp.vec2, spin: float, command: Command, fingers: bool
 ) -> Aims:
@@ -74,13 +73,13 @@ def aims_of(
     return aim
 
 
-@device.no_type_check
+@bodies.no_type_check
 def served(v: wp.vec3, j: wp.vec3, weight: wp.vec2) -> wp.vec3:
     """A velocity after an impulse and a torque."""
     return v + wp.vec3(j[0] * weight[0], j[1] * weight[0], j[2] * weight[1])
 
 
-@device.no_type_check
+@bodies.no_type_check
 def steered(
     v: wp.vec3, given: wp.vec3, aim: wp.vec3, weight: wp.vec2, force: float, torque: float
 ) -> wp.vec3:
@@ -91,7 +90,7 @@ def steered(
     return wp.vec3(push[0], push[1], turn)
 
 
-@device.no_type_check
+@bodies.no_type_check
 def pin(velocity: Vec3s, f: int, arm: wp.vec2, j: wp.vec2, torque: float, weights: Vec2s):
     """Kicks finger f at its pivot and turns it, and gives the base the reaction."""
     back = wp.vec3(-j[0], -j[1], -cross(arm, j) - torque)
@@ -99,7 +98,7 @@ def pin(velocity: Vec3s, f: int, arm: wp.vec2, j: wp.vec2, torque: float, weight
     velocity[1 + f] = served(velocity[1 + f], wp.vec3(j[0], j[1], torque), weights[1 + f])
 
 
-@device.no_type_check
+@bodies.no_type_check
 def limited(sum: float, aim: float) -> float:
     """A stop's summed impulse: none within the range, and never outwards."""
     if aim == 0.0:
@@ -107,7 +106,7 @@ def limited(sum: float, aim: float) -> float:
     return wp.where(aim > 0.0, wp.max(sum, 0.0), wp.min(sum, 0.0))
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _pivot_impulse(velocity: Vec3s, f: int, aim: Aims, weights: Vec2s) -> wp.vec2:
     """The impulse that brings finger f back onto its pivot."""
     base, arm, inertia = velocity[0], aim.arm[f], weights[0][1]
@@ -120,7 +119,7 @@ def _pivot_impulse(velocity: Vec3s, f: int, aim: Aims, weights: Vec2s) -> wp.vec
     return pivot * (1.0 / (a * d - b * b))
 
 
-@device.no_type_check
+@bodies.no_type_check
 def grip(
     velocity: Vec3s, pivots: wp.mat22, limits: wp.vec2, motors: wp.vec2, aim: Aims, weights: Vec2s,
     strength: float,

@@ -6,9 +6,8 @@ as in Chipmunk, bodies that are yet apart do not feel each other.
 
 import warp as wp
 
-from . import device
-from .device import Floats, Vec2s, Vec3s
-from .outlines import Part, Shapes, arm_distance, into, out_of
+from . import bodies
+from .bodies import Floats, Part, Shapes, Vec2s, Vec3s, arm_distance, into, out_of
 from .polygons import box_polygon, meet, nearest_arms, piece, star, to_box
 from .rows import Row, Touch, append, deeper, nothing, prepared
 
@@ -16,7 +15,7 @@ BLOCK_FRICTION = wp.constant(0.5)
 WALL_FRICTION = wp.constant(0.8)
 
 
-@device.no_type_check
+@bodies.no_type_check
 class Scene:
     """Sizes of one episode's scene."""
 
@@ -26,14 +25,14 @@ class Scene:
     rate: float  # share of an overlap that is undone in a second
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _between(pose: Vec3s, first: int, second: int) -> wp.vec2:
     """The way from one body's centre to another's."""
     way = pose[second] - pose[first]
     return wp.vec2(way[0], way[1])
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _disc_on_block(radius: float, offset: wp.vec2, shapes: Shapes, b: int, heading: wp.vec2):
     """The contacts of a disc with block b, `offset` away, or with the nearest arms of a star."""
     point = into(-offset, heading)
@@ -49,7 +48,7 @@ def _disc_on_block(radius: float, offset: wp.vec2, shapes: Shapes, b: int, headi
     return first, second
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _box_on_block(
     box: wp.vec4, tilt: wp.vec2, at: wp.vec2, offset: wp.vec2, shapes: Shapes, b: int,
     heading: wp.vec2,
@@ -81,7 +80,7 @@ def _box_on_block(
     return first, second
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _of_part(
     p: int, layer: int, parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene, pose: Vec3s,
     heading: Vec2s, weights: Vec2s, memory: Floats, others: wp.array(dtype=Touch),
@@ -121,7 +120,7 @@ def _of_part(
     return n
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _of_pair(
     i: int, j: int, layer: int, shapes: Shapes, scene: Scene, pose: Vec3s, heading: Vec2s,
     weights: Vec2s, memory: Floats, rows: wp.array(dtype=Row), count: int,
@@ -154,7 +153,7 @@ def _of_pair(
     return append(rows, count, row, layer, 2 * wide * layer + i, wide, memory)
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _corner(parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene, e: int, k: int) -> wp.vec2:
     """Corner k of any body, in its own frame."""
     if e >= scene.parts:
@@ -162,7 +161,7 @@ def _corner(parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene, e: int, k
     return wp.vec2(parts[e].ends[2 * k], parts[e].ends[2 * k + 1])
 
 
-@device.no_type_check
+@bodies.no_type_check
 def _of_walls(
     e: int, slot: int, width: int, parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene,
     pose: Vec3s, heading: Vec2s, weights: Vec2s, memory: Floats, rows: wp.array(dtype=Row),
@@ -204,7 +203,7 @@ def _of_walls(
     return n
 
 
-@device.no_type_check
+@bodies.no_type_check
 def find_rows(
     parts: wp.array(dtype=Part), shapes: Shapes, scene: Scene, pose: Vec3s, heading: Vec2s,
     weights: Vec2s, memory: Floats, others: wp.array(dtype=Touch), rows: wp.array(dtype=Row),

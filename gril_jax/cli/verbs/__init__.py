@@ -1,7 +1,5 @@
-"""The verbs of the command line, which the modules of this package list as `VERBS`.
-
-The table gives their order in the help. Nothing else names a verb.
-"""
+"""The verbs of the command line, which modules of this package have as `VERBS`: by the titles of
+the help, in its order. Nothing else names a verb."""
 
 import importlib
 import re
@@ -18,15 +16,7 @@ from gril_jax.errors import ConfigError
 from ..arguments import Work, echo
 from ..heavy_imports import heavy_imports
 
-TABLE: dict[str, tuple[str, ...]] = {
-    "Learn a reward, and a policy from it": ("training",),
-    "Demonstrations": ("demos",),
-    "A task of your own": ("tasks",),
-    "Look into a reward, take it elsewhere": ("rewards",),
-    "Compare, over seeds": ("sweep",),
-    "This machine": ("machine",),
-}
-
+MODULES = ("training", "tasks", "rewards", "sweep", "machine")
 COMPLETION = "--tyro-print-completion"
 
 Options = TypeVar("Options")
@@ -57,13 +47,12 @@ def simple(
     summary: str,
     schema: type[Options],
     work: Callable[[Options], Work],
-    about: str | None = None,
 ) -> Verb:
     """A verb whose options are the fields of a dataclass, from which `work` makes what is left to
-    do; `about` begins its help, the summary without it."""
+    do."""
 
     def plan(args: list[str]) -> Work:
-        text = about or f"{summary[0].upper()}{summary[1:]}."
+        text = f"{summary[0].upper()}{summary[1:]}."
         return work(parse(schema, args, prog=f"gril {verb.name}", description=text))
 
     verb = Verb(usage, summary, plan, schema=schema)
@@ -90,10 +79,15 @@ def experiment(
     return work
 
 
-def group(title: str) -> list[Verb]:
-    """The verbs below a title of the help, in order."""
-    modules = (importlib.import_module(f"{__name__}.{module}") for module in TABLE[title])
-    return [verb for module in modules for verb in module.VERBS]
+def table() -> dict[str, tuple[Verb, ...]]:
+    """All verbs by their titles, in the order of the help."""
+    modules = (importlib.import_module(f"{__name__}.{module}") for module in MODULES)
+    return {title: verbs for module in modules for title, verbs in module.VERBS.items()}
+
+
+def every() -> list[Verb]:
+    """All verbs."""
+    return [verb for members in table().values() for verb in members]
 
 
 def print_completion(shell: list[str]) -> None:
@@ -102,22 +96,12 @@ def print_completion(shell: list[str]) -> None:
     if shell not in (["bash"], ["zsh"], ["fish"], ["tcsh"]):
         raise ConfigError(f"{COMPLETION} must be followed by one of bash, zsh, fish, tcsh")
     families: dict[str, list[Any]] = {}
-    for verb in (verb for title in TABLE for verb in group(title) if verb.schema):
+    for verb in (verb for verb in every() if verb.schema):
         first, _, second = verb.name.partition(" ")
         mark = tyro.conf.subcommand(second or first, description=verb.summary)
         families.setdefault(first, []).append(Annotated[verb.schema, mark])
-    every = [
+    members = [
         kinds[0] if len(kinds) == 1 else Annotated[Union[*kinds], tyro.conf.subcommand(first)]
         for first, kinds in families.items()
     ]
-    tyro.cli(Union[*every], args=[COMPLETION, *shell], prog="gril")
-
-
-def names() -> list[str]:
-    """Every verb."""
-    return [verb.name for title in TABLE for verb in group(title)]
-
-
-def find(name: str) -> Verb:
-    """The verb of this name, which is one of `names`."""
-    return next(verb for title in TABLE for verb in group(title) if verb.name == name)
+    tyro.cli(Union[*members], args=[COMPLETION, *shell], prog="gril")

@@ -8,13 +8,12 @@ import tyro
 
 from gril_jax.config import EnvConfig, RunConfig, TaskName, Variant
 from gril_jax.config.command_line import RunFolder
-from gril_jax.config.rules import between, count
-from gril_jax.config.stages import StageOptions
+from gril_jax.config.run_config import StageOptions
+from gril_jax.config.tables import between, count
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 
-from .. import own_tasks
-from ..arguments import Work, echo, require_new_file, run_config_of
+from ..arguments import Work, echo, named_task, require_new_file, run_config_of
 from ..heavy_imports import heavy_imports
 from . import experiment, simple
 
@@ -45,7 +44,7 @@ def _audit(given: _Audit) -> Work:
     elif not source.is_file():
         raise RunError(f"{source} does not exist, but must be a reward file or the folder of a run")
     elif given.task:  # XLA's options depend on the task
-        config = RunConfig(env=EnvConfig(name=own_tasks.named(given.task) or given.task))
+        config = RunConfig(env=EnvConfig(name=named_task(given.task) or given.task))
     out = None if given.out is None else Path(given.out)
     if out is not None and out.exists() and not out.is_dir():
         raise RunError(f"{out} is a file, but --out must be a folder")
@@ -60,7 +59,7 @@ def _subtasks(given: StageOptions) -> Work:
     run_config_of(folder, "reward", task=given.task)
     out = Path(given.out) if given.out else folder / "subtasks"
     run_dir.require_new(out)
-    return experiment("subtasks.report", folder, out, given, devices=True)
+    return experiment("subtask_report", folder, out, given, devices=True)
 
 
 @dataclass(frozen=True)
@@ -109,33 +108,22 @@ def _require_one_network(folder: Path, config: RunConfig) -> None:
             f"the policy of {folder} reads its observation object by object, but a policy file "
             "holds plain layers: train with --ppo.by-object False"
         )
-    if algorithm == "ppo" and ppo.frame_stack > 1:
-        raise RunError(
-            f"the policy of {folder} sees {ppo.frame_stack} observations at a time, but a "
-            "policy file holds what one needs: train with --ppo.frame_stack 1"
-        )
 
 
-VERBS = (
-    simple(
-        "audit RUN|REWARD",
-        "how a reward could be hacked, before a policy finds it",
-        _Audit,
-        _audit,
-        about="Find how a learned reward could be hacked, before a policy does.",
-    ),
-    simple(
-        "subtasks RUN",
-        "stages found in a run's learned reward, and demonstrations cut at them",
-        StageOptions,
-        _subtasks,
-        about="Find the stages of a task in a learned reward, and cut its demonstrations at them.",
-    ),
-    simple(
-        "export RUN --out FILE",
-        "a run's reward, or with --what policy its policy, as one file",
-        _Export,
-        _export,
-        about="Write a run's learned reward, or its policy, as one file.",
-    ),
-)  # fmt: skip
+VERBS = {
+    "Look into a reward, take it elsewhere": (
+        simple(
+            "audit RUN|REWARD", "how a reward could be hacked, before a policy finds it",
+            _Audit, _audit,
+        ),
+        simple(
+            "subtasks RUN",
+            "stages found in a run's learned reward, and demonstrations cut at them",
+            StageOptions, _subtasks,
+        ),
+        simple(
+            "export RUN --out FILE",
+            "a run's reward, or with --what policy its policy, as one file", _Export, _export,
+        ),
+    )
+}  # fmt: skip

@@ -2,160 +2,181 @@
 
 import dataclasses
 import os
+import subprocess
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal
+
+import tyro
 
 from gril_jax.config import RunConfig
+from gril_jax.config.command_line import options, parse
 from gril_jax.config.grid import cells, take_axes
+from gril_jax.config.run_config import Sections
+from gril_jax.config.tables import count, optional
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.cluster import cluster_of
 
-from .. import help_page, own_tasks
-from ..arguments import Work, echo, existing_folder
+from ..arguments import Work, echo, existing_folder, require_task_of
+from ..configured import new_run, read, start, without_help
 from ..heavy_imports import heavy_imports
-from ..words import in_full, positional, run_config, take, whole_number
 from . import Verb
 
+_PROG = "gril sweep"
 _ABOUT = (
     "Train every row of a study, such as table1, or every combination of the values given: an "
     "option whose value has commas is an axis, as in --reward learned,environmental --lambda 0.1,1."
 )
-_OWN = {
-    "--seeds N": "Seeds of each row, of which each is one observation. (default: 5)",
-    "--rows A,B": "Names of a study's rows, or patterns such as 'ours *'. (default: the study's)",
-    "--base CONFIG": "Another configuration than the study's own.",
-    "--quick": "The study's smaller version, for a laptop.",
-    "--rewards-only": "No policies.",
-    "--ascents N": "Gradient ascents of a study's audits.",
-    "--starts N": "Starts that share them.",
-    "--eval-starts N": "Starts of each variant that finished policies of a study play.",
-    "--sets FOLDER": "Demonstration sets, each in a folder of its task's name.",
-    "--films FOLDER": "Films, in one folder a task, of which missing sets are made.",
-    "--devices all|N": "GPUs, each with a process of its own. (default: all)",
-    "--cluster slurm|local": "Parts as jobs; --cluster-options slurm_partition=P,timeout_min=60.",
-    "--distributed": "One sweep of all processes of a SLURM or Kubernetes job.",
-}
-_PROG = "gril sweep"
 
 
-class _Where(NamedTuple):
-    """The processes that do the work."""
+@dataclass(frozen=True)
+class _Own:
+    config: Annotated[
+        str | None,
+        tyro.conf.Positional,
+        tyro.conf.arg(
+            metavar="STUDY|CONFIG", help="One that is shipped, or the path of a YAML file."
+        ),
+    ] = None
+    resume: str | None = None
+    """Folder of a run to go on with; with --rows or --seeds it makes more of its study."""
+    seeds: int | None = field(default=None, metadata=optional(count()))
+    """Seeds of each row, of which each is one observation; None: the study's, or 5."""
+    rows: str | None = None
+    """Names of a study's rows, or patterns such as 'ours *', with commas; None: the study's."""
+    base: str | None = None
+    """Another configuration than the study's own."""
+    quick: bool = False
+    """The study's smaller version, for a laptop."""
+    rewards_only: bool = False
+    """No policies."""
+    ascents: int | None = field(default=None, metadata=optional(count()))
+    """Gradient ascents of a study's audits."""
+    starts: int | None = field(default=None, metadata=optional(count()))
+    """Starts that share them."""
+    eval_starts: int | None = field(default=None, metadata=optional(count()))
+    """Starts of each variant that finished policies of a study play."""
+    sets: str | None = None
+    """Folder of demonstration sets, each in a folder of its task's name."""
+    films: str | None = None
+    """Folder of films, in one folder a task, of which missing sets are made."""
+    devices: str | None = None
+    """GPUs, each with a process of its own: all, or a number; None: all."""
+    cluster: Literal["slurm", "local"] | None = None
+    """Parts as jobs of a cluster."""
+    cluster_options: str | None = None
+    """Options of these jobs, such as slurm_partition=P,timeout_min=60."""
+    distributed: bool = False
+    """One sweep of all processes of a SLURM or Kubernetes job."""
 
-    devices: str | None
-    cluster: str | None
-    options: str | None  # of the cluster's jobs
-    job: dict[str, Any] | None  # what connects this process with the others of a job, if any
+
+@dataclass(frozen=True)
+class _Sweep(_Own, Sections):
+    pass
 
 
-def _where(args: list[str]) -> _Where:
-    devices, cluster = take(args, "--devices"), take(args, "--cluster")
-    options = take(args, "--cluster-options")
-    job = cluster_of(os.environ) if _flag(args, "--distributed") else None
-    if job is not None and (devices or cluster):
-        raise ConfigError("--distributed has devices of its own: leave out --devices and --cluster")
-    return _Where(devices, cluster, options, job)
-
-
-def _flag(args: list[str], option: str) -> bool:
-    if option not in args:
-        return False
-    args.remove(option)
-    return True
+_BESIDE_RESUME = {
+    "--resume", "--rows", "--seeds", "--task", "--env.name", "--devices", "--cluster",
+    "--cluster-options", "--distributed",
+}  # fmt: skip
+_OF_MEASURES = {
+    "ascents": ("audit", "ascents"), "starts": ("audit", "starts"),
+    "eval_starts": ("variants", "starts"),
+}  # fmt: skip
 
 
 def _plan(args: list[str]) -> Work:
-    where, resume = _where(args), take(args, "--resume")
-    if resume is not None:
-        return _resume(Path(resume), args, where)
-    from gril_jax.workflows.study import recipe
-    from gril_jax.workflows.study.rows import without_twins
-    from gril_jax.workflows.study.saved import Plan
+    from gril_jax.workflows.study import recipe, saved
 
-    name = positional(args)
-    of = recipe.load(name, quick=_flag(args, "--quick")) if recipe.is_study(name) else None
-    study = recipe.Study("sweep", measure={"audit": {}}) if of is None else of.study
-    study, films = _with_own(study, args), take(args, "--films")
-    if films is not None:
-        existing_folder(films)
-    if of is None:
-        config, rows = _grid(name, args)
-        chosen = rows
+    words = [arg.partition("=")[0].replace("_", "-") for arg in args]
+    axes = take_axes(args)
+    plain, asks, _ = without_help(_Sweep(), args)
+    given = parse(_Sweep, plain, default=_Sweep(), prog=_PROG, add_help=False)
+    if given.resume is not None and not asks:
+        return _resume(given, words)
+    is_study = recipe.is_study(given.config)
+    study = recipe.load(given.config, quick=given.quick) if is_study else None
+    if given.films is not None:
+        existing_folder(given.films)
+
+    def begin(given: _Sweep) -> Sections | None:
+        if study is None:
+            return start(given)
+        below = start(dataclasses.replace(given, config=given.base or study.base))
+        return recipe.changed(below or Sections(), study.changes)
+
+    def config(more: Sequence[str] = ()) -> RunConfig:
+        return new_run(read(_Sweep(), [*args, *more], _PROG, _ABOUT, begin), _PROG)
+
+    common = config()
+    grid = {name: config(more) if more else common for name, more in cells(axes).items()}
+    rows, chosen = grid, {*grid}
+    if study is None:
+        study = recipe.Study("sweep", measure={"audit": {}})
     else:
-        config, rows, chosen = _rows_of(of, args)
-    kept, twins = without_twins(chosen)
-    plan = Plan(study, config, rows, {row: range(study.seeds) for row in kept})
+        every = options(RunConfig)
+        said = {every[word].path for word in words if word in every}
+        rows, chosen = _rows(study, given, grid, said)
+    for name in chosen:
+        if rows[name].run.reward_source is not None:
+            raise ConfigError(
+                f"run.reward is {rows[name].run.reward}, but a sweep learns its rewards itself: "
+                "only gril train takes one that has been learned"
+            )
+    study = _with_own(study, given)
+    kept, twins = saved.without_twins({name: x for name, x in rows.items() if name in chosen})
+    plan = saved.Plan(study, common, rows, {row: range(study.seeds) for row in kept})
     said = [f"the row {one!r} is left out: it is {other!r} again" for one, other in twins.items()]
-    return _made(plan, where, films=films, said=said)
+    return _made(plan, given, said=said)
 
 
-def _with_own(study: Any, args: list[str]) -> Any:
-    """The study with the options that are its own taken off the arguments."""
-    seeds = whole_number(args, "--seeds", study.seeds)
-    policies = study.policies and not _flag(args, "--rewards-only")
+def _with_own(study: Any, given: _Own) -> Any:
+    """The study with the options that are its own."""
     measure = {kind: dict(options) for kind, options in study.measure.items()}
-    for option, kind, field in (
-        ("--ascents", "audit", "ascents"), ("--starts", "audit", "starts"),
-        ("--eval-starts", "variants", "starts"),
-    ):  # fmt: skip
-        number = whole_number(args, option, None)
+    for name, (kind, option) in _OF_MEASURES.items():
+        number = getattr(given, name)
         if number is not None and kind not in measure:
-            raise ConfigError(f"{option} is given, but the study does not measure {kind}")
+            word = name.replace("_", "-")
+            raise ConfigError(f"--{word} is given, but the study does not measure {kind}")
         if number is not None:
-            measure[kind][field] = number
+            measure[kind][option] = number
+    policies = study.policies and not given.rewards_only
+    seeds = given.seeds or study.seeds
     return dataclasses.replace(study, seeds=seeds, policies=policies, measure=measure)
 
 
-def _grid(name: str | None, args: list[str]) -> tuple[RunConfig, dict[str, RunConfig]]:
-    """What all combinations of the options with commas have in common, and each of them by name."""
-    args[:] = in_full(args)
-    axes = take_axes(args)
-    config = run_config(name, args, _PROG, _ABOUT, help_page.SWEEP, own=_OWN)
+def _rows(
+    study: Any, given: _Own, grid: Mapping[str, RunConfig], said: set[tuple[str, ...]]
+) -> tuple[dict[str, RunConfig], set[str]]:
+    """All rows of a study, each with every combination of the options with commas, and the names of
+    those that are chosen.
 
-    def one(options: list[str]) -> RunConfig:  # a set may be a value of an axis
-        return run_config(name, options, _PROG, _ABOUT, help_page.SWEEP)
-
-    if not axes:
-        return config, {"as configured": config}
-    return config, {cell.name: cell.config for cell in cells(axes, args, one)}
-
-
-def _rows_of(
-    of: Any, args: list[str]
-) -> tuple[RunConfig, dict[str, RunConfig], dict[str, RunConfig]]:
-    """What a study's rows have in common, all of these, and those that are chosen.
-
-    An option of the command line counts for all rows, whatever they say themselves.
+    An option of the command line, those in `said`, counts for all rows, whatever they say
+    themselves.
     """
-    from gril_jax.workflows.study.rows import changed, chosen, located
+    from gril_jax.workflows.study.recipe import changed, chosen, located
 
-    patterns, base = take(args, "--rows"), take(args, "--base") or of.base
-    sets = take(args, "--sets") or of.sets
-    wanted = of.default if patterns is None else [name.strip() for name in patterns.split(",")]
-    names = chosen(wanted, [*of.rows])
-    sections = vars(RunConfig())
-    options = (arg[2:].partition("=")[0].replace("-", "_") for arg in in_full(args))
-    given = {located(one) for one in options if one.partition(".")[0] in sections and "." in one}
-    args[:0] = [word for path, value in of.changes.items() for word in _words(path, value)]
-    config, found = _grid(base, args)
-    _require_algorithm({name: of.rows[name] for name in names}, config)
-    rows, mine = dict[str, RunConfig](), dict[str, RunConfig]()
-    for name, change in of.rows.items():
-        own = {p: x for p, x in {**change, **of.over}.items() if located(p) not in given}
-        for cell, common in found.items():
-            row = name if len(found) == 1 else f"{name}, {cell}"
-            one = rows[row] = changed(common, own)
-            if sets is not None and ("demos", "path") not in given:
-                rows[row] = changed(one, {"demos.path": str(Path(sets) / one.env.name)})
+    wanted = study.default if given.rows is None else _listed(given.rows)
+    names = chosen(wanted, [*study.rows])
+    _require_algorithm({name: study.rows[name] for name in names}, next(iter(grid.values())))
+    sets, rows, mine = given.sets or study.sets, dict[str, RunConfig](), set[str]()
+    for name, change in study.rows.items():
+        own = {p: x for p, x in {**change, **study.over}.items() if located(p) not in said}
+        for cell, common in grid.items():
+            row = name if len(grid) == 1 else f"{name}, {cell}"
+            rows[row] = changed(common, own)
+            if sets is not None and ("demos", "path") not in said:
+                path = str(Path(sets) / rows[row].env.name)
+                rows[row] = changed(rows[row], {"demos.path": path})
             if name in names:
-                mine[row] = rows[row]
-    return config, rows, mine
+                mine.add(row)
+    return rows, mine
 
 
-def _words(path: str, value: Any) -> list[str]:
-    values = value if isinstance(value, list) else [value]
-    return [f"--{path.replace('_', '-')}", *map(str, values)]
+def _listed(rows: str) -> list[str]:
+    return [name.strip() for name in rows.split(",")]
 
 
 def _require_algorithm(rows: Mapping[str, Mapping[str, Any]], config: RunConfig) -> None:
@@ -169,88 +190,116 @@ def _require_algorithm(rows: Mapping[str, Mapping[str, Any]], config: RunConfig)
             )
 
 
-def _resume(folder: Path, args: list[str], where: _Where) -> Work:
+def _resume(given: _Sweep, words: Sequence[str]) -> Work:
     """The work that is left of a run, and with --rows or --seeds more of its study."""
-    from gril_jax.workflows.study import saved
-    from gril_jax.workflows.study.rows import chosen
+    from gril_jax.workflows.study import recipe, saved
 
-    task, patterns = take(args, "--task"), take(args, "--rows")
-    seeds = whole_number(args, "--seeds", None)
-    if args:
+    folder = Path(given.resume)
+    stray = [word for word in words if word.startswith("--") and word not in _BESIDE_RESUME]
+    if stray or given.config is not None:
         raise ConfigError(
-            f"--resume takes its options from {folder}, so {args[0]} must not be given beside it"
+            f"--resume takes its options from {folder}, so {[*stray, given.config][0]} must not be "
+            "given beside it"
         )
-    more = patterns is not None or seeds is not None
+    more = given.rows is not None or given.seeds is not None
     # Processes of a job that look at the same time are in each other's way: the first one will.
     config = run_dir.read_config(folder)
-    if not (more or where.job is not None or saved.left(folder)):
+    if not (more or given.distributed or saved.left(folder)):
         run_dir.require_resumable(folder, saved.EXPERIMENT)
-    own_tasks.of_run(config, task, folder)
+    task = given.env.name if {"--task", "--env.name"} & {*words} else None
+    require_task_of(config, task, folder)
     plan = saved.read(folder)
     if not more:
-        return _made(plan, where, folder, parts=plan.in_parts or bool(saved.left(folder)))
+        return _made(plan, given, folder, parts=plan.in_parts or bool(saved.left(folder)))
     if not (plan.in_parts or (folder / "results.json").is_file()):
         raise RunError(
             f"the run in {folder} has not finished: gril sweep --resume {folder} goes on with it, "
             "and then it may have more rows"
         )
     names = [*plan.work]
-    if patterns is not None:
-        names = chosen([name.strip() for name in patterns.split(",")], [*plan.rows])
-    work = plan.work | {name: range(seeds or plan.study.seeds) for name in names}
-    return _made(plan._replace(work=work), where, folder, parts=True)
+    if given.rows is not None:
+        names = recipe.chosen(_listed(given.rows), [*plan.rows])
+    work = plan.work | {name: range(given.seeds or plan.study.seeds) for name in names}
+    return _made(plan._replace(work=work), given, folder, parts=True)
 
 
 def _made(
     plan: Any,
-    where: _Where,
+    given: _Own,
     resume: Path | None = None,
     *,
     parts: bool = False,
-    films: str | None = None,
     said: Sequence[str] = (),
 ) -> Work:
     """A new study, or one to go on with; in `parts` if processes of their own make it."""
+    job = cluster_of(os.environ) if given.distributed else None
+    if job is not None and (given.devices or given.cluster):
+        raise ConfigError("--distributed has devices of its own: leave out --devices and --cluster")
 
     def work() -> int:
-        from gril_jax.workflows.study.devices import slots
-
         environment = dict(os.environ)
-        devices = [None] if where.cluster or where.job is not None else slots(where.devices)
+        devices = [None] if given.cluster or job is not None else slots(given.devices)
         count = min(len(devices), len(plan.runs))
-        apart = parts or bool(where.cluster) or (count > 1 and resume is None)
+        apart = parts or bool(given.cluster) or (count > 1 and resume is None)
         if apart:
             os.environ["JAX_PLATFORMS"] = "cpu"  # the devices are for the other processes
-        elif where.devices is not None and devices[0] is not None:
+        elif given.devices is not None and devices[0] is not None:
             os.environ["CUDA_VISIBLE_DEVICES"] = ",".join(filter(None, devices))
-        with heavy_imports(plan.config, devices=where.job is None):
-            if where.job is not None:  # before anything else touches JAX
+        with heavy_imports(plan.config, devices=job is None):
+            if job is not None:  # before anything else touches JAX
                 from gril_jax.runs import hosts
 
-                hosts.initialize(where.job)
-            from gril_jax.workflows.study import cluster, driver, sets
+                hosts.initialize(job)
+            from gril_jax.workflows.study import driver
             from gril_jax.workflows.study import parts as processes
         for sentence in said:
             echo(sentence)
         if resume is None:
-            sets.make([plan.rows[name] for name in plan.work], films, echo)
+            driver.make_sets([plan.rows[name] for name in plan.work], given.films, echo)
         if not apart:
             return driver.make(plan, resume=resume, echo=echo)
         carry_out = processes.on_this_machine(devices, environment, echo)
-        if where.cluster:
-            options = cluster.require_known(where.cluster, where.options)
-            carry_out = cluster.jobs(where.cluster, options, echo)
-            count = int(where.devices) if (where.devices or "").isdecimal() else len(plan.work)
+        if given.cluster:
+            carry_out = processes.on_a_cluster(given.cluster, given.cluster_options, echo)
+            number = given.devices or ""
+            count = int(number) if number.isdecimal() else len(plan.work)
         return processes.make(plan, count, carry_out, resume=resume, echo=echo)
 
     return work
 
 
-VERBS = (
-    Verb(
-        "sweep STUDY|CONFIG --seeds N",
-        "a study such as table1, or every combination of options with commas, over seeds; "
-        "--resume RUN goes on, --quick on a laptop",
-        _plan,
-    ),
-)
+def slots(devices: str | None) -> list[str | None]:
+    """The device of each process, as CUDA_VISIBLE_DEVICES has it: all GPUs, or the first N; a
+    single None without a GPU, or N of them. ConfigError for more than there are."""
+    given = os.environ.get("CUDA_VISIBLE_DEVICES")
+    known = [one for one in (given or "").split(",") if one] if given is not None else _gpus()
+    if os.environ.get("JAX_PLATFORMS", "").startswith("cpu"):
+        known = []
+    if devices in (None, "all"):
+        return known if len(known) > 1 else [None]
+    if not devices.isdecimal() or not int(devices):
+        raise ConfigError(f"--devices is {devices!r}, but must be all or a number of at least 1")
+    if known and int(devices) > len(known):
+        raise ConfigError(f"--devices is {devices}, but this machine has {len(known)} GPUs")
+    return known[: int(devices)] or [None] * int(devices)
+
+
+def _gpus() -> list[str]:
+    try:
+        found = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True, timeout=60)
+    except (OSError, subprocess.TimeoutExpired):
+        return []
+    cards = [line for line in found.stdout.splitlines() if line.startswith("GPU ")]
+    return [str(number) for number, _ in enumerate(cards)]
+
+
+VERBS = {
+    "Compare, over seeds": (
+        Verb(
+            "sweep STUDY|CONFIG --seeds N",
+            "a study such as table1, or every combination of options with commas, over seeds; "
+            "--resume RUN goes on, --quick on a laptop",
+            _plan, schema=_Sweep,
+        ),
+    )
+}  # fmt: skip

@@ -1,22 +1,105 @@
-"""Verbs for a task of one's own: a skeleton of it, and what is missing in it."""
+"""Verbs for demonstration sets, and for a task of one's own: a skeleton, and what it lacks."""
 
 import keyword
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
-from gril_jax.config import EnvConfig, MakeDemosConfig
+from gril_jax.config import DemosConfig, EnvConfig, MakeDemosConfig
+from gril_jax.config.run_config import Section
+from gril_jax.config.tables import above, between, optional, rule
+from gril_jax.config.task import Places
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 from gril_jax.safe_files import new_file, writing
 
-from .. import own_tasks
-from ..arguments import Work, echo, require_new_file
+from ..arguments import (
+    Work,
+    demo_set_to_write,
+    echo,
+    existing_folder,
+    named_task,
+    require_new_file,
+    require_task,
+)
+from ..configured import ConfigName, read
 from ..heavy_imports import heavy_imports
-from . import simple
+from . import Verb, experiment, simple
+
+_MAKE = "gril demos make"
+
+
+@dataclass(frozen=True)
+class _OwnMake:
+    config: ConfigName = None
+    out: str | None = None
+    """New folder of the demonstration set, which must be named."""
+    variant: Places = "layout"
+    """Variant of the starts."""
+    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
+    """Seed of the starts and of the expert."""
+
+
+@dataclass(frozen=True)
+class _Make(_OwnMake):
+    env: Section[EnvConfig] = field(default=EnvConfig())
+    demos: tyro.conf.OmitArgPrefixes[Section[DemosConfig]] = field(default=DemosConfig())
+
+
+def _make(args: list[str]) -> Work:
+    about = "Make scripted demonstrations of a configuration's task."
+    given = read(_Make(), args, _MAKE, about)
+    if given.out is None:
+        raise ConfigError(f"{_MAKE} needs --out: see {_MAKE} --help")
+    config = MakeDemosConfig(given.env, given.demos)
+    require_task(config.env)
+    config.env.require_places("--variant", given.variant)
+    folder, starts = demo_set_to_write(given.out), {"variant": given.variant, "seed": given.seed}
+    return experiment("build.make_demos", config, folder, config=config, devices=True, **starts)
+
+
+@dataclass(frozen=True)
+class _Import:
+    source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")]
+    """Folder of videos, of MAGICAL's *.pkl.gz files, or of a LeRobot dataset."""
+    out: str
+    """Folder of the demonstration set."""
+    boxes: str = "auto"
+    """auto reads the boxes beside each video, in any of the formats that are known; colour finds
+    the objects of MAGICAL's palette; module:function is a detector of yours, from frames to
+    boxes."""
+    half_extent: float | None = field(default=None, metadata=optional(above(0)))
+    """Half the width of the world that a frame shows, in a unit of yours; None measures in widths
+    of the picture."""
+    task: str | None = None
+    """The task whose classes the boxes have; None takes the boxes' own."""
+    robot: tuple[str, ...] = ()
+    """Classes that are the robot, or the hand; what they do is no progress."""
+    camera: str | None = None
+    """The camera of a LeRobot dataset, if it has several."""
+    fps: float | None = field(default=None, metadata=optional(between(0.1, 1000)))
+    """Frames per second of the set; None is the slowest video's, at most 10."""
+    jitter: float | None = field(default=None, metadata=optional(between(0, 1000)))
+    """Standard deviation of a box's place, pixels of the video; None estimates it."""
+    smoothing: int | None = field(
+        default=None, metadata=optional(rule(lambda x: 1 <= x < 1000 and x % 2 == 1, "odd"))
+    )
+    """Frames of the video that boxes are smoothed over; None is 0.3 s if they jitter."""
+    outcome: Literal["success", "failure", "unknown"] = "unknown"
+    """Outcome of all the videos."""
+
+
+def _videos(given: _Import) -> Work:
+    if given.task is not None:
+        EnvConfig(name=given.task).check()
+    if given.boxes == "colour" and given.half_extent is None:
+        raise ConfigError("gril demos import-videos needs --half-extent where --boxes is colour")
+    options = {one.name: getattr(given, one.name) for one in fields(_Import)}
+    folders = existing_folder(options.pop("source")), demo_set_to_write(options.pop("out"))
+    return experiment("import_videos", *folders, **options)
 
 
 @dataclass(frozen=True)
@@ -33,7 +116,7 @@ def _check(given: _Check) -> Work:
         raise ConfigError(f"{name} must be a task of your own: FILE.py:FUNCTION, or an entry point")
     if not registry.is_own(name):
         raise ConfigError(f"{name} is one of gril's own tasks, which its tests check")
-    name = own_tasks.named(name) or name
+    name = named_task(name) or name
     env = EnvConfig(name=name, options=given.options)
 
     def work() -> int:
@@ -78,13 +161,21 @@ def _new(given: _New) -> Work:
     return work
 
 
-VERBS = (
-    simple(
-        "new-task NAME", "a task of your own that runs, to be changed, and its test", _New, _new,
-        about="Write a task that runs, to be changed, and a test of it.",
+VERBS = {
+    "Demonstrations": (
+        Verb("demos make [CONFIG]", "scripted demonstrations", _make, schema=_Make),
+        simple(
+            "demos import-videos DIR", "a demonstration set from a folder of videos",
+            _Import, _videos,
+        ),
     ),
-    simple(
-        "check-task FILE:make", "what a task of your own lacks, in sentences", _Check, _check,
-        about="Say in sentences what a task of your own lacks.",
+    "A task of your own": (
+        simple(
+            "new-task NAME", "a task of your own that runs, to be changed, and its test",
+            _New, _new,
+        ),
+        simple(
+            "check-task FILE:make", "what a task of your own lacks, in sentences", _Check, _check,
+        ),
     ),
-)  # fmt: skip
+}  # fmt: skip

@@ -8,22 +8,13 @@ from typing import Any, Literal
 from gril_jax.config import RunConfig, Variant
 from gril_jax.config.command_line import RunFolder
 from gril_jax.config.files import sections
-from gril_jax.config.rules import between, count
 from gril_jax.config.run_config import Sections
+from gril_jax.config.tables import between, count
 from gril_jax.errors import ConfigError
-from gril_jax.runs import phases, run_dir
-from gril_jax.runs.phases import changed_fields
+from gril_jax.runs import reading, run_dir
 
-from .. import help_page, own_tasks
-from ..arguments import Work, echo, hard_negatives, run_config_of
-from ..configured import (
-    ConfigName,
-    RunOptions,
-    new_run,
-    read_run,
-    require_surroundings,
-    start,
-)
+from ..arguments import Work, echo, hard_negatives, require_task_of, run_config_of
+from ..configured import ConfigName, new_run, read, require_surroundings, start
 from ..heavy_imports import heavy_imports
 from . import Verb, experiment, simple
 
@@ -31,7 +22,10 @@ _TRAIN = "Learn a reward, then a policy from it."
 
 
 @dataclass(frozen=True)
-class _Quickstart(RunOptions):
+class _Own:
+    config: ConfigName = None
+    resume: str | None = None
+    """Folder of a run that was cut off, to go on with bit for bit."""
     hard_negatives: str | None = None
     """Runs whose rewards overestimated states to learn from: one, or two with a comma."""
     dry_run: bool = False
@@ -39,11 +33,11 @@ class _Quickstart(RunOptions):
 
 
 @dataclass(frozen=True)
-class _Train(_Quickstart):
-    config: ConfigName = None
+class _Train(_Own, Sections):
+    pass
 
 
-def _run(given: _Quickstart, name: str, prog: str, *, films: bool = False) -> Work:
+def _run(given: _Train, name: str, prog: str, *, films: bool = False) -> Work:
     """A new run of an experiment, or with `resume` one that was cut off."""
     extra: dict[str, Any] = {}
     if given.resume is not None:
@@ -57,16 +51,16 @@ def _run(given: _Quickstart, name: str, prog: str, *, films: bool = False) -> Wo
     return experiment(name, config, config=config, devices=True, **extra)
 
 
-def _resumed(given: _Quickstart, name: str) -> RunConfig:
+def _resumed(given: _Train, name: str) -> RunConfig:
     """The configuration of a run to resume; a ConfigError with the fields in which the options
     beside it say something else."""
     folder = Path(given.resume)
     config = run_dir.require_resumable(folder, name)
     task = given.env.name if given.env.name != config.env.name else None
-    own_tasks.of_run(config, task, folder)
+    require_task_of(config, task, folder)
     env = dataclasses.replace(given.env, name=config.env.name)
     run = dataclasses.replace(given.run, out=given.run.out or config.run.out)
-    if changed := changed_fields(
+    if changed := reading.changed_fields(
         config, RunConfig.of(dataclasses.replace(given, env=env, run=run))
     ):
         raise ConfigError(
@@ -77,7 +71,7 @@ def _resumed(given: _Quickstart, name: str) -> RunConfig:
     return config
 
 
-def _begun(given: _Quickstart, name: str, new: Sections | None) -> Sections | None:
+def _begun(given: _Train, name: str, new: Sections | None) -> Sections | None:
     """The sections that options are read above: those of the run to resume, or of a new one; a
     ConfigError for options that exclude each other."""
     if given.dry_run and (given.resume is not None or given.hard_negatives is not None):
@@ -88,28 +82,31 @@ def _begun(given: _Quickstart, name: str, new: Sections | None) -> Sections | No
         )
     if given.resume is None:
         return new
-    config = getattr(given, "config", None)
     run_dir.require_resumable(Path(given.resume), name)
-    return sections(config or str(Path(given.resume) / "config.yaml"))
+    return sections(given.config or str(Path(given.resume) / "config.yaml"))
 
 
 def _quickstart(args: list[str]) -> Work:
-    page = help_page.Page("gril quickstart", _TRAIN, help_page.TRAIN)
-    begin = lambda given: _begun(given, "train", sections("quickstart"))  # noqa: E731
-    return _run(read_run(_Quickstart(), args, page, begin), "train", page.prog)
+    def begin(given: _Train) -> Sections | None:
+        if given.config is not None:
+            raise ConfigError(f"there is no use for {given.config!r}: see gril quickstart --help")
+        return _begun(given, "train", sections("quickstart"))
+
+    given = read(_Train(), args, "gril quickstart", _TRAIN, begin)
+    return _run(given, "train", "gril quickstart")
 
 
 def _train(args: list[str]) -> Work:
-    page = help_page.Page("gril train", _TRAIN, help_page.TRAIN)
     begin = lambda given: _begun(given, "train", start(given))  # noqa: E731
-    return _run(read_run(_Train(), args, page, begin), "train", page.prog)
+    return _run(read(_Train(), args, "gril train", _TRAIN, begin), "train", "gril train")
 
 
 def _pretrain(args: list[str]) -> Work:
+    prog = "gril pretrain"
     about = "Learn a reward; without CONFIG, from films of your own that --demos names."
-    page = help_page.Page("gril pretrain", about, help_page.PRETRAIN)
     begin = lambda given: _begun(given, "pretrain", start(given, films_alone=True))  # noqa: E731
-    return _run(read_run(_Train(), args, page, begin), "pretrain", page.prog, films=True)
+    given = read(_Train(), args, prog, about, begin, policies=False)
+    return _run(given, "pretrain", prog, films=True)
 
 
 @dataclass(frozen=True)
@@ -120,9 +117,9 @@ class _Report:
 def _report(given: _Report) -> Work:
     folder = Path(given.run)
     run_dir.read_config(folder)  # nothing of the task is run, so it need not be there
-    if phases.read_phases(folder).experiment == "sweep":
+    if reading.read_phases(folder).experiment == "sweep":
         return _redrawn(folder)
-    phases.require_single(folder)
+    reading.require_single(folder)
     return experiment("report", folder)
 
 
@@ -158,28 +155,28 @@ def _eval(given: _Eval) -> Work:
     return experiment("evaluate", folder, config=config, devices=True, **options)
 
 
-VERBS = (
-    Verb(
-        "quickstart", "a small run from demonstrations to a policy, on a laptop", _quickstart,
-        schema=_Quickstart,
-    ),
-    Verb(
-        "train [CONFIG]",
-        "the same for any configuration",
-        _train,
-        {
-            "train|pretrain|sweep --resume RUN": "go on with what was cut off, bit for bit",
-            "train|pretrain --hard-negatives RUN[,RUN]":
-                "learn from states that earlier rewards overestimated",
-        },
-        schema=_Train,
-    ),
-    Verb("pretrain [CONFIG]", "the learned reward alone", _pretrain, schema=_Train),
-    simple(
-        "eval RUN", "success of a run's policy over distinct starts, and its return", _Eval, _eval,
-        about="Play a run's policy.",
-    ),
-    simple(
-        "report RUN", "figures and tables of a run", _Report, _report, about="Draw a run's figures."
-    ),
-)  # fmt: skip
+VERBS = {
+    "Learn a reward, and a policy from it": (
+        Verb(
+            "quickstart", "a small run from demonstrations to a policy, on a laptop", _quickstart,
+            schema=_Train,
+        ),
+        Verb(
+            "train [CONFIG]", "the same for any configuration", _train,
+            {
+                "train|pretrain|sweep --resume RUN": "go on with what was cut off, bit for bit",
+                "train|pretrain --hard-negatives RUN[,RUN]":
+                    "learn from states that earlier rewards overestimated",
+            },
+            schema=_Train,
+        ),
+        Verb("pretrain [CONFIG]", "the learned reward alone", _pretrain, schema=_Train),
+        simple(
+            "eval RUN", "success of a run's policy over distinct starts, and its return",
+            _Eval, _eval,
+        ),
+        simple(
+            "report RUN", "figures and tables of a run", _Report, _report,
+        ),
+    )
+}  # fmt: skip

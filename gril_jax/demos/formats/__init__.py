@@ -1,1 +1,70 @@
-"""Reads boxes that trackers and annotation tools write beside films, one module a format."""
+"""The boxes beside a film, and their format, which is told from what is in them.
+
+Beside NAME.mp4 boxes are NAME.csv, NAME.txt, NAME.xml, NAME.json, a folder NAME of one text a
+frame, or NAME/gt/gt.txt; `annotations.json` may hold those of all films of a folder.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from gril_jax.errors import DemoError
+
+from . import coco, cvat, label_studio, lines
+from .record import Box, Film, read_text
+
+Reader = Callable[[Path, Film], list[Box]]
+"""(file, film) -> its boxes. What every format has."""
+
+_BEGINS = {"<": cvat.read, "{": coco.read, "[": label_studio.read}
+_SUFFIXES = (".csv", ".txt", ".xml", ".json")
+_TOGETHER = "annotations.json"
+_HEAD = 4096  # letters from which a format is told
+
+
+def boxes_of(film: Film) -> list[Box]:
+    """The boxes beside a film; a DemoError if there are none, or their format is not known."""
+    path = file_of(film.path)
+    return reader(path)(path, film)
+
+
+def file_of(film: Path) -> Path:
+    """The file or folder of a film's boxes."""
+    beside = [film.with_suffix(suffix) for suffix in _SUFFIXES]
+    folder = film.with_suffix("")
+    inside = folder / "gt" / "gt.txt"
+    places = [*beside, inside if inside.exists() else folder]
+    found = [path for path in places if path.exists() or path.is_symlink()]
+    if not found and (together := film.parent / _TOGETHER).exists():
+        return together
+    if not found:
+        listed = ", ".join(path.name for path in beside)
+        raise DemoError(
+            f"{film}: no boxes are beside the film: they must be one of {listed}, a folder "
+            f"{folder.name}, or {_TOGETHER} of all films."
+        )
+    if len(found) > 1:
+        raise DemoError(
+            f"{film}: both {found[0].name} and {found[1].name} are beside the film, but its boxes "
+            "must be in one place."
+        )
+    return found[0]
+
+
+def reader(path: Path) -> Reader:
+    """The reader of a file's format."""
+    if path.is_dir():
+        return lines.read_yolo
+    head = read_text(path)[:_HEAD]
+    if not head.strip():
+        raise DemoError(f"{path}: the boxes file is empty.")
+    if lines.is_csv(head):
+        return lines.read_csv
+    if known := _BEGINS.get(head.lstrip()[0]):
+        return known
+    if lines.is_mot(head):
+        return lines.read_mot
+    raise DemoError(
+        f"{path}, line 1: the format of the boxes is not known; it must be CSV with the columns "
+        f"{','.join(lines.COLUMNS)}, MOTChallenge text, CVAT for video, or JSON of COCO or "
+        "Label Studio."
+    )

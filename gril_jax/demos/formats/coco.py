@@ -1,8 +1,7 @@
 """COCO JSON of videos: `videos`, `images`, `annotations` with `track_id`, `categories`.
 
 A frame's number is its `frame_id` or `frame_index`, from 0, else its place among the images of its
-video in order of their file names. `bbox` is left, top, width, height in pixels. YouTube-VIS's
-form, in which an annotation has `bboxes` of all frames of a video, is read as well. Where there are
+video in order of their file names. `bbox` is left, top, width, height in pixels. Where there are
 several videos, a film's is the one of its name.
 """
 
@@ -11,26 +10,18 @@ from typing import Any
 
 from gril_jax.errors import DemoError
 
-from .json_text import field, load, stem
-from .record import Box, Film, box, checked, number, whole
-
-
-def recognised(text: str) -> bool:
-    """True for a JSON object."""
-    return text.lstrip().startswith("{")
+from .record import Box, Film, box, checked, field, load, number, stem, whole
 
 
 def read(path: Path, film: Film) -> list[Box]:
     """The boxes of a file."""
     tree = load(path)
-    names = {
-        field(one, "id", int, f"{path}, category {n}"): field(
-            one, "name", str, f"{path}, category {n}"
-        )
-        for n, one in enumerate(field(tree, "categories", list, str(path)))
-    }
+    names = {}
+    for n, one in enumerate(field(tree, "categories", list, str(path))):
+        where = f"{path}, category {n}"
+        names[field(one, "id", int, where)] = field(one, "name", str, where)
     video = _video(field(tree, "videos", list, str(path), []), path, film)
-    images = field(tree, "images", list, str(path), [])
+    images = field(tree, "images", list, str(path))
     frames = _frames(images, video, path, film)
     found: list[Box] = []
     for n, one in enumerate(field(tree, "annotations", list, str(path))):
@@ -38,25 +29,13 @@ def read(path: Path, film: Film) -> list[Box]:
         category = field(one, "category_id", int, where)
         if category not in names:
             raise DemoError(f"{where}: category_id {category} is not among the categories.")
-        track = _track(one)
-        sure = one.get("score", 1.0)
-        about = {"confidence": sure, "track": track}
-        if "bboxes" in one:
-            if video is None or one.get("video_id") == video:
-                track = one.get("id") if track is None else track
-                for frame, edges in enumerate(field(one, "bboxes", list, where)):
-                    if edges:
-                        at = f"{where}, frame {frame}"
-                        about = {"confidence": sure, "track": track}
-                        found.append(box(film, frame, names[category], _edges(edges, at), at,
-                                         **about))  # fmt: skip
-            continue
         image = field(one, "image_id", int, where)
         if image not in frames:
             if any(isinstance(x, dict) and x.get("id") == image for x in images):
                 continue  # of another video
             raise DemoError(f"{where}: image_id {image} is not among the images.")
         edges = _edges(field(one, "bbox", list, where), where)
+        about = {"confidence": one.get("score", 1.0), "track": _track(one)}
         found.append(box(film, frames[image], names[category], edges, where, **about))
     return checked(found, path, film)
 
@@ -110,7 +89,7 @@ def _frames(images: list[Any], video: int | None, path: Path, film: Film) -> dic
 
 
 def _edges(values: list[Any], where: str) -> tuple[float, float, float, float]:
-    if not isinstance(values, list) or len(values) != 4:
+    if len(values) != 4:
         raise DemoError(f"{where}: bbox must be left, top, width and height, not {values!r:.60}.")
     left, top, width, height = (number(value, "bbox", where) for value in values)
     return left, top, left + width, top + height

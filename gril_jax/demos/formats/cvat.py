@@ -15,11 +15,6 @@ from .record import Box, Film, box, checked, read_text, whole
 _EDGES = ("xtl", "ytl", "xbr", "ybr")
 
 
-def recognised(text: str) -> bool:
-    """True for XML."""
-    return text.lstrip().startswith("<")
-
-
 def read(path: Path, film: Film) -> list[Box]:
     """The boxes of a file."""
     text = read_text(path)

@@ -12,15 +12,9 @@ from typing import Any
 
 from gril_jax.errors import DemoError
 
-from .json_text import field, load, stem
-from .record import Box, Film, box, checked, number, whole
+from .record import Box, Film, box, checked, field, load, number, stem, whole
 
 _PLACES = ("x", "y", "width", "height")
-
-
-def recognised(text: str) -> bool:
-    """True for a JSON list."""
-    return text.lstrip().startswith("[")
 
 
 def read(path: Path, film: Film) -> list[Box]:

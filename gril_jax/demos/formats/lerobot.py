@@ -1,7 +1,7 @@
-"""LeRobot datasets, v3.0 and v2.1: the films of one camera, and boxes that come with them.
+"""LeRobot datasets, v3.0: the films of one camera, and boxes that come with them.
 
     meta/info.json     version, fps, features, and where data and videos are
-    meta/episodes      a row an episode: v3.0 in parquet files, v2.1 in episodes.jsonl
+    meta/episodes      parquet files with a row an episode
 
 Boxes are those of a feature of shape (N, 4) whose name ends in "boxes" and whose `names` are N
 classes: x_min, y_min, x_max, y_max in pixels, NaN where an object is not seen. Else they are files
@@ -10,21 +10,19 @@ by pyarrow, an optional extra. Paths of a dataset stay within its folder.
 """
 
 import importlib
-import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gril_jax.demos.formats.json_text import field, load
-from gril_jax.demos.formats.recognise import file_of, reader
-from gril_jax.demos.formats.record import Box, Film, box, checked
+from gril_jax.demos.formats import file_of, reader
+from gril_jax.demos.formats.record import Box, Film, box, checked, field, load
 from gril_jax.demos.vision.timed import look, part
 from gril_jax.errors import ConfigError, DemoError
 
-_VERSIONS = ("v3.0", "v2.1")
+_VERSION = "v3.0"
 _WHERE = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
 _BOXES = "boxes"  # how a feature's name ends, and the folder of files
 
@@ -40,11 +38,6 @@ class Dataset(NamedTuple):
         """The file that says it."""
         return str(self.folder / "meta" / "info.json")
 
-    @property
-    def packed(self) -> bool:
-        """True if a file holds several episodes: v3.0."""
-        return self.info["codebase_version"].startswith("v3")
-
 
 def is_dataset(folder: Path) -> bool:
     """True for the folder of a LeRobot dataset."""
@@ -56,10 +49,8 @@ def opened(folder: Path) -> Dataset:
     info = load(folder / "meta" / "info.json")
     where = str(folder / "meta" / "info.json")
     version = field(info, "codebase_version", str, where)
-    if version not in _VERSIONS:
-        raise DemoError(
-            f"{where}: codebase_version is {version!r:.20}, but must be of {', '.join(_VERSIONS)}."
-        )
+    if version != _VERSION:
+        raise DemoError(f"{where}: codebase_version is {version!r:.20}, but must be {_VERSION}.")
     field(info, "fps", int | float, where)
     field(info, "features", dict, where)
     return Dataset(folder, info)
@@ -67,12 +58,8 @@ def opened(folder: Path) -> Dataset:
 
 def episodes(dataset: Dataset) -> list[dict[str, Any]]:
     """A row an episode, in order."""
-    if dataset.packed:
-        files = sorted((dataset.folder / "meta" / "episodes").glob("chunk-*/file-*.parquet"))
-        rows = [row for file in files for row in table_of(file, "episode_index").to_pylist()]
-    else:
-        file = dataset.folder / "meta" / "episodes.jsonl"
-        rows = list(_json_lines(file))
+    files = sorted((dataset.folder / "meta" / "episodes").glob("chunk-*/file-*.parquet"))
+    rows = [row for file in files for row in table_of(file, "episode_index").to_pylist()]
     if not rows:
         raise DemoError(f"{dataset.folder / 'meta'}: the dataset has no episodes.")
     return sorted(rows, key=lambda row: row["episode_index"])
@@ -93,27 +80,16 @@ def camera_of(dataset: Dataset, camera: str | None) -> str:
 
 def films(dataset: Dataset, camera: str) -> list[Film]:
     """The film of each episode."""
-    found, whole = [], {}
+    found, whole, of = [], {}, f"videos/{camera}/"
     for row in episodes(dataset):
-        number = row["episode_index"]
-        places = {"video_key": camera, "episode_index": number}
-        if dataset.packed:
-            of = f"videos/{camera}/"
-            if lacks := [
-                key for key in _WHERE if not isinstance(row.get(f"{of}{key}"), int | float)
-            ]:
-                raise DemoError(f"{dataset.folder}: its episodes lack {of}{lacks[0]}.")
-            places |= {key: row[f"{of}{key}"] for key in _WHERE[:2]}
-        else:
-            places["episode_chunk"] = number // int(dataset.info.get("chunks_size", 1000))
-        path = place(dataset, "video_path", places)
+        if lacks := [key for key in _WHERE if not isinstance(row.get(of + key), int | float)]:
+            raise DemoError(f"{dataset.folder}: its episodes lack {of}{lacks[0]}.")
+        number, places = row["episode_index"], {key: row[of + key] for key in _WHERE[:2]}
+        path = _film_file(dataset, places | {"video_key": camera, "episode_index": number})
         if path not in whole:
             whole[path] = look(path)
-        film, title = whole[path], title_of(number)
-        if dataset.packed:
-            found.append(part(film, row[f"{of}from_timestamp"], row[f"{of}to_timestamp"], title))
-        else:
-            found.append(film._replace(title=title))
+        begin, end = row[f"{of}from_timestamp"], row[f"{of}to_timestamp"]
+        found.append(part(whole[path], begin, end, title_of(number)))
     return found
 
 
@@ -126,8 +102,9 @@ def title_of(number: int) -> str:
     return f"episode_{number:06d}"
 
 
-def place(dataset: Dataset, name: str, values: Mapping[str, Any]) -> Path:
-    """The path that a template of meta/info.json gives, which must be within the dataset."""
+def _film_file(dataset: Dataset, values: Mapping[str, Any]) -> Path:
+    """The path that the template of meta/info.json gives, which must be within the dataset."""
+    name = "video_path"
     template = field(dataset.info, name, str, dataset.where)
 
     def filled(match: re.Match) -> str:
@@ -147,7 +124,12 @@ def boxes_in(dataset: Dataset):
     features = dataset.info["features"].items()
     named = [name for name, about in features if name.endswith(_BOXES)]
     if not named:
-        return lambda film: _beside(dataset, film)
+
+        def beside(film: Film) -> list[Box]:
+            path = file_of(dataset.folder / _BOXES / f"{film.name}.mp4")
+            return reader(path)(path, film)
+
+        return beside
     about = dataset.info["features"][named[0]]
     classes, shape = about.get("names"), about.get("shape")
     if not isinstance(classes, list) or shape != [len(classes), 4]:
@@ -157,11 +139,6 @@ def boxes_in(dataset: Dataset):
         )
     rows = frames(dataset, named[0])
     return lambda film: _of_feature(film, rows.get(int(film.name[-6:]), []), classes, named[0])
-
-
-def _beside(dataset: Dataset, film: Film) -> list[Box]:
-    path = file_of(dataset.folder / _BOXES / f"{film.name}.mp4")
-    return reader(path)(path, film)
 
 
 def frames(dataset: Dataset, column: str) -> dict[int, list[Any]]:
@@ -191,21 +168,6 @@ def _of_feature(film: Film, rows: list[Any], classes: list[str], name: str) -> l
             if not np.isnan(edges).any():
                 found.append(box(film, frame, kind, list(edges), where, track=track))
     return checked(found, film.path, film)
-
-
-def _json_lines(file: Path) -> Iterator[dict[str, Any]]:
-    try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
-        raise DemoError(f"{file}: there is no such text.") from None
-    for number, line in enumerate(lines, 1):
-        try:
-            row = json.loads(line) if line.strip() else None
-        except (ValueError, RecursionError):
-            raise DemoError(f"{file}, line {number}: not JSON.") from None
-        if row is not None:
-            field(row, "episode_index", int, f"{file}, line {number}")
-            yield row
 
 
 def table_of(file: Path, *columns: str) -> Any:

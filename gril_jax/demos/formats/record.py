@@ -4,10 +4,12 @@ Frames count from 0; edges are pixels of the film as it is shown, from its top l
 Whatever does not fit is a `DemoError` that begins with the file and the line.
 """
 
+import json
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from types import UnionType
 from typing import Any, NamedTuple
 
 from gril_jax.errors import DemoError
@@ -49,10 +51,6 @@ class Box(NamedTuple):
     confidence: float = 1.0
     track: str | None = None  # identity, within the film; None where the tool gives none
     where: str = ""  # file and line
-
-
-Reader = Callable[[Path, Film], list[Box]]
-"""(file, film) -> its boxes, in any order. What every module of a format has as `read`."""
 
 
 def read_text(path: Path) -> str:
@@ -151,3 +149,44 @@ def checked(boxes: list[Box], path: Path, film: Film) -> list[Box]:
             )
         seen[key] = one
     return sorted(boxes, key=lambda one: one.frame)
+
+
+_MISSING = object()
+
+
+def load(path: Path) -> Any:
+    """A file's content; a DemoError with the line of a fault."""
+    try:
+        return json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise DemoError(f"{path}, line {error.lineno}: not JSON ({error.msg}).") from None
+    except (ValueError, RecursionError):
+        raise DemoError(
+            f"{path}: not JSON that can be read; it is nested too deeply, or a number has "
+            "thousands of digits."
+        ) from None
+
+
+def field(
+    holder: Any, name: str, kind: type | UnionType, where: str, default: Any = _MISSING
+) -> Any:
+    """A field of an object, of a type; the default where it is missing, if there is one."""
+    if not isinstance(holder, dict):
+        raise DemoError(f"{where}: must be an object with fields, not {holder!r:.60}.")
+    value = holder.get(name, default)
+    if value is _MISSING:
+        raise DemoError(f"{where}: the field {name!r} is missing.")
+    if value is not default and not isinstance(value, kind):
+        raise DemoError(
+            f"{where}: {name} must be {getattr(kind, '__name__', 'a number')}, not {value!r:.60}."
+        )
+    return value
+
+
+def stem(name: str) -> str:
+    """The stem of a file's name or address in a tool's own storage.
+
+    >>> stem("/data/upload/7/kitchen_01.mp4")
+    'kitchen_01'
+    """
+    return name.replace("\\", "/").rsplit("/", 1)[-1].split("?", 1)[0].rsplit(".", 1)[0]

@@ -1,7 +1,8 @@
 """Boxes of a film as objects: which box of a frame is which object of a class.
 
 Objects of one class are told apart by where they are from frame to frame, and by their tracker's
-identity while that lasts. Shapes use T for frames and K for the objects of one class.
+identity while that lasts; a detector's boxes have none. Shapes use T for frames and K for the
+objects of one class.
 """
 
 from collections import Counter
@@ -52,7 +53,10 @@ def linked(boxes: Sequence[Box], frames: int, count: int) -> Linked:
     place, known = np.zeros((count, 2)), 0  # of the objects found so far
     identity: list[str | None] = [None] * count
     renewed = extra = 0
-    for frame, now in _by_frame(boxes):
+    frames_of: dict[int, list[Box]] = {}
+    for one in boxes:
+        frames_of.setdefault(one.frame, []).append(one)
+    for frame, now in sorted(frames_of.items()):
         corners = np.array([one.edges for one in now])
         center = (corners[:, :2] + corners[:, 2:]) / 2
         diagonal = np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=1)
@@ -91,11 +95,3 @@ def in_order(edges: Float[np.ndarray, "T K 4"]) -> Int[np.ndarray, "K"]:
     first = np.where(moved.any(axis=0), moved.argmax(axis=0), len(edges))
     never = np.isnan(center[0, :, 0])
     return np.lexsort((np.nan_to_num(center[0, :, 0]), first, never))
-
-
-def _by_frame(boxes: Sequence[Box]):
-    """Frames that show something, in order, with their boxes."""
-    frames: dict[int, list[Box]] = {}
-    for one in boxes:
-        frames.setdefault(one.frame, []).append(one)
-    return sorted(frames.items())

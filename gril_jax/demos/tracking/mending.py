@@ -13,8 +13,7 @@ from jaxtyping import Bool, Float
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
-from . import covered
-from .carried import carry, places
+from .hands import carry, places, uncut
 
 _AROUND = 0.3  # seconds that a sighting is compared with, and that boxes are smoothed over
 _OFF = 0.35  # diagonals of the box from the middle of those: a sighting of something else
@@ -58,7 +57,7 @@ def mended(
     jitter = jitter_of(edges) if jitter is None else jitter
     window = _odd(_AROUND * fps, least=5)
     bridged = round(_BRIDGED * fps)
-    edges = covered.whole(edges, closed(edges, bridged), hands, jitter)
+    edges = uncut(edges, closed(edges, bridged), hands, jitter)
     off = stray(edges, window, jitter)
     off |= away(np.where(off[..., None], np.nan, edges), window, jitter)
     off |= lone(np.where(off[..., None], np.nan, edges), window)

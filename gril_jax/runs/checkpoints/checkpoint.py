@@ -8,7 +8,7 @@ The same state gives the same files, byte for byte.
 
 A checkpoint is written under another name and renamed when all of it is on the disk. Files are
 verified before Orbax reads them. Typed keys are stored as their data. Leaves come back bit for bit,
-on the default device, and strongly typed.
+on the default device, and strongly typed. While training goes on a thread writes them.
 """
 
 import contextlib
@@ -20,7 +20,9 @@ import os
 import re
 import shutil
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +33,11 @@ import orbax.checkpoint as ocp
 from absl import logging as absl_logging
 
 from gril_jax.errors import RunError
-from gril_jax.runs import covered
-from gril_jax.runs.metric_rows import Mark
-from gril_jax.runs.phases import with_digest
+from gril_jax.runs.json_lines import Mark, with_digest
+from gril_jax.runs.reading import require_unchanged
 from gril_jax.safe_files import sync, writing
 
-from .manifest import FILE, DamagedError, latest, manifest, steps
+from . import FILE, DamagedError, latest, manifest, steps
 from .state_leaves import Leaf, host_copy, leaf_name, like_of, to_device
 
 # What Orbax notes beside the arrays: moments and paths, which it does without.
@@ -139,7 +140,7 @@ def save_arrays(file: Path, arrays: Mapping[str, Any]) -> None:
 def newest(run: Path, part: str) -> Path:
     """The newest checkpoint of a part of a run, such as "reward"; a `RunError` without one, or
     if it is not as the run wrote it."""
-    covered.require_part(run, part)
+    require_unchanged(run, f"{part}/")
     found = latest(run / part)
     if found is None:
         raise RunError(f"{run} has no {part}, so its run has not got that far yet")
@@ -153,6 +154,64 @@ def discard(path: Path) -> Path:
         shutil.rmtree(aside, ignore_errors=True)
         os.rename(path, aside)
     return aside
+
+
+class CheckpointWriter:
+    """Writes a state's checkpoints to one folder in a thread; closed by `with`, which waits for it.
+
+    Only the copy to the host holds the training up, and one is being written at a time. What goes
+    wrong in the thread is raised by the next call of any function. The `keep` newest ones stay.
+    `before` is called in the thread ahead of each, to bring to the disk what it counts on; `mark`
+    says how far the metrics have come as a state is handed over.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        keep: int,
+        before: Callable[[], None] = lambda: None,
+        mark: Callable[[], Mark | None] = lambda: None,
+    ):
+        self.longest_stall_s = 0.0  # that `save` held its caller up, waiting for another left out
+        self._folder, self._keep, self._before, self._mark = folder, keep, before, mark
+        self._threads = ThreadPoolExecutor(max_workers=1, thread_name_prefix="checkpoint")
+        self._last: Future[None] | None = None
+
+    @property
+    def busy(self) -> bool:
+        """True while a checkpoint is being written."""
+        if self._last is not None and self._last.done():
+            self.wait()
+        return self._last is not None
+
+    def save(self, step: int, state: Any) -> None:
+        """Copies the state, then writes it in the thread; waits for the one before if necessary."""
+        self.wait()
+        begun, metrics = time.monotonic(), self._mark()
+        leaves = host_copy(state)
+        self.longest_stall_s = max(self.longest_stall_s, time.monotonic() - begun)
+
+        def work() -> None:
+            self._before()
+            write(self._folder, step, leaves, keep=self._keep, metrics=metrics)
+
+        self._last = self._threads.submit(work)
+
+    def wait(self) -> None:
+        """Returns once nothing is being written."""
+        last, self._last = self._last, None
+        if last is not None:
+            last.result()
+
+    def __enter__(self) -> "CheckpointWriter":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        # What went wrong first is what counts.
+        with contextlib.suppress(Exception) if kind else contextlib.nullcontext():
+            self.wait()
+        self._threads.shutdown()
 
 
 def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> None:

@@ -2,9 +2,15 @@
 
 import math
 import shutil
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
+import numpy as np
+
+from gril_jax import envs
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet, demo_batch, load_demo_set, select_objects
@@ -14,7 +20,9 @@ from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
 
-from . import make_demos, own_task, vocabulary
+from . import make_demos, vocabulary
+
+_ROUNDING = 0.01  # of half_extent, by which films of the same picture may differ
 
 
 class Demonstrations(NamedTuple):
@@ -43,7 +51,7 @@ def gather_once(
     begun = run.finished_phase("demos")
     if begun is None:
         words = vocabulary.of_set(demos.demo_set, config.env.name)
-        noted = {"sha256": digest, **vocabulary.as_results(words)}
+        noted = {"sha256": digest, **words._asdict()}
         run.finish_phase("demos", noted, [] if config.demos.path else [header])
     elif begun["sha256"] != digest:
         raise RunError(
@@ -71,9 +79,17 @@ def gather(config: RunConfig, env: Env | None, folder: Path, progress: Progress)
     return chosen(config, env, source)
 
 
-def require_usable(config: RunConfig, env: Env | None) -> None:
-    """Raises ConfigError, before a run begins, if its demonstration set cannot be used."""
-    if config.demos.path is not None:
+def require_usable(config: RunConfig, env: Env | None, *, begun: bool = False) -> None:
+    """Raises ConfigError before any work if a task has neither demonstrations nor an expert, or if
+    the set of a run that has not begun cannot be used."""
+    if config.demos.path is None and env is not None:
+        expert = env.expert if config.env.is_own else envs.spec(config.env.name).demonstrate
+        if not expert:
+            raise ConfigError(
+                f"the task {config.env.shown_name} has no expert that could demonstrate it, so "
+                "--demos must name a set: gril demos import-videos makes one of films"
+            )
+    if config.demos.path is not None and not begun:
         try:
             chosen(config, env, Path(config.demos.path))
         except DemoError as error:
@@ -98,7 +114,7 @@ def of_set(
     most is kept aside. Errors are those of `gather`, in which `source` names the set."""
     if env is not None:
         if config.env.is_own:
-            demo_set = own_task.fitted(demo_set, env, config.env.shown_name)
+            demo_set = fitted(demo_set, env, config.env.shown_name)
         _require_fitting(demo_set, env, config.env.shown_name)
         demo_set = select_objects(demo_set, _objects(env))
     good = [demo for demo in demo_set if demo.outcome != "failure"]
@@ -135,9 +151,46 @@ def _require_fitting(demo_set: DemoSet, env: Env, task: str) -> None:
             "again for this task"
         )
     known = demo_set.unit in (None, vocabulary.unit_of_task(task))  # None: of an older version
-    if not known and not math.isclose(demo_set.half_extent, env.half_extent, rel_tol=0.01):
+    if not known and not math.isclose(demo_set.half_extent, env.half_extent, rel_tol=_ROUNDING):
         raise DemoError(
             f"{source}: a frame shows {demo_set.half_extent:g} {demo_set.unit} to each side of its "
             f"middle, but those of {task} show {env.half_extent:g}; import the videos again with "
             f"--half-extent {env.half_extent:g}"
         )
+
+
+def fitted(demo_set: DemoSet, env: Env, task: str) -> DemoSet:
+    """The demonstrations with the task's labels; a DemoError if they show other objects."""
+    source = demo_set.folder
+    if {*demo_set.classes} != {*env.classes}:
+        raise DemoError(
+            f"{source}: its classes are {', '.join(sorted(demo_set.classes))}, but those of {task} "
+            f"are {', '.join(sorted(env.classes))}; both must use the same words"
+        )
+    if abs(demo_set.half_extent / env.half_extent - 1) > _ROUNDING:
+        raise DemoError(
+            f"{source}: a frame shows {demo_set.half_extent:g} to each side of its middle, but "
+            f"half_extent of {task} is {env.half_extent:g}; both must be in the same unit"
+        )
+    objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
+    names = [env.classes[i] for i in np.asarray(objects.label)]
+    robots = {names[i] for i in np.flatnonzero(objects.is_robot)}
+    if robots != {*demo_set.robots} & {*demo_set.classes}:
+        said = ", ".join(sorted({*demo_set.robots} & {*demo_set.classes})) or "none"
+        raise DemoError(
+            f"{source}: the robot is {said} there, but {', '.join(sorted(robots)) or 'none'} in "
+            f"{task}"
+        )
+    for demo in demo_set:
+        shown = demo_set.objects(demo)
+        if Counter(shown) != Counter(names):
+            raise DemoError(
+                f"{source}: {demo.name!r} shows {', '.join(sorted(shown))}, but {task} "
+                f"has {', '.join(sorted(names))}"
+            )
+    order = np.array([env.classes.index(name) for name in demo_set.classes], np.int32)
+    demos = tuple(
+        replace(demo, tracks=demo.tracks._replace(label=order[demo.tracks.label]))
+        for demo in demo_set
+    )
+    return replace(demo_set, classes=tuple(env.classes), demos=demos)

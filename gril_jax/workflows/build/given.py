@@ -40,8 +40,6 @@ def given(config: RunConfig) -> Given:
         starts = f"{starts}, {100 * varied:.0f} % of them varied ({task.varied})"
     hints = [task.hints[kind] for kind in ("", chosen.observation) if kind in task.hints]
     seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
-    if config.run.algorithm == "ppo" and config.ppo.frame_stack > 1:
-        seen += f", of the last {config.ppo.frame_stack} control steps"
     level, chosen_starts = _chosen_starts(config)
     level = "C" if varied or hints else level
     return Given(level, f"{starts}{chosen_starts}", seen, _reward(config, task))
@@ -69,7 +67,7 @@ def _reward(config: RunConfig, task: envs.TaskSpec) -> str:
         "environmental": own,
         "stages": f"learned from videos, in its stages{_acting(config)}",
         "shaped": f"{own}, with one learned from videos as a potential",
-    }.get(config.run.reward, config.run.reward)
+    }.get(config.run.reward_form, config.run.reward)
 
 
 def _acting(config: RunConfig) -> str:

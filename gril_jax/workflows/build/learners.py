@@ -15,8 +15,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import ENCODERS
-from gril_jax.demos.demo_set import demo_batch
-from gril_jax.demos.frames import frame_batch
+from gril_jax.demos.demo_set import demo_batch, frame_batch
 from gril_jax.encoders.encoder import Params
 from gril_jax.encoders.ensemble import member, num_members
 from gril_jax.pretraining import pixel_pretrain, pretrain

@@ -8,7 +8,9 @@ Nothing but the films reaches the demonstration set: boxes come from their frame
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import jax
 import numpy as np
 
 from gril_jax import envs
@@ -17,14 +19,19 @@ from gril_jax.config.task import Places
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.demos.detected import by_colour
+from gril_jax.demos.files import write_demo_set
 from gril_jax.demos.importing import import_videos
 from gril_jax.demos.vision import video
-from gril_jax.demos.writer import write_demo_set
+from gril_jax.envs.base import Demonstrations, Env, Episode, ExpertError, Film, Wanted
+from gril_jax.envs.user_tasks import protocol
 from gril_jax.errors import DemoError
 from gril_jax.runs.progress import Progress
 from gril_jax.threads import parallel_map
 
-from . import filming, own_expert, setup
+from . import filming, setup
+
+_AFTER = 5  # frames that a film goes on once the task is done
+_ROUNDS = 4  # times as many episodes are played as are wanted, before giving up
 
 
 def main(
@@ -64,7 +71,7 @@ def make(
 
     try:
         if config.env.is_own:
-            shown = own_expert.demonstrate(build, wanted, phase.update)
+            shown = played_by_own_expert(build, wanted, phase.update)
         elif not envs.spec(name).demonstrate:
             raise envs.ExpertError(
                 f"the task {name} has no scripted expert: gril demos import-videos reads films"
@@ -126,3 +133,67 @@ def _save_films(
         robots=shown.robots, **header,
     )  # fmt: skip
     return load_demo_set(out)
+
+
+def played_by_own_expert(
+    make: Callable[..., Env], wanted: Wanted, tell: Callable[[int], None]
+) -> Demonstrations:
+    """Episodes of the expert of a user's own task, `expert(state, key) -> action`, with the task's
+    own boxes and drawings.
+
+    It plays until there are enough successes; failures are those that came along. An episode ends a
+    few frames after its success; what ends without one is a failure.
+    """
+    env = make()
+    if env.expert is None:
+        raise ExpertError("the task has no `expert`, a function (state, key) -> action")
+    episodes, good, bad = jax.jit(protocol.play(env, env.expert)), [], []
+    key, each = jax.random.key(wanted.seed), wanted.successes + wanted.failures
+    for turn in range(_ROUNDS):
+        states = jax.device_get(episodes(jax.random.split(jax.random.fold_in(key, turn), each)))
+        if (wrong := protocol.not_finite(states)) is not None:
+            raise ExpertError(f"the expert's episodes have NaN or infinity in {wrong}")
+        for number in range(each):
+            one = jax.tree.map(lambda x, n=number: x[:, n], states)
+            ended = _end(one)
+            (bad if ended is None else good).append(_cut(one, ended))
+        tell(min(len(good), wanted.successes) + min(len(bad), wanted.failures))
+        if len(good) >= wanted.successes:
+            break
+    else:
+        raise ExpertError(
+            f"the expert ended {len(good)} of {_ROUNDS * each} episodes with success, but "
+            f"{wanted.successes} are wanted"
+        )
+    shown = good[: wanted.successes] + bad[: wanted.failures]
+    kinds = ["success"] * wanted.successes + ["failure"] * (len(shown) - wanted.successes)
+    objects = jax.tree.map(lambda x: x[0], shown[0].objects)
+    names = tuple(env.classes[i] for i in objects.label)
+    robots = tuple(sorted({names[i] for i in np.flatnonzero(objects.is_robot)}))
+    played = [Episode(kind, kind, one.data) for kind, one in zip(kinds, shown, strict=True)]
+    return Demonstrations(env, names, played, _films(env, shown), robots)
+
+
+def _end(states: Any) -> int | None:
+    """The first frame from which the task stays done; None if it is not done at the end."""
+    done = states.metrics["success"] > 0.5
+    if (ended := states.done[1:] > 0.5).any():  # what follows belongs to no episode
+        done = done[: int(np.argmax(ended)) + 2]
+    if not done[-1] or done[0]:
+        return None
+    return len(done) - int(np.argmin(done[::-1]))
+
+
+def _cut(states: Any, end: int | None) -> Any:
+    """The frames of an episode that are shown."""
+    last = len(states.done) if end is None else min(end + 1 + _AFTER, len(states.done))
+    ended = np.flatnonzero(states.done > 0.5)
+    last = min([last, *(ended[:1] + 1)])
+    return jax.tree.map(lambda x: x[:last], states)
+
+
+def _films(env: Env, episodes: list[Any]) -> Iterator[Film]:
+    for states in episodes:
+        seen = states.objects
+        shown = np.ones(seen.center.shape[:2], bool)
+        yield Film(filming.outlines(env, states.data), seen.center, seen.size, shown)

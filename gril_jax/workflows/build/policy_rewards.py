@@ -1,14 +1,14 @@
-"""The reward that trains a policy: built from the configuration, with its parameters."""
+"""The reward that trains a policy: its function, its parameters, and the stages that it tells."""
 
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int, UInt8
+from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from gril_jax import envs, reward
 from gril_jax.config import RunConfig
@@ -24,11 +24,21 @@ from gril_jax.subtasks import agreement
 from gril_jax.types import DemoBatch
 
 from . import setup
-from .reward_form import RewardForm
 
 _MOST = 8  # stages
 _FAR = 2.0  # world units
 _NUM_FRAMES = 2048  # that training may begin at
+_WEIGHTS = (10.0, 1.0)  # of the learned reward as a potential, and of the task's own
+
+
+class RewardForm(NamedTuple):
+    """One entry of the table `REWARDS`."""
+
+    function: Callable[[RunConfig, envs.Env], rewards.AnyReward]
+    """The reward as the algorithms take it."""
+    parameters: Callable[[RunConfig, RewardParams, DemoBatch | None, int], Any]
+    """Its parameters, from a learned reward, the demonstrations that it was learned from (None for
+    shapes alone), and the number of classes."""
 
 
 def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
@@ -108,7 +118,7 @@ def in_the_order_of(task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]) -> I
 
 
 def _form(config: RunConfig) -> RewardForm:
-    return find(REWARDS[config.run.reward].form)
+    return find(REWARDS[config.run.reward_form].form)
 
 
 def robots(env: envs.Env) -> tuple[int, ...]:
@@ -136,9 +146,6 @@ def _picture(config: RunConfig, pixels: int) -> Callable[[Any], UInt8[Array, "P 
         )
     inner = slice(border, border + pixels)
     return lambda data: env.render(data, size=pixels + 2 * border, antialias=True)[inner, inner]
-
-
-_WEIGHTS = (10.0, 1.0)  # of the learned reward as a potential, and of the task's own
 
 
 def _of_shaped(config, learned, demos, num_classes):
@@ -180,3 +187,51 @@ LEARNED = RewardForm(
 )
 SHAPED = RewardForm(lambda config, env: rewards.shaped(_learned(config, env)), _of_shaped)
 STAGES = RewardForm(_stages, _of_stages)
+
+
+def stages_of(reward_params: Any) -> staircase.Staircase | None:
+    """The stages among a policy reward's parameters; None if the reward has none."""
+    params = reward_params.reward if isinstance(reward_params, starts.WithFrames) else reward_params
+    last = params[-1] if isinstance(params, tuple) and params else None
+    return last if isinstance(last, staircase.Staircase) else None
+
+
+def stages_note(config: RunConfig, reward_params: Any) -> str | None:
+    """A sentence if the demonstrations agree on another number of stages than there are
+    sub-policies, else None."""
+    found, asked = stages_of(reward_params), config.ppo.sub_policies
+    if found is None or config.run.algorithm != "ppo" or asked in (1, int(found.count)):
+        return None
+    if int(found.count) == 1:
+        return (
+            "the demonstrations agree on no stages: one policy learns from one goal, and "
+            f"{asked - 1} of {asked} sub-policies have nothing to do"
+        )
+    return (
+        f"the demonstrations agree on {int(found.count)} stages, which {asked} sub-policies share "
+        f"out: --ppo.sub-policies {int(found.count)} gives each stage its own"
+    )
+
+
+def stages_finished(reward_params: Any, remembered: Float[Array, "E T K"]) -> list[float]:
+    """The share of episodes that finished each stage; empty without stages."""
+    found = stages_of(reward_params)
+    if found is None:
+        return []
+    each = _index(found, np.asarray(remembered)[:, -1])
+    return [float(np.mean(each > stage)) for stage in range(int(found.count))]
+
+
+def stages_in_words(reward_params: Any, remembered: Float[Array, "T K"]) -> list[str]:
+    """The stage of an episode before its first step and after each, (T + 1); empty without
+    stages."""
+    found = stages_of(reward_params)
+    if found is None:
+        return []
+    count = int(found.count)
+    each = [0, *_index(found, np.asarray(remembered))]
+    return [f"stage {n + 1} of {count}" if n < count else "all stages done" for n in each]
+
+
+def _index(found: staircase.Staircase, remembered: Float[np.ndarray, "... K"]) -> np.ndarray:
+    return np.round(remembered[..., -1] * int(found.count)).astype(int)

@@ -28,8 +28,6 @@ from gril_jax.reward.latent_goal import RewardParams
 
 Kind = TypeVar("Kind")
 
-_FEW_UPDATES = 5000  # it pays after 4,300 with displaced copies, 7,800 without (H200, JAX 0.11)
-
 
 def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -> envs.Env:
     """The task; varied starts are for training only. ConfigError if it lacks what is asked for."""
@@ -186,11 +184,6 @@ def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
     return pretrain.Hyper(*map(float, found))
 
 
-def few_updates(config: RunConfig) -> bool:
-    """True if training is too short for the compiler's slow optimisations to pay on a GPU."""
-    return config.pretrain.steps <= _FEW_UPDATES
-
-
 def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
     """Reward parameters of the right shapes, to restore a checkpoint into."""
     chosen = encoder_config(config, num_classes)
@@ -198,17 +191,12 @@ def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
     shapes = jax.eval_shape(lambda: encoder.init(jax.random.key(0), chosen))
     blank = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
     latent = ensemble.latent_size(chosen)
+    several = config.loss.goals > 1 and ENCODERS[config.encoder.kind].boxes
+    goal = (config.loss.goals, latent) if several else (latent,)
     goal, scale, alpha = (
-        np.zeros(shape, np.float32)
-        for shape in (goal_shape(config, latent), members if members > 1 else (), ())
+        np.zeros(shape, np.float32) for shape in (goal, members if members > 1 else (), ())
     )
     return jax.device_put(RewardParams(blank, goal, scale, alpha))  # nothing is compiled
-
-
-def goal_shape(config: RunConfig, latent: int) -> tuple[int, ...]:
-    """The shape of a learned reward's goal: one latent, or a set of them."""
-    several = config.loss.goals > 1 and ENCODERS[config.encoder.kind].boxes
-    return (config.loss.goals, latent) if several else (latent,)
 
 
 def device_in_words() -> str:

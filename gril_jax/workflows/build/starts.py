@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from gril_jax.config import EnvConfig
-from gril_jax.envs import Env, registry
+from gril_jax.envs import registry
 from gril_jax.rl.episodes import Episodes, EpisodeState
 from gril_jax.rl.evaluate import begin
 
@@ -55,12 +55,8 @@ def evaluated_from(config: EnvConfig) -> registry.Starts:
 @functools.cache
 def distinct(config: EnvConfig, variant: str | None, count: int) -> int:
     """The number of distinct starts among so many of a variant, by drawing as many."""
-    return count_starts(setup.make_env(config, training=False, variant=variant), count)
-
-
-def count_starts(env: Env, draws: int) -> int:
-    """The number of distinct starts among so many of a task."""
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), draws))
+    env = setup.make_env(config, training=False, variant=variant)
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), count))
     return int(which(states).max()) + 1
 
 

@@ -1,7 +1,9 @@
 """The vocabulary of a run's boxes: classes, robots, objects and units, of its task or its films."""
 
+import dataclasses
+import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -12,9 +14,13 @@ from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.envs import Env
 from gril_jax.errors import RunError
-from gril_jax.runs.phases import read_phases
+from gril_jax.runs.reading import read_phases
 
 from . import setup
+
+PRESET = "own_videos"  # of sets without a task
+_TOGETHER = 4  # videos of a batch, at most
+_WINDOW = 4.0  # seconds that a displacement is measured over
 
 
 class Vocabulary(NamedTuple):
@@ -72,11 +78,6 @@ def of_set(demo_set: DemoSet, task: str) -> Vocabulary:
     )
 
 
-def as_results(words: Vocabulary) -> dict[str, Any]:
-    """The vocabulary as results of a phase."""
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in words._asdict().items()}
-
-
 def _of_films(config: RunConfig, folder: Path) -> Vocabulary | None:
     """As the run has noted it; of an older run, as its demonstration set says, if that is there."""
     noted = read_phases(folder).finished.get("demos", {})
@@ -87,3 +88,26 @@ def _of_films(config: RunConfig, folder: Path) -> Vocabulary | None:
     if not (source / schema.HEADER).is_file():
         return None
     return of_set(load_demo_set(source), config.env.name)
+
+
+def fitted_to_set(config: RunConfig, demos: DemoSet) -> RunConfig:
+    """The configuration with what depends on the set.
+
+    Boxes that jitter need a rule that does not take jitter for motion. Without a task, units and
+    frame rate are the set's own, too.
+    """
+    pool = config.pool
+    if demos.noise is not None and pool.noise is None:
+        pool = dataclasses.replace(pool, noise=demos.noise)
+    config = dataclasses.replace(config, pool=pool)
+    if config.env.name != NO_TASK:
+        return config
+    good = sum(demo.outcome != "failure" for demo in demos)
+    together = max(2, min(_TOGETHER, good - math.ceil(good / 4)))
+    window = max(1, round(_WINDOW * demos.fps))
+    return dataclasses.replace(
+        config,
+        encoder=dataclasses.replace(config.encoder, length_unit=demos.half_extent),
+        pool=dataclasses.replace(config.pool, window=window),
+        pretrain=dataclasses.replace(config.pretrain, num_videos=together),
+    )

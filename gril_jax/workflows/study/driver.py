@@ -8,35 +8,35 @@ is cut off leaves what it has.
 
 import contextlib
 import dataclasses
-import functools
 import io
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 
 from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
 from gril_jax.demos import schema
-from gril_jax.errors import ConfigError
-from gril_jax.runs import covered, hosts, run_dir
+from gril_jax.demos.importing import import_videos
+from gril_jax.demos.magical_pickles import HALF_EXTENT
+from gril_jax.errors import ConfigError, DemoError, GrilError
+from gril_jax.runs import hosts, reading, run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import demonstrations, setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
 
-from . import measured as study_measures
+from . import audit, measures, saved, separation, summary, variants
 from . import programs as study_programs
 from . import rewards as study_rewards
-from . import saved, summary
-from .failures import PHASE, Failures
-from .measured import audit, measure, variants
+from .measures import Gather
 from .programs import learn_policies
+from .results import FAILED
 from .rewards import TrainedReward, reward_key
-from .rows import Row, learns
-from .saved import Plan
+from .saved import Plan, Row, learns
 
 Echo = Callable[[str], None]
-Gather = Callable[[RunConfig], Demonstrations]
 
 
 def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
@@ -61,13 +61,13 @@ def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
         failed = _train(plan, rows, programs, run, progress, echo)
         if not hosts.is_first():
             return 0
-        return finish(run, failed.cells, counts, echo)
+        return finish(run, failed, counts, echo)
 
 
 def finish(run: run_dir.RunDir, failed: dict[int, str], counts: dict[str, int], echo: Echo) -> int:
     """Ends a run: without results.json where rows failed, so that --resume tries these again."""
-    if failed or run.finished_phase(PHASE):
-        run.finish_phase(PHASE, {str(cell): said for cell, said in failed.items()})
+    if failed or run.finished_phase(FAILED):
+        run.finish_phase(FAILED, {str(cell): said for cell, said in failed.items()})
     found = summary.write(run.path, last=run.path == saved.root(run.path))
     if not failed:
         run.finish(counts)
@@ -128,22 +128,26 @@ def _opened(
             yield run, progress, echo
 
 
-def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> Failures:
+def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, str]:
     """Rewards, measures and policies, in the order in which programs are compiled."""
     finished = hosts.largest([run.finished_phase(one.name) is not None for one in programs])
     left = [one for one, done in zip(programs, finished, strict=True) if not done]
     free = [one for one in left if not any(learns(row.config) for row in one.rows)]
     others = [one for one in left if one not in free]
     learned: dict[Hashable, TrainedReward] = {}
-    failed = Failures()
+    failed: dict[int, str] = {}
     gather = _gatherer(plan.config, run, progress)
 
     def written() -> None:
         if hosts.is_first():
             summary.write(run.path, last=False)
 
-    def train(program, compiled) -> None:
+    def learn(one) -> None:
+        learned.update(study_rewards.learn(one, run, progress, echo))
+
+    def train(program) -> None:
         shown = lambda config: gather(config).batch("train")  # noqa: E731
+        compiled = ready.pop(program.name).result()  # which is kept while it trains
         done, saved_files = learn_policies(program, compiled, learned, shown, run, progress, echo)
         if program.name in played:
             variants.finish(played[program.name].result(), program, plan, run)
@@ -157,36 +161,86 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> Failures:
         wanted = study_rewards.get_ready(rows, gather, pool)
         ready |= study_programs.get_ready(others, jax.devices(), pool)
         played = variants.get_ready(left, plan.study, pool)
-        needs = functools.partial(study_rewards.needed, wanted)
-        measures = study_measures.of_study(plan, gather, run.path)
-        tasks = (
-            study_rewards.tasks(wanted, learned, run, progress, echo)
-            + measure.tasks(measures, rows, learned, needs, run, pool, progress, written)
-            + study_programs.tasks(left, ready, needs, train)
-        )
-        of = {f"policy-{i}": program.rows for i, program in enumerate(programs)}
-        for number, one in enumerate(wanted):
-            of[f"reward-{number}"] = [row for row in rows if reward_key(row.config) in one.keys]
-        for task in tasks:
-            cell = task.name.rpartition("-")[2]
-            of.setdefault(task.name, [row for row in rows if str(row.cell) == cell])
-        if jax.process_count() == 1:  # several must fail together
-            tasks = [failed.guarded(task, of[task.name]) for task in tasks]
-        ahead.carry_out(tasks)
+        needs = partial(study_rewards.needed, wanted)
+        asked = _measures(plan, gather, run.path)
+        tasks = [
+            *(_task(x, x.programs.reward, frozenset(), learn, x.rows) for x in wanted),
+            *measures.tasks(asked, rows, learned, needs, run, pool, progress, written),
+            *(_task(x, ready[x.name], needs(x.rows), train, x.rows) for x in left),
+        ]
+        note = lambda task, error: _note(failed, task.about, error)  # noqa: E731
+        ahead.carry_out(tasks, note if jax.process_count() == 1 else None)  # several fail together
     return failed
 
 
-def _with_demonstrations(rows: list[Row], gather: Gather, failed: Failures) -> list[Row]:
+def _measures(plan: Plan, gather: Gather, run: Path) -> list[measures.Measure]:
+    """The measures of a study's rewards, for the run in a folder."""
+    make: dict[str, Callable[..., measures.Measure]] = {
+        "audit": audit.Audit,
+        "profiles": partial(measures.Profiles, gather),
+        "separation": partial(separation.Separation, gather),
+        "files": partial(measures.Files, plan, run),
+    }
+    asked = [make[kind](**options) for kind, options in plan.study.measure.items() if kind in make]
+    return [measures.Tau(), *asked]
+
+
+# --- demonstrations
+
+_FOLDERS = {"match_regions_magical": "match-regions"}  # of films, where not by the task's name
+_KINDS = "*.pkl.gz", "*.mp4"
+
+
+def make_sets(configs: Iterable[RunConfig], films: str | None, echo: Echo) -> None:
+    """Makes the demonstration sets that are missing, from a folder with a folder of films for each
+    task; a DemoError, before any is made, if films are missing."""
+    sets = {c.demos.path: c.env.name for c in configs if c.demos.path is not None}
+    missing = {
+        Path(out): task for out, task in sets.items() if not (Path(out) / "demos.json").is_file()
+    }
+    found = {out: _films_of(films, task, out) for out, task in missing.items()}
+    for out, task in missing.items():
+        echo(f"finding the objects in the films of {found[out]}")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        pickles = next(found[out].glob(_KINDS[0]), None) is not None
+        how = {} if pickles else {"boxes": "colour", "half_extent": HALF_EXTENT}
+        import_videos(found[out], out, task=task, **how)
+
+
+def _films_of(films: str | None, task: str, out: Path) -> Path:
+    names = dict.fromkeys([_FOLDERS.get(task, task.replace("_", "-")), task])
+    for folder in (Path(films) / name for name in (names if films else ())):
+        if any(next(folder.glob(kind), None) for kind in _KINDS):
+            return folder
+    where = f"{films} has no folder {next(iter(names))} of them" if films else "--films is missing"
+    raise DemoError(f"{out} is no demonstration set, and to make it of films {where}")
+
+
+def _task(of: Any, wanted: Any, needs: frozenset[str], do: Callable, rows: Sequence[Row]):
+    return ahead.Task(of.name, wanted, needs, partial(do, of), rows)
+
+
+def _note(failed: dict[int, str], rows: Iterable[Row], error: Exception) -> None:
+    """Notes what went wrong with some rows, in a sentence without its full stop; the first error of
+    a row counts."""
+    first = next(iter(str(error).splitlines()), "").strip().rstrip(".")
+    if not isinstance(error, GrilError):
+        first = f"{type(error).__name__}: {first}"[:300]
+    for row in rows:
+        failed.setdefault(row.cell, first)
+
+
+def _with_demonstrations(rows: list[Row], gather: Gather, failed: dict[int, str]) -> list[Row]:
     """The rows whose demonstrations are there, or can be made; the others have failed."""
     for row in rows:
-        if learns(row.config) and row.cell not in failed.cells:
+        if learns(row.config) and row.cell not in failed:
             try:
                 gather(row.config)
             except Exception as error:
                 if jax.process_count() > 1:
                     raise
-                failed.note([row], error)
-    return [row for row in rows if row.cell not in failed.cells]
+                _note(failed, [row], error)
+    return [row for row in rows if row.cell not in failed]
 
 
 def _of_set(config: RunConfig) -> Hashable:
@@ -206,7 +260,7 @@ def _gatherer(base: RunConfig, run: run_dir.RunDir, progress: Progress) -> Gathe
                 made[key] = demonstrations.gather_once(config, env, run, progress)
             else:
                 folder = run.path / f"demos-{len(made)}"
-                covered.require_part(run.path, folder.name)
+                reading.require_unchanged(run.path, f"{folder.name}/")
                 made[key] = demonstrations.gather(config, env, folder, progress)
                 if not config.demos.path:
                     run.cover(folder.name, [folder / schema.HEADER])

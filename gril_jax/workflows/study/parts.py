@@ -1,4 +1,4 @@
-"""A study in parts: processes that each make some of its rows, on a device of their own.
+"""A study in parts: processes or jobs that each make some of its rows, on a device of their own.
 
     RUN/parts/000/      a run like any other, which `gril sweep --resume` goes on with
 
@@ -6,21 +6,26 @@ The parent computes nothing: it shares out the work, waits, and joins what the p
 """
 
 import collections
+import importlib
+import importlib.util
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from gril_jax.config import RunConfig
+from gril_jax.errors import ConfigError
 from gril_jax.runs import reading, run_dir
 from gril_jax.runs.interrupt import Interrupted, noticed
 
 from . import driver, results, saved
 from .driver import Echo
 from .rewards import reward_key
-from .rows import learns
-from .saved import Plan, Work
+from .saved import Plan, Work, learns
 
 LOG = "log.txt"  # in a part's folder: what its process said
 _WAIT_S = 0.2
@@ -62,58 +67,32 @@ def make(
 
 
 def split(plan: Plan, count: int) -> list[dict[str, list[int]]]:
-    """The work in at most so many parts with about as many steps each: rows with the same reward
-    together, until there are too few of these; then their seeds apart."""
-    units: dict[object, dict[str, list[int]]] = {}
-    for name, seeds in plan.work.items():
+    """The work in at most so many parts with about as many steps each; rows with the same reward,
+    and the seeds of a row, are together where they can be."""
+    groups: dict[Hashable, int] = {}
+    for name in plan.work:
         config = plan.rows[name]
-        key = reward_key(config) if learns(config) else name
-        units.setdefault(key, {})[name] = [*seeds]
-    weighed = [*units.values()]
+        groups.setdefault(reward_key(config) if learns(config) else name, len(groups))
+    place = {name: groups[reward_key(x) if learns(x) else name] for name, x in plan.rows.items()}
 
-    def weight(unit: Mapping[str, Sequence[int]]) -> int:
-        return sum(len(seeds) * _steps(plan, name) for name, seeds in unit.items())
+    def steps(config: RunConfig) -> int:
+        trained = getattr(config, config.run.algorithm).num_timesteps
+        each = _PICTURE_STEPS if learns(config) and config.encoder.kind == "pixels" else 1
+        return each * (trained if plan.study.policies else config.pretrain.steps)
 
-    total = sum(map(weight, weighed))
-    while weighed:
-        largest = max(weighed, key=weight)
-        if len(weighed) >= count and weight(largest) <= total / count:
-            break
-        halves = _halves(largest)
-        if len(halves) == 1:
-            break
-        weighed.remove(largest)
-        weighed += halves
-    parts: list[dict[str, list[int]]] = [{} for _ in range(min(count, len(weighed)))]
-    for unit in sorted(weighed, key=weight, reverse=True):
-        part = min(parts, key=weight)
-        for name, seeds in unit.items():
-            part[name] = sorted([*part.get(name, ()), *seeds])
+    runs = [(name, seed) for name, seeds in plan.work.items() for seed in seeds]
+    runs.sort(key=lambda run: (place[run[0]], run[1]))
+    weights = [steps(plan.rows[name]) for name, _ in runs]
+    count, done = min(count, len(runs)), 0
+    parts: list[dict[str, list[int]]] = []
+    for number, ((name, seed), weight) in enumerate(zip(runs, weights, strict=True)):
+        due = int((done + weight / 2) / sum(weights) * count)
+        due = max(due, count - (len(runs) - number))  # a run at least for each part that is left
+        if due >= len(parts):
+            parts.append({})
+        parts[-1].setdefault(name, []).append(seed)
+        done += weight
     return parts
-
-
-def _steps(plan: Plan, name: str) -> int:
-    """About what a seed of a row takes, in steps that read boxes."""
-    config = plan.rows[name]
-    each = _PICTURE_STEPS if learns(config) and config.encoder.kind == "pixels" else 1
-    if not plan.study.policies:
-        return each * config.pretrain.steps
-    return each * getattr(config, config.run.algorithm).num_timesteps
-
-
-def _halves(unit: Mapping[str, list[int]]) -> list[dict[str, list[int]]]:
-    """The unit in two: each row's seeds, or else its rows; as it is if it is a single run."""
-    if max(map(len, unit.values())) > 1:
-        half = {name: -(-len(seeds) // 2) for name, seeds in unit.items()}
-        both = (
-            {name: seeds[: half[name]] for name, seeds in unit.items()},
-            {name: seeds[half[name] :] for name, seeds in unit.items() if seeds[half[name] :]},
-        )
-        return list(both)
-    names = [*unit]
-    cut = -(-len(names) // 2)
-    parts = ({n: unit[n] for n in names[:cut]}, {n: unit[n] for n in names[cut:]})
-    return [part for part in parts if part]
 
 
 def _missing(plan: Plan, folder: Path) -> Work:
@@ -161,10 +140,13 @@ def _last_words(part: Path, code: int) -> str:
     return f"its process ended with exit code {code}"
 
 
-def command(part: Path) -> list[str]:
+def _command(part: Path) -> list[str]:
     """The command line that goes on with a part, in a process with one device."""
     gril = [sys.executable, "-m", "gril_jax.cli.main"]
     return [*gril, "sweep", "--resume", str(part), "--devices", "1"]
+
+
+# --- processes of this machine
 
 
 def on_this_machine(
@@ -207,6 +189,58 @@ def _started(part: Path, device: str | None, environment: Mapping[str, str]) -> 
     own = dict(environment) | ({} if device is None else {"CUDA_VISIBLE_DEVICES": device})
     with open(part / LOG, "ab") as log:
         return subprocess.Popen(
-            command(part), env=own, stdout=log, stderr=log, stdin=subprocess.DEVNULL,
+            _command(part), env=own, stdout=log, stderr=log, stdin=subprocess.DEVNULL,
             start_new_session=True,
         )  # fmt: skip
+
+
+# --- jobs of a cluster, by submitit
+
+
+def on_a_cluster(kind: str, options: str | None, echo: Echo) -> CarryOut:
+    """Carries parts out as jobs, one GPU each unless the options say otherwise; a ConfigError if
+    these are not KEY=VALUE with commas between, or if submitit is not installed."""
+    if importlib.util.find_spec("submitit") is None:
+        raise ConfigError(
+            "--cluster needs the package submitit, which is not installed: "
+            "pip install 'gril-jax[cluster]'"
+        )
+    given: dict[str, Any] = {"slurm_job_name": "gril", "timeout_min": 240}
+    given["gpus_per_node"] = int(kind == "slurm")
+    for pair in filter(None, (options or "").split(",")):
+        key, equals, value = pair.partition("=")
+        if not equals:
+            raise ConfigError(f"--cluster-options has {pair!r}, but must be KEY=VALUE,KEY=VALUE")
+        given[key] = int(value) if value.isdecimal() else value
+
+    def carry_out(left: Sequence[Path]) -> dict[Path, int]:
+        if not left:
+            return {}
+        submitit = importlib.import_module("submitit")
+        executor = submitit.AutoExecutor(folder=saved.root(left[0]) / "jobs", cluster=kind)
+        executor.update_parameters(**given)
+        running = {part: executor.submit(Job(), str(part)) for part in left}
+        echo("jobs: " + ", ".join(job.job_id for job in running.values()))
+        codes: dict[Path, int] = {}
+        while len(codes) < len(running):
+            time.sleep(_WAIT_S)
+            for part, job in running.items():
+                if part not in codes and job.done():
+                    codes[part] = 1 if job.exception() is not None else int(job.result())
+        return codes
+
+    return carry_out
+
+
+class Job:
+    """The job of a part. submitit signals one that is about to be cut off, and queues it again
+    after `checkpoint`."""
+
+    def __call__(self, folder: str) -> int:
+        """Carries the part out; its exit code."""
+        environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+        return subprocess.run(_command(Path(folder)), env=environment).returncode
+
+    def checkpoint(self, folder: str) -> Any:
+        """The same job once more: the part goes on where it was last saved."""
+        return importlib.import_module("submitit").helpers.DelayedSubmission(Job(), folder)

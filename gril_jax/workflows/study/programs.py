@@ -1,6 +1,5 @@
-"""The policies of a table's rows: those that compile to the same program train side by side."""
+"""The policies of a study's rows: those that compile to the same program train side by side."""
 
-import functools
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from gril_jax.compilation import ahead, memory, sharding
+from gril_jax.compilation import memory, sharding
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
 from gril_jax.rl import training
@@ -16,14 +15,20 @@ from gril_jax.runs import hosts
 from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
-from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
+from gril_jax.workflows.build import policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.starts import distinct, evaluated_from
 from gril_jax.workflows.learning import policies
 from gril_jax.workflows.learning.encoders import stack
 
-from .counted import Counted
 from .rewards import TrainedReward, reward_key
-from .rows import Row, learns
+from .saved import Row, learns
+
+
+class Counted(NamedTuple):
+    """Episodes of one kind of actions in an evaluation, and how many of their starts differ."""
+
+    episodes: int
+    distinct: int
 
 
 class Program(NamedTuple):
@@ -119,23 +124,6 @@ def get_ready(
     return {program.name: pool.submit(_compiled, program, devices) for program in left}
 
 
-def tasks(
-    left: Sequence[Program],
-    ready: dict[str, Future[policies.Compiled]],
-    needs: Callable[[Sequence[Row]], frozenset[str]],
-    train: Callable[[Program, policies.Compiled], None],
-) -> list[ahead.Task]:
-    """A task for each program, whose compiled form, from `get_ready`, is kept while it trains."""
-
-    def do(program: Program) -> None:
-        train(program, ready.pop(program.name).result())
-
-    return [
-        ahead.Task(one.name, ready[one.name], needs(one.rows), functools.partial(do, one))
-        for one in left
-    ]
-
-
 def _compiled(program: Program, devices: Sequence[Any]) -> policies.Compiled:
     configs = [row.config for row in program.rows]
     tasks = [program.tasks[name] for name in _tasks_of_parts(program)]
@@ -180,18 +168,16 @@ def learn_policies(
 ) -> tuple[dict[str, Any], list[Path]]:
     """Trains a program's policies: results and files of its phase of the run.
 
-    Their scores during training are rows of the run's metrics.
-
     `demos` are the demonstrations of a configuration, for training that begins at their frames.
-
-    In these `success` is with deterministic actions in the first of the tasks, `success_sampled`
-    with sampled ones, and `success_layout` and `success_layout_sampled` are those in "layout".
+    Scores during training are rows of the run's metrics: `success` is with deterministic actions
+    in the first of the tasks, `success_sampled` with sampled ones, and `success_layout` and
+    `success_layout_sampled` are those in "layout".
     """
     rows, algorithm = program.rows, program.algorithm
     configs = [row.config for row in rows]
     learned = [rewards[reward_key(one)] if learns(one) else None for one in configs]
     each = [_parameters(one, found, demos) for one, found in zip(configs, learned, strict=True)]
-    for said in dict.fromkeys(map(stages.note, configs, each)):
+    for said in dict.fromkeys(map(policy_rewards.stages_note, configs, each)):
         if said:
             echo(said)
     # Each process has learned rewards; rounding may have driven them apart.

@@ -10,41 +10,55 @@
     measure:
       audit: {variants: [demo]}
 
-`rows` may be a product: {join: " on ", of: [{...}, {...}], except: [...]} has a row for each
-combination. Studies that are shipped have names, those of `experiments/studies`. Neither JAX nor
-MuJoCo is imported here.
+`product` instead of `rows` has a row for each combination: {join: " on ", of: [{...}, {...}],
+except: [...]}. Neither JAX nor MuJoCo is imported here.
 """
 
 import dataclasses
+import fnmatch
+import functools
 import itertools
+import types
+import typing
 from collections.abc import Mapping, Sequence
 from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-import yaml
-
+from gril_jax.config import RunConfig
 from gril_jax.config.command_line import nearest
+from gril_jax.config.files import mapping
 from gril_jax.errors import ConfigError
-
-from .rows import Change, chosen, scale
 
 _PACKAGE = "gril_jax.experiments.studies"
 # What can be measured of a row's rewards or policies, and the options of each.
 MEASURES = {
-    "audit": {"variants", "starts", "ascents"}, "profiles": set(), "separation": set(),
-    "evaluation": set(), "files": set(), "variants": {"starts"},
+    "profiles": set(), "audit": {"variants", "starts", "ascents"}, "separation": set(),
+    "files": set(), "variants": {"starts"},
 }  # fmt: skip
+
+Change = Mapping[str, Any]  # dotted fields of the configuration, such as "loss.touch", to values
 
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """All of a study that is not in the configurations of its rows."""
+    """A study as its file describes it, before the command line has its say."""
 
     name: str
     about: str = ""
     """What it compares, in a sentence."""
+    base: str | None = None
+    """The configuration that all rows change."""
+    rows: Mapping[str, Change] = dataclasses.field(default_factory=dict)
+    """What each row changes."""
+    changes: Change = dataclasses.field(default_factory=dict)
+    """Fields of all rows, below what a row says."""
+    over: Change = dataclasses.field(default_factory=dict)
+    """Fields of all rows, above what a row says."""
+    default: Sequence[str] = ("*",)
+    """Names or patterns of the rows that are made unless others are chosen."""
+    sets: str | None = None
+    """Folder with a demonstration set for each task, in a folder of its name."""
     seeds: int = 5
     """Rewards and policies of each row."""
     policies: bool = True
@@ -57,36 +71,16 @@ class Study:
     measure: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
     """What is measured, with options: see `MEASURES`."""
     published: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
-    """Column to published numbers of rows, which are printed beside ours."""
+    """Column to published numbers of rows, which stand beside ours."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Recipe:
-    """A study before the command line has its say."""
+# --- the file
 
-    study: Study
-    base: str | None
-    rows: Mapping[str, Change]
-    changes: Change = dataclasses.field(default_factory=dict)
-    """Fields of all rows, below what a row says."""
-    over: Change = dataclasses.field(default_factory=dict)
-    """Fields of all rows, above what a row says."""
-    default: Sequence[str] = ("*",)
-    """Names or patterns of the rows that are made unless others are chosen."""
-    sets: str | None = None
-    """Folder with a demonstration set for each task, in a folder of its name."""
-
-    def quick(self, smaller: Mapping[str, Any]) -> "Recipe":
-        """The smaller version that `quick` of its file describes."""
-        study = dataclasses.replace(self.study, seeds=smaller.get("seeds", self.study.seeds))
-        return dataclasses.replace(
-            self, study=study, base=smaller.get("base", self.base),
-            default=smaller.get("rows", self.default), over=smaller.get("changes", {}),
-        )  # fmt: skip
+_QUICK = {"seeds": "seeds", "base": "base", "rows": "default", "changes": "over"}
 
 
 def names() -> tuple[str, ...]:
-    """The studies shipped with the package."""
+    """The studies shipped with the package, in `experiments/studies`."""
     files = resources.files(_PACKAGE).iterdir()
     return tuple(sorted(f.name.removesuffix(".yaml") for f in files if f.name.endswith(".yaml")))
 
@@ -95,30 +89,32 @@ def is_study(name: str | None) -> bool:
     """True for the name of a shipped study, and for a YAML file that has rows."""
     if name is None or name in names():
         return name is not None
-    path = Path(name)
-    return path.is_file() and not {"rows", "product"}.isdisjoint(_keys(path))
+    try:
+        return Path(name).is_file() and not {"rows", "product"}.isdisjoint(mapping(Path(name)))
+    except ConfigError:  # which is told where it is read as a configuration
+        return False
 
 
-def load(name: str, *, quick: bool = False) -> Recipe:
-    """Reads a study by its name or path; ConfigError if it is not as it must be."""
+def load(name: str, *, quick: bool = False) -> Study:
+    """Reads a study by its name or path, or the smaller one that `quick` of its file describes;
+    ConfigError if it is not as it must be."""
     shipped = name in names()
     file = resources.files(_PACKAGE) / f"{name}.yaml" if shipped else Path(name)
     try:
-        tree = _read(file)
-        made = _made(tree, name if shipped else Path(name).stem)
-        if quick and "quick" not in tree:
-            raise ConfigError("the study has no smaller version, so there is no use for --quick")
-        return made.quick(tree["quick"]) if quick else made
+        return _study(mapping(file), Path(name).stem, quick=quick)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
 
 
-def _made(tree: Mapping[str, Any], name: str) -> Recipe:
-    fields = {field.name for field in dataclasses.fields(Study)} - {"name"}
-    own = {"base", "rows", "product", "blocks", "changes", "default", "sets", "quick"}
-    for key in tree:
+def _study(tree: dict[str, Any], name: str, *, quick: bool) -> Study:
+    fields = {field.name for field in dataclasses.fields(Study)} - {"name", "over"}
+    own = {"product", "blocks", "quick"}
+    for key, value in tree.items():
         if key not in fields | own:
             raise ConfigError(f"there is no key {key!r}{nearest(str(key), [*fields, *own])}")
+        if key in ("rows", "blocks", "changes", "measure", "quick", "published"):
+            if not isinstance(value, dict):
+                raise ConfigError(f"{key} must hold names, each with what belongs to it")
     measure = {kind: options or {} for kind, options in tree.get("measure", {}).items()}
     for kind, options in measure.items():
         if kind not in MEASURES:
@@ -128,8 +124,6 @@ def _made(tree: Mapping[str, Any], name: str) -> Recipe:
     seeds = tree.get("seeds", Study.seeds)
     if type(seeds) is not int or seeds < 1:
         raise ConfigError(f"seeds is {seeds!r}, but must be a whole number of at least 1")
-    given = {key: value for key, value in tree.items() if key in fields}
-    study = Study(name, **given | {"measure": measure})
     blocks = tree.get("blocks", {})
     rows = {row: _extended(change, blocks, (row,)) for row, change in tree.get("rows", {}).items()}
     if "product" in tree:
@@ -138,8 +132,11 @@ def _made(tree: Mapping[str, Any], name: str) -> Recipe:
         raise ConfigError("the study has no rows")
     if stray := [row for row in rows if "," in row]:
         raise ConfigError(f"the row {stray[0]!r} has a comma, but --rows is a list with commas")
-    kept = {key: tree[key] for key in ("changes", "default", "sets") if key in tree}
-    return Recipe(study, tree.get("base"), rows, **kept)
+    given = {key: value for key, value in tree.items() if key in fields}
+    if quick and "quick" not in tree:
+        raise ConfigError("the study has no smaller version, so there is no use for --quick")
+    smaller = {_QUICK[x]: y for x, y in tree["quick"].items() if x in _QUICK} if quick else {}
+    return Study(name, **given | {"measure": measure, "rows": rows} | smaller)
 
 
 def _product(tree: Mapping[str, Any], blocks: Mapping[str, Any]) -> dict[str, Change]:
@@ -151,17 +148,12 @@ def _product(tree: Mapping[str, Any], blocks: Mapping[str, Any]) -> dict[str, Ch
     found: dict[str, Change] = {}
     for combination in itertools.product(*(axis.items() for axis in axes)):
         row = tree.get("join", " with ").join(name for name, _ in combination)
-        change: Change = {}
-        for _, part in combination:
-            change = _over(change, part)
-        found[row] = change
+        found[row] = functools.reduce(_over, (part for _, part in combination), {})
     without = chosen(tree.get("except", ()), [*found], "except")
     return {row: change for row, change in found.items() if row not in without}
 
 
-def _extended(
-    change: Mapping[str, Any] | None, blocks: Mapping[str, Any], trail: tuple[str, ...]
-) -> Change:
+def _extended(change: Change | None, blocks: Mapping[str, Any], trail: tuple[str, ...]) -> Change:
     """What a row or block changes, with all that the blocks change which it extends."""
     own = dict(change or {})
     above = own.pop("extends", ())
@@ -185,39 +177,100 @@ def _over(change: Change, other: Change) -> dict[str, Any]:
     return found
 
 
-# --- the file
+def chosen(patterns: Sequence[str], names: Sequence[str], where: str = "--rows") -> list[str]:
+    """The names that patterns such as "ours at level *" match, each once, in the patterns' order.
+
+    Raises ConfigError for a pattern that matches none.
+    """
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        matched = [pattern] if pattern in names else fnmatch.filter(names, pattern)
+        if not matched:
+            hint = nearest(pattern, [*names])
+            raise ConfigError(
+                f"{where} names {pattern!r}{hint}, but the rows are: {', '.join(names)}"
+            )
+        found |= dict.fromkeys(matched)
+    return [*found]
 
 
-class _Loader(yaml.SafeLoader):
-    """A YAML loader that rejects duplicate keys; PyYAML's safe loader silently keeps the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        if twice := [key for key in keys if keys.count(key) > 1]:
-            line = node.start_mark.line + 1
-            raise ConfigError(f"{twice[0]!r} is given twice in what begins at line {line}")
-        return super().construct_mapping(node, deep)
+# --- fields
 
 
-def _read(file: Traversable) -> dict[str, Any]:
+def changed(config: Any, change: Change) -> Any:
+    """The configuration, or its sections, with some fields set to other values; "x0.5" is half of a
+    number's own.
+
+    Raises ConfigError if there is no such field, or if a value is of the wrong type or range.
+    """
+    parts: dict[str, Any] = {}
+    for path, value in change.items():
+        section, field = located(path)
+        part = parts.get(section, getattr(config, section))
+        kind = _kinds(type(part))[field]
+        parts[section] = dataclasses.replace(
+            part, **{field: _fitted(path, value, kind, getattr(part, field))}
+        )
+    return dataclasses.replace(config, **parts)
+
+
+def difference(first: RunConfig, second: RunConfig) -> dict[str, Any]:
+    """What makes the second configuration of the first, as `changed` takes it."""
+    return {
+        f"{section.name}.{name}": value
+        for section in dataclasses.fields(RunConfig)
+        for name, value in vars(getattr(second, section.name)).items()
+        if getattr(getattr(first, section.name), name) != value
+    }
+
+
+def located(path: str) -> tuple[str, str]:
+    """The section and the field of a dotted path; ConfigError if there is none."""
+    section, _, field = path.partition(".")
+    known = {
+        f"{one.name}.{name}": None
+        for one in dataclasses.fields(RunConfig)
+        for name in _kinds(type(one.default))
+    }
+    if path not in known and f"{path}_" not in known:
+        raise ConfigError(f"there is no field {path!r}{nearest(path, [*known])}")
+    return section, field if path in known else f"{field}_"
+
+
+def scale(value: Any) -> float | None:
+    """The factor of a value such as "x0.5"; None for any other."""
+    if not isinstance(value, str) or not value.startswith("x"):
+        return None
     try:
-        tree = _Loader(file.read_text(encoding="utf-8")).get_single_data()
-    except OSError as error:
-        raise ConfigError(f"the file cannot be read ({error.strerror})") from None
-    except (yaml.YAMLError, ValueError) as error:
-        problem = " ".join(str(error).split())
-        raise ConfigError(f"the file is not YAML ({problem})") from None
-    if not isinstance(tree, dict):
-        raise ConfigError("the file must hold keys such as 'rows:' with rows below it")
-    for key, value in tree.items():
-        if key in ("rows", "blocks", "changes", "measure", "quick", "published"):
-            if not isinstance(value, dict):
-                raise ConfigError(f"{key} must hold names, each with what belongs to it")
-    return tree
+        return float(value[1:])
+    except ValueError:
+        return None
 
 
-def _keys(file: Path) -> set[str]:
-    try:
-        return {*_read(file)}
-    except ConfigError:
-        return set()
+@functools.cache
+def _kinds(section: type) -> dict[str, Any]:
+    hints = typing.get_type_hints(section)
+    return {field.name: hints[field.name] for field in dataclasses.fields(section)}
+
+
+def _fitted(path: str, value: Any, kind: Any, own: Any) -> Any:
+    """The value as the field has it: a tuple for a list, a float for a whole number."""
+    factor = scale(value)
+    if factor is not None and isinstance(own, int | float):
+        return type(own)(round(factor * own) if isinstance(own, int) else factor * own)
+    is_union = typing.get_origin(kind) in (typing.Union, types.UnionType)
+    words: list[str] = []
+    for member in typing.get_args(kind) if is_union else (kind,):
+        origin, args = typing.get_origin(member), typing.get_args(member)
+        name = getattr(member, "__name__", str(member))
+        words += map(repr, args) if origin is Literal else [name]
+        if origin is Literal and value in args:
+            return value
+        if origin is tuple and isinstance(value, list | tuple):
+            numbers = all(isinstance(x, int | float) for x in value)
+            if args[0] is not float or numbers:
+                return tuple(map(float, value)) if args[0] is float else tuple(value)
+        if type(value) is member or (member is float and type(value) is int):
+            return member(value) if member is float else value
+    said = f"one of {', '.join(words)}" if len(words) > 1 else f"of the kind {words[0]}"
+    raise ConfigError(f"{path} is {value!r}, but must be {said}")

@@ -1,6 +1,5 @@
-"""The rewards of a table's rows: encoders that compile to the same program train side by side."""
+"""The rewards of a study's rows: encoders that compile to the same program train side by side."""
 
-import functools
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
@@ -8,7 +7,6 @@ from typing import NamedTuple
 import jax
 
 from gril_jax import reward
-from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
 from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
@@ -16,7 +14,7 @@ from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import demonstrations, learners
 from gril_jax.workflows.learning import encoders
 
-from .rows import Row, learns
+from .saved import Row, learns
 
 
 class TrainedReward(NamedTuple):
@@ -35,9 +33,7 @@ def reward_key(config: RunConfig) -> Hashable:
 
 
 # What policies alone are given: neither demonstrations nor encoders depend on it.
-_OF_POLICIES = {
-    "reward", "observation", "variant", "varied_starts", "near_starts"
-}  # fmt: skip
+_OF_POLICIES = {"reward", "observation", "variant", "varied_starts", "near_starts"}
 
 
 def task_key(config: RunConfig) -> Hashable:
@@ -48,8 +44,10 @@ def task_key(config: RunConfig) -> Hashable:
 class Wanted(NamedTuple):
     """Rewards that share one program, which is being compiled."""
 
+    name: str  # of their phase, and of the task that learns them
     keys: list[Hashable]
     config: RunConfig  # of one of them
+    rows: list[Row]  # that have them
     demos: demonstrations.Demonstrations
     programs: encoders.Programs
 
@@ -67,49 +65,28 @@ def get_ready(
         same = (task_key(config), config.demos, static, config.pretrain.steps)
         groups.setdefault(same, []).append(key)
     found = []
-    for members in groups.values():
+    for number, members in enumerate(groups.values()):
         configs = [needed[key] for key in members]
         demos = gather(configs[0])
-        found.append(Wanted(members, configs[0], demos, _compiled(configs, demos, pool)))
+        programs = encoders.compiled_for(configs, learners.learner(configs[0], demos), pool)
+        of = [row for row in rows if reward_key(row.config) in members]
+        found.append(Wanted(f"reward-{number}", members, configs[0], of, demos, programs))
     return found
-
-
-def tasks(
-    wanted: Sequence[Wanted],
-    found: dict[Hashable, TrainedReward],
-    run: Run,
-    progress: Progress,
-    echo: Callable[[str], None],
-) -> list[ahead.Task]:
-    """One task per program, which adds its rewards to the found ones."""
-
-    def learn(name: str, one: Wanted) -> None:
-        found.update(_learned(name, one, run, progress, echo))
-
-    def task(name: str, one: Wanted) -> ahead.Task:
-        last = one.programs.reward  # the last to be compiled
-        return ahead.Task(name, last, frozenset(), functools.partial(learn, name, one))
-
-    return [task(_name(i), one) for i, one in enumerate(wanted)]
 
 
 def needed(wanted: Sequence[Wanted], rows: Iterable[Row]) -> frozenset[str]:
     """Names of the tasks that learn these rows' rewards."""
     asked = {reward_key(row.config) for row in rows if learns(row.config)}
-    return frozenset(_name(i) for i, one in enumerate(wanted) if not asked.isdisjoint(one.keys))
+    return frozenset(one.name for one in wanted if not asked.isdisjoint(one.keys))
 
 
-def _name(number: int) -> str:
-    return f"reward-{number}"
-
-
-def _learned(
-    name: str, one: Wanted, run: Run, progress: Progress, echo: Callable[[str], None]
+def learn(
+    one: Wanted, run: Run, progress: Progress, echo: Callable[[str], None]
 ) -> dict[Hashable, TrainedReward]:
-    """Trains the encoders of a program."""
+    """Trains the encoders of a program; the rewards by their keys."""
     programs = one.programs
     state = encoders.train(
-        programs, one.config, name=name, run=run, progress=progress, echo=echo,
+        programs, one.config, name=one.name, run=run, progress=progress, echo=echo,
         what=f"learning {len(one.keys)} rewards",
         row=lambda metrics: {"loss": metrics.loss.mean(axis=-1)},
     )  # fmt: skip
@@ -123,7 +100,3 @@ def _learned(
         )
         for i, key in enumerate(one.keys)
     }
-
-
-def _compiled(configs: Sequence[RunConfig], demos, pool: Executor) -> encoders.Programs:
-    return encoders.compiled_for(configs, learners.learner(configs[0], demos), pool)

@@ -17,18 +17,26 @@ from typing import NamedTuple
 from gril_jax.config import RunConfig
 from gril_jax.config.files import to_yaml
 from gril_jax.config.grid import with_seed
+from gril_jax.config.tables import REWARDS
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.runs import run_dir
-from gril_jax.runs.covered import require_unchanged
+from gril_jax.runs.reading import require_unchanged
 from gril_jax.safe_files import write_whole, writing
 
-from .recipe import Study
-from .rows import Row, changed, difference
+from .recipe import Study, changed, difference
 
 EXPERIMENT = "sweep"  # of the run's phases: the verb that goes on with it
 _FILE = "study.json"
 
 Work = Mapping[str, Sequence[int]]  # row to places of its seeds
+
+
+class Row(NamedTuple):
+    """One row of a study with one of its seeds: a run."""
+
+    cell: int  # place of the row among all of the study
+    seed: int  # place of the seed among the row's
+    config: RunConfig
 
 
 class Plan(NamedTuple):
@@ -50,6 +58,31 @@ class Plan(NamedTuple):
         ]
 
 
+def learns(config: RunConfig) -> bool:
+    """True if a reward is learned for the policy."""
+    return REWARDS[config.run.reward_form].learns
+
+
+def without_twins(rows: Mapping[str, RunConfig]) -> tuple[dict[str, RunConfig], dict[str, str]]:
+    """The rows but for those with the results of an earlier one, and these with its name: a policy
+    that learns no reward ignores how one would be learned."""
+    usual, kept, twins = RunConfig(), {}, {}
+    first: dict[RunConfig, str] = {}
+    for name, config in rows.items():
+        ignored = [] if learns(config) else ["encoder", "pool", "loss", "pretrain"]
+        if ignored and not getattr(getattr(config, config.run.algorithm), "video_state_resets", 0):
+            ignored.append("demos")
+        counts = dataclasses.replace(config, **{k: getattr(usual, k) for k in ignored})
+        if (same := first.setdefault(counts, name)) == name:
+            kept[name] = config
+        else:
+            twins[name] = same
+    return kept, twins
+
+
+# --- files
+
+
 def write(folder: Path, plan: Plan) -> list[Path]:
     """Writes study.json, for `read`, and a YAML file for each row of the work; their paths."""
     about = {
@@ -58,23 +91,20 @@ def write(folder: Path, plan: Plan) -> list[Path]:
         "work": {name: [*seeds] for name, seeds in plan.work.items()},
         "in_parts": plan.in_parts,
     }
-    file = folder / _FILE
     with writing(folder):
-        write_whole(file, json.dumps(about, indent=1) + "\n")
-    return [file, *write_rows(folder, plan)]
+        write_whole(folder / _FILE, json.dumps(about, indent=1) + "\n")
+    return [folder / _FILE, *write_rows(folder, plan)]
 
 
 def write_rows(folder: Path, plan: Plan) -> list[Path]:
     """Writes the YAML files of the work's rows that are not there; returns their paths."""
     files = row_files(folder, [*plan.rows])
-    found = []
-    for name in plan.work:
-        if not files[name].exists():
-            with writing(folder):
-                files[name].parent.mkdir(exist_ok=True)
-                write_whole(files[name], to_yaml(plan.rows[name]))
-            found.append(files[name])
-    return [file for file in found if file.is_relative_to(folder)]
+    missing = [name for name in plan.work if not files[name].exists()]
+    with writing(folder):
+        for name in missing:
+            files[name].parent.mkdir(exist_ok=True)
+            write_whole(files[name], to_yaml(plan.rows[name]))
+    return [files[name] for name in missing if files[name].is_relative_to(folder)]
 
 
 def read(folder: Path) -> Plan:
@@ -87,11 +117,6 @@ def read(folder: Path) -> Plan:
         return Plan(Study(**about["study"]), config, rows, about["work"], about["in_parts"])
     except (OSError, ValueError, TypeError, KeyError, AttributeError, ConfigError):
         raise RunError(f"{folder} is no study: its {_FILE} is missing or damaged") from None
-
-
-def is_study(folder: Path) -> bool:
-    """True if the folder is the run of a study."""
-    return (folder / _FILE).is_file()
 
 
 def root(folder: Path) -> Path:

@@ -1,29 +1,35 @@
-"""What a study writes for people: a Markdown table, a CSV, a figure and a page."""
+"""What a study writes for people: a Markdown table, a CSV, a figure and a page.
 
+Shapes use n for the points of a line.
+"""
+
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from gril_jax.errors import RunError
+from gril_jax.errors import RunError, ShapeError
+from gril_jax.metrics.order import interquartile_mean
 from gril_jax.report import html
-from gril_jax.report.figures.curves import spread, success_failure
-from gril_jax.report.figures.style import png
+from gril_jax.report.curves import spread, success_failure
 from gril_jax.report.headline import Tile
-from gril_jax.report.html import Part
+from gril_jax.report.style import COLOURS, GREY, WIDTH, png, shortened, styled
 from gril_jax.runs import run_dir
 
-from . import results, saved
-from .columns import among, order_of_starts, sections
-from .curves import learning_curves
-from .results import PASSES, Found
-from .written import Line, Section, by_row, cells, csv, markdown, with_published
+from . import results, saved, table
+from .results import PASSES, Curve, Found
 
 NAMES = ("study.md", "study.csv", "study.png", "report.html")
 
 _MOST = 4  # tiles
+_PANELS = 3  # in a row of the figure
 # What is shown of rewards where no policies are: the first that is known.
 _DOTS = {
     "rho_held": "rho of held-out recordings, held to one length; lower is better",
@@ -34,7 +40,7 @@ _DOTS = {
 def write(folder: Path, *, last: bool = True) -> Found:
     """Table and lines of what a study's files hold; with `last` the picture and the page, too."""
     found = results.read(folder)
-    files = {NAMES[0]: f"{text(found)}\n".encode(), NAMES[1]: _csv(found).encode()}
+    files = {NAMES[0]: f"{text(found)}\n".encode(), NAMES[1]: found.csv.encode()}
     drawn = figure(found) if last else None
     if drawn is not None:
         files[NAMES[2]] = png(drawn)
@@ -54,14 +60,12 @@ def redraw(folder: Path, echo: Callable[[str], None] = print) -> None:
 
 def text(found: Found) -> str:
     """The table as Markdown, and what failed."""
-    lines = with_published(found.lines, found.plan.study.published)
     failed = [f"The row {name!r} failed: {said}." for name, said in found.failed.items()]
-    parts = [markdown(lines, sections(found)), found.about.get("given"), *failed]
-    return "\n\n".join(filter(None, parts))
+    shown = table.markdown(table.parts(found.lines, table.sections(found)))
+    return "\n\n".join(filter(None, [shown, found.about.get("given"), *failed]))
 
 
-def _csv(found: Found) -> str:
-    return csv(found.lines, found.columns)
+# --- the figure
 
 
 def figure(found: Found) -> Figure | None:
@@ -71,33 +75,85 @@ def figure(found: Found) -> Figure | None:
         return learning_curves(found.names, found.curves)
     for name, label in _DOTS.items():
         if any(name in line for line in found.lines):
-            return spread(by_row(found.lines, name), label)
+            return spread(table.by_row(found.lines, name), label)
     return None
+
+
+@styled
+def learning_curves(names: Sequence[str], found: Sequence[Curve]) -> Figure:
+    """Success with sampled actions against env steps, a panel for each row that has policies, with
+    the first row's line dotted; ShapeError without a curve."""
+    if not found:
+        raise ShapeError("found is empty; it must hold at least one curve.")
+    rows: dict[str, list[Curve]] = {}
+    for curve in sorted(found, key=lambda curve: curve.cell):
+        rows.setdefault(names[curve.cell], []).append(curve)
+    across = min(_PANELS, len(rows))
+    down = math.ceil(len(rows) / across)
+    drawn = Figure(figsize=(WIDTH, 1.75 * down + 0.4 if down > 1 else 0.5 * WIDTH))
+    panels = drawn.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
+    for number, (name, members) in enumerate(rows.items()):
+        steps = np.mean([[0.0, *curve.env_steps] for curve in members], axis=0) / 1e6
+        scores = [x.scores[f"success{x.headline}_sampled"] for x in members]
+        success = np.stack([[0.0, *values] for values in scores])
+        draw_spread(panels[number], steps, success, number=number, label=shortened(name))
+        panels[number].set_title(shortened(name), fontsize=10)
+        if number:
+            panels[number].plot(*panels[0].lines[0].get_data(), ":", color=GREY)
+    for panel in panels[len(rows) :]:
+        panel.set_axis_off()
+    panels[0].set_ylim(-0.03, 1.03)
+    drawn.supxlabel("env steps of each policy, millions", fontsize=10)
+    drawn.supylabel("success, sampled actions", fontsize=10)
+    drawn.set_layout_engine("constrained")
+    return drawn
+
+
+def draw_spread(
+    axes: Any,
+    x: Float[np.ndarray, "n"],
+    curves: Float[np.ndarray, "seeds n"],
+    *,
+    number: int,
+    label: str,
+) -> None:
+    """A line at the interquartile mean over seeds, within a band from quartile to quartile.
+
+    The mean is left out: one seed that fails or excels can carry it outside of the quartiles, where
+    the interquartile mean never is. Each number up to 24 has a look of its own.
+    """
+    colour = COLOURS[number % len(COLOURS)]
+    style = ("-", "--", ":", "-.")[number // len(COLOURS) % 4]
+    middle = jax.vmap(interquartile_mean, in_axes=1)(jnp.asarray(curves, jnp.float32))
+    low, high = np.quantile(curves, [0.25, 0.75], axis=0)
+    axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
+    axes.plot(x, np.asarray(middle), style, color=colour, label=label)
+
+
+# --- the page
 
 
 def page(found: Found, picture: bytes, folder: Path) -> str:
     """The page, as one self-contained file."""
     study = found.plan.study
-    lines = with_published(found.lines, study.published)
-    tables = [*filter(None, (_table(lines, one) for one in sections(found)))]
-    body = [html.Section("Results", tables)]
+    alone = lambda name: saved.command(found.plan, Path("RUN"), name)  # noqa: E731
+    body = []
+    if found.failed:
+        said = [html.Step(f"{name}: {why}.", alone(name)) for name, why in found.failed.items()]
+        body.append(html.Section("Failed rows", steps=said))
+    shown = table.parts(found.lines, table.sections(found))
+    body.append(html.Section("Results", [_table(one) for one in shown]))
     caption = "Each dot is a reward; a bar is at their mean."
     if found.curves:
         caption = (
             "Success with sampled actions while policies are trained, the interquartile mean over "
-            f"policies within their quartiles, {_counted(found)}."
+            f"policies within their quartiles, {_counted(found)}; dotted: that of the first row."
         )
-    body.insert(1, html.Section("Figure", [Part(caption, picture, "Figure", wide=True)]))
-    if parts := [*_profiles(found), *_films(found, folder)]:
-        body.append(html.Section("Rewards and policies", parts))
-    if found.failed:
-        said = [
-            html.Step(f"{name}: {why}.", _alone(found, name)) for name, why in found.failed.items()
-        ]
-        body.insert(0, html.Section("Failed rows", steps=said))
-    row = next(iter(found.plan.work), "ROW")
+    body.append(html.Section("Figure", [html.Part(caption, picture, "Figure", wide=True)]))
+    if pictures := [*_profiles(found), *_films(found, folder)]:
+        body.append(html.Section("Rewards and policies", pictures))
     steps = [
-        html.Step("Train one row by itself.", _alone(found, row)),
+        html.Step("Train one row by itself.", alone(next(iter(found.plan.work), "ROW"))),
         html.Step("Go on where it was cut off.", "gril sweep --resume RUN"),
     ]
     body.append(html.Section("What next", steps=steps))
@@ -114,38 +170,24 @@ def page(found: Found, picture: bytes, folder: Path) -> str:
     )
 
 
-def _alone(found: Found, name: str) -> str:
-    return saved.command(found.plan, Path("RUN"), name)
-
-
-def _table(lines: Sequence[Line], section: Section) -> html.Table | None:
-    """A section; in a cell the number, and below it what follows: `84.4; 84.4 (71.9 to 96.9)`. Rows
-    and columns of which nothing is known are left out; None if that is all."""
-    of = {row: texts for row, texts in cells(lines, section.columns).items() if any(texts)}
-    known = [i for i in range(len(section.columns)) if any(texts[i] for texts in of.values())]
+def _table(part: table.Part) -> html.Table:
+    """In a cell the number, and below it what follows: `84.4; 84.4 (71.9 to 96.9)`."""
     split = {
-        row: [html.Cell(*re.split(r"; | (?=\()", texts[i], maxsplit=1)) for i in known]
-        for row, texts in of.items()
+        row: [html.Cell(*re.split(r"; | (?=\()", x, maxsplit=1)) for x in texts]
+        for row, texts in part.cells.items()
     }
-    heads = [section.columns[i].heading for i in known]
-    return html.Table(section.caption, heads, split) if heads else None
+    return html.Table(part.caption, part.headings, split)
 
 
 def _counted(found: Found) -> str:
-    (variant, suffix), *_ = order_of_starts(found)
-    return among(found, variant, suffix, sampled=True)
-
-
-def _of_rows(found: Found) -> dict[str, np.ndarray]:
-    """Success of each row's policies, with sampled actions, from the starts that tell most."""
-    name = f"success{order_of_starts(found)[0][1]}_sampled"
-    known = {row: x[np.isfinite(x)] for row, x in by_row(found.lines, name).items()}
-    return {row: x for row, x in known.items() if len(x)}
+    return found.counted(next(iter(found.starts)), sampled=True)
 
 
 def _tiles(found: Found) -> list[Tile]:
     """The best rows, each with the spread of its policies, and the audits of all rewards."""
-    of = _of_rows(found)
+    name = f"success{next(iter(found.starts.values()))}_sampled"
+    known = {row: x[np.isfinite(x)] for row, x in table.by_row(found.lines, name).items()}
+    of = {row: x for row, x in known.items() if len(x)}
     best = sorted(of, key=lambda row: -of[row].mean())[:_MOST]
     tiles = [
         Tile(
@@ -167,7 +209,7 @@ def _tiles(found: Found) -> list[Tile]:
     return tiles
 
 
-def _profiles(found: Found) -> list[Part]:
+def _profiles(found: Found) -> list[html.Part]:
     parts = []
     for row, of in found.profiles.items():
         success, failure = (
@@ -179,15 +221,15 @@ def _profiles(found: Found) -> list[Part]:
                 "(right), of the first seed. Successes should end near the top, failures below."
             )
             drawn = png(success_failure(success, failure))
-            parts.append(Part(caption, drawn, f"Rewards along demonstrations: {row}"))
+            parts.append(html.Part(caption, drawn, f"Rewards along demonstrations: {row}"))
     return parts
 
 
-def _films(found: Found, folder: Path) -> list[Part]:
+def _films(found: Found, folder: Path) -> list[html.Part]:
     files = saved.row_files(folder, found.names)
     films = {name: folder / "films" / f"{files[name].stem}.mp4" for name in found.plan.work}
     return [
-        Part(name, film.read_bytes(), f"A policy of {name}", "video/mp4")
+        html.Part(name, film.read_bytes(), f"A policy of {name}", "video/mp4")
         for name, film in films.items()
         if film.is_file()
     ]

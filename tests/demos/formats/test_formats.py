@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.paths import TESTS
 from support.wrong_boxes import NAMES, H, W
 
-from gril_jax.demos.formats.recognise import boxes_of, file_of, reader
+from gril_jax.demos.formats import boxes_of, file_of, reader
 from gril_jax.demos.formats.record import Film
 from gril_jax.errors import DemoError
 
@@ -91,20 +91,6 @@ def coco(folder, rows):
     (folder / "a.json").write_text(text)
 
 
-def youtube(folder, rows):
-    """YouTube-VIS's, of all films."""
-    notes = []
-    for track, own in by_track(rows).items():
-        boxes = [[x[2], x[3], x[4] - x[2], x[5] - x[3]] if (x := own.get(t)) else None
-                 for t in range(FRAMES)]  # fmt: skip
-        category = NAMES.index(next(iter(own.values()))[1]) + 1
-        notes.append({"id": track, "video_id": 2, "category_id": category, "bboxes": boxes})
-    names = [{"id": i + 1, "name": name} for i, name in enumerate(NAMES)]
-    videos = [{"id": 1, "name": "b.mp4"}, {"id": 2, "name": "a.mp4"}]
-    text = json.dumps({"videos": videos, "annotations": notes, "categories": names})
-    (folder / "annotations.json").write_text(text)
-
-
 def label_studio(folder, rows):
     """With a key at the frames alone between which a box does not move in a line."""
     results = []
@@ -139,7 +125,7 @@ def yolo(folder, rows):
     (folder / "names.txt").write_text("\n".join(NAMES))
 
 
-FORMATS = (csv, mot, mot_numbers, mot_folders, cvat, coco, youtube, label_studio, yolo)
+FORMATS = (csv, mot, mot_numbers, mot_folders, cvat, coco, label_studio, yolo)
 EDGE = st.integers(0, 64 * 99).map(lambda n: n / 64)  # pixels, of no more digits than floats have
 
 

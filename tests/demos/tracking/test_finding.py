@@ -1,60 +1,18 @@
-"""Films without boxes, and films as telephones make them: drawn boxes, detectors, time stamps."""
+"""Films without boxes, and films as telephones make them: detectors, time stamps."""
 
-import json
 from fractions import Fraction
 
 import av
-import cv2
 import numpy as np
 import pytest
-from support.hostile_films import turned
+from support.hostile import turned
 
-from gril_jax.demos.tracking.detector import detecting
-from gril_jax.demos.tracking.drawn import follower
+from gril_jax.demos.detected import detecting
 from gril_jax.demos.vision.timed import frames_of, look, nearest, part, pictures, steps
 from gril_jax.demos.vision.video import write_video
 from gril_jax.errors import DemoError
 
 W, H, SIDE = 96, 64, 20
-
-
-def scene(x, light=1.0):
-    """A patterned block on a patterned ground."""
-    ground = 90 + 12 * np.sin(np.arange(W) / 3)[None, :, None] * np.ones((H, W, 3))
-    block = np.full((SIDE, SIDE, 3), 60.0)
-    cv2.circle(block, (7, 12), 6, (230, 200, 40), -1)
-    ground[20 : 20 + SIDE, x : x + SIDE] = block
-    return np.clip(ground * light, 0, 255).astype(np.uint8)
-
-
-@pytest.fixture
-def film(tmp_path):
-    write_video(tmp_path / "a.mp4", [scene(8 + 2 * t, 1 + t / 80) for t in range(25)], 10.0)
-    return look(tmp_path / "a.mp4")
-
-
-def drawn(tmp_path, rows):
-    (tmp_path / "first.json").write_text(json.dumps(rows))
-    return tmp_path / "first.json"
-
-
-def test_a_box_drawn_on_the_first_frame_is_followed_under_changing_light(tmp_path, film):
-    row = {"class": "cup", "box": [8, 20, 28, 40]}
-    found = follower(drawn(tmp_path, {"a": [row]}))(film)
-    assert [one.frame for one in found] == [*range(25)]
-    for one in found:
-        x = 8 + 2 * one.frame
-        np.testing.assert_allclose(one.edges, [x, 20, x + SIDE, 40], atol=1.0)
-
-
-def test_a_box_may_be_drawn_on_a_later_frame(tmp_path, film):
-    rows = [{"class": "cup", "box": [8, 20, 28, 40]},
-            {"class": "hand", "box": [28, 20, 48, 40], "frame": 10}]  # fmt: skip
-    found = follower(drawn(tmp_path, {"a": rows}))(film)
-    late = {one.frame: one.edges for one in found if one.name == "hand"}
-    assert sorted(late) == [*range(10, 25)]
-    np.testing.assert_allclose(late[24], [56, 20, 76, 40], atol=1.0)
-    assert sum(one.name == "cup" for one in found) == 25
 
 
 MINE = """
@@ -85,7 +43,6 @@ def test_a_detector_of_ones_own_is_called(tmp_path, monkeypatch):
     film = look(tmp_path / "a.mp4")
     found = detecting("my_detector:detect")(film)
     assert len(found) == 40
-    assert {one.track for one in found} == {"1"}
     np.testing.assert_allclose(found[39].edges, [49, 20, 69, 40], atol=2)
     for name, words in {
         "my_detector": "must be module:function",

@@ -6,7 +6,6 @@ import pytest
 from gril_jax.demos.formats.record import Box
 from gril_jax.demos.tracking.identities import in_order, linked, objects_at_once
 from gril_jax.demos.tracking.mending import away, jitter_of, lone, mended
-from gril_jax.demos.tracking.sort import overlap, tracked
 
 FRAMES = 60
 
@@ -27,10 +26,11 @@ def x_of(edges):
     return edges[..., 0]
 
 
-def test_objects_of_a_class_keep_their_identity_where_they_pass_each_other():
-    found = linked([*two_that_meet()], FRAMES, 2)
+@pytest.mark.parametrize("gaps", [FRAMES, 7, 3])
+def test_objects_of_a_class_keep_their_identity_where_they_pass_each_other(gaps):
+    found = linked([one for one in two_that_meet() if one.frame % gaps != 1], FRAMES, 2)
     y = found.edges[:, :, 1]
-    assert (np.ptp(y, axis=0) == 0).all()
+    assert (np.nanmax(y, axis=0) == np.nanmin(y, axis=0)).all()
     assert sorted(y[0].tolist()) == [0.0, 30.0]
     assert (found.renewed, found.extra) == (0, 0)
 
@@ -88,28 +88,6 @@ def test_mending_leaves_out_what_is_of_another_object_and_fills_gaps():
     assert np.median(off) < 1.0
     assert off.max() < 8.0  # where it starts and stops
     assert found.smoothing == 9
-
-
-def test_a_detector_s_boxes_get_identities_that_pass_each_other_and_survive_gaps():
-    boxes = [one for one in two_that_meet() if one.frame % 7]
-    found = tracked(boxes, 10.0)
-    of = {}
-    for one in found:
-        of.setdefault(one.edges[1], set()).add(one.track)
-    assert [len(tracks) for tracks in of.values()] == [1, 1]
-    assert len({*of[0.0], *of[30.0]}) == 2
-
-
-def test_boxes_of_other_classes_and_after_a_long_absence_are_others():
-    boxes = [at(0, 0.0), at(1, 0.0, name="spoon"), at(30, 0.0)]
-    assert [one.track for one in tracked(boxes, 10.0)] == ["1", "2", "3"]
-
-
-def test_generalised_overlap_of_boxes_apart_is_below_0():
-    one = np.array([0.0, 0.0, 2.0, 2.0])
-    pairs = {(0, 0): 1.0, (1, 0): 1 / 3, (2, 0): 0.0, (6, 0): -0.5}
-    moved = np.array([one + [dx, dy, dx, dy] for dx, dy in pairs])
-    np.testing.assert_allclose(overlap(one[None], moved), [*pairs.values()], atol=1e-12)
 
 
 def test_objects_of_a_class_are_in_one_order_in_every_film():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gril_jax.envs.magical import layout as layouts
 from gril_jax.envs.magical.match_regions import start as starts
-from gril_jax.envs.magical.suite import draws, places
+from gril_jax.envs.magical.suite import places, plan
 from gril_jax.envs.planar import robots
 from gril_jax.envs.planar import shapes as block_shapes
 from support import planar_scenes, scenes
@@ -42,7 +42,7 @@ def test_color_keeps_the_order_of_the_distractors_colours():
 
 
 def test_shapes_are_any_of_the_four_for_every_block():
-    drawn = np.asarray(jax.jit(jax.vmap(lambda k: draws.shapes(k, 5)))(_keys()))
+    drawn = np.asarray(jax.jit(jax.vmap(lambda k: plan.shapes(k, 5)))(_keys()))
     for block in drawn.T:
         np.testing.assert_allclose(np.bincount(block, minlength=4) / 300, 0.25, atol=0.08)
 

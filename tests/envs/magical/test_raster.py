@@ -28,7 +28,7 @@ from support.raster_pictures import (
     random_arguments,
 )
 
-from gril_jax.demos.vision import render as host
+from gril_jax.workflows.build import filming as host
 
 
 @functools.cache

@@ -1,12 +1,17 @@
 """Distances to the blocks' rims against polygons in numpy, and what else their table says."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.envs.planar import plane, robots
 from gril_jax.envs.planar import shapes as block_shapes
-from gril_jax.envs.planar.plane import Vec
+from gril_jax.envs.planar.plane import Vec, fence, heading
 from gril_jax.envs.planar.polygons import nearest_arms
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from support import planar_scenes, scenes
 
 ROUNDED = {"star": 0.0, "square": 0.002127, "pentagon": 0.0, "circle": 0.0}  # radius of the corners
@@ -132,3 +137,153 @@ def test_a_mix_of_blocks_is_each_block_alone():
         _ours(block_shapes.SHAPES[k], p[None])[0][0] for k, p in zip(order, points, strict=True)
     ]
     np.testing.assert_allclose(mixed, alone, atol=1e-6)
+
+
+# --- Vectors of the plane against complex numbers; `fence` changes nothing
+
+_NUMBERS = st.complex_numbers(max_magnitude=10, allow_nan=False)
+_ANGLES = st.floats(-4, 4)
+
+
+def _vec(z):
+    return Vec(jnp.float32(z.real), jnp.float32(z.imag))
+
+
+def _complex(v):
+    return np.asarray(v.x, np.float64) + 1j * np.asarray(v.y, np.float64)
+
+
+@settings(max_examples=40, deadline=None)
+@given(_NUMBERS, _NUMBERS, st.floats(-3, 3))
+def test_arithmetic_and_products_are_those_of_complex_numbers(z, w, scale):
+    a, b, product = _vec(z), _vec(w), z.conjugate() * w
+    found = [a + b, a - b, -a, a * scale, a.turned(), Vec(a.dot(b), a.cross(b))]
+    wanted = [z + w, z - w, -z, scale * z, 1j * z, product]
+    np.testing.assert_allclose([_complex(v) for v in found], wanted, atol=1e-4)
+
+
+@settings(max_examples=40, deadline=None)
+@given(_NUMBERS, _ANGLES, _ANGLES)
+def test_frames_rotate_out_and_back_and_compose(z, one, two):
+    turn, other = heading(jnp.float32(one)), heading(jnp.float32(two))
+    out = _vec(z).out_of(turn)
+    np.testing.assert_allclose(_complex(out), z * np.exp(1j * one), atol=1e-4)
+    np.testing.assert_allclose(_complex(out.into(turn)), z, atol=1e-4)
+    np.testing.assert_allclose(_complex(other.out_of(turn)), np.exp(1j * (one + two)), atol=1e-5)
+
+
+def test_choice_and_order_are_numpys():
+    a, b = (Vec(*jnp.asarray(x)) for x in np.random.default_rng(0).normal(size=(2, 2, 7)))
+    picked = np.where(np.asarray(a.x) > 0, _complex(a), _complex(b))
+    np.testing.assert_array_equal(_complex(plane.where(a.x > 0, a, b)), picked)
+    np.testing.assert_array_equal(_complex(a[2:5]), _complex(a)[2:5])
+
+
+TREES = [
+    {"one": jnp.arange(6.0).reshape(2, 3), "two": (jnp.float32(7.0), jnp.ones(5))},
+    Vec(jnp.arange(4.0), -jnp.arange(4.0)),
+    [jnp.zeros((0, 3)), jnp.arange(3.0)],
+    jnp.float32(2.0),
+]
+
+
+@pytest.mark.parametrize("tree", TREES)
+def test_a_fence_returns_the_same_arrays(tree):
+    lanes = jax.tree.map(lambda x: jnp.stack([x, x]), tree)
+    for given_, again in (
+        (tree, fence(tree)), (tree, jax.jit(fence)(tree)), (lanes, jax.jit(jax.vmap(fence))(lanes))
+    ):  # fmt: skip
+        assert jax.tree.structure(again) == jax.tree.structure(given_)
+        for before, after in zip(jax.tree.leaves(given_), jax.tree.leaves(again), strict=True):
+            assert before.dtype == after.dtype
+            np.testing.assert_array_equal(before, after)
+
+
+# --- The robots' masses and shapes are the specification's
+
+OPEN = robots.FINGER_OPEN
+
+
+def _finger(side, opening):
+    """Outline of a finger in the base's frame; side 0 is the left."""
+    part, sign = robots.robot("gripper").parts[1 + side], (1, -1)[side]
+    return planar_scenes.turned(part.outline, sign * opening) + robots.PIVOTS[side]
+
+
+def _gap(opening):
+    """Smallest distance between the corners of both fingers' forearms."""
+    left, right = _finger(0, opening), _finger(1, opening)
+    ahead = 0.25  # the forearms' ends
+    left, right = left[left[:, 1] > ahead], right[right[:, 1] > ahead]
+    return np.linalg.norm(left[:, None] - right, axis=-1).min()
+
+
+def test_fingers_leave_the_references_gap():
+    assert _gap(OPEN) == pytest.approx(0.29, abs=0.01)
+    assert _gap(0.0) == pytest.approx(0.03, abs=0.01)
+
+
+def test_the_farthest_corner_of_a_finger_is_where_the_reference_has_it():
+    for side in (1, 2):
+        finger = robots.robot("gripper").parts[side]
+        assert finger.outline[:, 1].max() == pytest.approx(0.349, abs=1e-3)
+        assert finger.corners[:, 1].max() == pytest.approx(0.349, abs=1e-3)
+
+
+@pytest.mark.parametrize("opening", [0.0, 0.2, OPEN])
+def test_fingers_mirror_each_other(opening):
+    left, right = _finger(0, opening), _finger(1, opening)
+    np.testing.assert_allclose(left * [-1, 1], right, atol=1e-12)
+
+
+def test_forearms_bend_inwards():
+    tip = _finger(0, 0.0)[:, 1].argmax()
+    assert _finger(0, 0.0)[tip, 0] > robots.PIVOTS[0, 0]
+
+
+def test_boxes_of_a_finger_have_the_specified_sides():
+    for side in (1, 2):
+        upper, fore = robots.robot("gripper").parts[side].boxes
+        np.testing.assert_allclose(2 * np.array(upper.half), [0.05, 0.22])
+        np.testing.assert_allclose(2 * np.array(fore.half), [0.05, 0.14])
+        assert abs(fore.angle) == pytest.approx(math.pi / 8)
+        assert upper.angle == 0
+
+
+def test_outline_of_a_finger_is_the_rim_of_its_two_boxes():
+    """Each outline corner lies on a box's rim or in the other box; both boxes lie inside it."""
+    for side in (1, 2):
+        part = robots.robot("gripper").parts[side]
+        for point in part.outline:
+            inside = []
+            for box in part.boxes:
+                local = planar_scenes.turned(point - np.array(box.center), -box.angle)
+                inside.append((np.abs(local) - box.half).max())
+            assert min(inside) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_masses_and_inertias_are_the_references():
+    gripper = robots.robot("gripper")
+    assert sum(p.mass for p in gripper.parts) == pytest.approx(1.25)
+    # Of the fingers as the original's engine computes them, which gives the left one more.
+    inertias = [p.inertia for p in gripper.parts]
+    assert inertias == pytest.approx([0.020, 0.00500649436186835, 0.004983019517209478], rel=1e-9)
+    assert [p.friction for p in gripper.parts] == [0.5, 5.0, 5.0]
+    assert gripper.has_fingers
+    for name, inertia in (("short", 0.00833), ("medium", 0.03083), ("long", 0.21417)):
+        stick = robots.robot(name)
+        (part,) = stick.parts
+        assert (part.mass, part.friction) == (1.0, 0.5)
+        assert part.inertia == pytest.approx(inertia, abs=5e-6)
+        assert not stick.has_fingers
+
+
+@pytest.mark.parametrize(("name", "width"), [("short", 0.3), ("medium", 0.6), ("long", 1.6)])
+def test_sticks_are_boxes_across_the_way_whose_inertia_is_a_boxs(name, width):
+    (part,) = robots.robot(name).parts
+    np.testing.assert_allclose(np.ptp(part.outline, axis=0), [width, 0.1])
+    assert part.inertia == pytest.approx((width**2 + 0.1**2) / 12, rel=1e-3)
+
+
+def test_every_robot_has_its_name():
+    assert [robots.robot(name).name for name in robots.ROBOTS] == list(robots.ROBOTS)

@@ -3,8 +3,8 @@
 import dataclasses
 
 import pytest
-from gril_jax.envs.tabletop import entry
-from gril_jax.envs.tabletop.shoes_in_box import task as shoes_in_box
+from gril_jax.envs.tabletop import demonstrations
+from gril_jax.envs.tabletop.tasks import shoes_in_box
 
 from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.config.files import load
@@ -59,7 +59,6 @@ def test_help_that_only_authors_can_give_makes_it_level_c(env, level, words):
             "its own moments, and first 30 %",
         ),
         ({"visited_state_resets": 0.5}, {"observation": "rich"}, "C", "its own moments;"),
-        ({"frame_stack": 4}, {}, "A", "sees poses and velocities, of the last 4 control steps;"),
     ],
 )
 def test_starts_that_training_chooses_are_levels_b_and_v(ppo, env, level, words):
@@ -77,8 +76,8 @@ def test_states_of_an_expert_are_played_for_level_c_alone(monkeypatch):
         played.append(env)
         raise LookupError
 
-    monkeypatch.setattr(entry, "moments", marked)
-    fresh = entry.Entry(shoes_in_box.TASK, shoes_in_box.ENTRY.script)
+    monkeypatch.setattr(demonstrations, "moments", marked)
+    fresh = demonstrations.Entry(shoes_in_box.TASK, shoes_in_box.ENTRY.script)
     monkeypatch.setattr(setup, "build", lambda name, options: fresh.make(**options))
     for starts in ({}, {"visited_state_resets": 0.5}, {"video_state_resets": 0.5}):
         own = EnvConfig(name="shoes_in_box", varied_starts=0.0)

@@ -20,7 +20,7 @@ from gril_jax.config import EncoderOptions, EnvConfig, PPOConfig, RunConfig, Run
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl.policy import Policy
-from gril_jax.runs import phases, run_dir
+from gril_jax.runs import reading, run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import hard_negatives, policy_setup, setup
@@ -129,7 +129,7 @@ def test_a_run_that_noted_none_gathers_none(begin):
 
 def test_a_run_notes_them_as_it_is_created(earlier, begin):
     run = begin([earlier])
-    noted = phases.read_phases(run.path).finished["hard_negatives_of"]
+    noted = reading.read_phases(run.path).finished["hard_negatives_of"]
     assert noted == {"runs": [str(Path("gone").resolve())]}
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from gril_jax.envs.base import ExpertError, Wanted
 from gril_jax.envs.tabletop import demonstrations, render
-from gril_jax.envs.tabletop.script import Script
-from gril_jax.envs.tabletop.shoes_in_box import expert
-from gril_jax.envs.tabletop.shoes_in_box.task import shoes_in_box
+from gril_jax.envs.tabletop.recorded import Script
+from gril_jax.envs.tabletop.tasks.shoes_in_box import ENTRY, SCRIPT
 
 from gril_jax.config import DemosConfig, EnvConfig, MakeDemosConfig
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
@@ -97,6 +96,6 @@ def test_an_expert_that_always_fails_is_given_up():
         def as_meant(self, run):
             return False
 
-    shown = Hopeless(*expert.SCRIPT)
+    shown = Hopeless(*SCRIPT)
     with pytest.raises(ExpertError, match="played 0 of 1 demonstrations"):
-        demonstrations.play(shoes_in_box(), shown, Wanted(1, 0, 0, "layout"), print)
+        demonstrations.play(ENTRY.make(), shown, Wanted(1, 0, 0, "layout"), print)

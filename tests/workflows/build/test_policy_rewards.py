@@ -6,14 +6,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.envs import registry
 from support.kinematic_demos import kinematic_demos
 from support.probes import Probe
 
-from gril_jax.config import PPOConfig, RunConfig, RunSettings
+from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.staircase import Staircase
-from gril_jax.workflows.build import policy_rewards, policy_setup, setup, stages
+from gril_jax.rl import rewards
+from gril_jax.rl.episodes import Episodes
+from gril_jax.workflows.build import policy_rewards, policy_setup, setup
+from gril_jax.workflows.build.starts import Group, draw, evaluated_from, which
 
 FRAMES = 140
 ENDS = (35, 75, 115)
@@ -87,11 +91,12 @@ def test_stages_end_where_demonstrations_agree_that_the_reward_stands_still(monk
     assert int(stairs.count) == 3
     np.testing.assert_allclose(stairs.least[:3], [-0.75, -5 / 12, -1 / 12], atol=0.03)
     params = learned, stairs
-    assert stages.stages(params) is stairs
+    assert policy_rewards.stages_of(params) is stairs
     shares = jnp.array([[[0.0], [1 / 3]], [[1.0], [1.0]]])
-    assert stages.finished(params, shares) == [1.0, 0.5, 0.5]
-    assert stages.in_words(params, shares[0]) == ["stage 1 of 3", "stage 1 of 3", "stage 2 of 3"]
-    assert stages.in_words(params, shares[1])[-1] == "all stages done"
+    assert policy_rewards.stages_finished(params, shares) == [1.0, 0.5, 0.5]
+    words = policy_rewards.stages_in_words(params, shares[0])
+    assert words == ["stage 1 of 3", "stage 1 of 3", "stage 2 of 3"]
+    assert policy_rewards.stages_in_words(params, shares[1])[-1] == "all stages done"
 
 
 @pytest.mark.parametrize(
@@ -106,12 +111,53 @@ def test_stages_end_where_demonstrations_agree_that_the_reward_stands_still(monk
 def test_stages_that_do_not_fit_the_sub_policies_are_said(count, sub_policies, said):
     run, ppo = RunSettings(reward="stages"), PPOConfig(sub_policies=sub_policies)
     stairs = Staircase(jnp.zeros(8), jnp.zeros(8), jnp.int32(count))
-    found = stages.note(RunConfig(run=run, ppo=ppo), (None, stairs))
+    found = policy_rewards.stages_note(RunConfig(run=run, ppo=ppo), (None, stairs))
     assert found is said is None or said in found
 
 
 def test_rewards_without_stages_have_no_word_of_them():
     for params in ((), RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))):
-        assert stages.stages(params) is None
-        assert stages.finished(params, jnp.zeros((2, 3, 0))) == []
-        assert stages.in_words(params, jnp.zeros((3, 0))) == []
+        assert policy_rewards.stages_of(params) is None
+        assert policy_rewards.stages_finished(params, jnp.zeros((2, 3, 0))) == []
+        assert policy_rewards.stages_in_words(params, jnp.zeros((3, 0))) == []
+
+
+ONE_BLOCK = EnvConfig(targets=("green square",), distractors=("yellow circle",))
+
+
+@pytest.mark.parametrize(("variant", "count"), [("demo", 1), ("jitter", 12), ("layout", 12)])
+def test_a_variant_s_starts_are_counted(variant, count):
+    env = setup.make_env(ONE_BLOCK, training=False)
+    episodes = Episodes.of(env, rewards.environmental)
+    group = draw(ONE_BLOCK, variant, episodes, jax.random.key(0), count=12)
+    assert group.count == count
+    assert len(group.start) == len(group.begun.time) == 12
+
+
+def test_equal_rows_are_one_start_and_keys_tell_nothing():
+    place = np.array([[0.5, 1.0], [0.25, 1.0], [0.5, 1.0], [0.5 + 1e-8, 1.0]], np.float64)
+    older = jnp.arange(8, dtype=jnp.uint32).reshape(4, 2)
+    states = {"place": place, "key": jax.random.split(jax.random.key(0), 4), "old": older}
+    first, second, *others = which(states)
+    assert first != second
+    assert others == [first, first]
+    assert len({*which(states | {"count": jnp.arange(4)}).tolist()}) == 4
+
+
+def test_each_distinct_start_counts_once():
+    group = Group("", None, np.array([0, 1, 0, 0]))
+    assert group.share(np.array([1.0, 0.0, 1.0, 1.0, 9.0])) == 0.5
+
+
+def test_a_task_says_which_variants_stand_for_what():
+    def found(variant):
+        return tuple(evaluated_from(EnvConfig(variant=variant)))
+
+    assert found("demo") == ("demo", "jitter", "layout")
+    assert found("jitter") == ("jitter", "jitter", "layout")
+    assert found("layout") == ("layout", "layout", None)
+    assert found("shape") == ("shape", "shape", None)
+    assert tuple(evaluated_from(EnvConfig(name="shoes_in_box"))) == (None, None, None)
+    for name in registry.names():
+        task = registry.spec(name)
+        assert {*task.many_starts, *task.elsewhere} <= {"demo", "jitter"}

@@ -9,8 +9,7 @@ from support.tiny_runs import command
 from gril_jax import threads
 from gril_jax.cli import main
 from gril_jax.runs import run_dir
-from gril_jax.workflows.study import driver, failures
-from gril_jax.workflows.study.measured import audit
+from gril_jax.workflows.study import audit, driver
 
 
 @pytest.fixture
@@ -24,13 +23,6 @@ def task(tmp_path, monkeypatch):
 
 def _lines(folder):
     return list(csv.DictReader((folder / "study.csv").open()))
-
-
-def test_an_error_is_one_sentence():
-    assert failures.sentence(RuntimeError("no room.\nmore")) == "RuntimeError: no room"
-    assert (
-        failures.sentence(driver.ConfigError("x is 3, but must be 4.")) == "x is 3, but must be 4"
-    )
 
 
 @pytest.mark.slow
@@ -93,7 +85,7 @@ def test_a_reward_that_cannot_be_learned_fails_its_rows_alone(task, monkeypatch,
     def broken(*args):
         raise ValueError("no encoder")
 
-    monkeypatch.setattr(driver.study_rewards, "_learned", broken)
+    monkeypatch.setattr(driver.study_rewards, "learn", broken)
     assert main.main([*command("sweep")]) == 1
     assert "the row 'reward learned' failed: ValueError: no encoder" in capsys.readouterr().out
     assert {x["row"] for x in _lines(task / "run")} == {"reward environmental"}

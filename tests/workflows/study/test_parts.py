@@ -15,8 +15,8 @@ from support.tiny_runs import command
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import ConfigError
-from gril_jax.workflows.study import cluster, devices, parts, recipe, saved
-from gril_jax.workflows.study.rows import changed
+from gril_jax.workflows.study import parts, recipe, saved
+from gril_jax.workflows.study.recipe import changed
 from gril_jax.workflows.study.saved import Plan
 
 ALPHAS = st.lists(
@@ -55,29 +55,11 @@ def test_rows_with_the_same_reward_stay_together_where_there_is_enough_else():
     assert {"row 1", "row 3"} in found
 
 
-def test_the_devices_are_all_gpus_or_the_first(monkeypatch):
-    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4,5,7")
-    assert devices.slots(None) == devices.slots("all") == ["4", "5", "7"]
-    assert devices.slots("2") == ["4", "5"]
-    with pytest.raises(ConfigError, match="this machine has 3 GPUs"):
-        devices.slots("4")
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4")
-    assert devices.slots(None) == [None]  # one process, as it is
-    monkeypatch.setenv("JAX_PLATFORMS", "cpu")
-    assert devices.slots(None) == [None]
-    assert devices.slots("2") == [None, None]
-    with pytest.raises(ConfigError, match="must be all or a number"):
-        devices.slots("two")
-
-
 def test_options_of_jobs_are_pairs(monkeypatch):
-    monkeypatch.setattr(cluster.importlib.util, "find_spec", lambda name: True)
-    known = {"slurm_partition": "gpu", "timeout_min": 60}
-    assert cluster.require_known("slurm", "slurm_partition=gpu,timeout_min=60") == known
-    for kind, options, said in (("slurm", "gpu", "KEY=VALUE"), ("sge", None, "slurm, local")):
-        with pytest.raises(ConfigError, match=said):
-            cluster.require_known(kind, options)
+    monkeypatch.setattr(parts.importlib.util, "find_spec", lambda name: True)
+    assert callable(parts.on_a_cluster("slurm", "slurm_partition=gpu,timeout_min=60", print))
+    with pytest.raises(ConfigError, match="KEY=VALUE"):
+        parts.on_a_cluster("slurm", "gpu", print)
 
 
 # --- processes

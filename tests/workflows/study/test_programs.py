@@ -1,17 +1,16 @@
-"""A table's shares of environments and updates, and the programs that it compiles ahead."""
-
-import functools
-from concurrent.futures import Future
+"""A study's shares of environments and policies, and how rows share programs and rewards."""
 
 import jax
+import numpy as np
 import pytest
 
-from gril_jax.config import RunConfig
+from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.files import load
-from gril_jax.workflows.study import programs as table_programs
-from gril_jax.workflows.study import recipe
-from gril_jax.workflows.study import rewards as table_rewards
-from gril_jax.workflows.study.rows import Row, changed, learns
+from gril_jax.rl.training import Scores
+from gril_jax.workflows.study import programs, recipe, rewards
+from gril_jax.workflows.study.programs import Counted, Program
+from gril_jax.workflows.study.recipe import changed
+from gril_jax.workflows.study.saved import Row, learns
 
 
 @pytest.mark.parametrize(
@@ -21,7 +20,7 @@ from gril_jax.workflows.study.rows import Row, changed, learns
 def test_parts_are_at_least_the_starts_and_twice_their_number_divides_the_environments(
     starts, num_envs, parts
 ):
-    assert table_programs._num_parts(starts, num_envs) == parts
+    assert programs._num_parts(starts, num_envs) == parts
 
 
 def test_policies_wait_for_the_rewards_that_they_are_trained_on_and_for_no_others():
@@ -31,27 +30,13 @@ def test_policies_wait_for_the_rewards_that_they_are_trained_on_and_for_no_other
         {"run.reward": "shaped", "loss.near_cost_fraction": 0.7},
     ]
     rows = [Row(i, 0, changed(RunConfig(), change)) for i, change in enumerate(kinds)]
-    left = [
-        table_programs.Program(f"policy-{i}", [row], None, {}, None) for i, row in enumerate(rows)
-    ]
     wanted = [
-        table_rewards.Wanted([table_rewards.reward_key(row.config)], row.config, None, Future())
-        for row in (rows[0], rows[2])
+        rewards.Wanted(
+            f"reward-{i}", [rewards.reward_key(row.config)], row.config, [row], None, None
+        )
+        for i, row in enumerate((rows[0], rows[2]))
     ]
-    ready = {program.name: Future() for program in left}
-    trained = []
-    tasks = table_programs.tasks(
-        left,
-        dict(ready),
-        functools.partial(table_rewards.needed, wanted),
-        lambda program, compiled: trained.append((program.name, compiled)),
-    )
-    names = ["policy-0", "policy-1", "policy-2"]
-    assert [(task.name, task.wanted) for task in tasks] == [(name, ready[name]) for name in names]
-    assert [set(task.needs) for task in tasks] == [{"reward-0"}, set(), {"reward-1"}]
-    ready["policy-2"].set_result("compiled")
-    tasks[2].do()
-    assert trained == [("policy-2", "compiled")]
+    assert [rewards.needed(wanted, [row]) for row in rows] == [{"reward-0"}, set(), {"reward-1"}]
 
 
 def test_rewards_of_other_offsets_are_other_programs():
@@ -59,14 +44,14 @@ def test_rewards_of_other_offsets_are_other_programs():
         Row(i, 0, changed(RunConfig(), {"run.reward_offset": by, "ppo.num_envs": 4}))
         for i, by in enumerate((0.0, 1.0, 1.0))
     ]
-    found = table_programs.programs(rows, 7, jax.devices())
+    found = programs.programs(rows, 7, jax.devices())
     assert [[row.cell for row in program.rows] for program in found] == [[0], [1, 2]]
 
 
 def test_a_program_has_at_most_so_many_policies():
     for count, most, parts in ((7, 3, [3, 3, 1]), (2, 3, [2]), (7, None, [7])):
         rows = [Row(0, seed, RunConfig()) for seed in range(count)]
-        found = table_programs._evenly(rows, most)
+        found = programs._evenly(rows, most)
         assert [len(part) for part in found] == parts
         assert [row for part in found for row in part] == rows
 
@@ -74,6 +59,40 @@ def test_a_program_has_at_most_so_many_policies():
 def test_rows_that_differ_in_what_becomes_of_their_reward_share_it():
     names = ["ours audited", "ours with potential shaping", "ours with robot"]
     base, rows = load("match_regions"), recipe.load("table1").rows
-    keys = [table_rewards.reward_key(changed(base, rows[name])) for name in names]
+    keys = [rewards.reward_key(changed(base, rows[name])) for name in names]
     assert keys[0] == keys[1] != keys[2]
     assert not learns(changed(base, rows["environmental"]))
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        (("demo", "jitter"), {"demo": Counted(3, 1), "jitter": Counted(3, 3)}),
+        (("jitter",), {"jitter": Counted(6, 6)}),
+    ],
+)
+def test_a_program_s_starts_are_drawn_and_counted_for_each_half_of_its_share(names, found):
+    env = EnvConfig(targets=("green square",), distractors=("yellow circle",))
+    row = Row(0, 0, RunConfig(env=env))
+    algorithm = type("Algorithm", (), {"num_envs": 12})
+    program = Program("policy-0", [row], algorithm, dict.fromkeys(names), None)
+    assert programs.starts(program) == found
+
+
+def test_environments_that_are_left_go_to_the_variant_with_many_starts():
+    algorithm = type("Algorithm", (), {"num_envs": 16})
+    tasks = dict.fromkeys(("demo", "jitter", "layout"))
+    program = Program("policy-0", [], algorithm, tasks, None)
+    assert programs._tasks_of_parts(program) == ["demo", "jitter", "jitter", "layout"]
+
+
+def test_scores_have_the_names_of_their_starts_and_parts_of_one_start_are_averaged():
+    values = np.random.default_rng(0).uniform(size=(4, 5, 3, 2))  # score, policy, part, actions
+    found = programs._by_start(["demo", "layout", "layout"], Scores(*values))
+    for name, of in zip(Scores._fields, values, strict=True):
+        np.testing.assert_allclose(found[name], of[:, 0, 0])
+        np.testing.assert_allclose(found[f"{name}_sampled"], of[:, 0, 1])
+        layout = (of[:, 1] + of[:, 2]) / 2
+        np.testing.assert_allclose(found[f"{name}_layout"], layout[:, 0])
+        np.testing.assert_allclose(found[f"{name}_layout_sampled"], layout[:, 1])
+    assert len(found) == 16

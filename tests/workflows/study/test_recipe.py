@@ -1,4 +1,4 @@
-"""Studies as YAML: what they may say, what is refused, and those that are shipped."""
+"""Studies as YAML, and the fields that their rows change: what is said, refused and shipped."""
 
 import dataclasses
 import subprocess
@@ -6,6 +6,8 @@ import sys
 
 import pytest
 from gril_jax.envs import registry
+from hypothesis import given as property_of
+from hypothesis import strategies as st
 
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
@@ -13,7 +15,8 @@ from gril_jax.errors import ConfigError
 from gril_jax.workflows.build import setup
 from gril_jax.workflows.build.given import given
 from gril_jax.workflows.study import recipe
-from gril_jax.workflows.study.rows import changed, chosen, learns
+from gril_jax.workflows.study.recipe import changed, chosen, difference, scale
+from gril_jax.workflows.study.saved import learns
 
 SHIPPED = recipe.names()
 
@@ -34,14 +37,14 @@ def test_every_row_of_a_shipped_study_is_a_configuration_that_can_be_built(name)
             setup.pretrain_config(config, 21 if name == "suite" else 7)
         if config.env.reward is not None:
             assert config.env.reward in registry.spec(config.env.name).rewards, row
-    for of in made.study.published.values():
+    for of in made.published.values():
         assert {*of} <= {*rows}
 
 
 @pytest.mark.parametrize("name", ["table1", "table2", "rates"])
 def test_a_smaller_version_has_rows_and_seeds_of_its_own(name):
     whole, small = recipe.load(name), recipe.load(name, quick=True)
-    assert small.study.seeds < whole.study.seeds
+    assert small.seeds < whole.seeds
     assert small.rows == whole.rows
     config = load(small.base)
     for row in chosen(small.default, [*small.rows]):
@@ -81,24 +84,6 @@ def test_a_row_gives_the_learner_the_help_of_its_level(name):
         assert given(config).level == row.rpartition(" at level ")[2], row
 
 
-@pytest.mark.parametrize("name", ["table1", "table2", "soundness"])
-def test_every_learned_row_sets_what_any_of_them_changes(name):
-    rows = [x for x in recipe.load(name).rows.values() if x.get("run.reward") != "environmental"]
-    extra = {"encoder.precision"}
-    assert len({frozenset(x) - extra for x in rows}) == 1
-
-
-def test_the_suite_has_the_variants_of_each_task_and_one_reward_for_all():
-    _, rows = _configs("suite")
-    for task in {config.env.name for config in rows.values()}:
-        known = {c.env.variant for row, c in rows.items() if row.startswith(f"{task} from films")}
-        assert known == {*registry.build(task, {}).variants}
-    steps = {row: config.ppo.num_timesteps for row, config in rows.items()}
-    assert steps["make_line from films in all"] == 2 * steps["make_line from films"]
-    assert steps["find_dupe from films"] == 2 * steps["fix_colour from films"]
-    assert steps["fix_colour from films in all"] == steps["find_dupe from films"]
-
-
 def _file(tmp_path, text):
     file = tmp_path / "mine.yaml"
     file.write_text(text)
@@ -114,7 +99,7 @@ def test_blocks_extend_each_other_and_a_product_has_a_row_for_each_combination(t
           of: [{x: {ppo.num_timesteps: x2}, y: {extends: a}}, {z: {ppo.num_timesteps: x0.5}, w: }]
           except: [y on *]
     """))  # fmt: skip
-    assert made.study.name == "mine"
+    assert made.name == "mine"
     assert dict(made.rows) == {
         "one": {"pool.alpha": 3, "loss.touch": 0.2},
         "two": {},
@@ -135,11 +120,11 @@ def test_blocks_extend_each_other_and_a_product_has_a_row_for_each_combination(t
         ("rows: {a: {extends: b}}", "'a' extends 'b', but there is no such block"),
         ("rows: {a: {extends: b}}\nblocks: {b: {extends: b}}", "'b' extends itself"),
         ("rows: {'a, b': {}}", "'a, b' has a comma"),
-        ("rows: {a: {}}\nmeasure: {taste: }", "measure has 'taste', but must have of audit"),
+        ("rows: {a: {}}\nmeasure: {taste: }", "measure has 'taste', but must have of profiles"),
         ("rows: {a: {}}\nmeasure: {audit: {ascent: 3}}", "measure.audit has no option 'ascent'"),
         ("rows: {a: {}, a: {}}", "'a' is given twice"),
         ("rows: {a: {}", "is not YAML"),
-        ("- a", "must hold keys"),
+        ("- a", "must hold sections"),
     ],
 )
 def test_what_is_no_study_is_one_sentence_that_names_the_file(tmp_path, text, fault):
@@ -155,7 +140,70 @@ def test_a_study_without_a_smaller_version_says_so(tmp_path):
 
 
 def test_reading_a_study_imports_neither_jax_nor_mujoco():
-    code = "import sys; from gril_jax.workflows.study import recipe, rows, saved, devices\n"
+    code = "import sys; from gril_jax.workflows.study import recipe, saved\n"
     code += "recipe.load('suite'); print({'jax', 'mujoco', 'numpy'} & {*sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.strip() == "set()", done.stderr
+
+
+# --- fields
+
+ROWS = ("plain", "fancy", "fancy at level A")
+CHANGES = st.fixed_dictionaries(
+    {},
+    optional={
+        "pool.alpha": st.integers(1, 9) | st.floats(0.5, 9.0),
+        "loss.lambda": st.integers(0, 3),
+        "ppo.hidden": st.lists(st.integers(1, 64), min_size=1, max_size=3),
+        "pool.noise": st.none() | st.floats(0.0, 0.1),
+        "encoder.relations": st.booleans(),
+        "run.reward": st.sampled_from(["learned", "environmental"]),
+    },
+)
+
+
+@property_of(CHANGES)
+def test_a_difference_makes_the_one_of_the_other(change):
+    base = RunConfig()
+    config = changed(base, change)
+    found = difference(base, config)
+    assert changed(base, found) == config
+    assert {path.rstrip("_") for path in found} <= {*change}
+    for section in dataclasses.fields(base):
+        for field, value in vars(getattr(config, section.name)).items():
+            usual = getattr(getattr(base, section.name), field)
+            if usual is not None and value is not None:
+                assert type(value) is type(usual), field
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ({"pool.alpha": 0.0}, r"pool\.alpha is 0"),
+        ({"pool.alphas": 1}, r"no field 'pool\.alphas' \(did you mean pool\.alpha\?\)"),
+        ({"poll.alpha": 1}, r"no field 'poll\.alpha' \(did you mean"),
+        ({"pool.alpha": "high"}, "must be of the kind float"),
+        ({"pretrain.steps": 1.5}, "must be of the kind int"),
+        ({"pretrain.steps": True}, "must be of the kind int"),
+        ({"encoder.kind": "papre"}, "must be one of 'paper'"),
+        ({"encoder.relations": 1}, "must be of the kind bool"),
+    ],
+)
+def test_what_no_field_takes_is_refused(change, fault):
+    with pytest.raises(ConfigError, match=fault):
+        changed(RunConfig(), change)
+
+
+def test_a_factor_is_of_the_configuration_s_own_number():
+    base = RunConfig()
+    found = changed(base, {"ppo.num_timesteps": "x0.5", "pool.alpha": "x2"})
+    assert found.ppo.num_timesteps == base.ppo.num_timesteps // 2
+    assert found.pool.alpha == 2 * base.pool.alpha
+    assert [scale(x) for x in ("x0.5", "xirl", 3, None)] == [0.5, None, None, None]
+
+
+def test_rows_come_in_the_order_of_their_names_and_patterns_each_once():
+    assert chosen(["fancy", "plain"], ROWS) == ["fancy", "plain"]
+    assert chosen(["fancy*", "*"], ROWS) == ["fancy", "fancy at level A", "plain"]
+    with pytest.raises(ConfigError, match=r"names 'fanci' \(did you mean fancy\?\), but the rows"):
+        chosen(["fanci"], ROWS)

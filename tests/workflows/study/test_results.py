@@ -1,16 +1,21 @@
 """The results of a study: read from the files of its run and parts, told, and drawn again."""
 
+import csv
+import dataclasses
 import re
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.workflows.study import recipe, results, saved, summary
-from gril_jax.workflows.study.rows import changed
+from gril_jax.workflows.study.programs import Counted
+from gril_jax.workflows.study.recipe import changed
+from gril_jax.workflows.study.results import Curve, curves, first_at, in_last_tenth, numbers
 from gril_jax.workflows.study.saved import Plan
-from gril_jax.workflows.study.written import csv
 
 STUDY = recipe.Study(
     "mine", seeds=2, measure={"audit": {"variants": ["demo"]}, "profiles": {}},
@@ -80,9 +85,10 @@ def test_a_line_has_what_was_measured_of_its_seed_and_what_was_not_finite_is_mis
     assert "tau" not in own
     assert (ours["order_demo"], ours["cycle"], ours["passes"]) == (0.99, 0.8, 1.0)
     assert "order_demo" not in other
-    assert found.columns[:3] == ["row", "seed", "success"]
-    text = csv(found.lines, found.columns)
-    assert text.splitlines()[0].endswith(",outbid_demo,passes")
+    assert found.csv.startswith("row,seed,success,")
+    assert own["published success_jitter"] == "85.0"
+    known = list(csv.DictReader(found.csv.splitlines()))
+    assert [line["order_demo"] for line in known] == ["", "", "0.99", ""]
 
 
 def test_the_table_has_a_section_for_whatever_was_measured(run):
@@ -134,8 +140,7 @@ def test_parts_are_joined_by_row_and_seed(tmp_path, run):
     with _begun(top / "parts" / "002", {"ours": (1,), "never": (0,)}) as made:
         _policies(made, 1, (1,))
     whole, found = results.read(run), results.read(top)
-    columns = whole.columns
-    assert csv(found.lines[:3], columns) == csv(whole.lines[:3], columns)
+    assert str(found.lines[:3]) == str(whole.lines[:3])
     assert found.lines[3]["success"] == 1.0
     assert [(c.cell, c.seed) for c in found.curves] == [(0, 0), (0, 1), (1, 1)]
     assert found.plan.work == {"own": [0, 1], "ours": [0, 1], "never": [0]}
@@ -158,3 +163,99 @@ def test_a_run_that_has_only_begun_has_no_table_yet(tmp_path):
     with pytest.raises(RunError, match="has nothing that has finished"):
         summary.redraw(tmp_path / "run")
     assert not (tmp_path / "run" / "report.html").exists()
+
+
+# --- policies
+
+SCORES = ("success", "success_sampled", "success_ever", "score")
+OF, TAUS = [(1, 0), (0, 0), (0, 1)], [0.9, None, 0.8]
+
+
+@pytest.fixture(scope="module")
+def lines():
+    """Lines of metrics.jsonl of two programs."""
+    draw = np.random.default_rng(0)
+    return [
+        {"phase": phase, "env_steps": 100 * (k + 1)}
+        | {name: draw.uniform(size=3).tolist() for name in SCORES}
+        for k in range(20)
+        for phase in ("policy-0", "policy-1")
+    ]
+
+
+def _found(lines, scores=None):
+    lines = [line | (scores or {}) for line in lines]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(results.run_dir, "read_metrics", lambda folder: lines)
+        return curves(Path(), {"policy-0": {"rows": OF, "taus": TAUS}, "demos": {}})
+
+
+def test_a_policy_s_curve_is_its_column_of_its_program_s_metrics(lines):
+    found, own = _found(lines), [line for line in lines if line["phase"] == "policy-0"]
+    assert [(curve.cell, curve.seed, curve.tau) for curve in found] == [
+        (0, 0, None),
+        (0, 1, 0.8),
+        (1, 0, 0.9),
+    ]
+    for i, curve in zip((1, 2, 0), found, strict=True):
+        np.testing.assert_array_equal(curve.env_steps, [line["env_steps"] for line in own])
+        assert {*curve.scores} == {*SCORES}
+        for name in SCORES:
+            np.testing.assert_array_equal(curve.scores[name], [line[name][i] for line in own])
+
+
+def test_a_number_that_was_not_finite_is_told_as_such(lines):
+    """metrics.jsonl holds null in its place."""
+    found = _found(lines, {"score": [None, 0.5, 0.5]})
+    assert np.isnan(numbers(found[2])["score"])
+
+
+def test_a_policy_s_numbers_are_means_over_the_last_tenth_and_the_first_with_80_percent(lines):
+    last = [line for line in lines if line["phase"] == "policy-0"][-2:]
+    for i, curve in zip((1, 2, 0), _found(lines), strict=True):
+        found = numbers(curve)
+        assert found["env_steps"] == 2000
+        for name in SCORES:
+            assert found[name] == pytest.approx(np.mean([line[name][i] for line in last]))
+        reached = curve.env_steps[curve.scores["success_sampled"] >= 0.8]
+        assert found["steps_80"] == reached[0]
+
+
+def test_the_first_variant_with_several_starts_tells_most(lines):
+    curve, *_ = _found(lines)
+    own, many = Counted(4, 1), Counted(4, 4)
+    for starts, suffix in (
+        ({"demo": own, "jitter": many, "layout": many}, "_jitter"),
+        ({"jitter": many, "layout": many}, ""),
+        ({"demo": own}, ""),
+    ):
+        assert dataclasses.replace(curve, starts=starts).headline == suffix
+
+
+def test_what_success_counts_is_that_of_all_policies():
+    def said(*distinct, variant="", sampled=False):
+        starts = [{} if x is None else {variant: Counted(8, x)} for x in distinct]
+        found = [Curve(0, k, None, np.ones(1), {}, one) for k, one in enumerate(starts)]
+        plan = Plan(STUDY, RunConfig(), {}, {})
+        return results.Found(plan, [], found, {}, {}, {}).counted(variant, sampled=sampled)
+
+    assert said(8, 8) == "8 starts"
+    assert said(8, 16) == "8 to 16 starts"
+    assert said(8, None) == said() == "number of starts not recorded"
+    assert said(1, variant="demo") == "one Demo start"
+    assert said(1, variant="demo", sampled=True) == "8 sampled episodes from one Demo start"
+
+
+def test_a_level_is_reached_at_the_first_evaluation_at_or_above_it():
+    success, at = np.array([0.1, 0.8, 0.2, 0.9]), np.array([10.0, 20.0, 30.0, 40.0])
+    assert first_at(success, at, level=0.8) == 20.0  # reached exactly, and lost again later
+    assert first_at(success, at, level=0.85) == 40.0
+    assert first_at(success, at, level=0.05) == 10.0  # at once
+    assert np.isnan(first_at(success, at, level=0.95))  # never
+    assert first_at(np.array([np.float32(0.8)]).astype(float), at[:1], level=0.8) == 10.0
+
+
+@pytest.mark.parametrize(("evaluations", "last"), [(1, 1), (4, 1), (10, 1), (11, 2), (20, 2)])
+def test_the_last_tenth_has_the_evaluations_after_nine_tenths(evaluations, last):
+    chosen = in_last_tenth(np.arange(1, evaluations + 1) * 30.0)
+    np.testing.assert_array_equal(chosen, np.arange(evaluations) >= evaluations - last)

@@ -2,19 +2,20 @@
 
 import pytest
 
+from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.workflows.study import recipe, saved
-from gril_jax.workflows.study.rows import changed
-from gril_jax.workflows.study.saved import Plan
+from gril_jax.workflows.study.recipe import changed
+from gril_jax.workflows.study.saved import Plan, without_twins
 
 
 @pytest.fixture
 def plan():
     made, base = recipe.load("table1"), load("quickstart")
     rows = {row: changed(base, change) for row, change in made.rows.items()}
-    return Plan(made.study, base, rows, {"environmental": [0, 1], "ours audited": [1]})
+    return Plan(made, base, rows, {"environmental": [0, 1], "ours audited": [1]})
 
 
 @pytest.fixture
@@ -59,3 +60,16 @@ def test_a_folder_without_a_whole_study_is_refused(folder, text):
     file.unlink() if text is None else file.write_text(text)
     with pytest.raises(RunError, match=r"study\.json"):
         saved.read(folder)
+
+
+def test_rows_with_the_same_results_are_made_once():
+    own, films = {"run.reward": "environmental"}, {"ppo.video_state_resets": 0.5}
+    rows = {
+        "learned": {}, "learned again": {}, "lambda": {"loss.lambda": 2},
+        "own": own, "own with lambda": own | {"loss.lambda": 2},
+        "own of a set": own | {"demos.num": 9},
+        "from films": own | films, "from other films": own | films | {"demos.num": 9},
+    }  # fmt: skip
+    kept, twins = without_twins({name: changed(RunConfig(), row) for name, row in rows.items()})
+    assert twins == {"learned again": "learned", "own with lambda": "own", "own of a set": "own"}
+    assert [*kept] == [name for name in rows if name not in twins]

@@ -7,8 +7,9 @@ import pytest
 from gril_jax.cli import main
 from gril_jax.cli.verbs import sweep
 from gril_jax.config.files import load
+from gril_jax.errors import ConfigError
 from gril_jax.workflows.study import recipe
-from gril_jax.workflows.study.rows import changed
+from gril_jax.workflows.study.recipe import changed
 
 
 @pytest.fixture
@@ -98,12 +99,13 @@ def test_a_file_of_one_s_own_is_a_study_and_rows_alike_are_made_once(planned, tm
 def test_mistakes_are_one_sentence(capsys, tmp_path):
     for option in ("--seeds", "--ascents", "--starts"):
         err = _fault(capsys, "table1", option, "0")
-        assert f"{option} is '0', but must be a whole number of at least 1" in err
+        assert f"{option} is 0, but must be" in err
     for args, said in (
         (["table1", "--rows", "enviromental"], "(did you mean environmental?)"),
         (["table2", "--ascents", "3"], "the study does not measure audit"),
         (["ladder", "--algorithm", "sac"], "must be 'ppo', because the row"),
         (["tabel1"], "there is no configuration 'tabel1'"),
+        (["table1", "--cluster", "sge"], "--cluster is 'sge', but must be one of"),
         (["--resume", tmp_path], "has no config.yaml"),
         (["--resume", tmp_path, "--demos", "x"], "--demos must not be given beside it"),
         (["--distributed", "--devices", "2"], "--distributed finds no job"),
@@ -123,9 +125,26 @@ def test_unfit_demonstrations_and_missing_films_are_refused_before_work_starts(
         (["table1", "--demos", "other"], "other"),
         (["suite", "--rows", "find_dupe from films"], "--films is missing"),
         (["suite", "--films", "other"], "has no folder"),
+        (["quickstart", "--reward", "a/b.npz"], "a/b.npz"),
         (["quickstart", "--reward", "environmental", "--ppo.num-envs", "3",
           "--ppo.num-minibatches", "1"], "ppo.num_envs is 3, but must be even"),
     ):  # fmt: skip
         assert main.main(["sweep", *args]) != 0
         assert said in capsys.readouterr().err
     assert {path.name for path in tmp_path.iterdir()} == {"other"}
+
+
+def test_the_devices_are_all_gpus_or_the_first(monkeypatch):
+    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4,5,7")
+    assert sweep.slots(None) == sweep.slots("all") == ["4", "5", "7"]
+    assert sweep.slots("2") == ["4", "5"]
+    with pytest.raises(ConfigError, match="this machine has 3 GPUs"):
+        sweep.slots("4")
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4")
+    assert sweep.slots(None) == [None]  # one process, as it is
+    monkeypatch.setenv("JAX_PLATFORMS", "cpu")
+    assert sweep.slots(None) == [None]
+    assert sweep.slots("2") == [None, None]
+    with pytest.raises(ConfigError, match="must be all or a number"):
+        sweep.slots("two")

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gril_jax.envs.magical.suite import from_boxes
+from gril_jax.envs.magical.suite import places
 from gril_jax.envs.planar.shapes import NOTHING, SHAPES
 
 from gril_jax import envs
@@ -46,6 +46,7 @@ def _frames(name):
     return jnp.asarray(center), jnp.asarray(size)
 
 
+@functools.cache
 def _placed(name, variant):
     center, size = _frames(name)
     keys = jax.random.split(jax.random.key(1), len(center))
@@ -85,7 +86,7 @@ def test_missing_blocks_stay_outside_and_all_else_within_the_walls(name):
 
 def test_what_was_alike_still_is_and_what_was_not_is_not():
     kinds = jax.tree.map(jnp.asarray, _task("cluster_shape", "all")._kinds)
-    drawn = jax.vmap(lambda k: from_boxes.renamed(k, kinds, colours=True, shapes=True))(
+    drawn = jax.vmap(lambda k: places.renamed(k, kinds, colours=True, shapes=True))(
         jax.random.split(jax.random.key(0), 200)
     )
     there = np.asarray(kinds.shape) != NOTHING
@@ -95,14 +96,14 @@ def test_what_was_alike_still_is_and_what_was_not_is_not():
         assert (alike == (after[:, :, None] == after[:, None])).all()
         assert len(np.unique(after[:, 0])) == 4  # every name is drawn
     assert (np.asarray(drawn.shape)[:, ~there] == NOTHING).all()
-    same = from_boxes.renamed(jax.random.key(0), kinds, colours=False, shapes=False)
+    same = places.renamed(jax.random.key(0), kinds, colours=False, shapes=False)
     jax.tree.map(np.testing.assert_array_equal, same, kinds)
 
 
 def test_a_scene_moves_as_one_and_over_all_the_room_there_is():
     boxes = jnp.array([[0.5, 0.2, 0.2, 0.1], [-0.3, -0.4, 0.4, 0.6], [2.0, -1.0, 0.1, 0.1]])
     there = jnp.array([True, True, False])
-    draw = jax.vmap(lambda k: from_boxes.moved(k, boxes, there, arena=ARENA))
+    draw = jax.vmap(lambda k: places.moved(k, boxes, there, arena=ARENA))
     found = np.asarray(draw(jax.random.split(jax.random.key(0), 4000)))[:, :2]
     apart = np.linalg.norm(found[:, 0, :2] - found[:, 1, :2], axis=1)
     np.testing.assert_allclose(apart, 1.0, atol=1e-5)
@@ -121,7 +122,7 @@ def test_a_scene_moves_as_one_and_over_all_the_room_there_is():
 
 def test_a_scene_that_has_no_room_stays_where_it_is():
     boxes = jnp.array([[0.0, 0.0, 2.2, 2.2]])
-    found = from_boxes.moved(jax.random.key(3), boxes, jnp.array([True]), arena=ARENA)
+    found = places.moved(jax.random.key(3), boxes, jnp.array([True]), arena=ARENA)
     np.testing.assert_allclose(found, boxes, atol=1e-6)
 
 

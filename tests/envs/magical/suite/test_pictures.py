@@ -8,7 +8,7 @@ import pytest
 from support.raster_pictures import compare
 
 from gril_jax import envs
-from gril_jax.demos.vision import render as host
+from gril_jax.workflows.build import filming as host
 
 
 @functools.cache

@@ -315,13 +315,3 @@ def test_of_three_blocks_all_must_be_on_the_line(y, score):
     scene = _scene([(0, 0), (0.3, 0), (0.6, y), (2.0, 0)], LINE)
     scene = scene._replace(shape=scene.shape.at[3].set(NOTHING))
     assert float(envs.make("make_line", variant="all").score(scene)) == score
-
-
-def test_the_debugging_reward_leads_to_the_upper_wall():
-    env = envs.make("move_to_corner", reward="debug")
-    scene = _scene([(0.1, -0.65)], ["red square"], robot=(0.4, 0.0))
-    left = -math.dist((0.1, -0.65), (0, 1)) / 5 - math.dist((0.1, -0.65), (0.4, 0)) / 20
-    assert float(env.reward(scene)) == pytest.approx(left, abs=1e-6)
-    near = scene._replace(robot=jnp.array([0.1, -0.6]))
-    gained = (math.dist((0.1, -0.65), (0.4, 0)) - 0.2) / 20  # nearer than 0.2 is no better
-    assert float(env.reward(near)) == pytest.approx(left + gained, abs=1e-6)

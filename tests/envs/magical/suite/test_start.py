@@ -105,7 +105,7 @@ def test_regions_have_the_original_s_middles(demo, name, centres):
 
 
 def test_the_clusters_begin_with_four_and_five_right_blocks(demo):
-    from gril_jax.envs.magical.suite.cluster import right
+    from gril_jax.envs.magical.suite.together import right
 
     for name, wanted in (("cluster_colour", 4), ("cluster_shape", 5)):
         data, env = jax.tree.map(lambda f: f[0], demo[name].data), _task(name)

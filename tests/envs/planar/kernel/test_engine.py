@@ -163,7 +163,7 @@ def test_without_the_package_a_sentence_says_what_to_install(monkeypatch):
 
 @with_warp
 def test_threads_share_out_lanes_without_a_trace(monkeypatch):
-    lanes = importlib.import_module("gril_jax.envs.planar.kernel.lanes")
+    lanes = importlib.import_module("gril_jax.envs.planar.kernel.engine")
     env, found = _env(), []
     state, action = _starts(env, 200), _actions(3, 1, 200)[0]
     step = jax.jit(jax.vmap(lambda s, a: env._engine.step(*_arguments(env, s, a))))

@@ -1,1 +1,0 @@
-"""The scripted expert of MatchRegions, which makes demonstrations."""

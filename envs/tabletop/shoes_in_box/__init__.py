@@ -1,1 +1,0 @@
-"""RLBench's shoes in the box: open its lid, then put both shoes in."""

@@ -1,1 +1,0 @@
-"""RLBench's umbrella out of its stand: grasp it and lift it out."""

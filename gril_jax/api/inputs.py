@@ -1,0 +1,121 @@
+"""What the front door's functions begin with: demonstrations, and tasks by name or as objects."""
+
+import contextlib
+import dataclasses
+import inspect
+import io
+import json
+import os
+import weakref
+from typing import Any
+
+from gril_jax import envs
+from gril_jax.config import EnvConfig
+from gril_jax.demos import importing
+from gril_jax.demos.demo_set import DemoSet, load_demo_set
+from gril_jax.envs import Env, registry
+from gril_jax.runs.progress import Progress
+
+_PRESET = "own_task"  # of a user's task
+
+
+def import_videos(
+    folder: str | os.PathLike,
+    out: str | os.PathLike | None = None,
+    *,
+    progress: bool = True,
+    **options: Any,
+) -> DemoSet:
+    """The demonstrations of a folder of videos, with the boxes beside them.
+
+    Args:
+      folder: videos with a file of boxes each, MAGICAL's `*.pkl.gz` files, or a LeRobot dataset.
+      out: a folder to write the demonstrations to; None keeps them in memory.
+      progress: show a progress line on stderr.
+      options: those of `gril_jax.demos.importing.import_videos`, such as `robot=["hand"]`, the
+        classes that belong to a robot or a person, `boxes`, `fps` and `half_extent`.
+
+    Raises:
+      DemoError: no videos, a damaged one, or boxes that are missing, malformed or do not fit.
+
+    Example:
+      demos = import_videos("films", robot=["hand"])
+    """
+    with Progress(shown=progress) as shown:
+        phase = None
+
+        def tell(done: int, total: int) -> None:
+            nonlocal phase
+            if phase is None:
+                phase = shown.phase("reading videos", total=total, unit="steps", compiles=False)
+            phase.update(done)
+
+        return importing.import_videos(folder, out, progress=tell, **options)
+
+
+def load_demos(folder: str | os.PathLike) -> DemoSet:
+    """The demonstrations in a folder of `import_videos` or of `gril demos`.
+
+    Raises:
+      DemoError: there are none, or a file is missing or was changed.
+
+    Example:
+      demos = load_demos("mine")
+    """
+    return load_demo_set(folder)
+
+
+_MADE: weakref.WeakKeyDictionary[Any, tuple[str, dict[str, Any]]] = weakref.WeakKeyDictionary()
+
+
+def make(name: str, **options: Any) -> Env:
+    """A task: an environment with pure functions `reset(key)` and `step(state, action)`.
+
+    Args:
+      name: one of `gril_jax.envs.registry.names()`, the file of a task of yours and the function
+        that makes it, such as "my_task.py:make", or an entry point of `gril_jax.tasks`.
+      options: keyword arguments of the task's constructor, such as `variant="jitter"`.
+
+    Raises:
+      ValueError: no task has that name, or an option is out of range.
+
+    Example:
+      task = make("match_regions", variant="jitter")
+      state = jax.jit(task.reset)(jax.random.key(0))
+    """
+    with contextlib.redirect_stdout(io.StringIO()):  # mjx reports parts that are not installed
+        task = envs.make(name, **options)
+    with contextlib.suppress(TypeError):  # one that takes no weak reference is an object like any
+        _MADE[task] = name, options
+    return task
+
+
+def preset(task: Any) -> str:
+    """The name of the configuration that a task is trained with unless another is named."""
+    name = task if isinstance(task, str) else _MADE.get(task, ("", {}))[0]
+    if not name or registry.is_own(name):
+        return _PRESET
+    return registry.spec(name).config or name
+
+
+def env_config(task: Any, usual: EnvConfig) -> EnvConfig:
+    """The section `env` of a task: by its name as a preset has it, but an object as it is."""
+    if isinstance(task, str):
+        return dataclasses.replace(usual, name=task)
+    known = [field.name for field in dataclasses.fields(EnvConfig) if field.name != "options"]
+    name, given = _MADE.get(task, ("", {}))
+    if not name or registry.is_own(name):
+        return EnvConfig(name=registry.lend(task))
+    values = {option: _default(name, option) for option in registry.options(name)} | given
+    further = tuple(f"{n}={json.dumps(x)}" for n, x in given.items() if n not in known)
+    return EnvConfig(name=name, options=further, **{n: x for n, x in values.items() if n in known})
+
+
+def _default(name: str, option: str) -> Any:
+    """The value that a task's constructor takes for an option that it is not given."""
+    constructor = registry.constructor(name)
+    parameters = dict(inspect.signature(constructor).parameters)
+    made = inspect.signature(constructor).return_annotation
+    if option not in parameters and inspect.isclass(made):
+        parameters |= inspect.signature(made).parameters
+    return parameters[option].default

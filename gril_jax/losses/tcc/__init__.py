@@ -1,1 +1,0 @@
-"""Temporal cycle-consistency; one module for each form."""

@@ -1,1 +1,0 @@
-"""Soft-DTW: the problem, its solvers, and the functions that call them."""

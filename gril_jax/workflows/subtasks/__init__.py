@@ -1,1 +1,0 @@
-"""The stages of a task, found in a run's learned reward."""

@@ -1,0 +1,210 @@
+"""An audit in its run's report, in numbers and words, in pictures, and on a page of its own."""
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.patches import Rectangle
+from support.audit_findings_made import NUMBERS, findings
+
+from gril_jax.audit.scene_reward import Scene
+from gril_jax.errors import RunError
+from gril_jax.report.audit_maps import Situation, reward_maps, state_pictures
+from gril_jax.report.audit_page import write_report
+from gril_jax.report.headline import ASKED, audit_sentence, audit_tiles, verdict
+from gril_jax.report.style import png
+
+SOUND = {
+    "order_accuracy": 0.999, "hack_gap": 0.5, "touch_share": 0.01, "push_share": 0.47,
+    "outbid_share": 0.16,
+}  # fmt: skip
+WORKED = {"tau": 0.8, "success": 1.0, "starts": 256, "variant": "jitter", "eval_episodes": 256}
+
+
+def _results(**changes):
+    return WORKED | {"audit": SOUND | changes}
+
+
+def test_a_sound_reward_is_called_so_with_its_numbers():
+    (tile,) = audit_tiles(_results())
+    assert tile.value == "sound"
+    assert tile.note == "order 0.999; hack gap 0.50; touch 0.01; push 0.47; outbid 0.16"
+    assert verdict(_results()).grade == "good"
+    assert audit_sentence(_results()) == f"audit: the reward is sound ({tile.note})"
+
+
+@pytest.mark.parametrize(("name", "value"), [("hack_gap", -0.1), ("touch_share", None)])
+def test_a_fault_or_an_unknown_number_is_not_sound_and_spoils_the_verdict(name, value):
+    results = _results(**{name: value})
+    (tile,) = audit_tiles(results)
+    assert tile.value == "not sound"
+    assert f"not {ASKED[name].bound}" in tile.note
+    found = verdict(results)
+    assert found.grade == "fair"
+    assert found.text.endswith("But its reward is not sound.")
+
+
+def test_a_reward_without_an_audit_says_so_and_a_run_without_a_reward_has_no_tile():
+    assert audit_tiles(WORKED)[0].value == "not audited"
+    assert audit_sentence(WORKED).startswith("audit: none")
+    assert audit_tiles({}) == []
+
+
+def test_a_number_that_is_none_is_refused():
+    with pytest.raises(RunError, match="audit: hack_gap must be a number"):
+        audit_tiles(_results(hack_gap="high"))
+
+
+# --- its findings
+
+
+@pytest.mark.parametrize("how", ["gradient ascent", "one object moved", "targets pushed"])
+def test_the_best_state_without_progress_is_found_wherever_it_is(how):
+    found = findings(how)
+    kind, scene, reward = found.best_unearned()
+    assert (kind, reward) == (how, -0.05)
+    assert scene.center.shape == (2, 2)
+
+
+def test_a_success_is_not_without_progress():
+    found = findings(None)
+    rewards = found.audit.rewards._replace(alone=np.full((1, 2, 1, 2, 2), -0.7))
+    found = found._replace(audit=found.audit._replace(rewards=rewards))
+    kind, scene, reward = found.best_unearned()
+    assert (kind, reward) == ("battery", -0.4)
+    np.testing.assert_array_equal(scene.center, found.states.battery.scenes.center[0, 3])
+
+
+def test_the_worst_pair_has_its_factor_progress_and_rewards():
+    kind, sides = findings().worst_pair()
+    (lesser, *_), (_, score, paid) = sides[0], zip(*sides, strict=True)
+    assert (kind, score) == ("random", (0.0, 0.5))
+    np.testing.assert_allclose(paid, (-0.4, -0.95))
+    np.testing.assert_array_equal(lesser.center, findings().states.battery.scenes.center[0, 3])
+
+
+def test_json_says_what_is_sound_and_null_where_nothing_is_defined():
+    results = json.loads(json.dumps(findings().as_json(), allow_nan=False))
+    assert results["order_accuracy"] == 0.98
+    assert results["touch_share"] is None
+    assert results["sound"] == {
+        "order_accuracy": True, "hack_gap": False, "touch_share": False, "push_share": True,
+    }  # fmt: skip
+    assert results["factor_accuracy"].keys() == {
+        "start", "success", "touched", "wrong place", "random"
+    }  # fmt: skip
+    assert results["alone_share"] == {"shoe <b>": 0.25}
+    assert results["best_unearned_state"]["found_by"] == "gradient ascent"
+    assert [o["name"] for o in results["worst_pair"]["lesser"]["objects"]] == ["goal", "shoe <b>"]
+    assert results.keys() >= NUMBERS.keys()
+
+
+def test_each_line_says_what_is_asked():
+    lines = findings().in_words()
+    assert len(lines) == len(ASKED) + 1
+    assert lines[-1].split()[:2] == ["outbid_share", "0.010"]
+    assert lines[0].split()[:2] == ["order_accuracy", "0.980"]
+    assert "NOT SOUND" not in lines[0]
+    assert "(above 0)" in lines[1]
+    assert lines[1].endswith("NOT SOUND")
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad"),
+    [
+        ("order_accuracy", 0.97, 0.969),
+        ("hack_gap", 1e-6, 0.0),
+        ("touch_share", 0.05, 0.051),
+        ("push_share", -0.1, 0.71),
+    ],
+)
+def test_bounds(name, good, bad):
+    assert ASKED[name].holds(good)
+    assert not ASKED[name].holds(bad)
+    assert not ASKED[name].holds(float("nan"))
+
+
+# --- pictures
+
+CENTER = np.array([[0.5, 0.5], [-0.5, 0.0], [0.0, -0.5]])
+SIZE = np.array([[0.6, 0.8], [0.2, 0.2], [0.4, 0.2]])
+ACTIVE = np.array([False, True, False])
+NAMES = ("goal", "shoe A", "shoe B")
+
+
+SCENE = Scene(CENTER, SIZE, None, None, ACTIVE)
+
+
+def test_a_map_shows_every_place_of_the_objects_centre_in_one_scale():
+    reward = np.arange(18.0).reshape(2, 3, 3)
+    situations = [Situation("at the start", SCENE, reward), Situation("later", SCENE, reward + 9)]
+    figure = reward_maps(situations, NAMES, (1, 2), half_extent=1.0)
+    maps = [axes for axes in figure.axes if axes.get_images()]
+    assert [axes.get_title("left") for axes in maps] == ["shoe A", "shoe B"] * 2
+    assert [axes.get_ylabel() for axes in maps] == ["at the start", "", "later", ""]
+    image = maps[1].get_images()[0]
+    np.testing.assert_allclose(image.get_extent(), [-0.8, 0.8, -0.9, 0.9])  # less its own box
+    assert image.origin == "lower"
+    np.testing.assert_array_equal(image.get_array(), reward[1])
+    assert {axes.get_images()[0].get_clim() for axes in maps} == {(0.0, 26.0)}
+    boxes = [p for p in maps[0].patches if isinstance(p, Rectangle)]
+    corners = [p.get_xy() for p in boxes]
+    np.testing.assert_allclose(corners, [(0.2, 0.1), (-0.2, -0.6)])  # not its own
+    assert png(figure).startswith(b"\x89PNG")
+
+
+def test_many_objects_take_several_rows():
+    reward = np.zeros((8, 2, 2))
+    figure = reward_maps([Situation("", SCENE, reward)], NAMES, [1] * 8, half_extent=1.0)
+    assert sum(axes.get_visible() and bool(axes.get_images()) for axes in figure.axes) == 8
+
+
+def test_boxes_of_a_state_look_different_however_many_there_are():
+    crowd = Scene(np.zeros((12, 2)), np.ones((12, 2)), None, None, np.zeros(12, bool))
+    figure = state_pictures([("", crowd)], [f"block {i}" for i in range(12)], half_extent=1.0)
+    looks = {(p.get_edgecolor(), p.get_linestyle()) for p in figure.axes[0].patches}
+    assert len(looks) == 12
+
+
+def test_a_state_has_thick_boxes_where_bits_are_set():
+    figure = state_pictures([("before", SCENE), ("after", SCENE)], NAMES, half_extent=1.0)
+    assert [axes.get_title("left") for axes in figure.axes] == ["before", "after"]
+    widths = [p.get_linewidth() for p in figure.axes[0].patches]
+    assert widths[1] > widths[0] == widths[2]
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == list(NAMES)
+
+
+# --- its page
+
+
+def _write(folder, found):
+    results = found.as_json() | {"settings": {"source": "<reward>", "seed": 3}}
+    return write_report(folder, found, results, title="Audit of x")
+
+
+def test_it_is_one_file_with_numbers_pictures_and_states(tmp_path):
+    page = _write(tmp_path, findings())
+    text = page.read_text()
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "report.html", "hack.png", "maps.png", "worst_pair.png"
+    }  # fmt: skip
+    assert text.count("data:image/png;base64,") == 3
+    assert "-0.050" in text
+    assert "not sound; above 0 is asked" in text
+    assert "found by gradient ascent" in text
+    assert "&lt;reward&gt;" in text
+    assert "<reward>" not in text
+
+
+def test_without_a_violation_no_pair_is_shown(tmp_path):
+    found = findings()
+    measures = found.audit.measures
+    measures = measures._replace(worst_violation=measures.worst_violation * 0)
+    page = _write(tmp_path, found._replace(audit=found.audit._replace(measures=measures)))
+    assert "Every pair of states is in its true order" in page.read_text()
+    assert not (tmp_path / "worst_pair.png").exists()
+
+
+def test_a_folder_that_is_gone_is_one_sentence(tmp_path):
+    with pytest.raises(RunError, match="cannot be written to"):
+        _write(tmp_path / "gone", findings())
