@@ -3,6 +3,7 @@ requirements are known by their digests."""
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
