@@ -1,3 +1,4 @@
+# make demo         install, then play a trained policy and plot its learned reward
 # make quickstart   install, then videos in, trained policy out, report in runs/quickstart
 # make test         install, then check
 # make lint         ruff
@@ -11,7 +12,10 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	&& echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: quickstart test slow lint docs lock
+.PHONY: demo quickstart test slow lint docs lock
+
+demo: .venv/installed
+	$(BIN)/gril demo $(ARGS)
 
 quickstart: .venv/installed
 	$(BIN)/gril quickstart $(ARGS)

@@ -1,5 +1,6 @@
 """The documentation is true: Python runs, commands are understood, links lead somewhere."""
 
+import importlib.util
 import json
 import os
 import re
@@ -208,3 +209,10 @@ def test_tables_have_at_most_five_columns():
 def test_the_front_pages_are_short():
     for path, most in ((REPOSITORY / "README.md", 120), (RESULTS / "README.md", 60)):
         assert len(path.read_text().splitlines()) <= most, os.fspath(path)
+
+
+def test_the_page_of_options_is_that_of_the_code():
+    spec = importlib.util.spec_from_file_location("options", REPOSITORY / "docs" / "options.py")
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    assert made.PAGE.read_text() == made.page(), "run python docs/options.py"

@@ -14,33 +14,29 @@ class EncoderOptions:
     """The encoder."""
 
     kind: Literal[*ENCODERS] = "paper"
-    """The paper's message passing with weighted pooling, GraphIRL's interaction network or MLP with
-    plain mean pooling, or XIRL's ResNet-18 on the frames themselves. Rounds and ensembles belong to
-    the first alone, latent to the first and the last. Pixels know no boxes: they learn by temporal
-    cycle-consistency alone, and of width, relations, robot, the section pool, reconstruction,
-    perturbations and random activity they use nothing."""
+    """The network: the paper's message passing with weighted pooling, GraphIRL's interaction
+    network, GraphIRL's MLP, or XIRL's ResNet-18 on frames (pixels). Pixels use no option of
+    boxes."""
     width: int = field(default=64, metadata=at_least(2))
-    """Width of the hidden layers and of a node's embedding; also of the latent of GraphIRL's."""
+    """Width of the hidden layers and of a node's embedding."""
     rounds: int = field(default=2, metadata=between(0, 16))
-    """Rounds of message passing."""
+    """Rounds of message passing (paper)."""
     latent: int = field(default=32, metadata=at_least(1))
-    """Width of the latent."""
+    """Width of the latent (paper, pixels)."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """Precision of convolutions on pixels: bfloat16 is meant for GPUs. Parameters, statistics and
-    latents are float32 in both."""
+    """Precision of convolutions (pixels). Parameters and latents are float32 in both."""
     relations: bool = False
-    """True if edges also say how far a box sticks out of the other, and is apart from it."""
+    """True if edges also say how far two boxes overlap and how far apart they are."""
     share_attributes: bool = False
-    """The paper's alone: True if nodes do not know their class, and edges know instead whether the
-    names of two classes share their first word, such as a colour, and their last one, such as a
-    shape; so a reward learned from red things holds for blue ones, too. It needs a task."""
+    """True if edges say which words two class names share, such as a colour, and nodes do not know
+    their class (paper). A reward of red blocks then also holds for blue ones."""
     robot: bool = False
-    """True if the robot's node sends and receives messages, and counts in the pooled latent."""
+    """True if the robot's node exchanges messages and counts in the latent."""
     length_unit: float = field(default=1.0, metadata=above(0))
-    """World units per unit of the networks' inputs, about half the scene's width; a set of one's
-    own videos gives it."""
+    """World units per unit of the network's inputs, about half the scene's width. A set of your own
+    videos gives it."""
     ensemble_size: int = field(default=1, metadata=between(1, 100))
-    """Networks, each trained separately; the reward is that of the most pessimistic one."""
+    """Networks that are trained separately. The reward is that of the most pessimistic one."""
 
     pixels = 64  # width and height of the frames that a pixel encoder sees
 
@@ -50,14 +46,13 @@ class PoolConfig:
     """Weighted pooling: objects that have moved count more."""
 
     alpha: float = field(default=5.0, metadata=above(0))
-    """Weight of an object that has moved; one that has not weighs 1."""
+    """Weight of an object that has moved. One that has not weighs 1 (Eq. 3)."""
     window: int = field(default=40, metadata=at_least(1))
-    """Frames over which displacement is measured; a set of one's own videos takes as many as four
-    seconds have."""
+    """Frames over which displacement is measured (Eq. 4). A set of your own videos takes four
+    seconds."""
     noise: float | None = field(default=None, metadata=optional(at_least(0)))
     """Standard deviation of a detected position along one axis, world units. Displacements that it
-    explains do not count, and positions are medians over three frames. None for exact positions; a
-    set of one's own videos gives it."""
+    explains do not count. None is for exact positions. A set of your own videos gives it."""
 
     # The paper's rule: displacement that counts as motion, in diagonals of the object's box, and
     # frames of the median of positions (1 is none).

@@ -20,27 +20,28 @@ class PolicyConfig:
     """What every algorithm has."""
 
     num_timesteps: int = field(default=1_000_000, metadata=at_least(1))
-    """Control steps in all, over all environments."""
+    """Environment steps in all."""
     num_envs: int = field(default=64, metadata=at_least(1))
-    """Environments that are stepped together."""
+    """Environments that step together."""
     unroll_length: int = field(default=20, metadata=at_least(1))
-    """Control steps of each environment between two rounds of gradient steps."""
+    """Steps of each environment between two rounds of gradient steps."""
     learning_rate: float = field(default=3e-4, metadata=above(0))
     """Learning rate of Adam."""
     discounting: float = field(default=0.99, metadata=between(0, 1))
-    """Discount of a control step."""
+    """Discount factor of a step."""
     reward_scaling: float = field(default=1.0, metadata=above(0))
-    """Factor on the reward before it reaches the value function or the critics."""
+    """Factor on the reward in the value function or the critics."""
     hidden: tuple[int, ...] = field(default=(64, 64), metadata=_WIDTHS)
     """Widths of the hidden layers of each network."""
     observe_activity: bool | None = None
-    """True if the policy sees which objects have moved, as the reward does; None: unless the
-    observation is "xmagical", so that it stays the original simulator's own."""
+    """True if the policy sees which objects have moved, as the reward does. None: True unless the
+    observation is xmagical."""
     visited_state_resets: float = field(default=0.0, metadata=between(0, 1))
-    """Fraction of training episodes that begin at states which the policy has visited, of high
-    reward as often as of low; it falls to 0, reached when a tenth of training is left."""
+    """Fraction of training episodes that begin at states which the policy has visited, sampled
+    evenly over their rewards. It falls to 0 over the first nine tenths of training."""
     video_state_resets: float = field(default=0.0, metadata=between(0, 1))
-    """Fraction of training episodes that begin at states which the videos show; likewise."""
+    """Fraction of training episodes that begin at states which the videos show. It falls to 0 over
+    the first nine tenths of training."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""
@@ -57,28 +58,27 @@ class PPOConfig(PolicyConfig):
     """Policy training by proximal policy optimisation."""
 
     num_minibatches: int = field(default=4, metadata=at_least(1))
-    """Parts that an update's data are split into; they divide num_envs."""
+    """Minibatches of an update. The number divides num_envs."""
     num_epochs: int = field(default=4, metadata=at_least(1))
-    """Passes over an update's data."""
+    """Passes over the data of an update."""
     final_learning_rate_fraction: float = field(default=1.0, metadata=between(0, 1))
-    """Fraction of the learning rate at the end of training, reached linearly."""
+    """Fraction of the learning rate at the end; it falls linearly."""
     gae_lambda: float = field(default=0.95, metadata=between(0, 1))
     """Lambda of generalised advantage estimation."""
     entropy_cost: float = field(default=1e-2, metadata=at_least(0))
     """Weight of the policy's entropy."""
     final_entropy_fraction: float = field(default=1.0, metadata=between(0, 1))
-    """Fraction of that weight at the end of training, reached linearly."""
+    """Fraction of that weight at the end; it falls linearly."""
     clipping_epsilon: float = field(default=0.2, metadata=between(0.001, 1))
     """Clipping range of the probability ratio."""
     by_object: bool = False
-    """True if the policy's networks read each object of the observation with the same weights, for
-    tasks that list objects in it: then neither their order nor their number matters."""
+    """True if the policy reads each object with the same weights. Order and number of objects then
+    do not matter."""
     sub_policies: int = field(default=1, metadata=between(1, 8))
-    """Number of sub-policies with networks of their own, one for each stage of the learned reward
-    (with run.reward stages)."""
+    """Networks, one for each stage of the learned reward (with `--reward stages`)."""
     noise_correlation: float = field(default=0.0, metadata=between(0, 1))
-    """Fraction of the variance of an action's noise that is the same in all steps between two
-    updates: an environment then explores in one direction for so long."""
+    """Fraction of the variance of an action's noise that stays the same between two updates, so
+    that an environment explores in one direction."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""
@@ -100,11 +100,11 @@ class SACConfig(PolicyConfig):
     updates_per_step: int = field(default=8, metadata=at_least(1))
     """Gradient steps of each round."""
     batch_size: int = field(default=256, metadata=at_least(1))
-    """Transitions in the batch of a gradient step."""
+    """Transitions in a batch."""
     replay_size: int = field(default=2**17, metadata=at_least(1))
-    """Transitions that the replay holds; a multiple of num_envs x unroll_length."""
+    """Transitions in the replay buffer; a multiple of num_envs x unroll_length."""
     min_replay: int = field(default=2**13, metadata=at_least(0))
-    """Transitions before learning begins; until then actions are random."""
+    """Transitions before learning begins. Until then actions are random."""
 
     def check(self, name: str) -> None:
         """Raises ConfigError if sizes do not fit together; `name` is the section's."""

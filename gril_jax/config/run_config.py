@@ -44,7 +44,7 @@ class RunSettings:
     seed: Annotated[int, short("--seed")] = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of everything but the scripted demonstrations."""
     algorithm: Annotated[Literal[*ALGORITHMS], short("--algorithm")] = "ppo"
-    """Algorithm that trains the policy; its options are in the section of its name."""
+    """Algorithm that trains the policy. Its options are in the section of its name."""
     reward: Annotated[str, short("--reward")] = field(
         default="learned",
         metadata=rule(
@@ -52,27 +52,25 @@ class RunSettings:
             f"{alternatives([*REWARDS])}, or the file or run of a reward that has been learned",
         ),
     )
-    """Reward of the policy: the learned one (learned), the task's own (environmental), the learned
-    one in its stages (stages), or the task's own with the learned one as its potential (shaped);
-    or a reward that has been learned before: a file of `gril export`, or the folder of a run."""
+    """Reward of the policy: learned, environmental (the task's own), stages (the learned one in
+    stages), shaped (the task's own with the learned one as potential), or the file or run of a
+    learned reward."""
     reward_offset: float = field(default=0.0, metadata=rule(isfinite, "a finite number"))
-    """Constant added to the learned reward if that is all, also in stages. With 1 it starts at
-    about 0 instead of -1: no policy is better or worse for it, but some are found sooner."""
+    """Constant that is added to the learned reward. With 1 the reward begins at about 0."""
     audit: int = field(default=0, metadata=at_least(0))
-    """Gradient ascents of the audit that follows training, 0 for none; `gril audit` has its own."""
+    """Gradient searches of the audit after training. 0 makes no audit."""
     evaluations: int = field(default=8, metadata=at_least(0))
-    """Number of evaluations during policy training, in the training program itself, from the starts
-    that success is counted over."""
+    """Evaluations during policy training."""
     out: Annotated[str | None, short("--out")] = field(
         default=None, metadata=optional(rule(str.strip, "a folder or None"))
     )
-    """Folder to create for the results; None names one after the time, under runs/."""
+    """Folder to create for the results. None makes one under runs/."""
     eval_episodes: int = field(default=256, metadata=at_least(1))
-    """Starts of an evaluation, each played with deterministic actions and with sampled ones."""
+    """Initial states of an evaluation. Each is played with deterministic and sampled actions."""
     updates_per_chunk: int = field(default=10, metadata=at_least(1))
-    """Updates in one compiled call, after which the host logs and may save; changes no result."""
+    """Updates in one compiled call, after which the run logs and may save. It changes no result."""
     checkpoint_every: float = field(default=60.0, metadata=at_least(0))
-    """Seconds from one checkpoint to the next; 0 saves after each call."""
+    """Seconds between two checkpoints. 0 saves after each call."""
     sinks: tuple[str, ...] = field(
         default=(),
         metadata=rule(
@@ -80,7 +78,7 @@ class RunSettings:
             "a list of tensorboard and wandb, or of one of them",
         ),
     )
-    """Sinks for metrics besides metrics.jsonl: tensorboard, wandb; each is an optional extra."""
+    """Further places for metrics: tensorboard, wandb. Each is an optional extra."""
 
     @property
     def reward_form(self) -> str:

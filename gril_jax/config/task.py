@@ -38,10 +38,9 @@ class EnvConfig:
     """The task in the simulator."""
 
     name: Annotated[TaskName, short("--task")] = "match_regions"
-    """The task: one of gril's own, a file of yours and the function that makes it, such as
-    my_task.py:make, an entry point of `gril_jax.tasks`, or the import path of a TaskSpec. It takes
-    those of the options here that its constructor has; others do nothing. none is for a
-    reward from films alone, whose classes, units and frame rate the demonstration set has."""
+    """The task: a name that `gril` lists, a file of yours and its function (my_task.py:make), an
+    entry point of `gril_jax.tasks`, or the import path of a TaskSpec. `none` learns a reward
+    from videos alone."""
     targets: tuple[str, ...] = field(default=("green star", "green square"), metadata=_BLOCKS)
     """Blocks that belong inside the region, each a colour and a shape."""
     distractors: tuple[str, ...] = field(
@@ -49,36 +48,32 @@ class EnvConfig:
     )
     """Blocks that belong outside the region."""
     variant: Variant = "demo"
-    """Quantities randomised at the start: nothing, places (a little: jitter; anywhere: layout),
-    colours, shapes, these three and the number of blocks (countplus), forces, or all of that that
-    the task varies (all)."""
+    """What is random in the initial state: nothing (demo), places by a little (jitter) or anywhere
+    (layout), colours, shapes, these three and the number of blocks (countplus), forces
+    (dynamics), or all of it."""
     varied_starts: float = field(default=0.5, metadata=between(0, 1))
-    """Share of the training episodes that start with the robot anywhere and some targets moved, or
-    for a task on a table at a moment of a scripted expert's."""
+    """Fraction of training episodes with a helpful initial state: the robot anywhere and some
+    targets moved, or a state of the scripted expert's episodes (table tasks)."""
     near_starts: float = field(default=0.0, metadata=between(0, 1))
-    """In those, the probability that a target outside the region starts on its way there; also that
-    the robot stands before such a target, facing it."""
+    """In those episodes, the probability that a target is on its way to the region, and that the
+    robot faces such a target."""
     engine: Literal["auto", "kernel", "impulse", "mjx", "warp"] = "auto"
-    """Physics solver: our impulses in one NVIDIA Warp kernel; the same in JAX, which has gradients
-    and is many times slower; MuJoCo MJX (only the gripper, "xmagical", fixed shapes); or, of a task
-    on a table, MuJoCo Warp where that is installed. auto is the kernel on CPUs and NVIDIA GPUs and
-    impulse elsewhere, and MJX on a table."""
+    """Physics: our solver in an NVIDIA Warp kernel (kernel), the same in JAX with gradients
+    (impulse), MuJoCo MJX (mjx), or MuJoCo Warp for table tasks (warp). auto takes kernel on CPUs
+    and NVIDIA GPUs, else impulse, and mjx for table tasks."""
     observation: Literal["plain", "rich", "sorted", "xmagical"] = "rich"
-    """The policy's observation: poses and velocities; also which blocks are in the region; the same
-    with the targets in the order in which they are due; or x-magical's state vector in its exact
-    order. Of a task on a table: plain, or rich with the stages that have been reached."""
+    """What the policy sees: poses and velocities (plain); also which blocks are in the region, or
+    which stages hold (rich); the same with the next target first (sorted); or x-magical's state
+    vector (xmagical)."""
     reward: str | None = None
-    """The task's own reward, which only `run.reward environmental` learns from: match_regions has
-    S4, V5, sparse, a task on a table staged, stages, sparse, MAGICAL's others sparse; None is
-    the first."""
+    """The task's own reward, for `--reward environmental`: S4, V5 or sparse (match_regions),
+    staged, stages or sparse (table tasks), sparse (MAGICAL's other tasks). None is the first."""
     max_envs: int = field(default=4096, metadata=at_least(1))
-    """With the engine warp, the most environments stepped together, counting all seeds of a
-    program: their contacts share one table."""
+    """With engine warp, the most environments in one program, over all seeds."""
     episode_length: int | None = field(default=None, metadata=optional(_LENGTH))
-    """Control steps in an episode; None is the task's own: 120 of match_regions, 8 a second."""
+    """Control steps in an episode. None is the task's own."""
     options: tuple[str, ...] = field(default=(), metadata=_PAIRS)
-    """Further options of the task, each NAME=VALUE: keyword arguments of the function or class that
-    makes it, such as robot=short or physics=magical of MatchRegions."""
+    """Keyword arguments of the task's constructor, each NAME=VALUE, such as robot=short."""
 
     def check(self) -> None:
         """Raises ConfigError if there is no such task, or if it has no such reward."""
@@ -133,10 +128,10 @@ class DemosConfig:
     """The demonstrations that the reward is learned from."""
 
     path: Annotated[str | None, short("--demos")] = None
-    """Folder of a demonstration set; None makes scripted ones."""
+    """Folder of a demonstration set. None records the task's scripted expert."""
     num: int = field(default=48, metadata=at_least(2))
     """Scripted demonstrations to learn from."""
     num_validation: int = field(default=8, metadata=at_least(1))
-    """Held-out demonstrations to measure the reward; of those at demos.path a quarter at most."""
+    """Demonstrations that are held out to measure the reward; of your own set a quarter at most."""
     num_failures: int = field(default=8, metadata=at_least(0))
-    """Scripted failures, which only measure the reward and never train it."""
+    """Scripted failures. They measure the reward and never train it."""

@@ -25,6 +25,7 @@ from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.workflows.build import filming
 
 _ASSETS = resources.files("gril_jax") / "assets"
+_AFTER = 16  # frames that the video goes on after success
 _PLOT = 128  # height of the reward's curve under a frame, pixels
 _BLUE, _GREY = (0, 114, 178), (160, 160, 160)
 
@@ -41,7 +42,11 @@ def main(out: Path, *, seed: int = 0, echo: Callable[[str], None] = print) -> Pa
     settings = {name: about["env"][name] for name in ("targets", "distractors", "observation")}
     task = gril_jax.make(about["env"]["name"], variant="layout", varied_starts=0.0, **settings)
     states, rewards = play(task, reward, act, seed)
-    success = bool(states.metrics["success"][-1] > 0.5)
+    done = states.metrics["success"] > 0.5
+    success = bool(done[-1])
+    if success:  # what follows shows nothing new
+        shown = slice(len(done) - int(np.argmin(done[::-1])) + _AFTER)
+        states, rewards = jax.tree.map(lambda x: x[shown], states), rewards[shown]
     echo(sparkline(rewards))
     echo(
         f"the reward goes from {rewards[0]:.2f} to {rewards[-1]:.2f} in {len(rewards)} control "

@@ -155,8 +155,23 @@ def _eval(given: _Eval) -> Work:
     return experiment("evaluate", folder, config=config, devices=True, **options)
 
 
+@dataclass(frozen=True)
+class _Demo:
+    out: str = "demo.mp4"
+    """Video to write; it takes the place of one that is there."""
+    seed: int = field(default=0, metadata=between(0, 2**31 - 1))
+    """Seed of the initial state."""
+
+
+def _demo(given: _Demo) -> Work:
+    return experiment("demo", Path(given.out), seed=given.seed)
+
+
 VERBS = {
     "Learn a reward, and a policy from it": (
+        simple(
+            "demo", "play a trained policy, and plot its learned reward, in seconds", _Demo, _demo
+        ),
         Verb(
             "quickstart", "a small run from demonstrations to a policy, on a laptop", _quickstart,
             schema=_Train,
