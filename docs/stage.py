@@ -1,8 +1,9 @@
 """Puts the site's pages into one folder: `python docs/stage.py FOLDER`.
 
-The pages of docs/, the results with their own READMEs, the changelog and CONTRIBUTING lie in
-different folders of the repository, where a reader of the sources finds them, and in one folder on
-the site. Links between them are those of the repository and are changed here.
+The front page is README.md. The pages of docs/, the results with their own READMEs, the changelog
+and CONTRIBUTING lie in different folders of the repository, where a reader of the sources finds
+them, and in one folder on the site. Links between them are those of the repository and are changed
+here. A link to a file of the repository that is not on the site becomes its text.
 """
 
 import os
@@ -14,12 +15,14 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 # A file or folder of the repository, and where it lies on the site.
 PLACES = {
+    "README.md": "index.md",
     "docs": "",
     "experiments/results": "results",
     "CHANGELOG.md": "CHANGELOG.md",
     "CONTRIBUTING.md": "CONTRIBUTING.md",
+    "CITATION.cff": "CITATION.cff",
 }
-_LINK = re.compile(r"(\]\()([^)#\s:]+)(#[^)\s]*)?(\))")  # [text](path#anchor), no address
+_LINK = re.compile(r"\[([^\]]*)\]\(([^)#\s:]+)(#[^)\s]*)?\)")  # [text](path#anchor), no address
 
 
 def main(folder: Path) -> None:
@@ -30,6 +33,7 @@ def main(folder: Path) -> None:
             ignored = shutil.ignore_patterns("*.py", "__pycache__")
             shutil.copytree(ROOT / source, folder / place, dirs_exist_ok=True, ignore=ignored)
         else:
+            folder.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / source, folder / place)
     for path in sorted(folder.rglob("*.md")):
         here = path.relative_to(folder)
@@ -38,30 +42,33 @@ def main(folder: Path) -> None:
 
 def _moved(here: Path, found: re.Match) -> str:
     """One link of the page `here` of the site, as it has to be there."""
-    opened, target, anchor, closed = found.groups()
-    aim = os.path.normpath(_source(here).parent / target)
-    at = os.path.relpath(_on_site(Path(aim)), here.parent)
-    return f"{opened}{at}{anchor or ''}{closed}"
+    words, target, anchor = found.groups()
+    place = _on_site(Path(os.path.normpath(_source(here).parent / target)))
+    if place is None:
+        return words
+    return f"[{words}]({os.path.relpath(place, here.parent)}{anchor or ''})"
 
 
 def _source(page: Path) -> Path:
     """The file of the repository that a page of the site is made from."""
-    for source, place in reversed(PLACES.items()):
-        if page.is_relative_to(place):
+    for source, place in PLACES.items():
+        if place and page.is_relative_to(place):
             return Path(source, page.relative_to(place))
-    raise AssertionError(page)
+    return Path("docs", page)
 
 
-def _on_site(source: Path) -> Path:
-    """The place of a repository file on the site.
+def _on_site(source: Path) -> Path | None:
+    """The place of a repository file on the site; None if it is not part of it.
 
     Raises:
-      ValueError: it is not part of the site.
+      ValueError: there is no such file.
     """
     for name, place in PLACES.items():
         if source.is_relative_to(name):
             return Path(place, source.relative_to(name))
-    raise ValueError(f"a page links to {source}, which is not on the site")
+    if not (ROOT / source).exists():
+        raise ValueError(f"a page links to {source}, which does not exist")
+    return None
 
 
 if __name__ == "__main__":

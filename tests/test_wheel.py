@@ -36,7 +36,7 @@ def _tracked():
 def sources(tmp_path_factory):
     """A copy of what a distribution is made of."""
     folder = tmp_path_factory.mktemp("sources")
-    extra = ["pyproject.toml", "docs/package.md", "LICENSE"]
+    extra = ["pyproject.toml", "README.md", "LICENSE"]
     for name in (*_tracked(), *extra):
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -72,11 +72,6 @@ def test_a_package_index_accepts_what_is_built(sources, tmp_path):
     with zipfile.ZipFile(built[0]) as archive:
         found = {name for name in archive.namelist() if ".dist-info/" not in name}
     assert found == _shipped()
-
-
-def test_the_page_for_an_index_needs_no_other_file():
-    text = (ROOT / "docs" / "package.md").read_text()
-    assert re.findall(r"\]\((?!https?://)", text) == []
 
 
 def _shipped():
