@@ -16,8 +16,8 @@ PAGE = Path(__file__).with_name("options.md")
 _HEAD = """\
 # Options
 
-Every option of `gril train`, by section. A command line takes `--section.option VALUE`. A YAML
-file has the sections as keys, and Python takes them as keywords.
+Every option of `gril train`, by section. A command line takes each as it stands in the table. A
+YAML file has the sections as keys, and Python takes them as keywords.
 
 ```bash
 gril train quickstart --ppo.num-envs 256

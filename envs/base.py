@@ -105,7 +105,7 @@ class Demonstrations(NamedTuple):
     objects: tuple[str, ...]  # in every one of them
     episodes: list[Episode]
     films: Iterator[Film] | None = None
-    """Films of the episodes in turn; None where a colour detector reads `env.outlines`."""
+    """Videos of the episodes in turn; None where a colour detector reads `env.outlines`."""
     robots: tuple[str, ...] | None = None
     """Classes that are parts of the robot; None where their usual names say it."""
 

@@ -1,4 +1,4 @@
-"""Films of one's own, from boxes to a reward elsewhere, on the command line and without a task."""
+"""Videos of one's own, from boxes to a reward elsewhere, on the command line and without a task."""
 
 import json
 import shutil
@@ -23,7 +23,7 @@ def gril(*args):
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
-    """Films, the set that was made of them, and a run that learned a little from it."""
+    """Videos, the set that was made of them, and a run that learned a little from it."""
     folder = tmp_path_factory.mktemp("kitchen")
     kitchen_films.write_films(folder / "films", 5, **SMALL)
     films = ("demos", "import-videos", folder / "films", "--boxes", "auto", "--robot", "hand")
@@ -45,7 +45,7 @@ def test_a_set_has_the_classes_the_robot_the_unit_and_the_rate_of_the_films(home
     kept = len(mine[0])
     np.testing.assert_allclose(mine[0].tracks.center[:, 1], middle[:kept], atol=1e-4)
     assert (home / "mine" / "import.png").stat().st_size > 10_000
-    assert "5 films, 10 frames a second" in (home / "mine" / "import.txt").read_text()
+    assert "5 videos, 10 frames a second" in (home / "mine" / "import.txt").read_text()
 
 
 def test_a_run_of_films_is_exported_with_their_words_and_loaded(home, capsys):
@@ -77,10 +77,10 @@ def test_a_dry_run_on_films_says_how_long_and_writes_nothing(home, capsys):
 def test_an_audit_of_films_says_what_it_leaves_out(home, capsys):
     assert gril("audit", home / "run", "--ascents", "20") == 0
     said = capsys.readouterr().out
-    assert "left out, because films alone do not say what success is" in said
+    assert "left out, because videos alone do not say what success is" in said
     found = json.loads((home / "run" / "audit" / "audit.json").read_text())
     assert found["scenes"] >= 1
-    assert 0 <= found["outbid_share"] <= 1
+    assert 0 <= found["misranked_share"] <= 1
 
 
 def test_a_policy_and_another_task_are_refused_in_a_sentence(home, capsys):
@@ -91,7 +91,7 @@ def test_a_policy_and_another_task_are_refused_in_a_sentence(home, capsys):
     assert gril("pretrain", "own_videos") == 2
     assert "--demos must name a demonstration set" in capsys.readouterr().err
     assert gril("audit", home / "run", "--task", "match_regions") == 2
-    assert "was trained on films alone" in capsys.readouterr().err
+    assert "was trained on videos alone" in capsys.readouterr().err
 
 
 def test_lengths_of_another_unit_are_refused_by_a_task(tmp_path, capsys):
@@ -116,11 +116,11 @@ BAD = {
     "no frame rate": (["--fps", "0"], None, "--fps is 0.0, but must be from"),
     "an even smoothing": (["--smoothing", "4"], None, "--smoothing is 4, but must be odd"),
     "boxes of another size": (
-        [], lambda text: text.replace(",", ",9", 9_999), "of a film of another size"
+        [], lambda text: text.replace(",", ",9", 9_999), "of a video of another size"
     ),
-    "a film without boxes": ([], None, "no boxes are beside the film"),
-    "a film of one frame": ([], None, "holds 1 frame, but a demonstration needs at least 2"),
-    "a film that is cut short": ([], None, "kitchen_00.mp4: "),
+    "a video without boxes": ([], None, "no boxes are beside the video"),
+    "a video of one frame": ([], None, "holds 1 frame, but a demonstration needs at least 2"),
+    "a video that is cut short": ([], None, "kitchen_00.mp4: "),
 }  # fmt: skip
 
 
@@ -134,11 +134,11 @@ def test_wrong_films_and_options_are_one_sentence_and_leave_nothing(home, tmp_pa
         cells = (row.split(",") for row in rows.splitlines())
         moved = (",".join([*x[:2], *(f"9{edge}" for edge in x[2:6]), *x[6:]]) for x in cells)
         boxes.write_text("\n".join([head, *moved]))
-    if kind == "a film without boxes":
+    if kind == "a video without boxes":
         boxes.unlink()
-    if kind == "a film of one frame":
+    if kind == "a video of one frame":
         kitchen_films.write_video(film, [np.zeros((48, 64, 3), np.uint8)], 10.0)
-    if kind == "a film that is cut short":
+    if kind == "a video that is cut short":
         film.write_bytes(film.read_bytes()[:-900])
     argv = ("demos", "import-videos", films, "--boxes", "auto", *options, "--out", tmp_path / "new")
     assert gril(*argv) == 2

@@ -115,7 +115,7 @@ def test_there_are_few_pages_of_results():
     [
         ("word " * 36 + ".", "36 words"),
         ("It takes 2 to 3 minutes, or 4.", "3 numbers"),
-        ("Its film is short.", "'film'"),
+        ("Its video is short.", "'film'"),
         ("Success is\npaid here.", "'paid'"),
     ],
 )
@@ -128,7 +128,7 @@ def test_a_fault_is_found(text, fault):
     "text",
     [
         "Short: " + "word " * 30 + ".",
-        "| 1 | 2 | 3 | films |",
+        "| 1 | 2 | 3 | videos |",
         "```\nfilms 1 2 3\n```",
         "`policy.film(1, 2, 3)` writes a video.",
         "- one two\n- three four",

@@ -142,7 +142,7 @@ PROJECTS = {"my_task": "my_task", "gymnax_task": "herd", "mjx_task": "slide"}
 @pytest.mark.slow  # two minutes each
 @pytest.mark.parametrize("project", PROJECTS)
 def test_a_project_that_was_copied_out_learns_its_task(site, tmp_path, project):
-    """From films alone, with the wheel and nothing of the checkout."""
+    """From videos alone, with the wheel and nothing of the checkout."""
     task, own = PROJECTS[project], ROOT / "experiments" / "examples" / project
     for file in own.iterdir():
         if file.suffix in (".py", ".yaml", ".xml"):

@@ -1,4 +1,4 @@
-"""What the registry needs of a table task: its constructor, and its scripted expert, filmed.
+"""What the registry needs of a table task: its constructor, and its scripted expert, recorded.
 
 Each control step is a frame. A detector reads which thing each pixel shows, so that it sees no more
 than a camera: a thing that is partly hidden has a smaller box, one that is wholly hidden keeps its
@@ -98,7 +98,7 @@ def _reset(env: Tabletop) -> Callable:
 
 
 def _films(env: Tabletop, renderer: Renderer, runs: list[Run]) -> Iterator[Film]:
-    """Films of the episodes in turn; the renderer is closed after the last."""
+    """Videos of the episodes in turn; the renderer is closed after the last."""
     try:
         for run in runs:
             pictures = [renderer.picture(qpos, run.fixtures) for qpos in run.qpos]

@@ -2,8 +2,8 @@
 
     python -m gril_jax.experiments.baselines.cloning recorded.json --sets SETS --out cloning.json
 
-Rewards here are learned from films alone; baselines are also given the recorded actions. They are
-played in our simulator, and after each control step robot and blocks are put where the film has
+Rewards here are learned from videos alone; baselines are also given the recorded actions. They are
+played in our simulator, and after each control step robot and blocks are put where the video has
 them, so that replays do not drift; a network is trained to name the next of MAGICAL's 18 actions.
 
 Shapes use D for demonstrations, T for control steps, N for objects, F for pairs of observation and
@@ -82,11 +82,11 @@ def table() -> Float[Array, "18 A"]:
 def of_task(
     env: Env, recorded: Int[np.ndarray, "D T"], folder: Path
 ) -> tuple[Float[np.ndarray, "F O"], Int[np.ndarray, "F"]]:
-    """`pairs` of all films of a demonstration set, whose actions come in the order of the films."""
+    """`pairs` of all videos of a demonstration set; actions come in the order of the videos."""
     found = load_demo_set(folder)
     if len(found) != len(recorded):
         raise DemoError(
-            f"{folder} has {len(found)} films, but there are recorded actions of {len(recorded)}"
+            f"{folder} has {len(found)} videos, but there are recorded actions of {len(recorded)}"
         )
     seen = env.reset(jax.random.key(0)).objects
     label, there = np.asarray(seen.label), np.asarray(seen.size).any(axis=1)

@@ -44,7 +44,7 @@ class Options(cloning.RecordedOptions):
     """The command's."""
 
     variant: str = "demo"
-    """Starts of training episodes: of Demo, and first of the films' frames, or those of a variant
+    """Starts of training episodes: of Demo, and first of the videos' frames, or those of a variant
     such as all."""
     num_timesteps: int = 12_000_000
     """Control steps of a policy in a task of middle length, as in a suite."""
@@ -180,7 +180,7 @@ def configured(task: str, options: Options) -> RunConfig:
         "ppo.num_minibatches": options.num_minibatches,
         "ppo.observe_activity": False,  # the pairs of the demonstrations have none
     }
-    if options.variant != variants.DEMO:  # no film shows its starts
+    if options.variant != variants.DEMO:  # no video shows its starts
         change["ppo.video_state_resets"] = 0.0
     config = changed(load("magical_suite"), {**suite.changes, **change})
     return changed(config, suite.rows[f"{task} from its score"])

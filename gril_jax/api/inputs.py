@@ -39,7 +39,7 @@ def import_videos(
       DemoError: no videos, a damaged one, or boxes that are missing, malformed or do not fit.
 
     Example:
-      demos = import_videos("films", robot=["hand"])
+      demos = import_videos("videos", robot=["hand"])
     """
     with Progress(shown=progress) as shown:
         phase = None

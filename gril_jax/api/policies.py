@@ -1,4 +1,4 @@
-"""Policies in Python: trained on a learned reward, evaluated, filmed, saved and loaded."""
+"""Policies in Python: trained on a learned reward, evaluated, recorded, saved and loaded."""
 
 import os
 from collections.abc import Mapping, Sequence

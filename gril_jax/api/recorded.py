@@ -1,4 +1,4 @@
-"""Scripted demonstrations in Python: a task's expert plays, and its videos become demonstrations."""
+"""Scripted demonstrations: a task's expert plays, and its videos become demonstrations."""
 
 import os
 from pathlib import Path

@@ -157,7 +157,7 @@ def audit_reward(
     config, chosen = _of_demos(reward, demos, preset)
     found = film_audit.measured(config, reward.params, chosen, scenes=ascents, seed=seed)
     numbers = {name: float(x) for name, x in found.items() if isinstance(x, int | float)}
-    passed = bool(numbers.pop("sound_as_far_as_asked"))
+    passed = bool(numbers.pop("passes_as_far_as_asked"))
     return Audit(numbers, passed, tuple(film_audit.in_words(found)[1:]))
 
 

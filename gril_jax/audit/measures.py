@@ -61,7 +61,7 @@ class Measures(NamedTuple):
     hack_gap: Float[Array, ""]  # worst clear success less best state without progress; reward units
     hack_gap_scattered: Float[Array, ""]  # the same with other objects moved in the successes
     hack_gap_anywhere: Float[Array, ""]  # the same with successes from all that count
-    outbid_share: Float[Array, ""]  # share of those that the best state without progress outbids
+    misranked_share: Float[Array, ""]  # share of those that the best state without progress outbids
     hack_share: Float[Array, ""]  # what the best state without progress gets; a share
     range: Float[Array, ""]  # mean success less mean reset, units of reward
     start_reward: Float[Array, ""]  # mean reset, units of reward
@@ -179,7 +179,7 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
         hack_gap_scattered=jnp.min(paid, where=success, initial=jnp.inf) - unearned,
         hack_gap_anywhere=jnp.min(rewards.successes, where=states.succeeds, initial=jnp.inf)
         - unearned,
-        outbid_share=jnp.sum(states.succeeds & ~(rewards.successes > unearned))
+        misranked_share=jnp.sum(states.succeeds & ~(rewards.successes > unearned))
         / jnp.sum(states.succeeds),
         hack_share=(unearned - jnp.mean(reset)) / jnp.mean(unit),
         range=jnp.mean(span),

@@ -104,7 +104,7 @@ def require_task_of(config: RunConfig, task: str | None, folder: Path) -> None:
     if task is not None:
         own = files.is_reference(config.env.name) and files.is_reference(task)
         if config.env.name == NO_TASK:
-            raise ConfigError(f"{folder} was trained on films alone, so it has no use for --task")
+            raise ConfigError(f"{folder} was trained on videos alone, so it has no use for --task")
         if not own and task != config.env.name:
             raise ConfigError(f"{folder} was trained for {config.env.name}, but --task is {task}")
         if own:

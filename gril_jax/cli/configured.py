@@ -1,7 +1,7 @@
 """The configuration of a run, as its command line asks for it.
 
 Options are read once above the defaults; those may be of a configuration, a task or a demonstration
-set that the options name, and then they are read again above these. A set of somebody's own films
+set that the options name, and then they are read again above these. A set of somebody's own videos
 has its own classes, unit and frame rate: what depends on them comes from the set.
 """
 
@@ -30,7 +30,7 @@ from gril_jax.safe_files import read_object
 from .arguments import echo, existing_folder, named_task, require_task
 
 _OWN_FILMS, _OWN_TASK = "own_videos", "own_task"  # where no configuration is named
-_TOGETHER = 4  # films of a batch, at most
+_TOGETHER = 4  # videos of a batch, at most
 _WINDOW = 4.0  # seconds that a displacement is measured over
 
 ConfigName = Annotated[
@@ -44,7 +44,7 @@ Given = TypeVar("Given")  # options of a verb
 
 def start(given: Any, *, films_alone: bool = False) -> Sections | None:
     """The sections to read options above: those of the configuration that is named, or else of the
-    one for tasks or films of one's own; None for the defaults.
+    one for tasks or videos of one's own; None for the defaults.
 
     With `films_alone`, what depends on the units of a demonstration set is as its header says.
     """
@@ -147,11 +147,11 @@ def new_run(given: Sections, prog: str, *, films_alone: bool = False) -> RunConf
     require_task(config.env)
     if config.env.name == NO_TASK and not films_alone:
         raise ConfigError(
-            f"env.name is {NO_TASK}, but {prog} needs a task to play: a reward from films alone is "
+            f"env.name is {NO_TASK}, but {prog} needs a task: a reward from videos alone is "
             "learned by gril pretrain"
         )
     if config.env.name == NO_TASK and config.demos.path is None:
-        raise ConfigError("env.name is none, so --demos must name a demonstration set of films")
+        raise ConfigError("env.name is none, so --demos must name a demonstration set of videos")
     require_surroundings(config)
     if config.run.out is not None:
         run_dir.require_new(Path(config.run.out))

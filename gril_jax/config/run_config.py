@@ -259,11 +259,11 @@ class StageOptions:
     )
     """Least share of the demonstrations that must each show a stage's end."""
     films: bool = False
-    """Write each segment as a film of its own, `films/NAME-1.mp4` and so on."""
+    """Write each segment as a video of its own, `films/NAME-1.mp4` and so on."""
     lerobot: str | None = None
-    """A LeRobot dataset from which the films were imported; a copy of it with the segments as
+    """A LeRobot dataset from which the videos were imported; a copy of it with the segments as
     subtask annotations goes to `lerobot` in the results."""
     sets: bool = False
-    """Write each subtask's demonstrations as a separate set, films included."""
+    """Write each subtask's demonstrations as a separate set, videos included."""
     task: str | None = None
     """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""

@@ -14,7 +14,7 @@ BLOCK_COLOURS = ("red", "green", "blue", "yellow")
 BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 
 TaskName = str  # `EnvConfig` checks it against the registry
-NO_TASK = "none"  # of a run that learns a reward from films alone
+NO_TASK = "none"  # of a run that learns a reward from videos alone
 Variant = Literal["demo", "jitter", "layout", "color", "shape", "countplus", "dynamics", "all"]
 Places = Literal["demo", "jitter", "layout"]  # of scripted demonstrations
 

@@ -1,4 +1,4 @@
-"""Converts films to boxes, demonstration sets and batches of arrays."""
+"""Converts videos to boxes, demonstration sets and batches of arrays."""
 
 from gril_jax.lazy import offer
 

@@ -1,6 +1,6 @@
-"""Demonstrations of somebody's own films, with boxes that come with them, and classes of their own.
+"""Demonstrations of a user's own videos, with the boxes beside them and classes of their own.
 
-Films may differ in size, length and frame rate; the set has one frame rate, by time stamps, and
+Videos may differ in size, length and frame rate; the set has one frame rate, by time stamps, and
 lengths in widths of the picture unless half of a picture's width is given in another unit.
 """
 
@@ -25,14 +25,14 @@ from .tracking.mending import Mended, mended
 from .vision.timed import pictures, steps
 
 WIDTHS, _HALF = "widths of the picture", 0.5
-_FASTEST = 10.0  # frames a second: a hand's work needs no more, and methods are made for such films
+_FASTEST = 10.0  # frames a second: a hand's work needs no more
 _RESTING = 0.02  # half extents: what is nearer to its last place has arrived
 _DEVIATIONS = 3.0  # of the jitter, which the same takes of boxes that jitter
 _MEDIAN = 3  # frames of the median over positions that jitter calls for
 
 
 class _Plan(NamedTuple):
-    """Everything about the films but their pictures."""
+    """Everything about the videos but their pictures."""
 
     films: list[Film]
     boxes: list[list[Box]]
@@ -59,11 +59,11 @@ def of_films(
     source: str | None,
     progress: Callable[[int], None],
 ) -> DemoSet:
-    """The demonstrations of films, whose boxes a function gives; options are those of
+    """The demonstrations of videos, whose boxes a function gives; options are those of
     `gril_jax.demos.import_videos`.
 
     Raises:
-      DemoError: a damaged film, or boxes that are missing, malformed or do not fit.
+      DemoError: a damaged video, or boxes that are missing, malformed or do not fit.
     """
     plan = _planned(folder, [*films], list(map(boxes, films)), classes, fps)
     acting = _acting(folder, plan, robots, classes)
@@ -83,7 +83,7 @@ def of_films(
         progress(len(films))
     made = DemoSet(
         tuple(demos), task, plan.classes, float(extent), plan.fps,
-        f"{len(films)} films of {folder.resolve().name}" if source is None else source,
+        f"{len(videos)} videos of {folder.resolve().name}" if source is None else source,
         robots=tuple(acting), unit=WIDTHS if half_extent is None else WORLD, noise=noise or None,
         smoothing=_MEDIAN if noise else 1,
     )  # fmt: skip
@@ -136,7 +136,7 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
 
 def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
     """The boxes that touch the picture, and the number of the others; a DemoError if these are so
-    many that the boxes must be of another film."""
+    many that the boxes must be of another video."""
 
     def inside(one: Box) -> bool:
         low_x, low_y, high_x, high_y = one.edges
@@ -154,17 +154,17 @@ def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
         raise DemoError(
             f"{first.where}: the box {edges} lies outside of the picture, as do "
             f"{len(boxes) - len(kept)} of {len(boxes)}; {film.path.name} is {film.width} x "
-            f"{film.height} pixels, so the boxes seem to be of a film of another size."
+            f"{film.height} pixels, so the boxes seem to be of a video of another size."
         )
     return kept, len(boxes) - len(kept)
 
 
 def _require_as_long(films: Sequence[Film], smoothing: int | None) -> None:
-    """Raises DemoError if boxes are to be smoothed over more frames than a film has."""
+    """Raises DemoError if boxes are to be smoothed over more frames than a video has."""
     shortest = min(films, key=lambda film: len(film.times))
     if smoothing is not None and smoothing > len(shortest.times):
         raise DemoError(
-            f"{shortest.path}: smoothing is {smoothing} frames, but the film has "
+            f"{shortest.path}: smoothing is {smoothing} frames, but the video has "
             f"{len(shortest.times)}, and must have as many at least."
         )
 
@@ -172,7 +172,7 @@ def _require_as_long(films: Sequence[Film], smoothing: int | None) -> None:
 def _followed(
     plan: _Plan, number: int, hands, jitter, smoothing
 ) -> tuple[Mended, int, int, np.ndarray]:
-    """The objects of a film, mended; renewed identities, extra boxes, and who was sighted when."""
+    """The objects of a video, mended; renewed identities, extra boxes, and who was sighted when."""
     film, parts, renewed, extra = plan.films[number], [], 0, 0
     for name, count in plan.counts.items():
         own = [one for one in plan.boxes[number] if one.name == name]
@@ -196,7 +196,7 @@ def _places(counts: Mapping[str, int]) -> list[tuple[int, int]]:
 
 
 def _demo(plan, number, followed, robots, extent, noise) -> tuple[Demo, Found]:
-    """A film's demonstration, and what was found in it."""
+    """A video's demonstration, and what was found in it."""
     film = plan.films[number]
     mend, renewed, extra, sighted = followed
     tracks = _tracks(plan, film, mend, extent)
@@ -218,7 +218,7 @@ def _demo(plan, number, followed, robots, extent, noise) -> tuple[Demo, Found]:
 
 
 def _tracks(plan: _Plan, film: Film, mend: Mended, extent: float) -> Tracks:
-    """A film's boxes at the set's steps of time, in its unit."""
+    """A video's boxes at the set's steps of time, in its unit."""
     at, times = steps(film.times, plan.fps), np.asarray(film.times)
     flat = mend.edges.reshape(len(times), -1)
     edges = np.stack([np.interp(at, times, side) for side in flat.T], axis=1)

@@ -163,7 +163,7 @@ def _trimmed(
 
 
 def detecting(given: str | Detect) -> Callable[[Film], list[Box]]:
-    """(film) -> its boxes, by a function or that of this name."""
+    """(video) -> its boxes, by a function or that of this name."""
     detect = _found(given) if isinstance(given, str) else given
     name = given if isinstance(given, str) else getattr(given, "__name__", "detector")
 

@@ -1,4 +1,4 @@
-"""Sentences on an import: what was found in each film, and what was mended."""
+"""Sentences on an import: what was found in each video, and what was mended."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,12 +11,12 @@ _MANY = 0.3  # share of the boxes that may be missing before it is worth a sente
 
 
 class Found(NamedTuple):
-    """The findings of an import in one film, and what it mended."""
+    """The findings of an import in one video, and what it mended."""
 
     name: str
     frames: int  # kept
     trimmed: int  # cut from the static tail
-    objects: dict[str, int]  # classes to how many of their objects the film shows
+    objects: dict[str, int]  # classes to how many of their objects the video shows
     missing: float  # share of (frame, object) pairs without a sighting
     carried: int  # times that an object was hidden by the robot or hand that carried it
     stray: int  # sightings that were of something else, as where identities were exchanged
@@ -24,17 +24,17 @@ class Found(NamedTuple):
     extra: int  # second sightings of an object, left out
     outside: int  # boxes outside of the picture, left out
     late: float  # seconds until the last object is first seen
-    jitter: float  # of centres along one axis, pixels of the film
-    smoothing: int  # frames of the film that boxes were smoothed over
+    jitter: float  # of centres along one axis, pixels of the video
+    smoothing: int  # frames of the video that boxes were smoothed over
 
 
 def text(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> str:
-    """Sentences on the films together, an empty line, and a line for each film."""
+    """Sentences on the videos together, an empty line, and a line for each video."""
     return "\n".join([*_together(made, films, robots), "", *map(_line, films), ""])
 
 
 def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> list[str]:
-    """What was found in all films, what was missing or wrong in them, and what is doubtful."""
+    """What was found in all videos, what was missing or wrong in them, and what is doubtful."""
     classes = dict.fromkeys(name for film in films for name in film.objects)
     most = {name: max(film.objects[name] for film in films) for name in classes}
     shown = ", ".join(f"{n} x {name}" if n > 1 else name for name, n in most.items())
@@ -49,7 +49,7 @@ def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> l
     if count := total("renewed"):
         mended.append(f"{count} changes of a tracker's identity were followed")
     lines = [
-        f"{len(films)} films, {made.fps:g} frames a second; objects: {shown}; {acting}",
+        f"{len(videos)} videos, {made.fps:g} frames a second; objects: {shown}; {acting}",
         f"lengths are in {made.unit}; a frame shows {made.half_extent:g} to each side of its "
         "middle",
         "; ".join(mended),
@@ -61,7 +61,7 @@ def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> l
         )
     if several := [name for name, n in most.items() if n > 1]:
         lines.append(
-            f"there are several of {', '.join(several)}: in each film {several[0]} 1 is the first "
+            f"there are several of {', '.join(several)}: in each video {several[0]} 1 is the first "
             "that moves, and those that stay where they are follow from left to right"
         )
     if not robots:

@@ -1,7 +1,7 @@
 """Demonstrations from videos: the boxes that come with them, or those that a detector finds.
 
-    demos = import_videos("films", robot=["hand"])      # in memory
-    demos.save("mine")                                  # or import_videos("films", "mine", ...)
+    demos = import_videos("videos", robot=["hand"])      # in memory
+    demos.save("mine")                                  # or import_videos("videos", "mine", ...)
 
 A folder holds videos, MAGICAL's `*.pkl.gz` files, or a LeRobot dataset.
 """
@@ -72,7 +72,7 @@ def import_videos(
       DemoError: no videos, a damaged one, or boxes that are missing, malformed or do not fit.
 
     Example:
-      >>> demos = import_videos("films", boxes="auto", robot=["hand"])  # doctest: +SKIP
+      >>> demos = import_videos("videos", boxes="auto", robot=["hand"])  # doctest: +SKIP
     """
     _require(half_extent=half_extent, fps=fps, jitter=jitter, smoothing=smoothing)
     folder, robot = pathlib.Path(folder), [robot] if isinstance(robot, str) else robot
@@ -97,7 +97,7 @@ def import_videos(
         )  # fmt: skip
     if out is None:
         return found
-    # What a camera films takes long to encode, and is looked at by people only.
+    # What a camera videos takes long to encode, and is looked at by people only.
     preset = "medium" if found.notes == "" else "veryfast"
     save_demo_set(found, out, preset=preset, progress=steps)
     return replace(load_demo_set(out), notes=found.notes)

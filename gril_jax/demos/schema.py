@@ -32,7 +32,7 @@ _ENTRY = {
     "video_sha256": str,
     "tracks_sha256": str,
 }  # and "stages" where they are known, see `Demo`
-NO_TASK = ""  # of a set of somebody's own films
+NO_TASK = ""  # of a set of somebody's own videos
 
 
 # Classes that are parts of a robot, of a set that does not say which are.

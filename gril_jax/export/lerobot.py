@@ -22,7 +22,7 @@ from gril_jax.demos.formats.lerobot import Dataset, data_files, parquet, table_o
 from gril_jax.errors import DemoError
 from gril_jax.safe_files import write_whole, writing
 
-_UNKNOWN = "not segmented"  # an episode that was not among the films
+_UNKNOWN = "not segmented"  # an episode that was not among the videos
 
 
 def annotate(
@@ -31,18 +31,18 @@ def annotate(
     """Writes the copy into a new folder.
 
     Args:
-      ends: seconds at which the stages of each episode's film end, increasing.
+      ends: seconds at which the stages of each episode's video end, increasing.
       names: of the stages.
 
     Raises:
-      DemoError: no film is of an episode of the dataset.
+      DemoError: no video is of an episode of the dataset.
     """
     files, arrow = data_files(dataset), importlib.import_module("pyarrow") if parquet() else None
     known = set()
     for file in files:
         known |= {*table_of(file, "episode_index", "timestamp")["episode_index"].to_pylist()}
     if not {title_of(number) for number in known} & {*ends}:
-        raise DemoError(f"{dataset.folder}: none of its episodes is among the run's films.")
+        raise DemoError(f"{dataset.folder}: none of its episodes is among the run's videos.")
     with writing(out):
         shutil.copytree(dataset.folder, out, copy_function=_linked)
         for file in files:
@@ -75,7 +75,7 @@ def _described(table: Any) -> Any:
 
 
 def _indices(table: Any, ends: Mapping[str, Sequence[float]], count: int) -> np.ndarray:
-    """The stage of each row, from 0; `count` where the episode was not among the films."""
+    """The stage of each row, from 0; `count` where the episode was not among the videos."""
     episode = np.array(table["episode_index"].to_pylist())
     time = np.array(table["timestamp"].to_pylist(), float).reshape(-1)
     index = np.full(len(episode), count)

@@ -1,4 +1,4 @@
-"""What belongs in larger things that rest, and what is kept out of them, at the ends of films.
+"""What belongs in larger things that rest, and what is kept out of them, at the ends of videos.
 
     bonds = found(container, center, size, label, member)         # of last frames, once
     cost = lacking(bonds, center, size, label, counted, due, near_cost_fraction)   # of any scene
@@ -6,7 +6,7 @@
     inside, outside   a class is in, or out of, a thing of another class in nearly all ends
     filled            where several things of a class hold others, each holds one
 
-A thing is in another one where its centre is. Shapes use B for films, N for objects and C for
+A thing is in another one where its centre is. Shapes use B for videos, N for objects and C for
 classes; lengths are world units.
 """
 

@@ -1,4 +1,4 @@
-"""Distances between things, as statistics, and the ranges that these have at the ends of films.
+"""Distances between things, as statistics, and the ranges that these have at the ends of videos.
 
     ranges = learned(ends, frames, weight, box)       # of statistics, once
     cost = beyond(ranges, statistics(...), box, near_cost_fraction)
@@ -68,12 +68,12 @@ def learned(
     share: Float[Array, "B T"],
     some: Bool[Array, "K"],
 ) -> Ranges:
-    """Ranges of the ends of B films, and their weights.
+    """Ranges of the ends of B videos, and their weights.
 
     Args:
       ends, frames: statistics of last frames and of all frames.
       share: what each frame counts; they sum to 1.
-      some: kinds of which all films have pairs.
+      some: kinds of which all videos have pairs.
     """
     low, high = jnp.quantile(ends, jnp.array([_TAIL, 1.0 - _TAIL]), axis=0)
     within = lambda x: ((low <= x) & (x <= high)).astype(x.dtype)  # noqa: E731

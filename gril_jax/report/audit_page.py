@@ -13,7 +13,7 @@ from gril_jax.audit.scene_reward import Scene, StagedTask
 from gril_jax.audit.states import FACTORS
 
 from .audit_maps import Situation, reward_maps, state_pictures
-from .headline import ASKED, OUTBID, Tile, Verdict, faults, outbid
+from .headline import ASKED, MISRANKED, Tile, Verdict, faults, misranked
 from .html import Part, render, save
 from .style import png
 
@@ -75,31 +75,31 @@ class Findings(NamedTuple):
                 if np.isfinite(value)
             },
             "alone_share": {self.names[i]: _plain(float(share)) for i, share in moved},
-            "sound": {name: asked.holds(numbers[name]) for name, asked in ASKED.items()},
+            "passes": {name: asked.holds(numbers[name]) for name, asked in ASKED.items()},
             "best_unearned_state": {"found_by": how, "reward": _plain(reward)} | self._state(scene),
             "worst_pair": {"factor": kind, "lesser": pair[0], "better": pair[1]},
         }
 
     def in_words(self) -> list[str]:
         """One line for each measure with a requirement."""
-        numbers, fault = self.numbers(), "   NOT SOUND"
+        numbers, fault = self.numbers(), "   FAILS"
         return [
             f"{name:15} {numbers[name]:7.3f}  ({asked.bound}) {asked.words}"
             f"{'' if asked.holds(numbers[name]) else fault}"
             for name, asked in ASKED.items()
         ] + [
-            f"{OUTBID:15} {numbers[OUTBID]:7.3f}  (no bound) share of all successes that are paid "
-            "no more than the best state without progress"
+            f"{MISRANKED:15} {numbers[MISRANKED]:7.3f}  (no bound) share of all successes whose "
+            "reward is not above the best state without progress"
         ]
 
     def verdict(self) -> Verdict:
-        """A sentence: sound or not, and the share of all successes that it pays too little."""
+        """A sentence: whether the reward passes, and the share of misranked successes."""
         numbers = self.numbers()
-        bad, edge = faults(numbers), outbid(numbers)
+        bad, edge = faults(numbers), misranked(numbers)
         if bad:
             many = f"{len(bad)} of {len(ASKED)} measures are not as asked"
-            return Verdict("bad", f"Not sound: {many}. {edge}")
-        return Verdict("good", f"Sound: all {len(ASKED)} measures are as asked. {edge}")
+            return Verdict("bad", f"Fails its audit: {many}. {edge}")
+        return Verdict("good", f"Passes its audit: all {len(ASKED)} measures are as asked. {edge}")
 
     def _state(self, scene: Scene) -> dict[str, Any]:
         rows = zip(self.names, scene.center, scene.active, strict=True)
@@ -139,11 +139,11 @@ def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, t
 def _tiles(found: Findings) -> list[Tile]:
     numbers, tiles = found.numbers(), []
     for name, asked in ASKED.items():
-        note = f"{'' if asked.holds(numbers[name]) else 'not '}sound; {asked.bound} is asked"
+        note = f"{'passes' if asked.holds(numbers[name]) else 'FAILS'}; {asked.bound} is asked"
         tiles.append(Tile(f"{numbers[name]:.3f}", asked.words, note))
-    words = "of all successes are paid no more than the best state without progress"
+    words = "of all successes have no higher reward than the best state without progress"
     note = "those at the edge of what the task counts included"
-    return [*tiles, Tile(f"{numbers[OUTBID]:.1%}", words, note)]
+    return [*tiles, Tile(f"{numbers[MISRANKED]:.1%}", words, note)]
 
 
 def _unearned(folder: Path, found: Findings) -> Part:

@@ -1,7 +1,7 @@
 """Reads and checks a run's folder and its demonstrations for its report: what is missing is None.
 
     profiles.npz   the learned reward along each demonstration (B, T), where its stages end
-    rollouts.npz   the reward in each evaluation episode (E, T), and which one was filmed
+    rollouts.npz   the reward in each evaluation episode (E, T), and which one was recorded
 
 B is demonstrations, E episodes, T frames or steps. `gril_jax.runs.run_dir` has the other files. A
 file that is damaged, is not as the run wrote it, or whose parts do not fit together is a
@@ -82,7 +82,7 @@ def read_profiles(folder: Path) -> Profiles | None:
 
 
 def read_outcome(folder: Path) -> bool | None:
-    """True if the episode of rollouts.npz that was filmed is a success; None without the file."""
+    """True if the episode of rollouts.npz that was recorded is a success; None without the file."""
     require_unchanged(folder, "rollouts.npz")
     path = folder / "rollouts.npz"
     arrays = _arrays(path, {"reward": "f", "success": "bf", "shown": "iu"})
@@ -193,7 +193,7 @@ def read_inputs(folder: Path) -> Inputs:
     source = Path(config.demos.path) if config.demos.path else folder / "demos"
     require_same_demos(folder, source / HEADER)
     demos = load_demo_set(source) if (source / HEADER).is_file() else None
-    # Sets of one's own films have no objects but those that are wanted.
+    # Sets of one's own videos have no objects but those that are wanted.
     if demos is not None and config.env.name != NO_TASK and not config.env.is_own:
         wanted = ("goal", "robot", *config.env.targets, *config.env.distractors)
         known = [o for o in wanted if all(o in demos.objects(demo) for demo in demos)]
@@ -228,7 +228,7 @@ def films_of(run: Inputs) -> list[Film]:
 
 def _film(run: Inputs, demo: Demo, frames: np.ndarray, most: int) -> Film:
     """A demonstration with its activity bits; the longest that is shown has `most` frames."""
-    # A bit depends on no later frame: all films as long as the longest are one program.
+    # A bit depends on no later frame: all videos as long as the longest are one program.
     edge = ((0, most - len(demo)), (0, 0), (0, 0))
     padded = [np.pad(x, edge, mode="edge") for x in (demo.tracks.center, demo.tracks.size)]
     bits = np.asarray(_bits(*padded, **run.config.pool.rule()))[: len(demo)]

@@ -39,7 +39,7 @@ def contact_sheet(films: Sequence[Film], classes: Sequence[str], half_extent: fl
     """Four frames of each demonstration, from first to last, with their tracked boxes.
 
     Boxes have their class's colour and number, which the legend explains. Objects that have
-    moved have a thick box and a filled label. The films are at least 1, of any sizes.
+    moved have a thick box and a filled label. The videos are at least 1, of any sizes.
     """
     cell = HALF / _COLUMNS
     shown = _classes_shown(films)

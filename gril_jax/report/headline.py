@@ -1,5 +1,5 @@
 """The verdict and the numbers at the top of a report, in words, and how sure they are; and the
-bounds that a sound reward keeps in its audit.
+bounds of a reward that passes its audit.
 
 A field of `results.json` that is no number, or a rate not from 0 to 1, is a `RunError`.
 """
@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 from .data import number
 from .rates import WHERE, Rate, name, own_start, rates, wilson
 
-OUTBID = "outbid_share"  # beside what is asked; no reward outbids nothing at the edge of success
+MISRANKED = (
+    "misranked_share"  # beside what is asked; no reward outbids nothing at the edge of success
+)
 _SOLVED = 0.9  # success rate from which a run is said to have worked
 
 
@@ -43,13 +45,13 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
     rate, random = known["success"], known.get("success_random")
     against = "" if random is None else f"; a random policy: {random.value} of {random.counted}"
     if rate.single:
-        found = f"the task's one start is {rate.value}{against}"
+        found = f"{rate.value} from the task's one start{against}"
     else:
         found = f"{rate.tally} end in success{against}"
-    if rate.value == "solved" or (rate.share >= _SOLVED and not rate.single):
+    if rate.value == "success" or (rate.share >= _SOLVED and not rate.single):
         audited = audit_of(results)
         if audited and faults(audited):
-            return Verdict("fair", f"It worked: {found}. But its reward is not sound.")
+            return Verdict("fair", f"It worked: {found}. But its reward fails its audit.")
         return Verdict("good", f"It worked: {found}.")
     if _better(rate, random):
         return Verdict("fair", f"It works in part: {found}.")
@@ -103,7 +105,7 @@ def audit_tiles(results: Mapping[str, Any]) -> list[Tile]:
     """A tile of the reward's audit; of a run that has none, where to get it."""
     numbers, label = audit_of(results), "the reward, by its audit"
     if numbers is not None:
-        value = "not sound" if faults(numbers) else "sound"
+        value = "fails" if faults(numbers) else "passes"
         return [Tile(value, label, in_short(numbers))]
     if number(results, "tau", WHERE) is None:
         return []
@@ -162,17 +164,17 @@ def faults(numbers: Mapping[str, float]) -> list[str]:
     return [name for name, one in ASKED.items() if not one.holds(numbers.get(name, float("nan")))]
 
 
-def outbid(numbers: Mapping[str, float]) -> str:
-    """A sentence on successes that are paid too little."""
+def misranked(numbers: Mapping[str, float]) -> str:
+    """A sentence on misranked successes."""
     return (
         "Of all successes, those at the edge of what the task counts included, "
-        f"{numbers[OUTBID]:.0%} are paid no more than the best state without progress."
+        f"{numbers[MISRANKED]:.0%} have no higher reward than the best state without progress."
     )
 
 
 def audit_kept(results: Mapping[str, Any]) -> dict[str, Any]:
     """The part of `audit.json` that a run keeps in its results."""
-    return {name: results[name] for name in (*ASKED, OUTBID)} | {"settings": results["settings"]}
+    return {name: results[name] for name in (*ASKED, MISRANKED)} | {"settings": results["settings"]}
 
 
 def audit_of(results: Mapping[str, Any]) -> dict[str, float] | None:
@@ -180,7 +182,7 @@ def audit_of(results: Mapping[str, Any]) -> dict[str, float] | None:
     found = results.get("audit")
     if not isinstance(found, Mapping):
         return None
-    known = {name: number(found, name, "results.json, audit") for name in (*ASKED, OUTBID)}
+    known = {name: number(found, name, "results.json, audit") for name in (*ASKED, MISRANKED)}
     return {name: float("nan") if value is None else value for name, value in known.items()}
 
 
@@ -189,11 +191,11 @@ def audit_sentence(results: Mapping[str, Any]) -> str:
     numbers = audit_of(results)
     if numbers is None:
         return "audit: none; gril audit RUN searches for states that the reward overestimates"
-    return f"audit: the reward is {'not ' * bool(faults(numbers))}sound ({in_short(numbers)})"
+    return f"audit: {'fails' if faults(numbers) else 'passes'} ({in_short(numbers)})"
 
 
 def in_short(numbers: Mapping[str, float]) -> str:
-    """The measures, such as "order 0.999, hack gap 0.53, touch 0.01, push 0.47, outbid 0.17";
+    """The measures, such as "order 0.999, hack gap 0.53, touch 0.01, push 0.47, misranked 0.17";
     those that are not as asked say so."""
     bad = faults(numbers)
     parts = [
@@ -201,4 +203,4 @@ def in_short(numbers: Mapping[str, float]) -> str:
         + f", not {one.bound}" * (name in bad)
         for name, one in ASKED.items()
     ]
-    return "; ".join([*parts, f"outbid {numbers[OUTBID]:.2f}"])
+    return "; ".join([*parts, f"misranked {numbers[MISRANKED]:.2f}"])

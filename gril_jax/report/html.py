@@ -86,8 +86,8 @@ def render(
       tiles: the numbers at the top.
       facts: short lines of what was run.
       tables, listings: values by name, and longer texts, each folded under its title.
-      film: on the first screen, on a phone's, too.
-      beside: on the first screen of a desk: what belongs below the film, and what to its right.
+      video: on the first screen, on a phone's, too.
+      beside: on the first screen of a desk: what belongs below the video, and what to its right.
       more: numbers that can wait until what was run is told.
     """
     body = [
@@ -97,7 +97,7 @@ def render(
         f'<p class="verdict {verdict.grade}">{escape(verdict.text)}</p>' if verdict else "",
         "</header>",
         '<div class="first">' if film else "",
-        f'<div class="film">{_part(film)}</div>' if film else "",
+        f'<div class="video">{_part(video)}</div>' if film else "",
         _tiles(tiles),
         *(f"<div>{_part(part)}</div>" for part in beside),
         "</div>" if film else "",

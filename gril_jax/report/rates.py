@@ -1,7 +1,7 @@
 """Success rates in words: what each counts, and how sure it is.
 
 A rate counts distinct starts. With deterministic actions a start has one episode, however often it
-is played: a single start is "solved" or "not solved", and there is no rate. A field of
+is played: a single start is "success" or "no success", and there is no rate. A field of
 `results.json` that is no number, or a rate not from 0 to 1, is a `RunError`.
 """
 
@@ -39,7 +39,7 @@ class Rate(NamedTuple):
     def value(self) -> str:
         """The rate alone, in percent or in words."""
         if self.single:
-            return "solved" if self.share >= SURE else "not solved"
+            return "success" if self.share >= SURE else "no success"
         return f"{100 * self.share:.1f}%"
 
     @property
@@ -94,7 +94,7 @@ _NAMES = {
     "success_sampled": "success with sampled actions",
     "elsewhere_success": "success elsewhere, deterministic actions",
     "success_random": "success of a random policy",
-    "success_ever": "success at some moment",
+    "success_ever": "success at some time",
 }
 _SAMPLED = ("success_sampled", "success_random")
 
@@ -125,13 +125,13 @@ def rates(results: Mapping[str, Any]) -> dict[str, Rate]:
 
 
 def own_start(results: Mapping[str, Any]) -> str | None:
-    """The task's own start as "solved" or "not solved"; None if it has several or was not tried."""
+    """The task's own start as "success" or "no success"; None with several or without a try."""
     solved = results.get("demo_solved")
     if solved is None:
         return None
     if not isinstance(solved, bool):
         raise RunError(f"{WHERE}: demo_solved must be true or false, not {solved!r:.40}")
-    return "solved" if solved else "not solved"
+    return "success" if solved else "no success"
 
 
 def sentences(results: Mapping[str, Any]) -> list[str]:

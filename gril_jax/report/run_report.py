@@ -74,7 +74,7 @@ def _demonstrations(run: Inputs, films: Sequence[Film]) -> Part:
         return Part(gone)
     demos = run.demos
     return Part(
-        f"{len(films)} of {len(demos)} demonstrations ({demos.source}), each from its first frame "
+        f"{len(videos)} of {len(demos)} demonstrations ({demos.source}), each from its first frame "
         "to its last. Every object should be in a box with its own number throughout; a thick box "
         "marks what has moved, which counts more in the reward.",
         save(run.folder / "demos.png", png(contact_sheet(films, demos.classes, demos.half_extent))),
@@ -153,7 +153,7 @@ def _of_random(random: Rate | None) -> str:
 def _rollout(run: Inputs) -> Part:
     success, path = read_outcome(run.folder), run.folder / "rollout.mp4"
     if success is None or not path.exists():
-        return Part("The trained policy was not filmed.")
+        return Part("The trained policy was not recorded.")
     read_fps(path)  # or a DemoError: a browser would show a damaged video as nothing
     outcome = "succeeds" if success else "fails"
     return Part(
@@ -167,7 +167,7 @@ def _rollout(run: Inputs) -> Part:
 def _summary(run: Inputs) -> str:
     chosen = run.config
     learner = f", {chosen.run.algorithm.upper()}" * bool(run.rows[run.config.run.algorithm])
-    of = f"Task {chosen.env.shown_name}" if chosen.env.name != NO_TASK else "Films alone, no task"
+    of = f"Task {chosen.env.shown_name}" if chosen.env.name != NO_TASK else "Videos alone, no task"
     given = run.results.get("given")
     return (
         f"{of}, {chosen.run.reward_form} reward, {chosen.encoder.kind} encoder"

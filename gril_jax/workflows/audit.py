@@ -60,7 +60,7 @@ def main(
     films = source.is_dir() and (config := run_dir.read_config(source)).env.name == NO_TASK
     if films:
         if task is not None:
-            raise ConfigError(f"{source} was trained on films alone, but --task is {task}")
+            raise ConfigError(f"{source} was trained on videos alone, but --task is {task}")
         results = film_audit.of_run(source, config, scenes=ascents, seed=seed)
         lines = film_audit.in_words(results)
     else:

@@ -28,7 +28,7 @@ def main(name: str, options: Mapping[str, Any], *, echo: Callable[[str], None] =
         echo(f"{found.name:<16}  {verdict:<8}  {found.said}")
     absent = [name for name in ("expert", "stages", "place") if getattr(env, name) is None]
     uses = {
-        "expert": "gril demos make has nobody to film",
+        "expert": "gril demos make has nobody to video",
         "stages": "gril audit cannot tell progress",
         "place": "states cannot be made from boxes",
     }

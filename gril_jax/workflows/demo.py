@@ -17,10 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, UInt8
 
-import gril_jax
+from gril_jax import envs
 from gril_jax.demos.vision import video
 from gril_jax.envs import Env
 from gril_jax.export import read_policy
+from gril_jax.export.reward_file import load_reward
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.workflows.build import filming
 
@@ -36,11 +37,14 @@ def main(out: Path, *, seed: int = 0, echo: Callable[[str], None] = print) -> Pa
     The seed chooses where everything stands at the start.
     """
     with resources.as_file(_ASSETS) as folder:
-        reward = gril_jax.load_reward(folder / "reward.npz")
+        reward = load_reward(folder / "reward.npz")
         about, _ = read_policy.unpack(folder / "policy.npz")
         act = read_policy.load_policy(folder / "policy.npz")
-    settings = {name: about["env"][name] for name in ("targets", "distractors", "observation")}
-    task = gril_jax.make(about["env"]["name"], variant="layout", varied_starts=0.0, **settings)
+    env = about["env"]
+    task = envs.make(
+        env["name"], targets=(*env["targets"],), distractors=(*env["distractors"],),
+        observation=env["observation"], variant=env["variant"], varied_starts=0.0,
+    )  # fmt: skip
     states, rewards = play(task, reward, act, seed)
     done = states.metrics["success"] > 0.5
     success = bool(done[-1])

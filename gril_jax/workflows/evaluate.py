@@ -107,7 +107,7 @@ def play(
     folder: Path,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Evaluates the trained policy beside an untrained one, and films one episode."""
+    """Evaluates the trained policy beside an untrained one, and videos one episode."""
     phase = progress.phase("evaluating", total=2, unit="policies")
     keys = jax.random.split(jax.random.fold_in(jax.random.key(config.run.seed), 2), 3)
     key_begin, key_act = jax.random.split(keys[0])
@@ -178,8 +178,8 @@ def _trained(
 
 
 def _film(env: Env, played: Evaluation, params: Any, episodes: int, folder: Path) -> None:
-    """Writes the film of the first success, if there is one, and the numbers of all episodes; a
-    film of a policy that sees its stage says which one it is at."""
+    """Writes the video of the first success, if there is one, and the numbers of all episodes; a
+    video of a policy that sees its stage says which one it is at."""
     names = ("reward", "success", "score")
     arrays = {name: np.asarray(getattr(played, name))[:episodes] for name in names}
     shown = int(np.argmax(arrays["success"]))

@@ -1,8 +1,8 @@
-"""Audits a reward that was learned from films alone: what can be asked without a task.
+"""Audits a reward that was learned from videos alone: what can be asked without a task.
 
 gril audit RUN            a run of `gril pretrain --demos SET`, seconds on two CPU cores
 
-Held-out films say how a demonstration begins and ends. Around them scenes are made up: nothing has
+Held-out videos say how a demonstration begins and ends. Around them scenes are made up: nothing has
 moved, but everything counts as touched; and an object that belongs somewhere has been put elsewhere
 at the end. Neither may be paid. What is success only a task says, so the rest of an audit is left
 out, and a sentence says so.
@@ -30,22 +30,25 @@ from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import demonstrations, policy_setup, setup, vocabulary
 
 LEFT_OUT = (
-    "left out, because films alone do not say what success is: the gradient ascents, the hack gap, "
+    "left out, because videos do not say what success is: the gradient ascents, the hack gap, "
     "the order of made-up stages and the maps, which gril audit has for a reward with a task"
 )
-_TOUCH, _OUTBID = 0.05, 0.02  # what may be paid for a touch, and how many scenes may be outbid
+_TOUCH, _MISRANKED = (
+    0.05,
+    0.02,
+)  # what may be paid for a touch, and how many scenes may be misranked
 _AMISS = 0.25  # cost of a made-up scene that is clearly not done; of a beginning it is about 1
 
 
 def of_run(folder: Path, config: RunConfig, *, scenes: int, seed: int) -> dict[str, Any]:
-    """The audit of a run's reward as JSON has it; `scenes` are made up around held-out films.
+    """The audit of a run's reward as JSON has it; `scenes` are made up around held-out videos.
 
-    Raises DemoError if the films are gone.
+    Raises DemoError if the videos are gone.
     """
     setup.require_boxes(config, "an audit, which moves boxes")
     source = Path(config.demos.path)
     if not source.is_dir():
-        raise DemoError(f"{source} is gone, but the audit makes its scenes from these films")
+        raise DemoError(f"{source} is gone, but the audit makes its scenes from these videos")
     require_same_demos(folder, source / "demos.json")
     demos = demonstrations.chosen(config, None, source)
     words = vocabulary.of_run(config, folder)
@@ -57,13 +60,13 @@ def of_run(folder: Path, config: RunConfig, *, scenes: int, seed: int) -> dict[s
 
 def in_words(found: dict[str, Any]) -> list[str]:
     """Sentences on what was found."""
-    worst = found["outbid_share"]
+    worst = found["misranked_share"]
     return [
-        ("sound as far as films can tell" if found["sound_as_far_as_asked"] else "not sound"),
-        f"touching everything and moving nothing pays {found['touch_share']:.0%} of the range "
-        f"(at most {_TOUCH:.0%})",
-        f"{worst:.1%} of {found['scenes']} scenes with something out of place pay more than the "
-        f"worst held-out end (at most {_OUTBID:.0%}); the best-paid of them gets "
+        ("passes as far as videos can tell" if found["passes_as_far_as_asked"] else "fails"),
+        f"touching everything and moving nothing increases the reward by {found['touch_share']:.0%} "
+        f"of the range (at most {_TOUCH:.0%})",
+        f"{worst:.1%} of {found['scenes']} scenes with something out of place have a higher reward "
+        f"than the worst held-out end (at most {_MISRANKED:.0%}); the best of them has "
         f"{found['best_amiss_share']:.0%} of the range",
         LEFT_OUT,
     ]
@@ -79,8 +82,8 @@ def measured(
 ) -> dict[str, Any]:
     """The audit as plain numbers; shares are of the range from first to last frames."""
     found = _measure(config, params, demos, len(demos.demo_set.classes), scenes, seed)
-    sound = found["touch_share"] <= _TOUCH and found["outbid_share"] <= _OUTBID
-    return found | {"sound_as_far_as_asked": sound, "left_out": LEFT_OUT}
+    sound = found["touch_share"] <= _TOUCH and found["misranked_share"] <= _MISRANKED
+    return found | {"passes_as_far_as_asked": sound, "left_out": LEFT_OUT}
 
 
 def _measure(config, params, demos, num_classes, scenes, seed) -> dict[str, Any]:
@@ -109,20 +112,20 @@ def _measure(config, params, demos, num_classes, scenes, seed) -> dict[str, Any]
         "range": float(spread),
         "touch_share": float(jnp.mean(touched - first) / spread),
         "scenes": int(amiss.sum()),
-        "outbid_share": float(np.mean(paid[amiss] > float(last.min()))),
+        "misranked_share": float(np.mean(paid[amiss] > float(last.min()))),
         "best_amiss_share": float((paid[amiss].max() - jnp.mean(first)) / spread),
     }
 
 
 def _frames(demos: DemoBatch, bits, at) -> Scene:
-    """One frame of each film, leaves (B, N, ...)."""
+    """One frame of each video, leaves (B, N, ...)."""
     rows = jnp.arange(len(at))
     still = demos.label, demos.is_robot
     return Scene(demos.center[rows, at], demos.size[rows, at], *still, bits[rows, at])
 
 
 def _amiss(key, held: DemoBatch, end: Scene, places: Ends, number: int, unit) -> Scene:
-    """Ends of films with some objects displaced, leaves (number, N, ...). The key is consumed."""
+    """Ends of videos with some objects displaced, leaves (number, N, ...). The key is consumed."""
     extent = jnp.max(jnp.abs(held.center))
     which = jnp.arange(number) % len(held.length)
 

@@ -153,7 +153,7 @@ def _profiles_program(
     successes: int,
     pool: Executor,
 ) -> Future[Any]:
-    """The program (reward, films, hyper) -> rewards and stage ends, being compiled."""
+    """The program (reward, videos, hyper) -> rewards and stage ends, being compiled."""
 
     def profiles(params, films, hyper):
         latents = learner.latents(params.encoder, films, hyper)

@@ -1,5 +1,5 @@
 """Found ends of stages: doubted, scored against the true ones, and demonstrations cut at them,
-as a table, as films and as sets. Frames and seconds are those of the set's films."""
+as a table, as videos and as sets. Frames and seconds are those of the set's videos."""
 
 import csv
 import io
@@ -32,7 +32,7 @@ COLUMNS = ("film", "subtask", "first_frame", "last_frame", "begin_s", "end_s", "
 def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) -> str | None:
     """A sentence if held-out demonstrations disagree on the number of stages, else None.
 
-    No label is used: a reward that is fit for stages shows them in each film by itself, also in
+    No label is used: a reward that is fit for stages shows them in each video by itself, also in
     one that it was not trained on.
 
     Args:
@@ -109,7 +109,7 @@ def write_sets(
     """A set in `out/subtask-1`, ... for each of the K subtasks, whose ends are last frames.
 
     A subtask's demonstration begins with the last frame of the stage before, where a policy of
-    this subtask would begin, and ends with its own; the last subtask's goes on to the film's end,
+    this subtask would begin, and ends with its own; the last subtask's goes on to the video's end,
     where the task is done for certain. Those of fewer than 2 frames are left out.
     """
     phase = progress.phase("cutting", total=ends.size, unit="films", compiles=False)
@@ -150,7 +150,7 @@ def segments(ends: Int[np.ndarray, "K"], num_frames: int) -> list[tuple[int, int
 def as_csv(demos: Mapping[str, Mapping[str, Any]], demo_set: DemoSet) -> str:
     """A line a segment; `demos` is what subtasks.json has under that name.
 
-    `found` is 1 if the film itself shows the segment's end, 0 if it was put where the others have
+    `found` is 1 if the video itself shows the segment's end, 0 if it was put where the others have
     it.
     """
     text = io.StringIO()

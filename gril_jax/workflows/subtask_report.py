@@ -1,10 +1,10 @@
 """Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
 
     gril subtasks RUN                   about a minute
-    gril subtasks RUN --films           and each segment as a film of its own
+    gril subtasks RUN --films           and each segment as a video of its own
     gril subtasks RUN --sets            and a set for each subtask, for `gril pretrain --demos`
 
-`segments.csv` has a line a segment: its film, frames and seconds.
+`segments.csv` has a line a segment: its video, frames and seconds.
 
 Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
 where the set has stage times (`Demo.stages`), those of held-out demonstrations are scored.
@@ -143,7 +143,7 @@ _each_alone = jax.jit(agreement.each_alone, static_argnames="smoothing")
 def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstrations.Demonstrations:
     source = Path(config.demos.path or folder / "demos")
     if not (source / schema.HEADER).is_file():
-        raise DemoError(f"{source} is gone, but the reward is to be followed along its films")
+        raise DemoError(f"{source} is gone, but the reward is to be followed along its videos")
     require_same_demos(folder, source / schema.HEADER)
     return demonstrations.gather(config, setup.task_of(config.env), folder / "demos", progress)
 

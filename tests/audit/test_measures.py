@@ -87,7 +87,7 @@ def _loop(rewards, states, found):
         "hack_gap": paid[kept].min() - best,
         "hack_gap_scattered": paid[done].min() - best,
         "hack_gap_anywhere": anywhere.min() - best,
-        "outbid_share": (anywhere <= best).mean(),
+        "misranked_share": (anywhere <= best).mean(),
         "hack_share": (best - reset.mean()) / span.mean(),
         "range": span.mean(),
         "touch_share": share(paid)[touched].max(),
@@ -108,7 +108,7 @@ def test_they_are_what_a_loop_over_states_and_pairs_says():
     b, lesser, better = measures.worst_pair
     assert paid[b, lesser] > paid[b, better]
     assert states.battery.score[b, lesser] < states.battery.score[b, better]
-    assert 0 < measures.outbid_share < 1
+    assert 0 < measures.misranked_share < 1
     assert measures.finite
     bad = rewards._replace(pushed=rewards.pushed.at[0, 0, 0].set(jnp.nan))
     assert not both(bad, states, found).finite
@@ -120,13 +120,13 @@ def test_true_progress_passes_and_its_opposite_fails():
     assert good.order_accuracy == 1
     assert good.worst_violation == 0
     assert good.hack_gap > 0.9
-    assert good.outbid_share == 0
+    assert good.misranked_share == 0
     assert good.hack_share < 0.1
     np.testing.assert_allclose(good.touch_share, 0, atol=1e-6)
     assert good.push_share < 0.1
     assert bad.order_accuracy == 0
     assert bad.hack_gap < -0.9
-    assert bad.outbid_share == 1
+    assert bad.misranked_share == 1
     assert jnp.isnan(bad.touch_share)  # a reward that pays success least has no range
 
 

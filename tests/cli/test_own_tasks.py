@@ -20,7 +20,7 @@ from gril_jax.runs import run_dir
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty folder with the task and its films, and a user who has named nothing yet."""
+    """An empty folder with the task and its videos, and a user who has named nothing yet."""
     own_task.write(tmp_path)
     own_task.demonstrations(tmp_path / "mine")
     monkeypatch.chdir(tmp_path)
@@ -48,14 +48,14 @@ EXAMPLES = REPOSITORY / "experiments" / "examples"
 
 @pytest.fixture
 def foreign(folder):
-    """A folder out of the repository with the example's task, and films that its script makes."""
+    """A folder out of the repository with the example's task, and videos that its script makes."""
     for file in (EXAMPLES / "my_task").iterdir():
         if file.suffix in (".py", ".yaml"):
             shutil.copy(file, folder)
     shutil.rmtree("mine")
     done = subprocess.run([sys.executable, "make_films.py", "5"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "5 of 5 films end on the mat\n"
+    assert done.stdout == "5 of 5 videos end on the mat\n"
     return folder
 
 

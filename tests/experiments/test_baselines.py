@@ -115,7 +115,7 @@ def driven():
 
 @pytest.fixture
 def film(driven, tmp_path):
-    """A demonstration set of that one film, whose objects are in another order, but for twins."""
+    """A demonstration set of that one video, whose objects are in another order, but for twins."""
     env, _, seen = driven
     there = np.flatnonzero(seen.size[0].any(axis=1))
     there = there[np.argsort(-seen.label[0, there], kind="stable")]
@@ -147,5 +147,5 @@ def test_objects_of_a_film_are_put_in_the_order_of_the_task(driven, film):
 
 
 def test_films_and_actions_must_be_as_many(driven, film):
-    with pytest.raises(DemoError, match="has 1 films, but there are recorded actions of 2"):
+    with pytest.raises(DemoError, match="has 1 videos, but there are recorded actions of 2"):
         cloning.of_task(driven[0], np.stack([ACTIONS, ACTIONS]), film)

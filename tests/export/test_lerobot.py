@@ -1,4 +1,4 @@
-"""LeRobot datasets: films of a camera, boxes, and segments written back."""
+"""LeRobot datasets: videos of a camera, boxes, and segments written back."""
 
 import json
 from pathlib import Path
@@ -38,7 +38,7 @@ def frames_of(number, told):
 
 
 def shade(told, number):
-    """Pictures that say which film and which frame they are of."""
+    """Pictures that say which video and which frame they are of."""
     return [
         np.full((48, 64, 3), 40 + 100 * number + t % 50, np.uint8) for t in range(len(told.boxes))
     ]
@@ -86,7 +86,7 @@ def test_films_and_boxes_of_a_camera_are_imported(tmp_path):
 
 
 def test_a_dataset_that_lerobot_wrote_is_read(tmp_path):
-    """Written by lerobot 0.4.4, films in AV1: two episodes of 12 and 9 frames in one file."""
+    """Written by lerobot 0.4.4, videos in AV1: two episodes of 12 and 9 frames in one file."""
     found = lerobot.opened(TESTS / "data" / "lerobot")
     films = lerobot.films(found, lerobot.camera_of(found, None))
     assert [len(film.times) for film in films] == [12, 9]

@@ -123,7 +123,7 @@ def test_arrays_of_jax_are_traced_and_lost_boxes_stay_lost():
 
 
 def test_numbers_are_those_of_an_imported_set_bit_for_bit(tmp_path):
-    """Of a film with boxes beside it, in widths of the picture and in a unit of one's own."""
+    """Of a video with boxes beside it, in widths of the picture and in a unit of one's own."""
     frames, names = 12, ("cup", "plate")
     low = np.array([[3.0, 5.0], [40.0, 20.0]]) + np.arange(frames)[:, None, None] * [1.37, 0.61]
     boxes = np.concatenate([low, low + [[9.5, 11.25], [14.0, 8.125]]], axis=-1).round(3)

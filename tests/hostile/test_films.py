@@ -1,4 +1,4 @@
-"""Films that no camera writes: refused in a sentence, or read right."""
+"""Videos that no camera writes: refused in a sentence, or read right."""
 
 import json
 import os
@@ -63,7 +63,7 @@ FILMS = {
     "no pictures": (lambda f: sound(f / "a.mp4"), "holds no video stream"),
     "HTML": (text("<html><script>alert(1)</script>"), "not a whole video"),
     "a playlist of other files": (playlist, "not a whole video"),
-    "a list of other films": (list_of_films, "a.mp4: not a whole video"),
+    "a list of other videos": (list_of_films, "a.mp4: not a whole video"),
     "a session description": (text("v=0\nc=IN IP4 127.0.0.1\nm=video 9 RTP/AVP 96\n"), "not a"),
     "a damaged header": (damaged, "b.mp4: "),
     "a folder with its name": (lambda f: (f / "a.mp4").mkdir(), "no such video file"),
@@ -87,7 +87,7 @@ def test_a_folder_of_broken_films_is_refused(home, capsys, kind):
     for name in "ab":
         (home / "films" / f"{name}.csv").write_text(BOXES)
     refused(home, [*IMPORT, "--out", "new"], words, capsys)
-    if kind not in ("one frame", "a damaged header"):  # their grey film shows no colour
+    if kind not in ("one frame", "a damaged header"):  # their grey video shows no colour
         refused(home, COLOUR, words, capsys)
 
 
@@ -98,7 +98,7 @@ def test_a_film_that_would_fill_the_memory_is_refused(home, capsys, monkeypatch)
 
 
 NAMES = {
-    "spaces": "my first film",
+    "spaces": "my first video",
     "a newline": "one\ntwo",
     "other scripts": "фильм 映画 🎬",
     "markup": "<script>alert(1)<script>",

@@ -34,7 +34,7 @@ OUTPUTS = {
     "a file": (overwrites_a_letter, "exists already"),
     "below a file": (lambda home: ["--out", "letter.txt/set"], "is a file"),
     "a set with a file of the user's": (holds_more, "thesis.txt"),
-    "the folder of the films": (lambda home: ["--out", "films"], "holds other files"),
+    "the folder of the videos": (lambda home: ["--out", "films"], "holds other files"),
     "a dangling link": (dangles, "exists already"),
     "a link to itself": (loops, "exists already"),
     "a long name": (lambda home: ["--out", "n" * 300], "too long"),

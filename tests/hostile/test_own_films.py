@@ -1,4 +1,4 @@
-"""Films of one's own with wrong boxes, wrong options or wrong contents, on the command line.
+"""Videos of one's own with wrong boxes, wrong options or wrong contents, on the command line.
 
 Each is refused with exit code 2 in one sentence that names the file, with the line where there is
 one, and nothing is half-written.
@@ -20,7 +20,7 @@ GOOD = f"{HEAD}\n{ROWS}"
 
 @pytest.fixture
 def kitchen(home):
-    """The user's folder with a film a.mp4 of five frames, and its boxes."""
+    """The user's folder with a video a.mp4 of five frames, and its boxes."""
     folder = films(home)
     film(folder / "a.mp4", ((H, W),) * 5)
     (folder / "a.csv").write_text(GOOD)
@@ -101,10 +101,10 @@ AUTO = ("--boxes", "auto")
 KINDS = {
     "no boxes": (gone, AUTO, "a.mp4: no boxes are beside the film"),
     "boxes twice": (boxes("1,1,1,1,9,9,1,cup", "a.txt"), AUTO, "both a.csv and a.txt are beside"),
-    "a film of one frame": (one_frame, AUTO, "a.mp4: holds 1 frame, but a demonstration needs"),
-    "a film of another size": (smaller, AUTO, "seem to be of a film of another size"),
-    "a second film without boxes": (another("b.mp4"), AUTO, "b.mp4: no boxes are beside the film"),
-    "two films of a name": (another("a.mov"), AUTO, "two videos are called 'a'"),
+    "a video of one frame": (one_frame, AUTO, "a.mp4: holds 1 frame, but a demonstration needs"),
+    "a video of another size": (smaller, AUTO, "seem to be of a video of another size"),
+    "a second video without boxes": (another("b.mp4"), AUTO, "b.mp4: no boxes are beside the film"),
+    "two videos of a name": (another("a.mov"), AUTO, "two videos are called 'a'"),
     "the robot's class is never seen": (
         change("hand", "spoon"), AUTO, "no box is of the robot's class 'hand'; the classes are cup"
     ),
@@ -137,10 +137,10 @@ KINDS = {
     "a detector with a mistake": (
         broken, ("--boxes", "broken_detector:f"), "cannot be imported (invalid syntax (broken"
     ),
-    "a film that is no folder": (None, (*AUTO, "films/a.mp4"), "there is no use for"),
+    "a video that is no folder": (None, (*AUTO, "films/a.mp4"), "there is no use for"),
     "no width": (None, (*AUTO, "--half-extent", "0"), "--half-extent is 0.0"),
     "an even smoothing": (None, (*AUTO, "--smoothing", "4"), "--smoothing is 4, but must be odd"),
-    "smoothing longer than a film": (
+    "smoothing longer than a video": (
         None, (*AUTO, "--smoothing", "999"), "a.mp4: smoothing is 999 frames, but the film has 5"
     ),
     "an unknown outcome": (None, (*AUTO, "--outcome", "fine"), "outcome"),
@@ -166,7 +166,7 @@ def test_wrong_films_and_options_are_refused(kitchen, capsys, kind):
 
 
 def test_names_that_are_paths_stay_names(kitchen):
-    """Of classes and of films within a file: nothing outside of the set is touched."""
+    """Of classes and of videos within a file: nothing outside of the set is touched."""
     rows = GOOD.replace("cup", "../../cup").replace("hand", "/etc/hand")
     (kitchen / "films" / "a.csv").write_text(rows)
     before = sorted(path.name for path in kitchen.iterdir())
@@ -182,7 +182,7 @@ def test_names_that_are_paths_stay_names(kitchen):
 
 def test_after_a_refusal_the_corrected_command_runs(kitchen, capsys):
     gone(kitchen)
-    refused(kitchen, [*IMPORT, *AUTO], "no boxes are beside the film", capsys)
+    refused(kitchen, [*IMPORT, *AUTO], "no boxes are beside the video", capsys)
     (kitchen / "films" / "a.csv").write_text(GOOD)
     assert main([*IMPORT, *AUTO]) == 0
 

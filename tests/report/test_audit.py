@@ -16,7 +16,7 @@ from gril_jax.report.style import png
 
 SOUND = {
     "order_accuracy": 0.999, "hack_gap": 0.5, "touch_share": 0.01, "push_share": 0.47,
-    "outbid_share": 0.16,
+    "misranked_share": 0.16,
 }  # fmt: skip
 WORKED = {"tau": 0.8, "success": 1.0, "starts": 256, "variant": "jitter", "eval_episodes": 256}
 
@@ -27,21 +27,21 @@ def _results(**changes):
 
 def test_a_sound_reward_is_called_so_with_its_numbers():
     (tile,) = audit_tiles(_results())
-    assert tile.value == "sound"
-    assert tile.note == "order 0.999; hack gap 0.50; touch 0.01; push 0.47; outbid 0.16"
+    assert tile.value == "passes"
+    assert tile.note == "order 0.999; hack gap 0.50; touch 0.01; push 0.47; misranked 0.16"
     assert verdict(_results()).grade == "good"
-    assert audit_sentence(_results()) == f"audit: the reward is sound ({tile.note})"
+    assert audit_sentence(_results()) == f"audit: passes ({tile.note})"
 
 
 @pytest.mark.parametrize(("name", "value"), [("hack_gap", -0.1), ("touch_share", None)])
 def test_a_fault_or_an_unknown_number_is_not_sound_and_spoils_the_verdict(name, value):
     results = _results(**{name: value})
     (tile,) = audit_tiles(results)
-    assert tile.value == "not sound"
+    assert tile.value == "fails"
     assert f"not {ASKED[name].bound}" in tile.note
     found = verdict(results)
     assert found.grade == "fair"
-    assert found.text.endswith("But its reward is not sound.")
+    assert found.text.endswith("But its reward fails its audit.")
 
 
 def test_a_reward_without_an_audit_says_so_and_a_run_without_a_reward_has_no_tile():
@@ -87,7 +87,7 @@ def test_json_says_what_is_sound_and_null_where_nothing_is_defined():
     results = json.loads(json.dumps(findings().as_json(), allow_nan=False))
     assert results["order_accuracy"] == 0.98
     assert results["touch_share"] is None
-    assert results["sound"] == {
+    assert results["passes"] == {
         "order_accuracy": True, "hack_gap": False, "touch_share": False, "push_share": True,
     }  # fmt: skip
     assert results["factor_accuracy"].keys() == {
@@ -102,11 +102,11 @@ def test_json_says_what_is_sound_and_null_where_nothing_is_defined():
 def test_each_line_says_what_is_asked():
     lines = findings().in_words()
     assert len(lines) == len(ASKED) + 1
-    assert lines[-1].split()[:2] == ["outbid_share", "0.010"]
+    assert lines[-1].split()[:2] == ["misranked_share", "0.010"]
     assert lines[0].split()[:2] == ["order_accuracy", "0.980"]
-    assert "NOT SOUND" not in lines[0]
+    assert "FAILS" not in lines[0]
     assert "(above 0)" in lines[1]
-    assert lines[1].endswith("NOT SOUND")
+    assert lines[1].endswith("FAILS")
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_it_is_one_file_with_numbers_pictures_and_states(tmp_path):
     }  # fmt: skip
     assert text.count("data:image/png;base64,") == 3
     assert "-0.050" in text
-    assert "not sound; above 0 is asked" in text
+    assert "FAILS; above 0 is asked" in text
     assert "found by gradient ascent" in text
     assert "&lt;reward&gt;" in text
     assert "<reward>" not in text

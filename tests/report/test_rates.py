@@ -1,4 +1,4 @@
-"""Success rates say what they count: a number of starts, or whether the only one is solved."""
+"""Success rates say what they count: a number of starts, or success from the only one."""
 
 import math
 import re
@@ -33,9 +33,9 @@ def test_wilsons_interval_mirrors_and_narrows():
     [
         (Rate(0.5, 20), "50.0% of 20 starts (95% interval 29.9% to 70.1%)"),
         (Rate(0.9, 20, 20, True, "jitter"), "90.0% of 20 Jitter starts (95% interval"),
-        (Rate(1.0, 1, 100, variant="demo"), "solved (one Demo start)"),
-        (Rate(0.0, 1, 100), "not solved (one start)"),
-        (Rate(0.5, 1, 100), "not solved (one start)"),
+        (Rate(1.0, 1, 100, variant="demo"), "success (one Demo start)"),
+        (Rate(0.0, 1, 100), "no success (one start)"),
+        (Rate(0.5, 1, 100), "no success (one start)"),
         (Rate(0.93, 1, 100, True, "demo"), "93.0% of 100 sampled episodes from one Demo start"),
         (Rate(0.93, 1, 0, True), "93.0% of sampled episodes from one start"),
     ],
@@ -61,8 +61,8 @@ def test_no_sentence_has_a_percentage_without_what_it_counts():
         lines = sentences(results | known)
         assert len(lines) >= 3
         for line in lines:
-            assert re.search(r"solved|\d start|\d \w+ start|one start", line)
-    assert sentences(results | own)[-1] == "the task's own start: not solved"
+            assert re.search(r"success|\d start|\d \w+ start|one start", line)
+    assert sentences(results | own)[-1] == "the task's own start: no success"
     assert sentences({}) == []
 
 

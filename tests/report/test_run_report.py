@@ -186,7 +186,7 @@ def test_an_unfinished_run_shows_what_there_is(run):
         (run / name).unlink()
     page = report(run)
     assert "has not finished" in page.text
-    assert "was not filmed" in page.text
+    assert "was not recorded" in page.text
     assert len(page.addresses) == 4
 
 

@@ -15,7 +15,7 @@ SCORE = (0.0, 1.0, 0.0, 0.0, 0.5)
 PAID = (-1.0, -0.1, -0.9, -0.4, -0.95)
 NUMBERS = {
     "order_accuracy": 0.98, "worst_violation": 0.55, "hack_gap": -0.05, "hack_gap_scattered": -0.1,
-    "hack_gap_anywhere": -0.2, "outbid_share": 0.01,
+    "hack_gap_anywhere": -0.2, "misranked_share": 0.01,
     "hack_share": 1.05, "range": 0.9, "start_reward": -1.0, "worst_success": -0.1,
     "best_unearned": -0.05, "touch_share": np.nan, "push_share": 0.7,
 }  # fmt: skip

@@ -18,9 +18,9 @@ import numpy as np
 from gril_jax.cli.main import main
 
 SECONDS = 120  # after which a command counts as hanging
-IMPORT = "demos import-videos films --half-extent 1 --task match_regions".split()
-COLOUR = "demos import-videos films --half-extent 1 --boxes colour --out new".split()
-SET = ["000.mp4", "000.npz", "demos.json"]  # files of a set of one film
+IMPORT = "demos import-videos videos --half-extent 1 --task match_regions".split()
+COLOUR = "demos import-videos videos --half-extent 1 --boxes colour --out new".split()
+SET = ["000.mp4", "000.npz", "demos.json"]  # files of a set of one video
 DEEP = "[" * 20_000
 HUGE = (1 << 50,)
 COLUMNS = "frame,class,x_min,y_min,x_max,y_max"
@@ -102,7 +102,7 @@ def pipe(name):
 
 
 def film(path, shapes=((16, 16),) * 8, container="mp4", codec="libx264"):
-    """Writes a film with one grey frame of each (height, width), eight a second."""
+    """Writes a video with one grey frame of each (height, width), eight a second."""
     with av.open(str(path), "w", format=container) as out:
         stream = out.add_stream(codec, rate=8)
         stream.height, stream.width = shapes[0]
@@ -115,7 +115,7 @@ def film(path, shapes=((16, 16),) * 8, container="mp4", codec="libx264"):
 
 
 def changing(path):
-    """A film that is two raw streams of different sizes, one after the other."""
+    """A video that is two raw streams of different sizes, one after the other."""
     parts = [film(path.with_name(f"{side}.part"), ((side, side),) * 4, "h264") for side in (16, 32)]
     path.write_bytes(b"".join(part.read_bytes() for part in parts))
     for part in parts:
@@ -123,7 +123,7 @@ def changing(path):
 
 
 def sound(path):
-    """A film without pictures."""
+    """A video without pictures."""
     with av.open(str(path), "w", format="mp4") as out:
         stream = out.add_stream("aac", rate=8000)
         block = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), "fltp", "mono")
@@ -133,7 +133,7 @@ def sound(path):
 
 
 def turned(path):
-    """A film whose header says that it is to be shown turned by a quarter, as telephones do."""
+    """A video whose header says that it is to be shown turned by a quarter, as telephones do."""
     data = bytearray(film(path, ((16, 32),) * 8).read_bytes())
     matrix = data.index(b"tkhd") + 4 + 40
     one = 1 << 16

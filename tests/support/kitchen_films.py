@@ -1,6 +1,6 @@
-"""Films of a kitchen table: a hand brings a cup to a coaster, then a spoon into the cup.
+"""Videos of a kitchen table: a hand brings a cup to a coaster, then a spoon into the cup.
 
-`story` plays one film out as true boxes, `painted` draws it (textured ground, changing light,
+`story` plays one video out as true boxes, `painted` draws it (textured ground, changing light,
 camera noise), and `tracked` makes of the true boxes what a tracker would report.
 """
 
@@ -22,7 +22,7 @@ _LIFT = 4  # pixels between a hand's centre and what it holds
 
 
 class Story(NamedTuple):
-    """One film as it really was."""
+    """One video as it really was."""
 
     boxes: np.ndarray  # (T, 4 objects, x_min y_min x_max y_max), pixels, in the order of CLASSES
     ends: tuple[int, int]  # frames at which cup and spoon have come to rest
@@ -46,7 +46,7 @@ ROUGH = Tracker(jitter=3.0, dropped=0.1, switched=0.01, late=0.5, squeezed=0.15)
 
 
 def story(seed, *, fps=30.0, width=640, height=480, tempo=1.0):
-    """A film of about ten seconds at a tempo of 1; objects lie, and the hand comes, by the seed."""
+    """A video of about ten seconds at a tempo of 1; places and ways are those of the seed."""
     rng = np.random.default_rng(seed)
     low, high = np.array([0.16, 0.2]), np.array([0.84, 0.8])
     while True:
@@ -160,7 +160,7 @@ def write_csv(path, rows):
 
 
 def write_films(folder, count=12, *, tracker=Tracker(), seed=0, films=True, **look):
-    """Films and boxes in a new folder; returns the stories by their names."""
+    """Videos and boxes in a new folder; returns the stories by their names."""
     folder.mkdir(parents=True, exist_ok=True)
     stories = {}
     for number in range(count):

@@ -56,7 +56,7 @@ def write(folder: Path, *, name: str = "my_task.py", **changed: str) -> Path:
 
 
 def demonstrations(folder: Path, classes=CLASSES, *, half_extent: float = 1.0, robots=None) -> Path:
-    """A set of five short films in which the puck comes to the mat."""
+    """A set of five short videos in which the puck comes to the mat."""
     rng = np.random.default_rng(0)
 
     def films():
@@ -66,7 +66,7 @@ def demonstrations(folder: Path, classes=CLASSES, *, half_extent: float = 1.0, r
             label = np.array([classes.index(c) if c in classes else 0 for c in CLASSES], np.int32)
             size = np.full(center.shape, 0.2, np.float32)
             tracks = Tracks(center, size, label, np.ones((10, 3), bool))
-            yield Demo(f"film {number}", np.zeros((10, 16, 16, 3), np.uint8), tracks, 0, "success")
+            yield Demo(f"video {number}", np.zeros((10, 16, 16, 3), np.uint8), tracks, 0, "success")
 
     about = {"task": "", "half_extent": half_extent, "fps": 10.0, "source": "a test"}
     write_demo_set(folder, films(), classes=classes, robots=robots, **about)

@@ -1,7 +1,7 @@
 """The state of a scene, and what policies, detectors and pictures show of it.
 
 Objects come as robot, regions, blocks; the last two in the order of the class names, those of one
-class by their x at the Demo start, as films are read. Slots that hold nothing have boxes of size 0
+class by their x at the Demo start, as videos are read. Slots that hold nothing have boxes of size 0
 outside of the arena, and zeros in the observation. Lengths are in arena units.
 """
 

@@ -106,7 +106,7 @@ def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:
             hand.move((*place[:2], pace.arc), speed=pace.speed)
         return hand.rest(10)
     hand.move((*place[:2], pace.arc), speed=pace.speed)
-    # Where it is held does not matter, and films should show that.
+    # Where it is held does not matter, and videos should show that.
     anywhere = (rng.uniform(0.42, 0.58), rng.uniform(-0.25, 0.2), pace.arc)
     hand.move(anywhere, speed=pace.speed)
     return hand.rest(int(rng.integers(5, 20)))

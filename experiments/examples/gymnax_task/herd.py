@@ -75,7 +75,7 @@ def in_pen(state):
 
 
 def drive(state, key):
-    """An expert, for films: it gets behind the sheep as seen from the pen, then comes closer."""
+    """An expert, for videos: it gets behind the sheep as seen from the pen, then comes closer."""
     _, dog, sheep = state.data[0]
     way = (PEN - sheep) / (jnp.linalg.norm(PEN - sheep) + 1e-6)
     side = jnp.array([-way[1], way[0]])

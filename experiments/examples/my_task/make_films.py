@@ -1,6 +1,6 @@
-"""Films somebody who pushes the puck by hand, with the boxes beside them, and makes a set of them.
+"""Records a hand that pushes the puck, writes boxes beside the videos, and makes a set of them.
 
-python make_films.py            40 films in films/, the demonstration set in mine/
+python make_films.py            40 videos in films/, the demonstration set in mine/
 """
 
 import sys
@@ -32,7 +32,7 @@ def push(hand, puck, rng):
 
 
 def film(path, seed):
-    """One film and its CSV of boxes, until a little after the puck has come to the mat."""
+    """One video and its CSV of boxes, until a little after the puck has come to the mat."""
     task, rng = PushPuck(), np.random.default_rng(seed)
     state, step = task.reset(jax.random.key(seed)), jax.jit(task.step)
     video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 10, (PIXELS, PIXELS))
@@ -61,7 +61,7 @@ def main(count=40):
     done = [film(Path(f"films/{seed:02d}.mp4"), seed) for seed in range(count)]
     of = {"task": "my_task", "classes": PushPuck.classes, "robot": ["hand"]}
     import_videos("films", "mine", half_extent=1.0, **of)
-    print(f"{sum(done)} of {count} films end on the mat")
+    print(f"{sum(done)} of {count} videos end on the mat")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Push a puck onto a mat with a hand, seen from above: a task of one's own in plain JAX.
 
-    python make_films.py                                 films, and from them the set `mine`
+    python make_films.py                                 videos, and from them the set `mine`
     gril check-task my_task.py:make
     gril train my_task.yaml --task my_task.py:make --demos mine
 

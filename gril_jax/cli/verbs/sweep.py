@@ -61,7 +61,7 @@ class _Own:
     sets: str | None = None
     """Folder of demonstration sets, each in a folder of its task's name."""
     films: str | None = None
-    """Folder of films, in one folder a task, of which missing sets are made."""
+    """Folder of videos, in one folder a task, of which missing sets are made."""
     devices: str | None = None
     """GPUs, each with a process of its own: all, or a number; None: all."""
     cluster: Literal["slurm", "local"] | None = None

@@ -103,7 +103,7 @@ def _train(args: list[str]) -> Work:
 
 def _pretrain(args: list[str]) -> Work:
     prog = "gril pretrain"
-    about = "Learn a reward; without CONFIG, from films of your own that --demos names."
+    about = "Learn a reward; without CONFIG, from videos of your own that --demos names."
     begin = lambda given: _begun(given, "pretrain", start(given, films_alone=True))  # noqa: E731
     given = read(_Train(), args, prog, about, begin, policies=False)
     return _run(given, "pretrain", prog, films=True)

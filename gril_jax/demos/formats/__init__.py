@@ -1,7 +1,7 @@
-"""The boxes beside a film, and their format, which is told from what is in them.
+"""The boxes beside a video, and their format, which is told from what is in them.
 
 Beside NAME.mp4 boxes are NAME.csv, NAME.txt, NAME.xml, NAME.json, a folder NAME of one text a
-frame, or NAME/gt/gt.txt; `annotations.json` may hold those of all films of a folder.
+frame, or NAME/gt/gt.txt; `annotations.json` may hold those of all videos of a folder.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from . import coco, cvat, label_studio, lines
 from .record import Box, Film, read_text
 
 Reader = Callable[[Path, Film], list[Box]]
-"""(file, film) -> its boxes. What every format has."""
+"""(file, video) -> its boxes. What every format has."""
 
 _BEGINS = {"<": cvat.read, "{": coco.read, "[": label_studio.read}
 _SUFFIXES = (".csv", ".txt", ".xml", ".json")
@@ -22,13 +22,13 @@ _HEAD = 4096  # letters from which a format is told
 
 
 def boxes_of(film: Film) -> list[Box]:
-    """The boxes beside a film; a DemoError if there are none, or their format is not known."""
+    """The boxes beside a video; a DemoError if there are none, or their format is not known."""
     path = file_of(film.path)
     return reader(path)(path, film)
 
 
 def file_of(film: Path) -> Path:
-    """The file or folder of a film's boxes."""
+    """The file or folder of a video's boxes."""
     beside = [film.with_suffix(suffix) for suffix in _SUFFIXES]
     folder = film.with_suffix("")
     inside = folder / "gt" / "gt.txt"
@@ -39,12 +39,12 @@ def file_of(film: Path) -> Path:
     if not found:
         listed = ", ".join(path.name for path in beside)
         raise DemoError(
-            f"{film}: no boxes are beside the film: they must be one of {listed}, a folder "
-            f"{folder.name}, or {_TOGETHER} of all films."
+            f"{video}: no boxes are beside the video: they must be one of {listed}, a folder "
+            f"{folder.name}, or {_TOGETHER} of all videos."
         )
     if len(found) > 1:
         raise DemoError(
-            f"{film}: both {found[0].name} and {found[1].name} are beside the film, but its boxes "
+            f"{video}: both {found[0].name} and {found[1].name} are beside it, but its boxes "
             "must be in one place."
         )
     return found[0]

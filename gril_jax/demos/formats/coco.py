@@ -2,7 +2,7 @@
 
 A frame's number is its `frame_id` or `frame_index`, from 0, else its place among the images of its
 video in order of their file names. `bbox` is left, top, width, height in pixels. Where there are
-several videos, a film's is the one of its name.
+several videos, a video's is the one of its name.
 """
 
 from pathlib import Path
@@ -49,7 +49,7 @@ def _track(annotation: dict[str, Any]) -> Any:
 
 
 def _video(videos: list[Any], path: Path, film: Film) -> int | None:
-    """The id of the film's video; None where the file is of one film."""
+    """The id of the video's video; None where the file is of one video."""
     if len(videos) < 2:
         return None
     ids = {}
@@ -67,7 +67,7 @@ def _video(videos: list[Any], path: Path, film: Film) -> int | None:
 
 
 def _frames(images: list[Any], video: int | None, path: Path, film: Film) -> dict[int, int]:
-    """The frame of each image of the film, by the image's id."""
+    """The frame of each image of the video, by the image's id."""
     own = []
     for n, one in enumerate(images):
         where = f"{path}, image {n}"

@@ -1,7 +1,7 @@
 """Label Studio's JSON of videos: a list of tasks, with a `videorectangle` an object.
 
 A rectangle has key frames, which count from 1 and are in per cent of the picture. From one to the
-next it moves in a line, if it is `enabled`; after the last one it stays. A film's task is the one
+next it moves in a line, if it is `enabled`; after the last one it stays. A video's task is the one
 whose video has its name, or the only one. Rectangles that are turned count by their upright box.
 """
 

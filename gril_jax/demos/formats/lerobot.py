@@ -1,11 +1,11 @@
-"""LeRobot datasets, v3.0: the films of one camera, and boxes that come with them.
+"""LeRobot datasets, v3.0: the videos of one camera, and boxes that come with them.
 
     meta/info.json     version, fps, features, and where data and videos are
     meta/episodes      parquet files with a row an episode
 
 Boxes are those of a feature of shape (N, 4) whose name ends in "boxes" and whose `names` are N
 classes: x_min, y_min, x_max, y_max in pixels, NaN where an object is not seen. Else they are files
-`boxes/episode_000000.*` in the dataset, in any format that boxes beside films have. Parquet is read
+`boxes/episode_000000.*` in the dataset, in any format of boxes beside videos. Parquet is read
 by pyarrow, an optional extra. Paths of a dataset stay within its folder.
 """
 
@@ -79,7 +79,7 @@ def camera_of(dataset: Dataset, camera: str | None) -> str:
 
 
 def films(dataset: Dataset, camera: str) -> list[Film]:
-    """The film of each episode."""
+    """The video of each episode."""
     found, whole, of = [], {}, f"videos/{camera}/"
     for row in episodes(dataset):
         if lacks := [key for key in _WHERE if not isinstance(row.get(of + key), int | float)]:
@@ -94,7 +94,7 @@ def films(dataset: Dataset, camera: str) -> list[Film]:
 
 
 def title_of(number: int) -> str:
-    """The name of an episode's film.
+    """The name of an episode's video.
 
     >>> title_of(3)
     'episode_000003'
@@ -120,7 +120,7 @@ def _film_file(dataset: Dataset, values: Mapping[str, Any]) -> Path:
 
 
 def boxes_in(dataset: Dataset):
-    """(film) -> the boxes of an episode's film, of a feature or of a file."""
+    """(video) -> the boxes of an episode's video, of a feature or of a file."""
     features = dataset.info["features"].items()
     named = [name for name, about in features if name.endswith(_BOXES)]
     if not named:

@@ -1,6 +1,6 @@
 """Boxes as lines of text: our own CSV, MOTChallenge and YOLO, of which the last two number classes.
 
-A names file beside the boxes or the film has the name of a class in each line.
+A names file beside the boxes or the video has the name of a class in each line.
 """
 
 import csv
@@ -178,8 +178,8 @@ def _yolo_box(film, frame, where, cells, names, file, tracks) -> Box:
 
 
 def names_beside(path: Path, film: Path) -> tuple[Path | None, list[str]]:
-    """The names file of a film, and its names: NAME.names, or one of `FILES` beside the boxes or
-    the film; nothing where there is none."""
+    """The names file of a video, and its names: NAME.names, or one of `FILES` beside the boxes or
+    the video; nothing where there is none."""
     folders = dict.fromkeys((path if path.is_dir() else path.parent, film.parent))
     places = [film.with_suffix(".names"), *(folder / name for folder in folders for name in FILES)]
     for place in places:
@@ -207,7 +207,7 @@ def named(number: int, first: int, names: list[str], file: Path | None, where: s
     """The name of a numbered class, of which the first has the number `first`."""
     if file is None:
         raise DemoError(
-            f"{where}: class {number} is a number, but no names are beside the film: write "
+            f"{where}: class {number} is a number, but no names are beside the video: write "
             f"{FILES[0]} there, a name a line."
         )
     if not 0 <= number - first < len(names):

@@ -1,6 +1,6 @@
 """One box in one frame, as every format gives it, and the checks that all formats share.
 
-Frames count from 0; edges are pixels of the film as it is shown, from its top left corner, y down.
+Frames count from 0; edges are pixels of the video as it is shown, from its top left corner, y down.
 Whatever does not fit is a `DemoError` that begins with the file and the line.
 """
 
@@ -17,11 +17,11 @@ from gril_jax.errors import DemoError
 _LARGEST = 1e30  # pixels; beyond it, float32 would overflow
 _AWAY = 100  # sides of the picture that an edge may lie outside of it
 _LONGEST = 60  # letters of a class name
-_BYTES = 1 << 28  # of a file of boxes; a long film's has some megabytes
+_BYTES = 1 << 28  # of a file of boxes; a long video's has some megabytes
 
 
 class Film(NamedTuple):
-    """A film without its pictures, which boxes must fit."""
+    """A video without its pictures, which boxes must fit."""
 
     path: Path
     times: Sequence[float]  # seconds, one a frame, from 0
@@ -32,7 +32,7 @@ class Film(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name of the film."""
+        """The name of the video."""
         return self.path.stem if self.title is None else self.title
 
     @property
@@ -49,7 +49,7 @@ class Box(NamedTuple):
     name: str  # of its class
     edges: tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
     confidence: float = 1.0
-    track: str | None = None  # identity, within the film; None where the tool gives none
+    track: str | None = None  # identity, within the video; None where the tool gives none
     where: str = ""  # file and line
 
 

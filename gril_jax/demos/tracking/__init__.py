@@ -1,1 +1,1 @@
-"""Follows objects through a film: identities, gaps, jitter; trackers for films without boxes."""
+"""Follows objects through a video: identities, gaps, jitter; trackers for videos without boxes."""

@@ -1,4 +1,4 @@
-"""Boxes of a film as objects: which box of a frame is which object of a class.
+"""Boxes of a video as objects: which box of a frame is which object of a class.
 
 Objects of one class are told apart by where they are from frame to frame, and by their tracker's
 identity while that lasts; a detector's boxes have none. Shapes use T for frames and K for the
@@ -22,7 +22,7 @@ _SAME = 1.0  # diagonals that an equal identity outweighs
 
 
 class Linked(NamedTuple):
-    """The objects of one class in a film."""
+    """The objects of one class in a video."""
 
     edges: Float[np.ndarray, "T K 4"]  # x_min, y_min, x_max, y_max; NaN where it is not seen
     renewed: int  # times that a tracker went on with another identity
@@ -30,7 +30,7 @@ class Linked(NamedTuple):
 
 
 def objects_at_once(boxes: Sequence[Box]) -> dict[str, int]:
-    """The number of objects of each class that a film shows at once, in a fifth of the frames that
+    """The number of objects of each class that a video shows at once, in a fifth of the frames that
     show any.
 
     >>> row = (0.0, 0.0, 1.0, 1.0)
@@ -84,7 +84,7 @@ def linked(boxes: Sequence[Box], frames: int, count: int) -> Linked:
 
 
 def in_order(edges: Float[np.ndarray, "T K 4"]) -> Int[np.ndarray, "K"]:
-    """The objects of one class, the same way round in every film: by when they first move, and
+    """The objects of one class, the same way round in every video: by when they first move, and
     those that do not from left to right; at the end those that are never seen.
 
     `edges` are mended. An object moves once it is half of its box's diagonal from where it began.

@@ -1,4 +1,4 @@
-"""Mends the boxes of a film: sightings of something else, gaps, jitter.
+"""Mends the boxes of a video: sightings of something else, gaps, jitter.
 
 Shapes use T for frames and N for objects; edges are x_min, y_min, x_max, y_max in pixels, NaN where
 an object is not seen.
@@ -27,7 +27,7 @@ Edges = Float[np.ndarray, "T N 4"]
 
 
 class Mended(NamedTuple):
-    """The boxes of a film without gaps, and what was found."""
+    """The boxes of a video without gaps, and what was found."""
 
     edges: Edges  # finite, but for an object that is never seen
     seen: Bool[np.ndarray, "T N"]  # True where a sighting was believed

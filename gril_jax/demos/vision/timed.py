@@ -1,6 +1,6 @@
-"""Films by their time stamps: how long they are, and their pictures at equal steps of time.
+"""Videos by their time stamps: how long they are, and their pictures at equal steps of time.
 
-A telephone's film has no constant frame rate, may be turned, and is large: only the pictures that
+A telephone's video has no constant frame rate, may be turned, and is large: only the pictures that
 are kept are ever held, and those are made smaller.
 """
 
@@ -24,7 +24,7 @@ _NEAR = 1e-3  # seconds, to which time stamps are told apart
 
 
 def look(path: str | os.PathLike) -> Film:
-    """A film's times and size, without reading its pictures; errors are those of `read_video`."""
+    """A video's times and size, without reading its pictures; errors are those of `read_video`."""
     path = pathlib.Path(path)
     with opened(path) as container:
         stream = container.streams.video[0]
@@ -54,7 +54,7 @@ def look(path: str | os.PathLike) -> Film:
 
 
 def part(film: Film, begin: float, end: float, title: str) -> Film:
-    """The frames of a film from one moment to before another, as a film of its own; a DemoError if
+    """The frames of a video from one time to before another, as a video of its own; a DemoError if
     they are fewer than 2."""
     times = [t for t in film.times if begin - _NEAR <= t < end - _NEAR]
     if len(times) < 2:
@@ -63,7 +63,7 @@ def part(film: Film, begin: float, end: float, title: str) -> Film:
 
 
 def steps(times: Sequence[float], fps: float) -> Float[np.ndarray, "K"]:
-    """Equal steps of time from a film's first frame to its last.
+    """Equal steps of time from a video's first frame to its last.
 
     >>> steps([0.0, 0.1, 0.35], 10.0).round(1).tolist()
     [0.0, 0.1, 0.2, 0.3]
@@ -83,7 +83,7 @@ def nearest(times: Sequence[float], at: Float[np.ndarray, "K"]) -> Int[np.ndarra
 
 
 def pictures(film: Film, fps: float) -> UInt8[np.ndarray, "K H W 3"]:
-    """A film's pictures at equal steps of time, at most 640 wide and with even sides; errors are
+    """A video's pictures at equal steps of time, at most 640 wide and with even sides; errors are
     those of `frames_of`."""
     wanted = nearest(film.times, steps(film.times, fps))
     last = {*wanted.tolist()}
@@ -94,9 +94,9 @@ def pictures(film: Film, fps: float) -> UInt8[np.ndarray, "K H W 3"]:
 def frames_of(
     film: Film, widest: int | None = None, *, only: Container[int] | None = None
 ) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
-    """Every frame of a film, turned as it is shown; with `widest` no wider and with even sides.
+    """Every frame of a video, turned as it is shown; with `widest` no wider and with even sides.
 
-    Those that are not among `only` are one pixel. A DemoError if the film ends before its header
+    Those that are not among `only` are one pixel. A DemoError if the video ends before its header
     says so.
     """
     if widest is not None and film.width < 2:

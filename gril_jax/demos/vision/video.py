@@ -21,7 +21,7 @@ from gril_jax.errors import DemoError
 # What plays other files or addresses, such as a playlist, is no video here.
 _READ = {"format_whitelist": "mov,mp4,matroska,webm,avi,gif,mpegts,mpeg,ogg,flv,asf,h264,hevc,wav"}
 _OPTIONS = {
-    "crf": "12",  # constant quality: 0 is lossless, 23 is what films use
+    "crf": "12",  # constant quality: 0 is lossless, 23 is what videos use
     "x264-params": "mbtree=0",  # with it, equal small frames now and then give other bytes
 }
 
@@ -36,7 +36,7 @@ def write_video(
     """Writes frames of one size, with even sides, as H.264 in MP4; the file appears complete or not
     at all, in a folder that exists, in place of an older one.
 
-    `preset` is the encoder's: "veryfast" takes a third of the time for what a camera films.
+    `preset` is the encoder's: "veryfast" takes a third of the time for what a camera videos.
 
     Raises:
       DemoError: no frames, a frame of another or an odd size, or the file cannot be written.
@@ -98,7 +98,7 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
             if 2 * (len(frames) + 1) * frame.width * frame.height * 3 > _memory():  # stacked below
                 raise DemoError(
                     f"{path}: its frames need more than half of this machine's memory; "
-                    "make the film smaller or shorter."
+                    "make the video smaller or shorter."
                 )
             # A telephone that is held upright notes only that its picture is to be turned.
             turned = np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))

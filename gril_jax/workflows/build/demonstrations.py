@@ -22,7 +22,7 @@ from gril_jax.types import DemoBatch
 
 from . import make_demos, vocabulary
 
-_ROUNDING = 0.01  # of half_extent, by which films of the same picture may differ
+_ROUNDING = 0.01  # of half_extent, by which videos of the same picture may differ
 
 
 class Demonstrations(NamedTuple):
@@ -69,7 +69,7 @@ def gather(config: RunConfig, env: Env | None, folder: Path, progress: Progress)
     DemoError if the set cannot be used for this task.
     """
     if env is None and config.demos.path is None:
-        raise DemoError("env.name is none, but no films are given: name a set with --demos")
+        raise DemoError("env.name is none, but no videos are given: name a set with --demos")
     # A set appears whole: one that is there is the one that these settings make.
     if config.demos.path is None and not (folder / schema.HEADER).is_file():
         for left in folder.parent.glob(f".{folder.name}.*"):  # by a process that was killed
@@ -87,7 +87,7 @@ def require_usable(config: RunConfig, env: Env | None, *, begun: bool = False) -
         if not expert:
             raise ConfigError(
                 f"the task {config.env.shown_name} has no expert that could demonstrate it, so "
-                "--demos must name a set: gril demos import-videos makes one of films"
+                "--demos must name a set: gril demos import-videos makes one of videos"
             )
     if config.demos.path is not None and not begun:
         try:

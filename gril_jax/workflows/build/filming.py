@@ -1,4 +1,4 @@
-"""Films of simulated episodes.
+"""Videos of simulated episodes.
 
 What a table holds is painted by MuJoCo, the arm included, where OpenGL works; everything else, and
 everywhere else, as the outlines of the objects.
@@ -21,7 +21,7 @@ _SHIFT = 6  # cv2 takes fixed-point coordinates: this many bits behind the point
 
 
 def episode(env: Env, states: State) -> UInt8[np.ndarray, "T P P 3"]:
-    """Renders one episode, leaves (T, ...), as a film for people to watch."""
+    """Renders one episode, leaves (T, ...), as a video for people to watch."""
     states = jax.device_get(states)
     if not isinstance(env, Tabletop):
         return outlines(env, states.data)
@@ -39,7 +39,7 @@ def episode(env: Env, states: State) -> UInt8[np.ndarray, "T P P 3"]:
 def with_captions(
     film: UInt8[np.ndarray, "T P P 3"], captions: Sequence[str]
 ) -> UInt8[np.ndarray, "T P P 3"]:
-    """The film with a line of text in each frame, or as it is if there are none."""
+    """The video with a line of text in each frame, or as it is if there are none."""
     if not captions:
         return film
     film = np.ascontiguousarray(film)

@@ -111,7 +111,7 @@ def _of_frames(config, demos) -> Learner:
     # No more than the pictures that a policy is paid for; else all that the videos show.
     half_extent = setup.seen_half_extent(env, pixels) if hasattr(env, "render") else None
 
-    @functools.cache  # the seeds of a row are measured on the same films
+    @functools.cache  # the seeds of a row are measured on the same videos
     def frames(*names):
         found = frame_batch(demos.demo_set, names, pixels=pixels, half_extent=half_extent)
         return jax.tree.map(jnp.asarray, found)

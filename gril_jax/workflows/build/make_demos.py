@@ -1,8 +1,8 @@
-"""Scripted demonstrations: a task's expert acts, its episodes are filmed, and boxes are read.
+"""Scripted demonstrations: a task's expert acts, its episodes are recorded, and boxes are read.
 
     gril demos make quickstart --out DEMOS        about half a minute on two CPU cores
 
-Nothing but the films reaches the demonstration set: boxes come from their frames.
+Nothing but the videos reaches the demonstration set: boxes come from their frames.
 """
 
 import tempfile
@@ -30,7 +30,7 @@ from gril_jax.threads import parallel_map
 
 from . import filming, setup
 
-_AFTER = 5  # frames that a film goes on once the task is done
+_AFTER = 5  # frames that a video goes on once the task is done
 _ROUNDS = 4  # times as many episodes are played as are wanted, before giving up
 
 
@@ -57,7 +57,7 @@ def make(
     variant: Places = "layout",
     seed: int = 0,
 ) -> DemoSet:
-    """Plays the task's expert, films it, and saves what a detector reads as a set at `out`.
+    """Plays the task's expert, videos it, and saves what a detector reads as a set at `out`.
 
     Raises DemoError if the expert fails too often, or lacks something that it needs.
     """
@@ -74,7 +74,7 @@ def make(
             shown = played_by_own_expert(build, wanted, phase.update)
         elif not envs.spec(name).demonstrate:
             raise envs.ExpertError(
-                f"the task {name} has no scripted expert: gril demos import-videos reads films"
+                f"the task {name} has no scripted expert: gril demos import-videos reads videos"
             )
         else:
             shown = envs.demonstrate(name)(build, wanted, phase.update)
@@ -88,7 +88,7 @@ def make(
 def _save_videos(
     shown: envs.Demonstrations, out: Path, progress: Progress, **header: str
 ) -> DemoSet:
-    """Films the episodes by their outlines, and reads the videos by colour."""
+    """Videos the episodes by their outlines, and reads the videos by colour."""
     env, episodes = shown.env, shown.episodes
     stems = [f"{number:03d}_{episode.outcome}" for number, episode in enumerate(episodes)]
     with tempfile.TemporaryDirectory() as scratch:
@@ -116,7 +116,7 @@ def _save_videos(
 def _save_films(
     shown: envs.Demonstrations, out: Path, progress: Progress, **header: str
 ) -> DemoSet:
-    """Saves films whose boxes the task's own detector has read."""
+    """Saves videos whose boxes the task's own detector has read."""
     env, episodes = shown.env, shown.episodes
     phase = progress.phase("filming", total=len(episodes), unit="videos", compiles=False)
     label = np.array([env.classes.index(name) for name in shown.objects], np.int32)

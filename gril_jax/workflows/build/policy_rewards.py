@@ -85,7 +85,7 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
     seen = starts.Frames(*(jnp.asarray(x)[at] for x in (demos.center, demos.size, active)))
     if there.all():
         return seen
-    # What the task does not show at its start is where no film has anything, without a size.
+    # What the task does not show at its start is where no video has anything, without a size.
     far, none = jnp.full((len(film), len(label), 2), _FAR), jnp.zeros((len(film), len(label)))
     return starts.Frames(
         far.at[:, shown].set(seen.center), jnp.zeros_like(far).at[:, shown].set(seen.size),
@@ -95,7 +95,7 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
 
 def _labels(config: RunConfig) -> tuple[Int[np.ndarray, "N"], Bool[np.ndarray, "N"]]:
     """The classes of the task's objects in Demo, in its order, and which of them are there: what
-    films show, whatever the variant draws (`place` sees to that)."""
+    videos show, whatever the variant draws (`place` sees to that)."""
     counts = config.env.variant in ("countplus", "all")
     room = ("padded=True",) if counts and "padded" in envs.options(config.env.name) else ()
     options = (*config.env.options, *room)
@@ -106,7 +106,7 @@ def _labels(config: RunConfig) -> tuple[Int[np.ndarray, "N"], Bool[np.ndarray, "
 
 
 def in_the_order_of(task: Int[np.ndarray, "N"], film: Int[np.ndarray, "M"]) -> Int[np.ndarray, "N"]:
-    """Where a film has the objects of a task; objects of one class keep the film's order."""
+    """Where a video has the objects of a task; objects of one class keep the video's order."""
     if sorted(task) != sorted(film):
         raise DemoError(
             "training cannot begin at frames of the demonstrations, which show other objects than "

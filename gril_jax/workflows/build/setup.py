@@ -33,14 +33,14 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
     """The task; varied starts are for training only. ConfigError if it lacks what is asked for."""
     if config.name == NO_TASK:
         raise ConfigError(
-            f"env.name is {NO_TASK!r}, but must be a task: a reward can be learned from films "
+            f"env.name is {NO_TASK!r}, but must be a task: a reward can be learned from videos "
             "alone, a policy needs a simulator of the same scene"
         )
     return build(config.name, task_options(config, training=training, variant=variant))
 
 
 def task_of(config: EnvConfig) -> envs.Env | None:
-    """The task as demonstrations show it; None where there are films alone."""
+    """The task as demonstrations show it; None where there are videos alone."""
     return None if config.name == NO_TASK else make_env(config, training=False)
 
 

@@ -1,4 +1,4 @@
-"""The vocabulary of a run's boxes: classes, robots, objects and units, of its task or its films."""
+"""The vocabulary of a run's boxes: classes, robots, objects and units, of its task or videos."""
 
 import dataclasses
 import math
@@ -35,15 +35,15 @@ class Vocabulary(NamedTuple):
 
 
 def of_run(config: RunConfig, folder: Path) -> Vocabulary:
-    """The vocabulary of a run with a reward: its task's words, and the lengths of its films."""
+    """The vocabulary of a run with a reward: its task's words, and the lengths of its videos."""
     found = _of_films(config, folder)
     if config.env.name == NO_TASK and found is None:
-        raise RunError(f"{folder} does not say which classes its films have")
+        raise RunError(f"{folder} does not say which classes its videos have")
     return with_task(config, found)
 
 
 def with_task(config: RunConfig, films: Vocabulary | None) -> Vocabulary:
-    """The words of a configuration's task with the lengths of the films; without a task, theirs."""
+    """The words of a configuration's task with the videos' lengths; without a task, theirs."""
     if config.env.name == NO_TASK:
         return films
     words = of_task(setup.make_env(config.env, training=False), config.env.name)

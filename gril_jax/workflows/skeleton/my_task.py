@@ -1,8 +1,8 @@
 """A robot pushes a block into a region: a task to be changed into your own.
 
     gril check-task my_task.py:make                    what is missing, in sentences
-    gril demos make --task my_task.py:make --out mine  films of the expert, or import your own
-    gril train --task my_task.py:make --demos mine     a reward from films, a policy from it
+    gril demos make --task my_task.py:make --out mine  videos of the expert, or import your own
+    gril train --task my_task.py:make --demos mine     a reward from videos, a policy from it
 
 Everything is plain JAX and pure: no `if` on a value that is only known when it runs (jnp.where
 instead), and no state kept on the side.
@@ -22,12 +22,12 @@ SPEED = 0.08  # of the robot, a step
 
 class Task:
     # --- what every task has
-    classes = ("region", "robot", "block")  # the words of your films' boxes
+    classes = ("region", "robot", "block")  # the words of your videos' boxes
     action_size = 2  # numbers that a policy gives, each in [-1, 1]
 
     # --- what has a usual value otherwise
     episode_length = 60  # steps until the time limit (100)
-    control_hz = 10.0  # steps a second, as the films have frames (10)
+    control_hz = 10.0  # steps a second, as the videos have frames (10)
     half_extent = 1.0  # half the width of what a picture shows, in your unit (1)
 
     # --- optional: gril audit asks which progress a state is

@@ -36,7 +36,7 @@ FIGURES = {
     "hack_gap": "hack_gap",
     "hack_share": "hack_share",
     "hack_gap_anywhere": "hack_gap_anywhere",
-    "outbid": "outbid_share",
+    "misranked": "misranked_share",
 }
 
 

@@ -187,20 +187,20 @@ def _measures(plan: Plan, gather: Gather, run: Path) -> list[measures.Measure]:
 
 # --- demonstrations
 
-_FOLDERS = {"match_regions_magical": "match-regions"}  # of films, where not by the task's name
+_FOLDERS = {"match_regions_magical": "match-regions"}  # of videos, where not by the task's name
 _KINDS = "*.pkl.gz", "*.mp4"
 
 
 def make_sets(configs: Iterable[RunConfig], films: str | None, echo: Echo) -> None:
-    """Makes the demonstration sets that are missing, from a folder with a folder of films for each
-    task; a DemoError, before any is made, if films are missing."""
+    """Makes the demonstration sets that are missing, from a folder with a folder of videos for each
+    task; a DemoError, before any is made, if videos are missing."""
     sets = {c.demos.path: c.env.name for c in configs if c.demos.path is not None}
     missing = {
         Path(out): task for out, task in sets.items() if not (Path(out) / "demos.json").is_file()
     }
     found = {out: _films_of(films, task, out) for out, task in missing.items()}
     for out, task in missing.items():
-        echo(f"finding the objects in the films of {found[out]}")
+        echo(f"finding the objects in the videos of {found[out]}")
         out.parent.mkdir(parents=True, exist_ok=True)
         pickles = next(found[out].glob(_KINDS[0]), None) is not None
         how = {} if pickles else {"boxes": "colour", "half_extent": HALF_EXTENT}
@@ -212,8 +212,8 @@ def _films_of(films: str | None, task: str, out: Path) -> Path:
     for folder in (Path(films) / name for name in (names if films else ())):
         if any(next(folder.glob(kind), None) for kind in _KINDS):
             return folder
-    where = f"{films} has no folder {next(iter(names))} of them" if films else "--films is missing"
-    raise DemoError(f"{out} is no demonstration set, and to make it of films {where}")
+    where = f"{videos} has no folder {next(iter(names))} of them" if films else "--films is missing"
+    raise DemoError(f"{out} is no demonstration set, and to make it of videos {where}")
 
 
 def _task(of: Any, wanted: Any, needs: frozenset[str], do: Callable, rows: Sequence[Row]):

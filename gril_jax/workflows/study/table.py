@@ -69,8 +69,8 @@ def median_reached(values: Values, count: int) -> str:
 
 
 def solved(values: Values, count: int) -> str:
-    """The number of policies that solve a single start, mean actions: `solved by 4 of 5`."""
-    return f"solved by {int((values >= SURE).sum())} of {len(values)} policies"
+    """The number of policies that solve a single start, mean actions: `4 of 5 policies succeed`."""
+    return f"{int((values >= SURE).sum())} of {len(values)} policies succeed"
 
 
 class Column(NamedTuple):
@@ -116,7 +116,7 @@ def _of_policies(found: Found) -> list[Section]:
     success = [
         _count("policies", among="env_steps"),
         *_success(found, first, suffix),
-        Column(f"success_ever{suffix}", f"success at some moment, {counted}", percent),
+        Column(f"success_ever{suffix}", f"success at some time, {counted}", percent),
         Column(f"score{suffix}", "score, deterministic actions", score),
     ]
     speed = [
@@ -195,7 +195,7 @@ def _of_rewards(names: Sequence[str]) -> list[Section]:
 
 
 def _of_audit(variant: str) -> Section:
-    names = ("order", "hack_gap", "touch", "push", "outbid")
+    names = ("order", "hack_gap", "touch", "push", "misranked")
     return Section(
         f"The audit from {variant.capitalize()} starts. Order: share of pairs of made-up states "
         "whose rewards are in the order of their true progress. Hack gap: the reward of the worst "

@@ -36,7 +36,7 @@ _STARTS = 64  # of each variant
 
 
 class Played(NamedTuple):
-    """Last moments of E episodes of each of K policies, and one film of each."""
+    """Last moments of E episodes of each of K policies, and one video of each."""
 
     score: Float[Array, "K E"]
     success: Float[Array, "K E"]
@@ -150,8 +150,8 @@ def get_ready(left: Sequence[Program], study: Study, pool: Executor) -> dict[str
 
 
 def finish(on: Ground, program: Program, plan: Plan, run: RunDir) -> None:
-    """Plays a program's policies; their numbers are the phase `variants-PROGRAM`, and a film of the
-    best policy of each row goes to the study's folder `films`."""
+    """Plays a program's policies; their numbers are the phase `variants-PROGRAM`, and a video of
+    the best policy of each row goes to the study's folder `films`."""
     rows, folder = program.rows, saved.root(run.path) / "films"
     latest = checkpoint.latest(run.path / "policies" / program.name)
     policies = checkpoint.restore(latest, _like(rows[0].config, len(rows)))

@@ -204,7 +204,7 @@ def test_a_box_has_its_file_and_line(tmp_path):
 
 def test_boxes_must_be_in_one_place(tmp_path):
     with pytest.raises(
-        DemoError, match=r"no boxes are beside the film: they must be one of a\.csv"
+        DemoError, match=r"no boxes are beside the video: they must be one of a\.csv"
     ):
         file_of(tmp_path / "a.mp4")
     (tmp_path / "a.csv").write_text("")

@@ -1,4 +1,4 @@
-"""Films without boxes, and films as telephones make them: detectors, time stamps."""
+"""Videos without boxes, and videos as telephones make them: detectors, time stamps."""
 
 from fractions import Fraction
 
@@ -61,7 +61,7 @@ def test_a_detector_of_ones_own_is_called(tmp_path, monkeypatch):
 
 
 def uneven(path, stamps):
-    """A film whose frames have these time stamps, in milliseconds; its shade is their number."""
+    """A video whose frames have these time stamps, in milliseconds; its shade is their number."""
     with av.open(str(path), "w", format="mp4") as out:
         stream = out.add_stream("libx264", rate=1000)
         stream.width, stream.height, stream.pix_fmt = W, H, "yuv420p"

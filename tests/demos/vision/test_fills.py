@@ -1,4 +1,4 @@
-"""Objects found by their fills: in drawn scenes, and in human films of MAGICAL's other tasks."""
+"""Objects found by their fills: in drawn scenes, and in human videos of MAGICAL's other tasks."""
 
 import cv2
 import numpy as np
@@ -94,11 +94,11 @@ def test_what_is_no_film_of_these_tasks_is_refused_in_a_sentence():
     red = ("red", "square", 0.0, 0.0, 0.0)
     changing = [_frame([red] if t % 3 == 0 else [red, ("red", "circle", 0.5, 0.1 * t, 0.0)] if t % 3
                        == 1 else []) for t in range(9)]  # fmt: skip
-    with pytest.raises(DemoError, match="film: the number of red blocks changes"):
+    with pytest.raises(DemoError, match="video: the number of red blocks changes"):
         FillDetector().detect(np.stack(changing), name="film")
-    with pytest.raises(DemoError, match="film: no robot is to be seen in any of 2 frames"):
+    with pytest.raises(DemoError, match="video: no robot is to be seen in any of 2 frames"):
         FillDetector().detect(np.full((2, 64, 64, 3), 255, np.uint8), name="film")
-    with pytest.raises(DemoError, match="film: the video holds no frames"):
+    with pytest.raises(DemoError, match="video: the video holds no frames"):
         FillDetector().detect(np.zeros((0, 64, 64, 3), np.uint8), name="film")
 
 
@@ -133,7 +133,7 @@ BEGIN = {
 def test_every_object_of_a_human_film_is_found_in_every_frame(task):
     film = SHARED_DATA / "magical_suite" / task.replace("_", "-") / "000.mp4"
     if not film.exists():
-        pytest.skip(f"{film} is not here")
+        pytest.skip(f"{video} is not here")
     found = FillDetector().detect(read_video(film)[:30], name=task)
     assert found.seen.all()
     np.testing.assert_allclose(found.center[0], BEGIN[task], atol=0.005)

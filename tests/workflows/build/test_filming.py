@@ -1,4 +1,4 @@
-"""Films of episodes: painted where OpenGL works, outlines elsewhere."""
+"""Videos of episodes: painted where OpenGL works, outlines elsewhere."""
 
 import jax
 import jax.numpy as jnp

@@ -20,15 +20,43 @@ def _config(**env):
 @pytest.mark.parametrize(
     ("env", "assistance", "words"),
     [
-        ({}, "task starts only", "begin at the task's Demo starts; the policy sees poses and velocities;"),
+        (
+            {},
+            "task starts only",
+            "begin at the task's Demo starts; the policy sees poses and velocities;",
+        ),
         ({"variant": "layout"}, "task starts only", "begin at the task's Layout starts;"),
         ({"observation": "xmagical"}, "task starts only", "sees poses and velocities;"),
-        ({"observation": "rich"}, "expert-state resets", "velocities, and which blocks are in the region;"),
-        ({"observation": "sorted"}, "expert-state resets", "in the region and which target is next;"),
-        ({"varied_starts": 0.25}, "expert-state resets", "Demo starts, 25 % of them varied (the robot anywhere;"),
-        ({"name": "shoes_in_box"}, "task starts only", "the task's own starts; the policy sees poses and"),
-        ({"name": "shoes_in_box", "observation": "rich"}, "expert-state resets", "task's stages have been reached;"),
-        ({"name": "shoes_in_box", "varied_starts": 0.7}, "expert-state resets", "70 % of them varied (states of a"),
+        (
+            {"observation": "rich"},
+            "expert-state resets",
+            "velocities, and which blocks are in the region;",
+        ),
+        (
+            {"observation": "sorted"},
+            "expert-state resets",
+            "in the region and which target is next;",
+        ),
+        (
+            {"varied_starts": 0.25},
+            "expert-state resets",
+            "Demo starts, 25 % of them varied (the robot anywhere;",
+        ),
+        (
+            {"name": "shoes_in_box"},
+            "task starts only",
+            "the task's own starts; the policy sees poses and",
+        ),
+        (
+            {"name": "shoes_in_box", "observation": "rich"},
+            "expert-state resets",
+            "task's stages have been reached;",
+        ),
+        (
+            {"name": "shoes_in_box", "varied_starts": 0.7},
+            "expert-state resets",
+            "70 % of them varied (states of a",
+        ),
     ],
 )
 def test_help_that_only_authors_can_give_counts_as_an_experts(env, assistance, words):
@@ -58,7 +86,12 @@ def test_help_that_only_authors_can_give_counts_as_an_experts(env, assistance, w
             "video-state resets",
             "visited states, 30 % of them at first at states of the videos",
         ),
-        ({"visited_state_resets": 0.5}, {"observation": "rich"}, "expert-state resets", "visited states;"),
+        (
+            {"visited_state_resets": 0.5},
+            {"observation": "rich"},
+            "expert-state resets",
+            "visited states;",
+        ),
     ],
 )
 def test_states_that_training_resets_to_are_named(ppo, env, assistance, words):
@@ -68,7 +101,7 @@ def test_states_that_training_resets_to_are_named(ppo, env, assistance, words):
 
 
 def test_states_of_an_expert_are_played_for_an_experts_states_alone(monkeypatch):
-    """Training tasks as a run makes them: only varied starts have the expert recorded. Films bring
+    """Training tasks as a run makes them: only varied starts have the expert recorded. Videos bring
     boxes and their classes to a learner, and no states."""
     played = []
 

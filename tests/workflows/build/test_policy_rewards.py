@@ -30,7 +30,7 @@ def _latents(num):
 
 
 def _films(config, length):
-    """Short films with the task's objects, which each has in another order; and these orders."""
+    """Short videos with the task's objects, which each has in another order; and these orders."""
     env = setup.make_env(config.env, training=False)
     label = np.asarray(env.reset(jax.random.key(0)).objects.label)
     orders = np.array(

@@ -68,7 +68,7 @@ def test_rows_with_the_same_results_are_made_once():
         "learned": {}, "learned again": {}, "lambda": {"loss.lambda": 2},
         "own": own, "own with lambda": own | {"loss.lambda": 2},
         "own of a set": own | {"demos.num": 9},
-        "from films": own | films, "from other films": own | films | {"demos.num": 9},
+        "from videos": own | films, "from other videos": own | films | {"demos.num": 9},
     }  # fmt: skip
     kept, twins = without_twins({name: changed(RunConfig(), row) for name, row in rows.items()})
     assert twins == {"learned again": "learned", "own with lambda": "own", "own of a set": "own"}

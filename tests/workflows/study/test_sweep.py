@@ -84,8 +84,8 @@ def test_sets_are_those_of_the_rows_tasks(planned, tmp_path):
     assert plan.rows["ours on umbrella_out"].demos.path == "mine/umbrella_out"
     assert planned("table3").rows["ours on umbrella_out"].demos.path is None
     plan = planned("suite", "--seeds", "1", "--eval-starts", "4", "--ppo.num-timesteps", "6000000")
-    assert plan.rows["find_dupe from films"].demos.path == "runs/magical_sets/find_dupe"
-    assert plan.rows["make_line from films in all"].ppo.num_timesteps == 6_000_000
+    assert plan.rows["find_dupe from videos"].demos.path == "runs/magical_sets/find_dupe"
+    assert plan.rows["make_line from videos in all"].ppo.num_timesteps == 6_000_000
     assert len(plan.work) == 24
 
 
@@ -123,7 +123,7 @@ def test_unfit_demonstrations_and_missing_films_are_refused_before_work_starts(
     (tmp_path / "other" / "demos.json").write_text(json.dumps(header))
     for args, said in (
         (["table1", "--demos", "other"], "other"),
-        (["suite", "--rows", "find_dupe from films"], "--films is missing"),
+        (["suite", "--rows", "find_dupe from videos"], "--films is missing"),
         (["suite", "--films", "other"], "has no folder"),
         (["quickstart", "--reward", "a/b.npz"], "a/b.npz"),
         (["quickstart", "--reward", "environmental", "--ppo.num-envs", "3",

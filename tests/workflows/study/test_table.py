@@ -48,7 +48,7 @@ def test_a_median_counts_those_that_never_got_there_as_the_slowest(at, count, sa
 
 
 def test_of_a_single_start_it_is_told_who_solves_it():
-    assert solved(np.array([0.999, 1.0]), 2) == "solved by 1 of 2 policies"  # not in each of many
+    assert solved(np.array([0.999, 1.0]), 2) == "1 of 2 policies succeed"  # not in each of many
 
 
 def test_what_is_known_of_a_row_stands_in_its_cells_beside_what_is_published():

@@ -1,5 +1,5 @@
-"""Starts at frames of films, in the variants as one of their draws might have looked, and states
-that follow a film's boxes."""
+"""Starts at frames of videos, in the variants as one of their draws might have looked, and states
+that follow a video's boxes."""
 
 import functools
 
