@@ -83,7 +83,7 @@ def of_films(
         progress(len(films))
     made = DemoSet(
         tuple(demos), task, plan.classes, float(extent), plan.fps,
-        f"{len(videos)} videos of {folder.resolve().name}" if source is None else source,
+        f"{len(films)} videos of {folder.resolve().name}" if source is None else source,
         robots=tuple(acting), unit=WIDTHS if half_extent is None else WORLD, noise=noise or None,
         smoothing=_MEDIAN if noise else 1,
     )  # fmt: skip

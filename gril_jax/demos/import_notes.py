@@ -49,7 +49,7 @@ def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> l
     if count := total("renewed"):
         mended.append(f"{count} changes of a tracker's identity were followed")
     lines = [
-        f"{len(videos)} videos, {made.fps:g} frames a second; objects: {shown}; {acting}",
+        f"{len(films)} videos, {made.fps:g} frames a second; objects: {shown}; {acting}",
         f"lengths are in {made.unit}; a frame shows {made.half_extent:g} to each side of its "
         "middle",
         "; ".join(mended),

@@ -97,7 +97,7 @@ def render(
         f'<p class="verdict {verdict.grade}">{escape(verdict.text)}</p>' if verdict else "",
         "</header>",
         '<div class="first">' if film else "",
-        f'<div class="video">{_part(video)}</div>' if film else "",
+        f'<div class="film">{_part(film)}</div>' if film else "",
         _tiles(tiles),
         *(f"<div>{_part(part)}</div>" for part in beside),
         "</div>" if film else "",

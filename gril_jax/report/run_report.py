@@ -74,7 +74,7 @@ def _demonstrations(run: Inputs, films: Sequence[Film]) -> Part:
         return Part(gone)
     demos = run.demos
     return Part(
-        f"{len(videos)} of {len(demos)} demonstrations ({demos.source}), each from its first frame "
+        f"{len(films)} of {len(demos)} demonstrations ({demos.source}), each from its first frame "
         "to its last. Every object should be in a box with its own number throughout; a thick box "
         "marks what has moved, which counts more in the reward.",
         save(run.folder / "demos.png", png(contact_sheet(films, demos.classes, demos.half_extent))),

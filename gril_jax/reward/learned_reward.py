@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax import graphs
@@ -117,9 +118,9 @@ class LearnedReward:
         size: Float[Array, "..."],
         active: Bool[Array, "..."],
         *,
-        label: Int[Array, "..."] | None = None,
-        is_robot: Bool[Array, "..."] | None = None,
-        present: Bool[Array, "..."] | None = None,
+        label: Int[Array | np.ndarray, "..."] | None = None,
+        is_robot: Bool[Array | np.ndarray, "..."] | None = None,
+        present: Bool[Array | np.ndarray, "..."] | None = None,
     ) -> Float[Array, ""]:
         """The reward of one state: at most 0, and 0 at the goal; never NaN, whatever boxes hold.
 
@@ -195,9 +196,9 @@ class LearnedReward:
         center: Float[Array, "N 2"],
         size: Float[Array, "N 2"],
         *,
-        label: Int[Array, "..."] | None = None,
-        is_robot: Bool[Array, "..."] | None = None,
-        present: Bool[Array, "..."] | None = None,
+        label: Int[Array | np.ndarray, "..."] | None = None,
+        is_robot: Bool[Array | np.ndarray, "..."] | None = None,
+        present: Bool[Array | np.ndarray, "..."] | None = None,
     ) -> tuple[Memory, Float[Array, ""]]:
         """The memory after the next frame, and this frame's reward.
 
@@ -226,13 +227,17 @@ class LearnedReward:
         return self(memory.center, memory.size, memory.activity.active, **given)
 
     def trajectory(
-        self, center: Float[Array, "T N 2"], size: Float[Array, "..."], **given: Any
+        self,
+        center: Float[Array | np.ndarray, "T N 2"],
+        size: Float[Array | np.ndarray, "..."],
+        **given: Any,
     ) -> Float[Array, "T"]:
         """The reward of every frame of one recording; `given` as for the reward of one state.
 
         Raises:
           ShapeError: there is no frame, or the arrays do not belong to the same objects.
         """
+        center, size = jnp.asarray(center), jnp.asarray(size)
         if center.ndim != 3 or not len(center) or size.shape != center.shape:
             raise ShapeError(
                 f"center has shape {center.shape} and size {size.shape}; both must be (T, N, 2), "

@@ -63,7 +63,7 @@ def in_words(found: dict[str, Any]) -> list[str]:
     worst = found["misranked_share"]
     return [
         ("passes as far as videos can tell" if found["passes_as_far_as_asked"] else "fails"),
-        f"touching everything and moving nothing increases the reward by {found['touch_share']:.0%} "
+        f"touching all and moving nothing increases the reward by {found['touch_share']:.0%} "
         f"of the range (at most {_TOUCH:.0%})",
         f"{worst:.1%} of {found['scenes']} scenes with something out of place have a higher reward "
         f"than the worst held-out end (at most {_MISRANKED:.0%}); the best of them has "

@@ -39,12 +39,12 @@ def file_of(film: Path) -> Path:
     if not found:
         listed = ", ".join(path.name for path in beside)
         raise DemoError(
-            f"{video}: no boxes are beside the video: they must be one of {listed}, a folder "
+            f"{film}: no boxes are beside the video: they must be one of {listed}, a folder "
             f"{folder.name}, or {_TOGETHER} of all videos."
         )
     if len(found) > 1:
         raise DemoError(
-            f"{video}: both {found[0].name} and {found[1].name} are beside it, but its boxes "
+            f"{film}: both {found[0].name} and {found[1].name} are beside it, but its boxes "
             "must be in one place."
         )
     return found[0]

@@ -133,7 +133,7 @@ BEGIN = {
 def test_every_object_of_a_human_film_is_found_in_every_frame(task):
     film = SHARED_DATA / "magical_suite" / task.replace("_", "-") / "000.mp4"
     if not film.exists():
-        pytest.skip(f"{video} is not here")
+        pytest.skip(f"{film} is not here")
     found = FillDetector().detect(read_video(film)[:30], name=task)
     assert found.seen.all()
     np.testing.assert_allclose(found.center[0], BEGIN[task], atol=0.005)
