@@ -115,7 +115,7 @@ def test_there_are_few_pages_of_results():
     [
         ("word " * 36 + ".", "36 words"),
         ("It takes 2 to 3 minutes, or 4.", "3 numbers"),
-        ("Its video is short.", "'film'"),
+        ("Its film is short.", "'film'"),
         ("Success is\npaid here.", "'paid'"),
     ],
 )

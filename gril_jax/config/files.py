@@ -149,7 +149,7 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def mapping(file: Traversable) -> dict[str, Any]:
+def mapping(file: Traversable) -> dict[Any, Any]:
     """The keys of a file with what stands below them, of any structure; {} for an empty file."""
     try:
         tree = _Loader(file.read_text(encoding="utf-8")).get_single_data()

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax import graphs
@@ -118,9 +118,9 @@ class LearnedReward:
         size: Float[Array, "..."],
         active: Bool[Array, "..."],
         *,
-        label: Int[Array | np.ndarray, "..."] | None = None,
-        is_robot: Bool[Array | np.ndarray, "..."] | None = None,
-        present: Bool[Array | np.ndarray, "..."] | None = None,
+        label: Int[ArrayLike, "..."] | None = None,
+        is_robot: Bool[ArrayLike, "..."] | None = None,
+        present: Bool[ArrayLike, "..."] | None = None,
     ) -> Float[Array, ""]:
         """The reward of one state: at most 0, and 0 at the goal; never NaN, whatever boxes hold.
 
@@ -196,9 +196,9 @@ class LearnedReward:
         center: Float[Array, "N 2"],
         size: Float[Array, "N 2"],
         *,
-        label: Int[Array | np.ndarray, "..."] | None = None,
-        is_robot: Bool[Array | np.ndarray, "..."] | None = None,
-        present: Bool[Array | np.ndarray, "..."] | None = None,
+        label: Int[ArrayLike, "..."] | None = None,
+        is_robot: Bool[ArrayLike, "..."] | None = None,
+        present: Bool[ArrayLike, "..."] | None = None,
     ) -> tuple[Memory, Float[Array, ""]]:
         """The memory after the next frame, and this frame's reward.
 
@@ -228,8 +228,8 @@ class LearnedReward:
 
     def trajectory(
         self,
-        center: Float[Array | np.ndarray, "T N 2"],
-        size: Float[Array | np.ndarray, "..."],
+        center: Float[ArrayLike, "T N 2"],
+        size: Float[ArrayLike, "..."],
         **given: Any,
     ) -> Float[Array, "T"]:
         """The reward of every frame of one recording; `given` as for the reward of one state.

@@ -35,7 +35,7 @@ def test_the_help_of_a_run_tells_its_own_options_and_names_all_others(verb, own,
 def test_the_help_of_a_section_tells_what_its_options_are(capsys):
     for args in (["train", "--help", "ppo"], ["sweep", "table1", "--help", "ppo"]):
         out = _said(capsys, *args)
-        assert "Environments that are stepped together" in out
+        assert "Environments that step together" in out
         assert "--sac." not in out
         assert "12000000" in out or args[0] == "train"  # the configuration's own
 

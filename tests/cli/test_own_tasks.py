@@ -15,7 +15,7 @@ from gril_jax.cli import main
 from gril_jax.config.files import load
 from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.export.reward_file import load_reward
-from gril_jax.runs import run_dir
+from gril_jax.runs import reading, run_dir
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_every_verb_works_on_a_task_of_ones_own(foreign, capsys, monkeypatch):
     assert main.main(TRAIN) == 0
     config = run_dir.read_config(folder / "run")
     assert config.env.name == f"{folder / 'my_task.py'}:make"
-    assert run_dir.task_digest(folder / "run") == files.digest(config.env.name)
+    assert reading.task_digest(folder / "run") == files.digest(config.env.name)
     assert (folder / "run" / "rollout.mp4").stat().st_size > 0
     assert "Task my_task" in (folder / "run" / "report.html").read_text()
     assert main.main(["export", "--what", "policy", "run", "--out", "policy.npz"]) == 0

@@ -13,6 +13,7 @@ from support.wrong_boxes import NAMES, WRONG, H, W
 
 from gril_jax.cli.main import main
 
+OWN = ["demos", "import-videos", "films", "--robot", "hand", "--out", "new"]
 HEAD = "frame,class,x_min,y_min,x_max,y_max"
 ROWS = "".join(f"{t},cup,{9 + t},9,{40 + t},40\n{t},hand,90,5,130,45\n" for t in range(5))
 GOOD = f"{HEAD}\n{ROWS}"
@@ -28,7 +29,7 @@ def kitchen(home):
 
 
 def test_what_is_right_is_imported(kitchen):
-    assert main([*IMPORT, "--boxes", "auto"]) == 0
+    assert main([*OWN, "--boxes", "auto"]) == 0
 
 
 @pytest.mark.parametrize("kind", WRONG)
@@ -40,7 +41,7 @@ def test_wrong_boxes_are_refused(kitchen, capsys, kind):
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     if kind.startswith("YOLO"):
         (kitchen / "films" / "names.txt").write_text("\n".join(NAMES))
-    assert refused(kitchen, [*IMPORT, "--boxes", "auto"], words, capsys) == 2
+    assert refused(kitchen, [*OWN, "--boxes", "auto"], words, capsys) == 2
 
 
 def boxes(rows, name="a.csv"):
@@ -99,11 +100,11 @@ def broken(home):
 
 AUTO = ("--boxes", "auto")
 KINDS = {
-    "no boxes": (gone, AUTO, "a.mp4: no boxes are beside the film"),
+    "no boxes": (gone, AUTO, "a.mp4: no boxes are beside the video"),
     "boxes twice": (boxes("1,1,1,1,9,9,1,cup", "a.txt"), AUTO, "both a.csv and a.txt are beside"),
     "a video of one frame": (one_frame, AUTO, "a.mp4: holds 1 frame, but a demonstration needs"),
     "a video of another size": (smaller, AUTO, "seem to be of a video of another size"),
-    "a second video without boxes": (another("b.mp4"), AUTO, "b.mp4: no boxes are beside the film"),
+    "a second video without boxes": (another("b.mp4"), AUTO, "b.mp4: no boxes are beside the video"),
     "two videos of a name": (another("a.mov"), AUTO, "two videos are called 'a'"),
     "the robot's class is never seen": (
         change("hand", "spoon"), AUTO, "no box is of the robot's class 'hand'; the classes are cup"
@@ -141,7 +142,7 @@ KINDS = {
     "no width": (None, (*AUTO, "--half-extent", "0"), "--half-extent is 0.0"),
     "an even smoothing": (None, (*AUTO, "--smoothing", "4"), "--smoothing is 4, but must be odd"),
     "smoothing longer than a video": (
-        None, (*AUTO, "--smoothing", "999"), "a.mp4: smoothing is 999 frames, but the film has 5"
+        None, (*AUTO, "--smoothing", "999"), "a.mp4: smoothing is 999 frames, but the video has 5"
     ),
     "an unknown outcome": (None, (*AUTO, "--outcome", "fine"), "outcome"),
     "a camera of no dataset": (None, (*AUTO, "--camera", "front"), "is no LeRobot dataset"),
@@ -162,7 +163,7 @@ def test_wrong_films_and_options_are_refused(kitchen, capsys, kind):
     make, options, words = KINDS[kind]
     if make is not None:
         make(kitchen)
-    assert refused(kitchen, [*IMPORT, *options], words, capsys) == 2
+    assert refused(kitchen, [*OWN, *options], words, capsys) == 2
 
 
 def test_names_that_are_paths_stay_names(kitchen):
@@ -182,9 +183,9 @@ def test_names_that_are_paths_stay_names(kitchen):
 
 def test_after_a_refusal_the_corrected_command_runs(kitchen, capsys):
     gone(kitchen)
-    refused(kitchen, [*IMPORT, *AUTO], "no boxes are beside the video", capsys)
+    refused(kitchen, [*OWN, *AUTO], "no boxes are beside the video", capsys)
     (kitchen / "films" / "a.csv").write_text(GOOD)
-    assert main([*IMPORT, *AUTO]) == 0
+    assert main([*OWN, *AUTO]) == 0
 
 
 ROW = "0,goal,0,0,8,8"

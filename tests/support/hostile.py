@@ -18,8 +18,8 @@ import numpy as np
 from gril_jax.cli.main import main
 
 SECONDS = 120  # after which a command counts as hanging
-IMPORT = "demos import-videos videos --half-extent 1 --task match_regions".split()
-COLOUR = "demos import-videos videos --half-extent 1 --boxes colour --out new".split()
+IMPORT = "demos import-videos films --half-extent 1 --task match_regions".split()
+COLOUR = "demos import-videos films --half-extent 1 --boxes colour --out new".split()
 SET = ["000.mp4", "000.npz", "demos.json"]  # files of a set of one video
 DEEP = "[" * 20_000
 HUGE = (1 << 50,)
