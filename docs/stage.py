@@ -6,6 +6,8 @@ them, and in one folder on the site. Links between them are those of the reposit
 here. A link to a file of the repository that is not on the site becomes its text.
 """
 
+import base64
+import json
 import os
 import re
 import shutil
@@ -35,14 +37,38 @@ def main(folder: Path) -> None:
         else:
             folder.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / source, folder / place)
+    for path in folder.rglob("*.ipynb"):
+        path.with_suffix(".md").write_text(_page(path))
     for path in sorted(folder.rglob("*.md")):
         here = path.relative_to(folder)
         path.write_text(_LINK.sub(lambda found, here=here: _moved(here, found), path.read_text()))
 
 
+def _page(notebook: Path) -> str:
+    """A notebook as a page, with its figures beside it."""
+    parts = [f"[This page as a notebook]({notebook.name})"]
+    for number, cell in enumerate(json.loads(notebook.read_text())["cells"]):
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.insert(0 if number == 0 else len(parts), source)
+            continue
+        parts.append(f"```python\n{source}\n```")
+        for place, output in enumerate(cell["outputs"]):
+            data = output.get("data", {})
+            if "image/png" in data:
+                picture = notebook.with_name(f"{notebook.stem}_{number}_{place}.png")
+                picture.write_bytes(base64.b64decode(data["image/png"]))
+                parts.append(f"![Output of the cell above]({picture.name})")
+            elif text := "".join(output.get("text", data.get("text/plain", ""))).rstrip():
+                parts.append(f"```text\n{text}\n```")
+    return "\n\n".join(parts) + "\n"
+
+
 def _moved(here: Path, found: re.Match) -> str:
     """One link of the page `here` of the site, as it has to be there."""
     words, target, anchor = found.groups()
+    if (ROOT / _source(here).with_suffix(".ipynb")).exists():  # its figures are the site's alone
+        return found[0]
     place = _on_site(Path(os.path.normpath(_source(here).parent / target)))
     if place is None:
         return words
@@ -65,7 +91,8 @@ def _on_site(source: Path) -> Path | None:
     """
     for name, place in PLACES.items():
         if source.is_relative_to(name):
-            return Path(place, source.relative_to(name))
+            on_site = Path(place, source.relative_to(name))
+            return on_site.with_suffix(".md") if on_site.suffix == ".ipynb" else on_site
     if not (ROOT / source).exists():
         raise ValueError(f"a page links to {source}, which does not exist")
     return None

@@ -51,7 +51,7 @@ def test_the_python_of_a_page_runs_from_top_to_bottom(path, tmp_path, monkeypatc
         robots=("robot",), objects=saved_rewards.OBJECTS[:3],
     )  # fmt: skip
     saved_policies.write("policy.npz")
-    kitchen_films.write_films(tmp_path / "films", 2, fps=10.0, width=64, height=48, tempo=2.0)
+    kitchen_films.write_films(tmp_path / "videos", 2, fps=10.0, width=64, height=48, tempo=2.0)
     names = {"center": jnp.zeros((3, 2)), "size": jnp.ones((3, 2)), "observation": jnp.zeros(3)}
     for block in _blocks(path, "python"):
         exec(compile(block, _name(path), "exec"), names)
@@ -83,7 +83,7 @@ def _commands(path):
 def surroundings(tmp_path, monkeypatch):
     """Values for the words in capitals of a command line."""
     monkeypatch.chdir(tmp_path)
-    for folder in ("films", "mine"):
+    for folder in ("videos", "mine"):
         (tmp_path / folder).mkdir()
     demos = {"task": "match_regions", "demos": 40 * [{"outcome": "success"}]}
     (tmp_path / "mine" / "demos.json").write_text(json.dumps(demos))
@@ -100,7 +100,7 @@ def surroundings(tmp_path, monkeypatch):
                 (run / name).mkdir(parents=True)
                 (run / name / "manifest.json").write_text("{}")
         demos = dict.fromkeys(("DEMOS", "HUMAN"), "mine")
-        return {"RUN": str(run), "FOLDER": "films", **demos}
+        return {"RUN": str(run), "FOLDER": "videos", **demos}
 
     return of
 

@@ -258,8 +258,8 @@ class StageOptions:
         default=0.5, metadata=rule(lambda x: 0 < x <= 1, "above 0 and at most 1")
     )
     """Least share of the demonstrations that must each show a stage's end."""
-    films: bool = False
-    """Write each segment as a video of its own, `films/NAME-1.mp4` and so on."""
+    videos: bool = False
+    """Write each segment as a video of its own, `videos/NAME-1.mp4` and so on."""
     lerobot: str | None = None
     """A LeRobot dataset from which the videos were imported; a copy of it with the segments as
     subtask annotations goes to `lerobot` in the results."""

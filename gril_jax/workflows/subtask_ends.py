@@ -26,7 +26,7 @@ _LEAST = 2  # frames of a demonstration
 # `match_regions`, which has the task's two stages, 15 of 16 do, and with that of
 # `match_regions_fast`, which has a third, 11 of 16.
 _AS_MANY = 0.8
-COLUMNS = ("film", "subtask", "first_frame", "last_frame", "begin_s", "end_s", "found", "split")
+COLUMNS = ("video", "subtask", "first_frame", "last_frame", "begin_s", "end_s", "found", "split")
 
 
 def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) -> str | None:
@@ -112,7 +112,7 @@ def write_sets(
     this subtask would begin, and ends with its own; the last subtask's goes on to the video's end,
     where the task is done for certain. Those of fewer than 2 frames are left out.
     """
-    phase = progress.phase("cutting", total=ends.size, unit="films", compiles=False)
+    phase = progress.phase("cutting", total=ends.size, unit="videos", compiles=False)
     done = 0
 
     def demos(number: int) -> Iterator[Demo]:
@@ -164,11 +164,11 @@ def as_csv(demos: Mapping[str, Mapping[str, Any]], demo_set: DemoSet) -> str:
     return text.getvalue()
 
 
-def write_films(
+def write_videos(
     folder: Path, demos: Mapping[str, Mapping[str, Any]], demo_set: DemoSet, progress: Progress
 ) -> None:
     """Each segment as `NAME-1.mp4`, `NAME-2.mp4`, ... in a new folder."""
-    phase = progress.phase("cutting", total=len(demos), unit="films", compiles=False)
+    phase = progress.phase("cutting", total=len(demos), unit="videos", compiles=False)
     with run_dir.writing(folder):
         folder.mkdir()
     for done, (name, one) in enumerate(demos.items(), 1):

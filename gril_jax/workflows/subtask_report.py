@@ -1,7 +1,7 @@
 """Finds the stages of a task in the learned reward of a run: figures, scores, cut demonstrations.
 
     gril subtasks RUN                   about a minute
-    gril subtasks RUN --films           and each segment as a video of its own
+    gril subtasks RUN --videos          and each segment as a video of its own
     gril subtasks RUN --sets            and a set for each subtask, for `gril pretrain --demos`
 
 `segments.csv` has a line a segment: its video, frames and seconds.
@@ -41,7 +41,7 @@ from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 
 from .build import demonstrations, learners, policy_setup, setup, vocabulary
-from .subtask_ends import as_csv, doubt, scores, segments, write_films, write_sets
+from .subtask_ends import as_csv, doubt, scores, segments, write_sets, write_videos
 
 _FIGURES = 3  # held-out demonstrations that are drawn
 _KNOBS = ("prominence", "patience", "support")  # options that find more stages where they are lower
@@ -90,8 +90,8 @@ def main(
             with run_dir.writing(out):
                 (out / f"{demo.name.replace('/', '_')}.png").write_bytes(picture)
             phase.update(count)
-        if options.films:
-            write_films(out / "films", about["demonstrations"], demos.demo_set, progress)
+        if options.videos:
+            write_videos(out / "videos", about["demonstrations"], demos.demo_set, progress)
         if dataset is not None:
             seconds = {n: [e / demos.demo_set.fps for e in one["ends"]]
                        for n, one in about["demonstrations"].items()}  # fmt: skip

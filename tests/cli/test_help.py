@@ -20,7 +20,7 @@ def _said(capsys, *args):
     ("verb", "own"),
     [
         (["train"], ["--resume", "--hard-negatives", "--dry-run"]),
-        (["sweep", "table1"], ["--rows", "--quick", "--devices", "--films"]),
+        (["sweep", "table1"], ["--rows", "--quick", "--devices", "--videos"]),
     ],
 )
 def test_the_help_of_a_run_tells_its_own_options_and_names_all_others(verb, own, capsys):

@@ -104,7 +104,7 @@ KINDS = {
     "boxes twice": (boxes("1,1,1,1,9,9,1,cup", "a.txt"), AUTO, "both a.csv and a.txt are beside"),
     "a video of one frame": (one_frame, AUTO, "a.mp4: holds 1 frame, but a demonstration needs"),
     "a video of another size": (smaller, AUTO, "seem to be of a video of another size"),
-    "a second video without boxes": (another("b.mp4"), AUTO, "b.mp4: no boxes are beside the video"),
+    "another video without boxes": (another("b.mp4"), AUTO, "b.mp4: no boxes are beside the video"),
     "two videos of a name": (another("a.mov"), AUTO, "two videos are called 'a'"),
     "the robot's class is never seen": (
         change("hand", "spoon"), AUTO, "no box is of the robot's class 'hand'; the classes are cup"

@@ -60,7 +60,7 @@ class _Own:
     """Starts of each variant that finished policies of a study play."""
     sets: str | None = None
     """Folder of demonstration sets, each in a folder of its task's name."""
-    films: str | None = None
+    videos: str | None = None
     """Folder of videos, in one folder a task, of which missing sets are made."""
     devices: str | None = None
     """GPUs, each with a process of its own: all, or a number; None: all."""
@@ -98,8 +98,8 @@ def _plan(args: list[str]) -> Work:
         return _resume(given, words)
     is_study = recipe.is_study(given.config)
     study = recipe.load(given.config, quick=given.quick) if is_study else None
-    if given.films is not None:
-        existing_folder(given.films)
+    if given.videos is not None:
+        existing_folder(given.videos)
 
     def begin(given: _Sweep) -> Sections | None:
         if study is None:
@@ -255,7 +255,7 @@ def _made(
         for sentence in said:
             echo(sentence)
         if resume is None:
-            driver.make_sets([plan.rows[name] for name in plan.work], given.films, echo)
+            driver.make_sets([plan.rows[name] for name in plan.work], given.videos, echo)
         if not apart:
             return driver.make(plan, resume=resume, echo=echo)
         carry_out = processes.on_this_machine(devices, environment, echo)

@@ -212,7 +212,7 @@ def _films_of(films: str | None, task: str, out: Path) -> Path:
     for folder in (Path(films) / name for name in (names if films else ())):
         if any(next(folder.glob(kind), None) for kind in _KINDS):
             return folder
-    where = f"{films} has no folder {next(iter(names))} of them" if films else "--films is missing"
+    where = f"{films} has no folder {next(iter(names))} of them" if films else "--videos is missing"
     raise DemoError(f"{out} is no demonstration set, and to make it of videos {where}")
 
 

@@ -123,8 +123,8 @@ def test_unfit_demonstrations_and_missing_films_are_refused_before_work_starts(
     (tmp_path / "other" / "demos.json").write_text(json.dumps(header))
     for args, said in (
         (["table1", "--demos", "other"], "other"),
-        (["suite", "--rows", "find_dupe from videos"], "--films is missing"),
-        (["suite", "--films", "other"], "has no folder"),
+        (["suite", "--rows", "find_dupe from videos"], "--videos is missing"),
+        (["suite", "--videos", "other"], "has no folder"),
         (["quickstart", "--reward", "a/b.npz"], "a/b.npz"),
         (["quickstart", "--reward", "environmental", "--ppo.num-envs", "3",
           "--ppo.num-minibatches", "1"], "ppo.num_envs is 3, but must be even"),
