@@ -141,9 +141,14 @@ def success_failure(
 
 @styled
 def learning_curve(
-    rows: Sequence[Mapping[str, Any]], *, random_success: float | None = None
+    rows: Sequence[Mapping[str, Any]],
+    *,
+    random_success: float | None = None,
+    offset: float = 0.0,
 ) -> Figure:
     """Success rate and mean reward against environment steps; the random policy is a dashed line.
+
+    The offset is taken from the reward, which then has the range that demonstrations show.
 
     Rows have "env_steps" and some of "success" (from 0 to 1), "reward", "episodes", "eval/success"
     and "eval/success_sampled". A value of None is left out, and so is the success of a row in which
@@ -162,6 +167,7 @@ def learning_curve(
                                                          "label": _BY_SAMPLES}),
     ):  # fmt: skip
         steps, values = _points(rows, field)
+        values = values - offset * (field == "reward")
         few = "o" if len(steps) <= 40 else None
         if len(steps):
             axes.plot(steps / unit, factor * values, **{"marker": few} | look)
@@ -185,11 +191,13 @@ def _points(rows, field: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @styled
-def pretrain_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """The encoder's loss and its two parts against gradient steps.
+def pretrain_curve(rows: Sequence[Mapping[str, Any]], weights: Mapping[str, float]) -> Figure:
+    """The encoder's loss and its parts, which add up to it, against gradient steps.
 
-    Rows have "step" and some of "loss", "consistency", "reconstruction"; None is left out.
+    Rows have "step" and some of "loss", "consistency", "reconstruction" and "contrast"; None is
+    left out. A part counts with its weight (default 1); one that is always 0 is left out.
     """
+    rows = [_with_parts(row, weights) for row in rows]
     figure = Figure(figsize=(HALF, 2.8), layout="constrained")
     axes = figure.subplots()
     lowest = []
@@ -197,10 +205,13 @@ def pretrain_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
         ("loss", "total", INK, "-"),
         ("consistency", "consistency in time", _BLUE, "--"),
         ("reconstruction", "reconstruction", _RED, ":"),
+        ("contrast", "perturbed frames", _GREEN, "-."),
+        ("agreement", "times aligned directly", GREY, "--"),
     ):
         points = [(r["step"], r[field]) for r in rows if r.get(field) is not None]
-        if points:
-            steps, values = np.array(points, float).T
+        if points and (field == "loss" or any(value for _, value in points)):
+            kept = [x for x in points if field == "loss" or x[1]]  # a part that is 0 has ended
+            steps, values = np.array(kept, float).T
             axes.plot(steps, values, color=colour, linestyle=dash, label=label)
             lowest.append(values.min())
     if lowest and min(lowest) > 0:
@@ -212,6 +223,20 @@ def pretrain_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
     axes.set(title="Encoder training", xlabel="gradient steps", ylabel="loss")
     axes.legend(loc="best")
     return figure
+
+
+def _with_parts(row: Mapping[str, Any], weights: Mapping[str, float]) -> dict[str, Any]:
+    """A row with its parts times their weights, and as "agreement" what these leave of the loss."""
+    parts = {
+        name: weights.get(name, 1.0) * row[name]
+        for name in ("consistency", "reconstruction", "contrast")
+        if row.get(name) is not None
+    }
+    found = {"step": row["step"], "loss": row.get("loss"), **parts}
+    if row.get("loss") is not None and "consistency" in parts:
+        left = row["loss"] - sum(parts.values())
+        found["agreement"] = left if left > 1e-3 * abs(row["loss"]) else 0.0  # rounding
+    return found
 
 
 @styled

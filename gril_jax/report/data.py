@@ -81,8 +81,15 @@ def read_profiles(folder: Path) -> Profiles | None:
     return Profiles(tuple(names.tolist()), tuple(split.tolist()), reward, length, transitions)
 
 
-def read_outcome(folder: Path) -> bool | None:
-    """True if the episode of rollouts.npz that was recorded is a success; None without the file."""
+class Outcome(NamedTuple):
+    """The evaluation episodes that were recorded: the worst, the median and the best by return."""
+
+    episodes: int  # of which these three are
+    success: tuple[bool, ...]
+
+
+def read_outcome(folder: Path) -> Outcome | None:
+    """The outcome of the episodes of rollouts.npz that were recorded; None without the file."""
     require_unchanged(folder, "rollouts.npz")
     path = folder / "rollouts.npz"
     arrays = _arrays(path, {"reward": "f", "success": "bf", "shown": "iu"})
@@ -92,10 +99,10 @@ def read_outcome(folder: Path) -> bool | None:
     if reward.ndim != 2 or not reward.size:
         raise RunError(f"{path}: reward has shape {reward.shape}, but must be (E, T)")
     _require_shape(path, "success", success, reward.shape[:1])
-    _require_shape(path, "shown", shown, ())
-    if not 0 <= int(shown) < len(reward):
-        raise RunError(f"{path}: shown is {int(shown)}, but there are {len(reward)} episodes")
-    return bool(success[int(shown)] > 0.5)
+    _require_shape(path, "shown", shown, (3,))
+    if not ((shown >= 0) & (shown < len(reward))).all():
+        raise RunError(f"{path}: shown is {shown.tolist()}, but there are {len(reward)} episodes")
+    return Outcome(len(reward), tuple(bool(one > 0.5) for one in success[shown]))
 
 
 def _arrays(path: Path, kinds: Mapping[str, str]) -> dict[str, np.ndarray] | None:

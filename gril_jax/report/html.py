@@ -146,7 +146,11 @@ def _part(part: Part | Table) -> str:
     if part.contents is None:
         return f'<p class="absent">{escape(part.caption)}</p>'
     source = f"data:{part.mime};base64,{base64.b64encode(part.contents).decode('ascii')}"
-    media = f'<img src="{source}" alt="{escape(part.alt)}">'
+    alt = escape(part.alt)
+    media = (
+        f'<label class="zoom"><input type="checkbox" aria-label="Enlarge: {alt}">'
+        f'<img src="{source}" alt="{alt}"></label>'
+    )
     if part.mime.startswith("video/"):
         label = f'aria-label="{escape(part.alt)}" controls autoplay loop muted playsinline'
         media = f'<video src="{source}" {label}></video>'

@@ -6,6 +6,7 @@ The same folder gives the same page, byte for byte, and no clock is on it.
 """
 
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -85,9 +86,11 @@ def _demonstrations(run: Inputs, films: Sequence[Film]) -> Part:
 def _loss(run: Inputs) -> Part:
     if not run.rows["pretrain"]:
         return Part("There are no metrics of encoder training.")
+    loss = run.config.loss
+    weights = {"reconstruction": loss.lambda_, "contrast": loss.perturbation_weight}
     return Part(
-        "The encoder's loss and its parts. They should fall and level off.",
-        save(run.folder / "pretrain.png", png(pretrain_curve(run.rows["pretrain"]))),
+        "The encoder's loss and its parts, which add up to it. They should fall and level off.",
+        save(run.folder / "pretrain.png", png(pretrain_curve(run.rows["pretrain"], weights))),
         "Encoder loss against gradient steps",
     )
 
@@ -110,10 +113,12 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
         name=run.shown,
         fps=film and run.demos.fps,
     )
-    dots = (
-        " Numbered dots are where the reward has taken a step: ends of stages, as it sees them."
-        if run.profiles.transitions[index, :length].any()
-        else " No stage was found in it."
+    dots = {
+        0: " No stage was found in it.",
+        1: " The numbered dot is where its one stage ends.",
+    }.get(
+        int(run.profiles.transitions[index, :length].sum()),
+        " Numbered dots are where stages end, as the reward sees them.",
     )
     kept_aside = ", on which it was not trained" * (run.profiles.split[index] == "validation")
     frames = " A line ties each frame to its point." * (film is not None)
@@ -127,7 +132,9 @@ def _profile(run: Inputs, films: Sequence[Film]) -> Part:
 
 def _learning_curve(run: Inputs) -> Part:
     random, rows = rates(run.results).get("success_random"), run.rows[run.config.run.algorithm]
-    figure = learning_curve(rows, random_success=random and random.share)
+    learned = run.config.run.reward_form in ("learned", "stages")
+    offset = run.config.run.reward_offset if learned else 0.0
+    figure = learning_curve(rows, random_success=random and random.share, offset=offset)
     return Part(
         "Line: training episodes from the task's own starts, with sampled actions."
         f"{_evaluations(rows)}{_of_random(random)} A reward that rises without success has missed "
@@ -151,13 +158,17 @@ def _of_random(random: Rate | None) -> str:
 
 
 def _rollout(run: Inputs) -> Part:
-    success, path = read_outcome(run.folder), run.folder / "rollout.mp4"
-    if success is None or not path.exists():
+    outcome, path = read_outcome(run.folder), run.folder / "rollout.mp4"
+    if outcome is None or not path.exists():
         return Part("The trained policy was not recorded.")
     read_fps(path)  # or a DemoError: a browser would show a damaged video as nothing
-    outcome = "succeeds" if success else "fails"
+    said = ", ".join(
+        f"{kind} ({'succeeds' if success else 'fails'})"
+        for kind, success in zip(("worst", "median", "best"), outcome.success, strict=True)
+    )
     return Part(
-        f"The trained policy in an evaluation episode that {outcome}.",
+        f"The trained policy in three of {outcome.episodes} evaluation episodes, by their return: "
+        f"{said}.",
         path.read_bytes(),
         "The trained policy",
         "video/mp4",
@@ -177,19 +188,22 @@ def _summary(run: Inputs) -> str:
 
 def _next(run: Inputs) -> list[Step]:
     """Next steps with the run."""
+    at = shlex.quote(str(run.folder))
     audited = (run.folder / "audit" / "report.html").is_file()
     looked = [Step("The audit of its reward, with maps of it", page="audit/report.html")]
     steps = looked if audited else []
-    steps.append(Step("Search for states that the reward overestimates.", "gril audit RUN"))
-    steps.append(Step("Find the subtasks in the reward.", "gril subtasks RUN"))
+    steps.append(Step("Search for states that the reward overestimates.", f"gril audit {at}"))
+    steps.append(Step("Find the subtasks in the reward.", f"gril subtasks {at}"))
     if run.rows[run.config.run.algorithm]:
         steps += [
-            Step("Play the policy from other starts.", "gril eval RUN --episodes 1000"),
-            Step("Take the policy to a robot.", "gril export RUN --what policy --out policy.npz"),
+            Step("Play the policy from other starts.", f"gril eval {at} --episodes 1000"),
+            Step("Take the policy to a robot.", f"gril export {at} --what policy --out policy.npz"),
         ]
-    steps.append(Step("Take the reward to your own simulator.", "gril export RUN --out reward.npz"))
+    steps.append(
+        Step("Take the reward to your own simulator.", f"gril export {at} --out reward.npz")
+    )
     if run.config.env.name != NO_TASK:
-        again = "gril sweep RUN/config.yaml --seeds 5 --out NEW"
+        again = f"gril sweep {at}/config.yaml --seeds 5 --out NEW"
         steps.append(Step("See how much depends on the seed.", again))
     return steps
 

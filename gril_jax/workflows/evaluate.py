@@ -178,13 +178,17 @@ def _trained(
 
 
 def _film(env: Env, played: Evaluation, params: Any, episodes: int, folder: Path) -> None:
-    """Writes the video of the first success, if there is one, and the numbers of all episodes; a
-    video of a policy that sees its stage says which one it is at."""
+    """Writes the numbers of all episodes, and a video of three of them side by side: the worst, the
+    median and the best by return. A policy that sees its stage says which one it is at."""
     names = ("reward", "success", "score")
     arrays = {name: np.asarray(getattr(played, name))[:episodes] for name in names}
-    shown = int(np.argmax(arrays["success"]))
-    film = filming.episode(env, jax.tree.map(lambda x: x[shown], played.states))
-    captions = policy_rewards.stages_in_words(params, played.remembered[shown])
-    film = filming.with_captions(film, captions)
-    video.write_video(folder / "rollout.mp4", film, env.control_hz)
+    order = np.argsort(arrays["reward"].sum(axis=1), kind="stable")
+    shown = order[[0, len(order) // 2, -1]]
+    panels = []
+    for one, kind in zip(shown, ("worst", "median", "best"), strict=True):
+        film = filming.episode(env, jax.tree.map(lambda x, one=one: x[one], played.states))
+        stages = policy_rewards.stages_in_words(params, played.remembered[one])
+        words = [f"{kind}, {stage}" for stage in stages] or [kind] * len(film)
+        panels.append(filming.with_captions(film, words))
+    video.write_video(folder / "rollout.mp4", np.concatenate(panels, axis=2), env.control_hz)
     np.savez(folder / "rollouts.npz", **arrays, shown=shown)

@@ -159,9 +159,10 @@ def test_no_rows_give_empty_axes():
 def test_losses_are_drawn_by_their_names_on_a_logarithmic_axis():
     (axes,) = pretrain_curve(
         [
-            {"step": i, "loss": 2 / i, "consistency": 1 / i, "reconstruction": None}
+            {"step": i, "loss": 2 / i, "consistency": 2 / i, "reconstruction": None}
             for i in (1, 2, 4)
-        ]
+        ],
+        {},
     ).axes
     assert list(lines(axes)) == ["total", "consistency in time"]
     np.testing.assert_allclose(lines(axes)["total"], [[1, 2], [2, 1], [4, 0.5]])
@@ -169,13 +170,27 @@ def test_losses_are_drawn_by_their_names_on_a_logarithmic_axis():
     picture(axes.figure)
 
 
+def test_the_parts_of_a_loss_add_up_to_it():
+    rows = [
+        {"step": i, "loss": 5.0 + i, "consistency": 1.0, "reconstruction": 0.5, "contrast": 0.1}
+        for i in (1, 2)
+    ]
+    (axes,) = pretrain_curve(rows, {"reconstruction": 2.0, "contrast": 30.0}).axes
+    found = {name: line[:, 1] for name, line in lines(axes).items()}
+    total = found.pop("total")
+    assert {*found} == {
+        "consistency in time", "reconstruction", "perturbed frames", "times aligned directly"
+    }  # fmt: skip
+    np.testing.assert_allclose(sum(found.values()), total)
+
+
 def test_a_loss_that_reaches_zero_has_a_linear_axis():
-    (axes,) = pretrain_curve([{"step": 1, "loss": 0.0}, {"step": 2, "loss": 1.0}]).axes
+    (axes,) = pretrain_curve([{"step": 1, "loss": 0.0}, {"step": 2, "loss": 1.0}], {}).axes
     assert axes.get_yscale() == "linear"
 
 
 def test_numbers_on_a_logarithmic_axis_are_plain():
-    figure = pretrain_curve([{"step": i, "loss": 3 / i} for i in range(1, 50)])
+    figure = pretrain_curve([{"step": i, "loss": 3 / i} for i in range(1, 50)], {})
     picture(figure)
     labels = [t.get_text() for t in figure.axes[0].get_yticklabels(which="both")]
     assert "$" not in "".join(labels)

@@ -93,7 +93,7 @@ def save_rollouts(folder, frames=FRAMES, **changes):
         "reward": np.linspace([-1, -1], [0, -0.5], FRAMES - 1, axis=1).astype(np.float32),
         "success": np.array([True, False]),
         "score": np.array([1.0, 0.5], np.float32),
-        "shown": np.array(0),
+        "shown": np.array([0, 1, 1]),
     }
     np.savez(folder / "rollouts.npz", **{**arrays, **changes})
 
