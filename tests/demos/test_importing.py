@@ -95,7 +95,7 @@ def test_a_set_is_a_sequence_of_named_demonstrations_with_boxes(tmp_path):
         ({"boxes": "colour"}, "half_extent is None, but boxes by colour need"),
         ({"boxes": "colour", "robot": ["hand"]}, "robot is of boxes beside the videos"),
         ({"camera": "front"}, "is no LeRobot dataset"),
-        ({"robot": "hand"}, r"a\.mp4: no boxes are beside the film"),
+        ({"robot": "hand"}, r"a\.mp4: no boxes are beside the video"),
     ],
 )
 def test_options_that_are_wrong_are_named(tmp_path, options, words):

@@ -80,7 +80,7 @@ def test_of_a_single_start_a_study_says_who_solves_it():
     found = _found({"demo": Counted(1, 1)})
     for line, success in zip(found.lines, (1.0, 0.0), strict=True):
         line["success"] = success
-    assert "solved by 1 of 2 policies" in summary.text(found)
+    assert "1 of 2 policies succeed" in summary.text(found)
 
 
 @pytest.mark.parametrize("results", [RESULTS, RESULTS | {"starts": 1, "success": 1.0}])

@@ -8,7 +8,7 @@ TASK = """
     import jax
     import jax.numpy as jnp
     import numpy as np
-    from gril_jax.envs.base import Demonstrations, Episode, Video, Objects, Outline, State
+    from gril_jax.envs.base import Demonstrations, Episode, Film, Objects, Outline, State
 
 
     class Reach:

@@ -66,7 +66,7 @@ def _reward(config: RunConfig, task: envs.TaskSpec) -> str:
         "environmental": own,
         "stages": f"learned from videos, in its stages{_acting(config)}",
         "shaped": f"{own}, with one learned from videos as a potential",
-    }[config.run.reward_form]
+    }.get(config.run.reward_form, config.run.reward)
 
 
 def _acting(config: RunConfig) -> str:

@@ -92,7 +92,7 @@ def _save_videos(
     env, episodes = shown.env, shown.episodes
     stems = [f"{number:03d}_{episode.outcome}" for number, episode in enumerate(episodes)]
     with tempfile.TemporaryDirectory() as scratch:
-        phase = progress.phase("filming", total=len(episodes), unit="videos", compiles=False)
+        phase = progress.phase("recording", total=len(episodes), unit="videos", compiles=False)
 
         def shoot(number: int) -> None:
             frames = filming.outlines(env, episodes[number].data)
@@ -118,7 +118,7 @@ def _save_films(
 ) -> DemoSet:
     """Saves videos whose boxes the task's own detector has read."""
     env, episodes = shown.env, shown.episodes
-    phase = progress.phase("filming", total=len(episodes), unit="videos", compiles=False)
+    phase = progress.phase("recording", total=len(episodes), unit="videos", compiles=False)
     label = np.array([env.classes.index(name) for name in shown.objects], np.int32)
 
     def demos() -> Iterator[Demo]:

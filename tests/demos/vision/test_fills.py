@@ -94,7 +94,7 @@ def test_what_is_no_film_of_these_tasks_is_refused_in_a_sentence():
     red = ("red", "square", 0.0, 0.0, 0.0)
     changing = [_frame([red] if t % 3 == 0 else [red, ("red", "circle", 0.5, 0.1 * t, 0.0)] if t % 3
                        == 1 else []) for t in range(9)]  # fmt: skip
-    with pytest.raises(DemoError, match="video: the number of red blocks changes"):
+    with pytest.raises(DemoError, match="film: the number of red blocks changes"):
         FillDetector().detect(np.stack(changing), name="film")
     with pytest.raises(DemoError, match="video: no robot is to be seen in any of 2 frames"):
         FillDetector().detect(np.full((2, 64, 64, 3), 255, np.uint8), name="film")
