@@ -29,7 +29,7 @@ _BRIEF: dict[str, dict[str, Any]] = _OPTIONS | {
 
 
 def compiled(lowered: jax.stages.Lowered, *, brief: bool = False) -> jax.stages.Compiled:
-    """Compiles a program for JAX's default devices; a brief one runs for seconds at most, so that
-    to compile it quickly is worth more than to run it fast."""
+    """Compiles a program for JAX's default devices. A brief one runs for seconds at most, so fast
+    compilation matters more than fast execution."""
     options = _BRIEF if brief else _OPTIONS
     return lowered.compile(compiler_options=options.get(jax.default_backend()))

@@ -20,7 +20,7 @@ from gril_jax.rl.training import Algorithm
 
 _COPIES = 3  # of the collected data
 # Peak of one control step, as a multiple of the task's physics state: 222 on MatchRegions with five
-# blocks on a CPU, but the data of an unroll, counted below, are not there at the same moment.
+# blocks on a CPU, but the data of an unroll, counted below, are not there at the same time.
 _STEP_COPIES = 180
 # Arrays of the size of its largest one that a reward holds at once, of all environments: a layer's
 # input, its output, and what the output becomes before the next layer.

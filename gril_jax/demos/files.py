@@ -52,9 +52,9 @@ def write_demo_set(
 ) -> None:
     """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
-    Demonstrations are consumed one at a time, so that a generator need hold only one video; `about`
-    are the other fields of a `DemoSet`, of which robots, unit, noise and smoothing may be left out,
-    and `preset` is as in `write_video`.
+    Demonstrations are consumed one at a time, so that a generator need hold only one video.
+    `about` are the other fields of a `DemoSet`; robots, unit, noise and smoothing may be left out.
+    `preset` is as in `write_video`.
 
     Raises:
       DemoError: the folder holds something else, also beside an older set, a demonstration is

@@ -7,8 +7,8 @@ count as the first. The paper uses k = 40 and tau = 0.005.
 `init` and `step` follow a rollout frame by frame; `trajectory` does a whole recording at once.
 Both give the same bits, with every option. A displacement from or to a box that is not finite, such
 as one that a detector lost, is no motion. Shapes use N for objects, T for frames, K for the
-window and M for the frames of a median. Goal and robot get a bit like anything else: what it is
-worth is for `gril_jax.encoders.message_passing` to say.
+window and M for the frames of a median. Goal and robot get a bit like anything else: the encoder
+weighs it (`gril_jax.encoders.message_passing`).
 
 Boxes from a detector. tau is a third of a pixel for a box of 50 pixels: the slightest jitter sets
 every bit for good. `smoothing` and `noise` are for that. Chance that a box at rest becomes active

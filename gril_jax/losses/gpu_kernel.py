@@ -89,7 +89,7 @@ class _Pair(NamedTuple):
 
 
 def _program(cost, gamma, rows, columns, value, exchange, *rest, shape, lanes, barrier):
-    """Solves one pair: sums from the first anti-diagonal to the last, then the flow back."""
+    """Computes one pair: sums from the first anti-diagonal to the last, then the flow back."""
     pair = _Pair(pl.program_id(0), jnp.arange(lanes), shape, exchange, barrier)
     end_row, end_column = rows[pair.index] - 1, columns[pair.index] - 1
     # The step at which a lane holds the cell where the path ends; -1 is never.

@@ -40,7 +40,7 @@ _MOST = 0.85  # share of the demonstrations that must move a class that always m
 _MOVED = 1 / 3  # share of the demonstrations that must move a class
 _TIGHT = 0.25  # spread of the ends over the journey, at most, of a place that counts
 _STIRRED, _AT_MOST = 0.1, 2  # cost of a thing that no demonstration moves, and how many count
-_REACH = 0.5  # arena units over which the rest is due, at least
+_REACH = 0.5  # arena units over which the rest of the cost grows, at least
 
 
 class Arrangement(NamedTuple):

@@ -35,7 +35,7 @@ from .batch import Ends, displaced
 from .final_places import misplacement
 from .options import Hyper, Static
 
-_ASCENT, _LAST = 0.1, 0.025  # length units: the first and the last step of an ascent
+_ASCENT, _LAST = 0.1, 0.025  # length units: the first and the last adversarial step
 _FINAL = 0.3  # where ends are arrangements: how likely a copied frame is the last one
 
 
@@ -133,7 +133,7 @@ def _of_video(
 
 
 def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Array, ""]:
-    """Latent distance from the goal beyond the scene's due cost, in units of the reward."""
+    """Latent distance from the goal less the scene's cost, in units of the reward."""
     hyper, counted = judge.hyper, present & ~scene.is_robot
     due = cost(
         judge.places, scene, counted,

@@ -25,10 +25,10 @@ from gril_jax.types import DemoBatch
 
 _INTO = 0.9  # share of the ends in a thing's box from which on it is what they are brought into
 _STRAY = 0.05  # a class of which more than this share of ends lies in a box is no intruder
-# Where a centre may be anywhere in a box, what is due rises as this power of how far the object's
-# own box sticks out, in halves of it, and is due in full at this many: most of it near the edge,
-# where the task draws its line, and all of it a little before, since no network follows a kink
-# exactly, and what stands just outside must gain nothing by that.
+# Where a centre may be anywhere in a box, the near cost grows as this power of how far the object's
+# own box sticks out, in halves of it. Most of it lies near the edge, where the task draws its line.
+# It is complete at `_FULL`, a little before the edge: no network follows a kink exactly, and an
+# object just outside must not gain by that.
 _POWER, _FULL = 3, 0.9
 
 

@@ -28,8 +28,8 @@ STATISTICS = _LEVELS + 3
 _TAIL = 0.1  # share of the ends that a range leaves out on each side
 _WIDER = 0.25  # widths of a range by which it is made wider on each side: ends are few
 _TELLS = 0.1  # share of the best statistic's weight below which another one does not count
-_REACH = 0.5  # world units over which the rest of a cost is due
-_NARROW = 0.25  # half boxes over which the first share of a cost is due, at least
+_REACH = 0.5  # world units over which the rest of a cost grows
+_NARROW = 0.25  # half boxes over which the first share of a cost grows, at least
 
 
 class Ranges(NamedTuple):

@@ -3,7 +3,7 @@
     begun = restore(run, "ppo", algorithm.init(key), tell=echo)
     trained = run_chunks(advance, begun, run=run, name="ppo", chunks=20, row=row)
 
-The state is any pytree. A run that was cut off, at whatever moment, goes on from its newest
+The state is any pytree. A run that was cut off, at whatever time, goes on from its newest
 checkpoint bit for bit: what a chunk does depends on nothing but the state before it. Of several
 processes (`gril_jax.runs.hosts`) the first decides when to save, logs, and writes whole states.
 """

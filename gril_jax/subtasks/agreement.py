@@ -1,9 +1,9 @@
 """Stage ends on which demonstrations agree, from all their reward traces together.
 
-One trace by itself is a poor witness: a step may be as small as the noise, and a pause in the
-middle of a rise as long as a short plateau. But demonstrations of one task climb the same stairs:
-what is a stage's end in one has the same reward in the others, or comes after the same share of the
-way from where its trace begins to where it ends, if some have further to go than others. So
+One trace by itself does not suffice: a step may be as small as the noise, and a pause in the
+middle of a rise as long as a short plateau. But in demonstrations of one task the reward rises in
+the same steps. A stage ends at the same reward in all of them; or, if some have further to go than
+others, after the same share of the way from the trace's begin to its end. So
 
     stages = agreed_boundaries(rewards, length, patience=8)
     patience, stages = agreed_stages(rewards, length)     # where it is not known

@@ -50,7 +50,7 @@ def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -
 
 
 def _seconds(begun: float, step: Callable[[Any], Any], state: Any, calls: float) -> float:
-    """Seconds from a moment until a function is compiled, and for so many calls of it."""
+    """Seconds from `begun` until a function is compiled, and for so many calls of it."""
     state = jax.block_until_ready(step(state))
     compiled = time.monotonic()
     jax.block_until_ready(step(state))

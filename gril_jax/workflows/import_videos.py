@@ -2,7 +2,7 @@
 
 gril demos import-videos FOLDER --robot hand --out mine
 
-`import.txt` in the set says what was found in each video and what was mended, and `import.png`
+`import.txt` in the set says what was found in each video and what was repaired, and `import.png`
 shows pictures of each with the boxes as the set has them.
 """
 

@@ -109,7 +109,7 @@ def write_sets(
     """A set in `out/subtask-1`, ... for each of the K subtasks, whose ends are last frames.
 
     A subtask's demonstration begins with the last frame of the stage before, where a policy of
-    this subtask would begin, and ends with its own; the last subtask's goes on to the video's end,
+    this subtask would begin, and ends with its own. The last subtask's goes on to the video's end,
     where the task is done for certain. Those of fewer than 2 frames are left out.
     """
     phase = progress.phase("cutting", total=ends.size, unit="videos", compiles=False)

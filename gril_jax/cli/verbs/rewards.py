@@ -29,7 +29,7 @@ class _Audit:
     variant: Variant | None = None
     """Quantities randomised at the start; None keeps the run's own variant."""
     ascents: int = field(default=1000, metadata=count())
-    """Gradient ascents of the search for states with a high reward and no progress."""
+    """Gradient searches for states with a high reward and no progress."""
     starts: int = field(default=4, metadata=count())
     """Starts of episodes, around which all states are made."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))

@@ -53,7 +53,7 @@ class _Own:
     rewards_only: bool = False
     """No policies."""
     ascents: int | None = field(default=None, metadata=optional(count()))
-    """Gradient ascents of a study's audits."""
+    """Gradient searches in a study's audits."""
     starts: int | None = field(default=None, metadata=optional(count()))
     """Starts that share them."""
     eval_starts: int | None = field(default=None, metadata=optional(count()))

@@ -1,8 +1,8 @@
 """What a hand does to the boxes of others: it cuts them, and it hides what it carries.
 
-A detector sees what sticks out from under a hand; the size that the object has without a hand upon
-it and the edge that is free say where it is. What a hand holds is lost where it lay and found where
-it lies then, and in between it moved as the hand did. T is frames, N objects; edges are in pixels.
+A detector sees only the part of an object that a hand leaves free. The object's size without a hand
+and its free edge give its place. A carried object disappears where it lay and reappears where it is
+put down; in between it moved as the hand did. T is frames, N objects; edges are in pixels.
 """
 
 import itertools
@@ -108,8 +108,8 @@ def carry(
     places or went another way.
 
     Args:
-      hand: its box in each frame of the gap, the last and the next sighting included; NaN where it
-        is not known.
+      hand: its box in each frame of the gap, the last and the next sighting included. An unknown
+        box is NaN.
       before, after: the object's box at these two sightings.
       fps: frames per second.
     """

@@ -84,10 +84,11 @@ def linked(boxes: Sequence[Box], frames: int, count: int) -> Linked:
 
 
 def in_order(edges: Float[np.ndarray, "T K 4"]) -> Int[np.ndarray, "K"]:
-    """The objects of one class, the same way round in every video: by when they first move, and
-    those that do not from left to right; at the end those that are never seen.
+    """The objects of one class, in the same order in every video.
 
-    `edges` are mended. An object moves once it is half of its box's diagonal from where it began.
+    First come those that move, by when they first move. Those that rest follow from left to right,
+    and at the end those that are never seen. `edges` are repaired. An object moves once it is half
+    of its box's diagonal from where it began.
     """
     center = (edges[..., :2] + edges[..., 2:]) / 2
     diagonal = np.linalg.norm(edges[0, :, 2:] - edges[0, :, :2], axis=-1)

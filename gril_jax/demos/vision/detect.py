@@ -164,8 +164,9 @@ def in_world(
 
 
 def hold(track: np.ndarray) -> None:
-    """Smooths a track like a cart on a slack rope: it rests until the rope is taut, where a plain
-    dead band would jump by its whole width when noise crosses it."""
+    """Smooths a track like a cart on a slack rope: it rests until the rope is taut.
+
+    A plain dead band would jump by its whole width when noise crosses it."""
     for t in range(1, len(track)):
         pull = track[t] - track[t - 1]
         distance = float(np.linalg.norm(pull))

@@ -1,8 +1,8 @@
 """Detects the objects of MAGICAL's tasks by their fills: regions, and blocks that touch.
 
 A block's outline is darker than its fill and keeps two that touch apart, also after a codec. Blocks
-hide neither each other nor the robot, so each is one part of its colour's fill in every frame;
-twins are told apart by where they were one frame before.
+hide neither each other nor the robot, so each is one part of its colour's fill in every frame.
+Blocks of the same colour are told apart by where they were one frame before.
 World coordinates have their origin in the middle of the frame and y up; T is frames, N objects.
 """
 

@@ -72,7 +72,7 @@ def steps(times: Sequence[float], fps: float) -> Float[np.ndarray, "K"]:
 
 
 def nearest(times: Sequence[float], at: Float[np.ndarray, "K"]) -> Int[np.ndarray, "K"]:
-    """The index of the time nearest to each moment; of two the earlier.
+    """The index of the time nearest to each of `at`; of two the earlier.
 
     >>> nearest([0.0, 0.1, 0.35], np.array([0.0, 0.2, 0.3])).tolist()
     [0, 1, 2]

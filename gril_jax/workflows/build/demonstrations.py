@@ -30,7 +30,7 @@ class Demonstrations(NamedTuple):
 
     demo_set: DemoSet
     names: dict[str, list[str]]  # "train", "validation" and "failure" to demonstrations
-    trimmed: int  # frames cut from the static tails, in all
+    trimmed: int  # frames cut from the static ends, in all
 
     def batch(self, split: str) -> DemoBatch:
         """The demonstrations of one split, which must not be empty."""

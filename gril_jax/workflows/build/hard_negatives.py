@@ -35,7 +35,7 @@ from gril_jax.types import DemoBatch
 from . import policy_setup, setup
 
 _FILE = "hard_negatives.npz"
-_EACH = 256  # scenes of each run; a batch of eight videos draws 64
+_EACH = 256  # scenes of each run; a batch of eight videos samples 64
 
 Echo = Callable[[str], None]
 

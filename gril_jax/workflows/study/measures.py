@@ -1,7 +1,7 @@
 """Measures of the rewards that a study's rows have learned, such as their audit.
 
-A row's measure is kept as the phase `NAME-CELL`, so that a run that goes on does not repeat it; in
-a line are its lists of numbers, which have one for each reward. Shapes use S for rewards.
+A row's measure is kept as the phase `NAME-CELL`, so that a run that goes on does not repeat it. A
+line has its lists of numbers, with one number for each reward. Shapes use S for rewards.
 """
 
 import functools

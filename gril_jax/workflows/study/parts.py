@@ -67,8 +67,9 @@ def make(
 
 
 def split(plan: Plan, count: int) -> list[dict[str, list[int]]]:
-    """The work in at most so many parts with about as many steps each; rows with the same reward,
-    and the seeds of a row, are together where they can be."""
+    """The work in at most so many parts with about as many steps each.
+
+    Rows with the same reward, and the seeds of a row, are together where they can be."""
     groups: dict[Hashable, int] = {}
     for name in plan.work:
         config = plan.rows[name]
