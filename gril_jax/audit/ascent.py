@@ -47,10 +47,10 @@ def search(
 ) -> Found:
     """Searches from many states around one start; one compiled program under `jax.jit`.
 
-    Each object goes the same distance along its own gradient, one axis at a time. What would leave
-    the plane is cut off, and what would achieve something is not done, so that an object slides
-    along the edge of where it would count. The second half of the steps begins a little aside of
-    the best state of the first.
+    Each object goes the same distance along its own gradient, one axis at a time. Objects stay on
+    the plane, and steps that would make progress are left out. So an object slides along the edge
+    of where it would count. The second half of the steps begins a little aside of the best state of
+    the first.
 
     Args:
       reward: of one state, differentiable in its centres.

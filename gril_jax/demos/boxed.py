@@ -135,8 +135,9 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
 
 
 def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
-    """The boxes that touch the picture, and the number of the others; a DemoError if these are so
-    many that the boxes must be of another video."""
+    """The boxes that touch the picture, and the number of the others.
+
+    Raises DemoError if the others are so many that the boxes must be of another video."""
 
     def inside(one: Box) -> bool:
         low_x, low_y, high_x, high_y = one.edges

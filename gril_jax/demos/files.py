@@ -1,5 +1,7 @@
-"""The folder of a demo set, written complete or not at all, read by digests and schema; and npz
-files that may have been written to do harm."""
+"""The folder of a demo set, written complete or not at all, read by digests and schema.
+
+Npz files are read with care, since they may be malicious.
+"""
 
 import errno
 import functools

@@ -57,9 +57,9 @@ def mean_consistency(
     its soft neighbour, from the same matches.
 
     A cycle closes just as well if two videos agree on a scrambled order of events, and training
-    does get stuck there. The second term knows which way time runs; it is for the first updates
-    only, since it also punishes a demonstrator who takes longer over one stage. Arguments and
-    errors are the same.
+    does get stuck there. The second term depends on the direction of time. It is for the first
+    updates only, since it also penalises a demonstrator who takes longer over one stage. Arguments
+    and errors are the same.
     """
     matching, form = resolved(**options)
 

@@ -171,8 +171,8 @@ def _two_floats(a, b, small):
 def _skew(cost, height):
     """Strips with anti-diagonals as rows: (strips, W, K x B); cells outside are forbidden.
 
-    Rows are padded by K columns; cutting the same numbers into rows one shorter shifts each row by
-    one more column than the row before, which puts anti-diagonals into columns.
+    Rows are padded by K columns. The same numbers are then cut into rows one shorter, so that each
+    row is shifted by one more column than the row before. Anti-diagonals become columns.
     """
     num_pairs, num_rows, num_columns = cost.shape
     strips, steps = -(-num_rows // height), num_columns + height - 1

@@ -10,7 +10,7 @@ a place that merely looks good. The optimum is that of the reward that it is add
 one will do.
 
 How episodes end matters. A terminated one has nothing after it, so its last potential counts as
-0; else states with a high potential would be good places to end in (Grzes, AAMAS 2017). After a
+0. Else an episode would gain by ending in a state of high potential (Grzes, AAMAS 2017). After a
 time limit the values go on, so phi stays: that of the last state reached, not of the next episode's
 first. A potential may depend on what an episode remembers, such as activity bits, as long as each
 is taken at its own time (Devlin and Kudenko, AAMAS 2012).

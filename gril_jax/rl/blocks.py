@@ -1,8 +1,8 @@
 """Blocks of environments that never mix, so that devices with whole blocks exchange nothing.
 
 Whatever takes environments out of their order (minibatches, starts from a pool) does so within
-blocks of them. How many there are follows from the numbers of environments and minibatches, and not
-from the devices, so that on any number of these the same numbers are sampled.
+blocks of them. The number of blocks depends on those of environments and minibatches, not on the
+devices. So the same numbers are sampled on any number of devices.
 
 Shapes use B for environments, K for blocks, L = B / K for those of one, and M for minibatches.
 """

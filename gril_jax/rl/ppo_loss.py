@@ -1,9 +1,9 @@
 """PPO's loss on one minibatch: clipped policy ratio, squared error of the value, entropy.
 
 The formulas are those of brax's `compute_ppo_loss`, which the tests hold it to. That one walks
-through an unroll step by step in every minibatch, and reports a dozen figures. This one takes
-advantages in log2 T steps, meant for GPUs, where each step of a loop costs launches of kernels; on
-two CPU cores both take as long.
+through an unroll step by step in every minibatch, and reports a dozen figures. This one computes
+advantages in log2 T steps. That suits GPUs, where each step of a loop launches kernels; on two CPU
+cores both take as long.
 
 Shapes use B for the lanes of the minibatch, T for the control steps of an unroll, O for the
 observation and A for the action.

@@ -163,8 +163,8 @@ def shaped(potential: RewardFn) -> Reward:
     potential (`gril_jax.reward.shaping`): the best policies are those of the task's own reward.
     Its parameters are `(weights (2,), the learner's discount, those of the potential)`.
 
-    A reward does not see the state that an episode begins in, so the first potential counts as -1,
-    which a learned reward is on average where demonstrations begin. As a constant it depends on
+    A reward does not see the state that an episode begins in, so the first potential counts as -1.
+    That is the mean learned reward where demonstrations begin. As a constant it depends on
     no action, and so it keeps the best policies too (Devlin and Kudenko, AAMAS 2012).
     """
 

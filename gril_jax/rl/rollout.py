@@ -89,7 +89,7 @@ def renew(
 ) -> VectorState:
     """The environments with the pool's oldest starts sampled anew, one with each of the keys (R,).
 
-    Each block of the pool gets its share of them; R is what `renewals` says, or another number that
+    Each block of the pool gets its share of them. R is what `renewals` says, or another number that
     the blocks can share and that divides the pool. `mix` may replace some of them.
     """
     num_envs = len(envs.running.time)

@@ -1,7 +1,7 @@
 """Tells what a run would do, how long it would take here and how much memory: `--dry-run`.
 
 Nothing is written. Parts of the real programs are compiled and timed for a few updates on an
-untrained reward, and on boxes that rest where the demonstrations would be made first.
+untrained reward. Where the demonstrations would be made first, resting boxes replace them.
 """
 
 import time

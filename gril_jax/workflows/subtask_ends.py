@@ -32,8 +32,8 @@ COLUMNS = ("video", "subtask", "first_frame", "last_frame", "begin_s", "end_s", 
 def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) -> str | None:
     """A sentence if held-out demonstrations disagree on the number of stages, else None.
 
-    No label is used: a reward that is fit for stages shows them in each video by itself, also in
-    one that it was not trained on.
+    No label is used. A reward that is fit for stages shows them in each single video, also in one
+    that it was not trained on.
 
     Args:
       alone: ends that each demonstration shows by itself, frames, filled up with -1.

@@ -60,8 +60,9 @@ def uncut(
 
 
 def _usual(sides: Float[np.ndarray, "F 2"], at: int) -> Float[np.ndarray, "2"]:
-    """The sides before and after a place among those that are free, the lesser if they differ: what
-    is carried away from the camera is not cut."""
+    """The free sides before and after a place; the smaller ones if they differ.
+
+    So an object that is carried away from the camera does not count as cut."""
     around = (sides[max(0, at - _FREE) : at], sides[at : at + _FREE])
     return np.min([np.median(part, axis=0) for part in around if len(part)], axis=0)
 
@@ -158,8 +159,9 @@ def places(
 
 
 def _parts(hand: Float[np.ndarray, "T 4"]) -> list[Float[np.ndarray, "T 2"]]:
-    """The middle of the hand's box, those of its edges, and its corners: where the picture ends an
-    arm, the edges that are left still go with the hand."""
+    """The middle of the hand's box, those of its edges, and its corners.
+
+    Where the picture cuts an arm, the other edges still move with the hand."""
     low, high = hand[:, :2], hand[:, 2:]
     ways = [low, (low + high) / 2, high]
     pairs = sorted(itertools.product((0, 1, 2), repeat=2), key=lambda pair: pair != (1, 1))

@@ -1,8 +1,8 @@
 """Boxes of a video as objects: which box of a frame is which object of a class.
 
-Objects of one class are told apart by where they are from frame to frame, and by their tracker's
-identity while that lasts; a detector's boxes have none. Shapes use T for frames and K for the
-objects of one class.
+Objects of one class are told apart by their positions from frame to frame, and by a tracker's
+identity while that lasts. A detector's boxes have no identity. Shapes use T for frames and K for
+the objects of one class.
 """
 
 from collections import Counter

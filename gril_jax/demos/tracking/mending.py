@@ -168,8 +168,9 @@ def jitter_of(edges: Edges) -> float:
 
 
 def closed(edges: Edges, bridged: int) -> Edges:
-    """Edges without gaps: short ones are bridged in a line, in longer ones the last box stays, and
-    before its first sighting an object is where that is."""
+    """Edges without gaps: short ones are interpolated, in longer ones the last box stays.
+
+    Before its first sighting an object has the box of that sighting."""
     found = edges.copy()
     frames = np.arange(len(edges))
     for each in range(edges.shape[1]):

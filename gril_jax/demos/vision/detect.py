@@ -153,8 +153,9 @@ def in_world(
     shape: tuple[int, int],
     scale: float,
 ) -> Tracks:
-    """Tracks in world units of sightings in pixels, in frames of a height and width; without gaps,
-    and at rest where they move less than the codec's slack."""
+    """Tracks in world units of sightings in pixels, in frames of a height and width.
+
+    They have no gaps, and rest where they move less than the codec's slack."""
     center, size = carried(center, seen), carried(size, seen)
     for track in (*np.moveaxis(center, 1, 0), *np.moveaxis(size, 1, 0)):
         hold(track)

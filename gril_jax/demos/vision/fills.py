@@ -46,11 +46,11 @@ class FillDetector:
     classes: Sequence[str] = SUITE_CLASSES
 
     def detect(self, frames: UInt8[np.ndarray, "T H W 3"], *, name: str = "video") -> Tracks:
-        """Boxes of all objects in all frames, in the order of the class names, those of one class
-        by their place in the first frame, from left to right.
+        """Boxes of all objects in all frames, in the order of the class names.
 
-        An object that is lost in a frame keeps its last box. No frame, no robot, or a block whose
-        number changes in more than half of the frames is a DemoError.
+        Those of one class are ordered from left to right in the first frame. An object that is lost
+        in a frame keeps its last box. No frame, no robot, or a block whose number changes in more
+        than half of the frames is a DemoError.
         """
         if len(frames) == 0:
             raise DemoError(f"{name}: the video holds no frames, at least 1 is needed.")

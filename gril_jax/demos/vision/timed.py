@@ -1,7 +1,7 @@
 """Videos by their time stamps: how long they are, and their pictures at equal steps of time.
 
-A telephone's video has no constant frame rate, may be turned, and is large: only the pictures that
-are kept are ever held, and those are made smaller.
+A telephone's video has no constant frame rate, may be turned, and is large. So only the pictures
+that are kept are in memory, and those are made smaller.
 """
 
 import os

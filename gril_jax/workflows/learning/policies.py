@@ -89,8 +89,9 @@ def compiled_for(
     tasks: Sequence[Any],
     plan: Plan,
 ) -> Compiled:
-    """Compiles the training of configurations that differ in traced numbers and seeds alone; parts
-    of the environments are evaluated in these tasks, in either kind of actions."""
+    """Compiles the training of configurations that differ in traced numbers and seeds alone.
+
+    Parts of the environments are evaluated in these tasks, with both kinds of actions."""
     started = time.monotonic()
     layout = sharding.mesh(devices, seeds=len(configs), num_envs=algorithm.num_envs)
     with ahead.tracing():

@@ -147,9 +147,9 @@ class Profiles(Measure):
         return [_profiles(static).lower(params, hyper, batch) for batch in self._batches(config)]
 
     def measure(self, programs, config, found):
-        """Numbers of each encoder: two-way cycle consistency, tau of reward and time, last reward;
-        `success` and `failure` are rewards along each demonstration of the first, with three
-        decimals."""
+        """Numbers of each encoder: two-way cycle consistency, tau of reward and time, last reward.
+
+        `success` and `failure` are the first reward along each demonstration, with three decimals."""
         params, hyper = stack([one.params for one in found]), setup.pretrain_hyper(config)
         numbers: list[dict[str, Any]] = []
         traces: list[list[list[float]]] = []

@@ -49,8 +49,9 @@ class Curve:
 
     @property
     def headline(self) -> str:
-        """What stands behind the names of the scores that tell most: those of the first variant
-        that has several starts, such as "_jitter"; "" for the first of all."""
+        """The suffix of the most informative scores, such as "_jitter"; "" for the first variant.
+
+        They are those of the first variant that has several starts."""
         several = [name for name, counted in self.starts.items() if counted.distinct > 1]
         return "" if not several or several[0] == next(iter(self.starts)) else f"_{several[0]}"
 
