@@ -149,7 +149,7 @@ class Profiles(Measure):
     def measure(self, programs, config, found):
         """Numbers of each encoder: two-way cycle consistency, tau of reward and time, last reward.
 
-        `success` and `failure` are the first reward along each demonstration, with three decimals."""
+        `success` and `failure` are the first reward along each demonstration, three decimals."""
         params, hyper = stack([one.params for one in found]), setup.pretrain_hyper(config)
         numbers: list[dict[str, Any]] = []
         traces: list[list[list[float]]] = []
