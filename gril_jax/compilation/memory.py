@@ -1,9 +1,12 @@
 """Predicts the memory of a training program before it is compiled, and reads how much there is.
 
-The estimate counts what is surely there at once: the state (twice: while it is replaced; a replay
-once, as it is written in place), the data of an unroll (as collected, in brax's order, and
-shuffled), what the networks of one minibatch keep for their gradients, and what a simulator holds
-during one control step of all environments, or the reward's own arrays, if these are larger.
+The estimate counts arrays that are surely in memory at once:
+
+- the state, twice while it is replaced; a replay once, as it is written in place;
+- the data of an unroll, as collected, in brax's order, and shuffled;
+- what the networks of one minibatch keep for their gradients;
+- what a simulator holds during one control step of all environments, or the reward's own arrays,
+  if these are larger.
 """
 
 import math

@@ -11,10 +11,10 @@ window and M for the frames of a median. Goal and robot get a bit like anything 
 weighs it (`gril_jax.encoders.message_passing`).
 
 Boxes from a detector. tau is a third of a pixel for a box of 50 pixels: the slightest jitter sets
-every bit for good. `smoothing` and `noise` are for that. Chance that a box at rest becomes active
-within 120 frames, if its centre jitters by 0.35 pixels an axis; the same if one frame in 500 is 8
-pixels off as well; and after how many frames a push is seen that moves it by 0.5, 1 or 3 pixels
-a frame (medians of 4,000 trials):
+every bit for good. `smoothing` and `noise` prevent that. The first column is the chance that a box
+at rest becomes active within 120 frames, if its centre jitters by 0.35 pixels an axis. The second
+is the same if one frame in 500 is 8 pixels off as well. The others are the frames until a push of
+0.5, 1 or 3 pixels a frame is seen (medians of 4,000 trials):
 
     the paper's rule             100 %     100 %    -
     tau=0.03                       1.1 %    22 %    4  3  1

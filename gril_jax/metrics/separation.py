@@ -2,8 +2,8 @@
 
 The separation ratio (Eq. 8) divides sums over time, which depend on how long a
 recording is: a failure that breaks off early has a small sum. So sums are made comparable first
-(`cumulative`), and beside the ratio there are measures that no scale of the reward changes: the
-area under the ROC curve, and the order of stages. Everything can be jitted. Shapes use B for
+(`cumulative`). Two other measures do not depend on the reward's scale: the area under the ROC
+curve, and the order of stages. Everything can be jitted. Shapes use B for
 recordings, T for frames (padded to a common length); `length` counts frames before padding.
 """
 

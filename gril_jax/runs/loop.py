@@ -72,10 +72,10 @@ def run_chunks(
       begun: what `restore` returned.
       name: the phase; metrics have it as "phase", and checkpoints go to a folder of this name.
       chunks: how many there are in all.
-      row: from the chunks done, the seconds they took and a chunk's metrics on the host to a line
-        of metrics.jsonl; its clocks go to times.jsonl.
-      every_s, keep: seconds between two checkpoints, and how many of the newest ones stay while
-        the phase goes on; the last state is always saved, and then it alone stays.
+      row: makes a line of metrics.jsonl from the chunks done, the seconds they took and a chunk's
+        metrics on the host; its clocks go to times.jsonl.
+      every_s: seconds between two checkpoints. The last state is always saved.
+      keep: how many of the newest checkpoints stay; at the end of the phase the last one alone.
 
     Raises:
       Interrupted: SIGINT, SIGTERM or SIGHUP came; the state is saved.

@@ -8,12 +8,12 @@ others, after the same share of the way from the trace's begin to its end. So
     stages = agreed_boundaries(rewards, length, patience=8)
     patience, stages = agreed_stages(rewards, length)     # where it is not known
 
-takes what `gril_jax.subtasks.transitions` finds in each trace, keeps what most have at the same
-reward or share, whichever they agree on better, and where a trace lacks it, marks the frame at
-which that is reached. A trace that shows as many ends by itself as are agreed on keeps its own
-if none is at twice as different a reward. Patience is how long a plateau must be. No label is used.
-Everything can be jitted. Shapes use B for demonstrations, T for frames, M for boundaries and P for
-patiences.
+takes the ends that `gril_jax.subtasks.transitions` finds in each trace. It keeps those that most
+traces have at the same reward or share, whichever they agree on better. Where a trace lacks one, it
+marks the frame at which that reward or share is reached. A trace that shows as many ends by itself
+as are agreed on keeps its own if none is at twice as different a reward. Patience is how long a
+plateau must be. No label is used. Everything can be jitted. Shapes use B for demonstrations, T for
+frames, M for boundaries and P for patiences.
 """
 
 import jax
